@@ -1,0 +1,1 @@
+"""eitskin: physics, learning and diagnosis of EIT tactile skins."""
