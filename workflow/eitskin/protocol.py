@@ -1,0 +1,82 @@
+"""Channel tables: which electrodes drive and which are measured, one row a channel."""
+
+import re
+
+import numpy as np
+
+from eitskin.errors import InputError
+
+PATTERNS = "adjacent, opposite or skip-<n>"
+
+
+def pattern_step(pattern: str, n_electrodes: int) -> int:
+    """Electrodes from the first to the second of a pair: adjacent 1, skip-n n + 1, opposite n/2.
+
+    Raises InputError for an unknown pattern or one that pairs an electrode with itself.
+    """
+    skip = re.fullmatch(r"skip-(\d+)", pattern)
+    if pattern == "adjacent":
+        step = 1
+    elif pattern == "opposite" and n_electrodes % 2 == 0:
+        step = n_electrodes // 2
+    elif skip:
+        step = int(skip[1]) + 1
+    else:
+        raise InputError("protocol", "pattern", repr(pattern), PATTERNS)
+    if step % n_electrodes == 0:
+        raise InputError("protocol", "pattern", repr(pattern), f"a pair among {n_electrodes}")
+    return step
+
+
+def channel_table(
+    n_electrodes: int, drive: str = "adjacent", measure: str = "adjacent"
+) -> np.ndarray:
+    """Channels (M, 4) int: source, sink, plus, minus; drive-major, measurement ascending.
+
+    Every electrode is once the source and, in each drive, once the plus; pairs that touch a driven
+    electrode are left out (pyEIT's `std` order for adjacent/adjacent: M = n (n - 3)).
+    Raises InputError for an unknown pattern.
+    """
+    n = n_electrodes
+    drive_step, measure_step = pattern_step(drive, n), pattern_step(measure, n)
+    rows = []
+    for source in range(n):
+        driven = {source, (source + drive_step) % n}
+        for plus in range(n):
+            minus = (plus + measure_step) % n
+            if not driven & {plus, minus}:
+                rows.append((source, (source + drive_step) % n, plus, minus))
+    return np.array(rows, dtype=int)
+
+
+def reciprocal_channels(channels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of channels with drive and measurement exchanged.
+
+    Returns (P, 2) int, first < second, and (P,) sign: v[second] = sign * v[first] for a passive,
+    linear skin (sign -1 where one pair's polarity is turned round).
+    """
+    index = {tuple(row): k for k, row in enumerate(channels.tolist())}
+    pairs, signs = [], []
+    for k, (source, sink, plus, minus) in enumerate(channels.tolist()):
+        candidates = {
+            (plus, minus, source, sink): 1,
+            (minus, plus, sink, source): 1,
+            (plus, minus, sink, source): -1,
+            (minus, plus, source, sink): -1,
+        }
+        for row, sign in candidates.items():
+            other = index.get(row)
+            if other is not None and other > k:
+                pairs.append((k, other))
+                signs.append(sign)
+                break
+    return np.array(pairs, dtype=int).reshape(-1, 2), np.array(signs, dtype=float)
+
+
+def pair_operator(n_electrodes: int, pairs: np.ndarray) -> np.ndarray:
+    """Matrix (P, n) with +1 at the first and -1 at the second electrode of each pair."""
+    operator = np.zeros((len(pairs), n_electrodes))
+    rows = np.arange(len(pairs))
+    operator[rows, pairs[:, 0]] += 1.0
+    operator[rows, pairs[:, 1]] -= 1.0
+    return operator

@@ -1,0 +1,87 @@
+"""What the owner of a skin believes of it: the recording's `skin` metadata."""
+
+import math
+from dataclasses import asdict, dataclass, fields
+
+from eitskin.errors import InputError
+
+OPTIONAL = ("electrode_height_mm", "electrode_z_mm")
+POSITIVE = (
+    "radius_mm",
+    "thickness_mm",
+    "conductivity_S_per_m",
+    "current_A",
+    "electrode_height_mm",
+    "electrode_z_mm",
+)
+NOT_NEGATIVE = ("electrode_width_mm", "contact_impedivity_ohm_m2")
+
+
+@dataclass(frozen=True)
+class Skin:
+    """A disc of gel with electrodes on its rim; None: unknown, to be calibrated.
+
+    Units stand in the names; `electrode_width_mm` is an arc length, 0 for point electrodes.
+    """
+
+    radius_mm: float | None
+    thickness_mm: float | None
+    conductivity_S_per_m: float | None
+    electrode_deg: tuple[float, ...] | None
+    electrode_width_mm: float | None
+    contact_impedivity_ohm_m2: float | None
+    current_A: float | None
+    contrast_per_N: float | None
+    electrode_height_mm: float | None = None
+    electrode_z_mm: float | None = None
+
+    @classmethod
+    def from_metadata(cls, metadata: dict, file: str = "skin") -> "Skin":
+        """Read the `skin` object; raises InputError naming the key."""
+        if not isinstance(metadata, dict):
+            raise InputError(file, "skin", repr(metadata), "an object")
+        known = [field.name for field in fields(cls)]
+        for key in metadata:
+            if key not in known:
+                raise InputError(file, f"skin.{key}", "an unknown key", f"one of {known}")
+        values: dict = {}
+        for key in known:
+            if key not in metadata:
+                if key not in OPTIONAL:
+                    raise InputError(file, f"skin.{key}", "nothing", "a number or null")
+                continue
+            value = metadata[key]
+            if key == "electrode_deg" and value is not None:
+                if not isinstance(value, list | tuple) or not all(map(_is_number, value)):
+                    raise InputError(file, f"skin.{key}", repr(value), "a list of angles")
+                if len({round(angle % 360.0, 9) for angle in value}) < len(value):
+                    raise InputError(file, f"skin.{key}", "two equal angles", "one an electrode")
+                value = tuple(float(angle) for angle in value)
+            elif value is not None:
+                value = _checked_number(file, key, value)
+            values[key] = value
+        return cls(**values)
+
+    def metadata(self) -> dict:
+        """The contract's `skin` object; optional keys only where given."""
+        values = {
+            key: list(value) if isinstance(value, tuple) else value
+            for key, value in asdict(self).items()
+        }
+        return {k: v for k, v in values.items() if k not in OPTIONAL or v is not None}
+
+
+def _is_number(value: object) -> bool:
+    return (
+        isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    )
+
+
+def _checked_number(file: str, key: str, value: object) -> float:
+    if not _is_number(value):
+        raise InputError(file, f"skin.{key}", repr(value), "a finite number or null")
+    if key in POSITIVE and value <= 0:
+        raise InputError(file, f"skin.{key}", repr(value), "more than 0")
+    if key in NOT_NEGATIVE and value < 0:
+        raise InputError(file, f"skin.{key}", repr(value), "0 or more")
+    return float(value)
