@@ -1,0 +1,303 @@
+"""The forward model: electrode voltages of a touched skin, and their derivatives, without a mesh.
+
+The unknowns are the current densities on the electrodes and the multipoles inside each touch; the disc's
+own Neumann function carries the rest exactly. The power they take is one symmetric matrix S; what the
+wires see is its Schur complement on the electrodes' whole currents. All forces at one place follow
+from one small generalised eigenproblem, R(c) = R0 - sum_k g_k g_k^T c / (1 + c d_k), and every
+derivative from R's stationarity, dR = X^T dS X.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, eigh
+
+from eitskin.conformal import DiscMap
+from eitskin.electrodes import Electrodes
+from eitskin.errors import InputError
+from eitskin.geometry import Geometry, RimMotion
+from eitskin.touch import Touch, TouchAccuracy, TouchEdge
+
+RIM_POINTS = 256
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Size of the expansions: modes of the current on an electrode, and what a touch needs."""
+
+    electrode_order: int
+    touch: TouchAccuracy
+
+
+ACCURACIES = {
+    "train": Accuracy(6, TouchAccuracy(10, 1e-4, 8, 2e-3)),
+    "diagnose": Accuracy(16, TouchAccuracy(24, 1e-8, 12, 5e-4)),
+}
+
+
+def channel_values(transfer: np.ndarray, channels: np.ndarray) -> np.ndarray:
+    """(..., M) V per A: u[plus] - u[minus] for unit currents from source to sink.
+
+    transfer (..., n, n) ohm; channels (M, 4). NaN where a point electrode that drives is measured.
+    """
+    source, sink, plus, minus = channels.T
+    return (
+        transfer[..., plus, source]
+        - transfer[..., plus, sink]
+        - transfer[..., minus, source]
+        + transfer[..., minus, sink]
+    )
+
+
+@dataclass(frozen=True)
+class TouchModes:
+    """What one place does to the transfer impedance, for every contrast.
+
+    gains (n, K) ohm^(1/2), poles (K,): R(c) = R0 - sum_k gains_k gains_k^T c / (1 + c poles_k).
+    """
+
+    gains: np.ndarray
+    poles: np.ndarray
+
+    def weights(self, contrast: np.ndarray) -> np.ndarray:
+        """(F, K): c / (1 + c d_k) for contrasts (F,) above -1."""
+        contrast = np.asarray(contrast, float)[:, None]
+        return contrast / (1.0 + contrast * self.poles)
+
+    def transfer_change(self, contrast: np.ndarray) -> np.ndarray:
+        """(F, n, n) ohm: R(c) - R0."""
+        return -np.einsum("ik,fk,jk->fij", self.gains, self.weights(contrast), self.gains)
+
+    def channel_change(self, channels: np.ndarray, contrast: np.ndarray) -> np.ndarray:
+        """(F, M) V per A: change of every channel."""
+        source, sink, plus, minus = channels.T
+        drive = self.gains[source] - self.gains[sink]
+        return -self.weights(contrast) @ (drive * (self.gains[plus] - self.gains[minus])).T
+
+
+class Forward:
+    """A skin of one geometry, ready to be touched. `accuracy`: a name of ACCURACIES, or an Accuracy.
+
+    Transfer impedances are in ohm between electrodes, up to a constant that no pair sees: R[i, j] is
+    the potential of electrode i for a unit current that enters at j (currents sum to zero).
+    Raises InputError where the rim is too rough for the conformal map.
+    """
+
+    def __init__(self, geometry: Geometry, accuracy: str | Accuracy = "diagnose"):
+        self.geometry = geometry
+        self.accuracy = ACCURACIES[accuracy] if isinstance(accuracy, str) else accuracy
+        self._rim_phi = np.linspace(0.0, 2.0 * np.pi, RIM_POINTS, endpoint=False)
+        try:
+            self.disc = DiscMap(geometry.unfold(geometry.rim(self._rim_phi)))
+        except ValueError as error:
+            raise InputError("skin", "domain shape", str(error), "a smooth, star-shaped rim") from None
+        self.electrodes = Electrodes(geometry, self.disc, self.accuracy.electrode_order)
+        n, order = self.electrodes.n, self.electrodes.order
+        whole = np.zeros(n * order, dtype=bool)
+        whole[::order] = True
+        self._whole, self._inner = np.flatnonzero(whole), np.flatnonzero(~whole)
+        matrix = self.electrodes.matrix
+        self._inner_factor = None
+        self._inner_currents = np.zeros((0, n))
+        self._relative = matrix[np.ix_(self._whole, self._whole)]
+        if len(self._inner):
+            coupling = matrix[np.ix_(self._inner, self._whole)]
+            self._inner_factor = cho_factor(matrix[np.ix_(self._inner, self._inner)])
+            self._inner_currents = -cho_solve(self._inner_factor, coupling)
+            self._relative = self._relative + coupling.T @ self._inner_currents
+            self._relative = 0.5 * (self._relative + self._relative.T)
+        self.sheet_resistance = 1e3 / (geometry.conductivity_S_per_m * geometry.thickness_mm)
+
+    def transfer(self, touches: list[Touch] = ()) -> np.ndarray:
+        """(n, n) ohm, with any number of touches that do not overlap."""
+        return self.sheet_resistance * self._solve(touches)[0]
+
+    def voltages(self, channels: np.ndarray, touches: list[Touch] = ()) -> np.ndarray:
+        """(M,) V per A. Raises InputError where a point electrode that drives is measured."""
+        return self.checked(channel_values(self.transfer(touches), channels))
+
+    def checked(self, values: np.ndarray) -> np.ndarray:
+        """`values` as they are; raises InputError where a channel has no finite value."""
+        if np.isnan(values).any():
+            where = f"channel {np.argwhere(np.isnan(values))[0][-1]} of a driven point electrode"
+            raise InputError("skin", "electrode_width_mm", where, "a width above 0 for it")
+        return values
+
+    def edge(self, touch: Touch) -> TouchEdge:
+        """The touch's edge and multipoles at this accuracy."""
+        return TouchEdge(touch, self.geometry, self.disc, self.accuracy.touch)
+
+    def place(self, x_mm: float, y_mm: float, radius_mm: float) -> TouchModes:
+        """The touch at one place, for every contrast at once."""
+        edge = self.edge(Touch(x_mm, y_mm, radius_mm))
+        gains, response = self._coupled(edge)
+        weight, vectors = np.linalg.eigh(edge.mass)
+        kept = weight > 1e-12 * weight[-1]
+        basis = vectors[:, kept] / np.sqrt(weight[kept])
+        poles, turn = eigh(basis.T @ response @ basis)
+        scale = np.sqrt(self.sheet_resistance)
+        return TouchModes(scale * gains @ (basis @ turn), poles)
+
+    def _coupled(self, edge: TouchEdge) -> tuple[np.ndarray, np.ndarray]:
+        """Gains (n, 2 degree) and response (2 degree, 2 degree), the electrodes' own modes relaxed."""
+        coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))
+        inner = coupling[self._inner]
+        gains = coupling[self._whole] + self._inner_currents.T @ inner
+        response = edge.self_response
+        if len(inner):
+            response = response - inner.T @ cho_solve(self._inner_factor, inner)
+        return gains, response
+
+    def _solve(self, touches: list[Touch]) -> tuple[np.ndarray, np.ndarray, list, list]:
+        """Relative transfer (n, n), electrode mode currents, edges and their multipoles (2 degree, n)."""
+        n = self.electrodes.n
+        touches = [t for t in touches if t.contrast != 0.0]
+        edges = [self.edge(t) for t in touches]
+        self._refuse_overlap(touches)
+        currents = np.zeros((n * self.electrodes.order, n))
+        currents[self._whole, range(n)] = 1.0
+        currents[self._inner] = self._inner_currents
+        if not edges:
+            return self._relative, currents, [], []
+        couplings = [self.electrodes.project(e.rim_response(self.electrodes.rim)) for e in edges]
+        coupling = np.hstack(couplings)
+        gains = coupling[self._whole] + self._inner_currents.T @ coupling[self._inner]
+        system = np.block(
+            [
+                [
+                    a.self_response + a.mass / t.contrast if a is b else _both_ways(a, b)
+                    for b in edges
+                ]
+                for a, t in zip(edges, touches, strict=True)
+            ]
+        )
+        relaxed = np.zeros((0, coupling.shape[1]))
+        if len(self._inner):
+            relaxed = cho_solve(self._inner_factor, coupling[self._inner])
+            system = system - coupling[self._inner].T @ relaxed
+        multipoles = -np.linalg.solve(system, gains.T)
+        currents[self._inner] -= relaxed @ multipoles
+        split = np.split(multipoles, len(edges))
+        change = gains @ multipoles
+        return self._relative + 0.5 * (change + change.T), currents, edges, split
+
+    @staticmethod
+    def _refuse_overlap(touches: list[Touch]) -> None:
+        for i, a in enumerate(touches):
+            for b in touches[:i]:
+                apart = np.hypot(a.x_mm - b.x_mm, a.y_mm - b.y_mm)
+                if apart <= a.radius_mm + b.radius_mm:
+                    expected = "touches apart"
+                    raise InputError("touch", "touches", f"two {apart:g} mm apart", expected)
+
+    def parameters(self, touches: list[Touch] = ()) -> list[str]:
+        """Names that `derivatives` knows; `[l]` counts electrodes, harmonics or touches."""
+        g, n = self.geometry, self.electrodes.n
+        names = ["conductivity_S_per_m", "thickness_mm"]
+        names += [f"electrode_deg[{i}]" for i in range(n)]
+        if not g.points:
+            names += [f"electrode_width_mm[{i}]" for i in range(n)]
+            names += [f"contact_impedivity_ohm_m2[{i}]" for i in range(n)]
+        names += [f"shape_cos[{k}]" for k in g.shape_cos] + [f"shape_sin[{k}]" for k in g.shape_sin]
+        names += ["stretch_x", "stretch_y", "anisotropy_ratio", "anisotropy_deg"]
+        per_touch = ("x_mm", "y_mm", "radius_mm", "contrast")
+        return names + [f"{p}[{i}]" for i in range(len(touches)) for p in per_touch]
+
+    def derivatives(
+        self, touches: list[Touch] = (), parameters: list[str] | None = None
+    ) -> dict[str, np.ndarray]:
+        """d transfer / d parameter, (n, n) ohm per unit, by name; all of `parameters()` by default.
+
+        Touches of contrast 0 and clipped ones have no derivative here: InputError.
+        """
+        for touch in touches:
+            if touch.contrast == 0.0:
+                raise InputError("touch", "contrast", 0, "another value, to differentiate by")
+        slope = _Slopes(self, *self._solve(touches))
+        wanted = self.parameters(touches) if parameters is None else parameters
+        return {name: self.sheet_resistance * slope.of(name) for name in wanted}
+
+
+class _Slopes:
+    """dR = X^T dS X for one touched state, with X the currents and multipoles of unit drives."""
+
+    def __init__(self, forward, relative, currents, edges, multipoles):
+        self.forward, self.geometry = forward, forward.geometry
+        self.relative, self.edges, self.multipoles = relative, edges, multipoles
+        self.electrodes = forward.electrodes
+        self.density = self.electrodes.density(currents)
+        self.field = self.electrodes.field(self.density)
+        self.amplitude = currents.reshape(self.electrodes.n, self.electrodes.order, -1)
+
+    def of(self, name: str) -> np.ndarray:
+        kind, _, index = name.rstrip("]").partition("[")
+        number = int(index) if index else None
+        g = self.geometry
+        if kind == "thickness_mm":
+            return -self.relative / g.thickness_mm
+        if kind == "conductivity_S_per_m":
+            drop = sum(self._contact_drop(i) for i in range(self.electrodes.n))
+            return (drop - self.relative) / g.conductivity_S_per_m
+        if kind == "contact_impedivity_ohm_m2":
+            return self._contact_drop(number) / g.contact_impedivity_ohm_m2[number]
+        if kind == "contrast":
+            edge, amplitude = self.edges[number], self.multipoles[number]
+            return -(amplitude.T @ edge.mass @ amplitude) / edge.touch.contrast**2
+        if kind in ("x_mm", "y_mm", "radius_mm"):
+            motion = self.edges[number].place_motion(kind)
+            return self._moved(None, {number: motion})
+        if kind == "electrode_deg":
+            return self._moved(self.electrodes.angle_motion(number), {})
+        if kind == "electrode_width_mm":
+            return self._moved(self.electrodes.width_motion(number), {})
+        return self._skin_moved(RimMotion(g, kind, number))
+
+    def _contact_drop(self, electrode: int) -> np.ndarray:
+        if self.geometry.points:
+            return np.zeros_like(self.relative)
+        block = self.electrodes.contact_blocks()[electrode]
+        amplitude = self.amplitude[electrode]
+        return amplitude.T @ block @ amplitude
+
+    def _skin_moved(self, motion: RimMotion) -> np.ndarray:
+        forward, g = self.forward, self.geometry
+        rim = g.rim(forward._rim_phi)
+        velocity = g.unfold(motion.rim(forward._rim_phi)) + motion.unfolding(rim)
+        map_velocity = forward.disc.velocity(velocity)
+        moved = {i: e.skin_motion(motion, map_velocity) for i, e in enumerate(self.edges)}
+        return self._moved(self.electrodes.skin_motion(motion, map_velocity), moved)
+
+    def _moved(self, electrode_motion, edge_motions: dict) -> np.ndarray:
+        rim = self.electrodes.rim
+        total = np.zeros_like(self.relative)
+        rim_dot = np.zeros(len(rim), complex)
+        if electrode_motion is not None:
+            total += self.electrodes.power_slope(self.density, self.field, electrode_motion)
+            rim_dot = 1j * rim * electrode_motion.rim_velocity
+        for i, (edge, amplitude) in enumerate(zip(self.edges, self.multipoles, strict=True)):
+            motion = edge_motions.get(i)
+            if motion is None and electrode_motion is None:
+                continue
+            response = edge.rim_response_slope(rim, rim_dot, amplitude, motion)
+            change = self.density.T @ response
+            if motion is not None:
+                contrast = edge.touch.contrast
+                change = change + 0.5 * edge.response_slope(amplitude, contrast, motion)
+            for j in range(i):
+                other, other_motion = self.edges[j], edge_motions.get(j)
+                if motion is None and other_motion is None:
+                    continue
+                change = change + 0.5 * (
+                    edge.inner_response_slope(
+                        other, amplitude, self.multipoles[j], motion, other_motion
+                    )
+                    + other.inner_response_slope(
+                        edge, self.multipoles[j], amplitude, other_motion, motion
+                    ).T
+                )
+            total += change + change.T
+        return total
+
+
+def _both_ways(a: TouchEdge, b: TouchEdge) -> np.ndarray:
+    return 0.5 * (a.inner_response(b) + b.inner_response(a).T)

@@ -1,0 +1,39 @@
+"""The Neumann function of the unit disc, sheet conductance 1.
+
+N(x, y) = -(1 / 2 pi) (ln|x - y| + ln|1 - x conj(y)|): the potential at x of a unit current that enters at
+y, for sources that sum to zero (constants and the return current's quadratic drop out then). Points are
+complex numbers. On the rim both logarithms agree. A line element dy with outward normal n obeys
+d/dn Re g(y) ds = Im(g'(y) dy), counter-clockwise round the region.
+"""
+
+import numpy as np
+
+
+def rim_potential(angle: np.ndarray) -> np.ndarray:
+    """N between two rim points `angle` radians apart (not 0)."""
+    return -np.log(2.0 * np.abs(np.sin(angle / 2.0))) / np.pi
+
+
+def rim_potential_slope(angle: np.ndarray) -> np.ndarray:
+    """d N / d angle between two rim points."""
+    return -0.5 / (np.tan(angle / 2.0) * np.pi)
+
+
+def flux_kernel(x: np.ndarray, y: np.ndarray, dy: np.ndarray) -> np.ndarray:
+    """dN(x, y)/dn_y ds_y for y inside or on the rim; x and y apart."""
+    conj = np.conj(x)
+    return -(dy / (y - x) - conj * dy / (1.0 - conj * y)).imag / (2.0 * np.pi)
+
+
+def flux_kernel_diagonal(y: np.ndarray, dy: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """The limit x -> y of `flux_kernel` along a smooth curve y(t), with dy = y' dt.
+
+    `turn` is Im(y'' / y') dt, the angle by which the tangent turns; half of it is the curve's own part.
+    """
+    image = np.conj(y) * dy / (1.0 - np.abs(y) ** 2)
+    return -(0.5 * turn - image.imag) / (2.0 * np.pi)
+
+
+def rim_flux_kernel(rim: np.ndarray, y: np.ndarray, dy: np.ndarray) -> np.ndarray:
+    """dN(x, y)/dn_y ds_y for x on the rim."""
+    return -(dy / (y - rim)).imag / np.pi

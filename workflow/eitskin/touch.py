@@ -1,0 +1,364 @@
+"""A touch: a sharp-edged disc in which the conductivity is multiplied by 1 + contrast.
+
+Inside it the potential is harmonic, so its multipoles up to a degree describe it; the edge is an exact
+circle of the skin, mapped onto the unit disc, and cuts no element of any mesh. A touch that reaches
+beyond the rim is clipped by it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eitskin import neumann
+from eitskin.conformal import DiscMap
+from eitskin.errors import InputError
+from eitskin.geometry import Geometry, RimMotion
+
+NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128)
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Centre and radius in mm, skin frame; conductivity inside is (1 + contrast) times that outside."""
+
+    x_mm: float
+    y_mm: float
+    radius_mm: float
+    contrast: float = 0.0
+
+
+@dataclass(frozen=True)
+class TouchAccuracy:
+    """How finely a touch is resolved.
+
+    degree: highest multipole, used where the rim is near; tolerance: relative, of expansion and
+    quadrature; panel_nodes: of one panel of a graded edge; rim_gap: an edge that comes nearer to
+    the rim than this, in radii, on either side, is taken to stop at this distance.
+    """
+
+    degree: int
+    tolerance: float
+    panel_nodes: int
+    rim_gap: float
+
+
+@dataclass(frozen=True)
+class EdgeMotion:
+    """Velocities of the nodes of a TouchEdge with one parameter (first and second by the angle)."""
+
+    zeta: np.ndarray
+    tangent: np.ndarray
+    curvature: np.ndarray
+
+
+class TouchEdge:
+    """The boundary of a touch in the unit disc, its multipoles, and how they interact with it.
+
+    Nodes on the edge are evenly
+    spaced, or graded towards the rim where the touch comes near it; a part of the rim closes a
+    clipped touch. Raises InputError for a touch outside the skin or one that cuts it more than once.
+    """
+
+    def __init__(
+        self, touch: Touch, geometry: Geometry, disc: DiscMap, accuracy: TouchAccuracy
+    ):
+        self.touch, self.geometry, self.disc = touch, geometry, disc
+        self.centre = touch.x_mm + 1j * touch.y_mm
+        if not touch.radius_mm > 0:
+            raise InputError("touch", "radius_mm", touch.radius_mm, "more than 0")
+        centre = complex(disc(geometry.unfold(np.array([self.centre])))[0])
+        if not abs(centre) < 1:
+            place = f"({touch.x_mm:g}, {touch.y_mm:g}) mm"
+            raise InputError("touch", "centre", place, "a place on the skin")
+        self.radius = touch.radius_mm
+        degree = self._place_nodes(accuracy)
+        self.expansion_centre = complex(centre)
+        self.expansion_radius = float(np.abs(self.zeta - centre).max())
+        self._build_modes(degree)
+
+    def _mapped(self, t: np.ndarray, order: int) -> list[np.ndarray]:
+        """The edge at angles t: zeta and its derivatives by t up to `order` <= 2."""
+        ray = self.radius * np.exp(1j * t)
+        f = self.disc.derivatives(self.geometry.unfold(self.centre + ray), order)
+        first = self.geometry.unfold(1j * ray)
+        mapped = [f[0]]
+        if order >= 1:
+            mapped.append(f[1] * first)
+        if order >= 2:
+            mapped.append(f[2] * first**2 + f[1] * self.geometry.unfold(-ray))
+        return mapped
+
+    def _place_nodes(self, accuracy: TouchAccuracy) -> int:
+        """Choose the nodes; returns the multipoles needed."""
+        t = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)
+        zeta = self._mapped(t, 0)[0]
+        gap = (1.0 - np.abs(zeta).max()) / np.abs(zeta - zeta.mean()).max()
+        if abs(gap) < accuracy.rim_gap:
+            self.radius *= 1.0 + gap - accuracy.rim_gap
+            gap = accuracy.rim_gap
+        needed = -np.log(accuracy.tolerance) / np.log1p(gap) if gap > 0 else np.inf
+        degree = int(min(accuracy.degree, max(np.ceil(0.5 * needed), 3)))
+        needed = max(needed, 2 * degree + 4)
+        panels = (0.5 * accuracy.panel_nodes / degree, accuracy.rim_gap, accuracy.panel_nodes)
+        self.rim_theta = self.rim_weight = np.zeros(0)
+        self.clipped = gap < 0
+        if self.clipped:
+            self._clip(t, np.abs(zeta) > 1.0, panels)
+        elif needed <= NODE_COUNTS[-1]:
+            count = next(n for n in NODE_COUNTS if n >= needed)
+            self.t = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+            self.weight = np.full(count, 2.0 * np.pi / count)
+        else:
+            nearest = t[np.abs(zeta).argmax()]
+            self.t, self.weight = graded_panels(
+                nearest, nearest + 2.0 * np.pi, self._rim_clearance, *panels
+            )
+        self.zeta, self.tangent, self.curvature = self._mapped(self.t, 2)
+        return degree
+
+    def _rim_clearance(self, t: np.ndarray) -> np.ndarray:
+        zeta, tangent = self._mapped(t, 1)
+        return np.abs(1.0 - np.abs(zeta)) / np.abs(tangent)
+
+    def _clip(self, t: np.ndarray, outside: np.ndarray, panels: tuple) -> None:
+        leaves = np.flatnonzero(~outside & np.roll(outside, -1))
+        enters = np.flatnonzero(outside & np.roll(~outside, -1))
+        if len(leaves) != 1 or self.radius > 0.5 * self.geometry.radius_mm:
+            place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm"
+            raise InputError("touch", "edge", f"{place} cut by the rim", "cut twice at most")
+        leave = self._crossing(t[leaves[0]], t[leaves[0]] + t[1])
+        enter = self._crossing(t[enters[0]], t[enters[0]] + t[1])
+        end = leave if leave > enter else leave + 2.0 * np.pi
+        self.t, self.weight = graded_panels(enter, end, self._rim_clearance, *panels)
+        arc = self._mapped(np.concatenate([[enter, end], self.t]), 0)[0]
+        start = np.angle(arc[1])
+        stop = start + (np.angle(arc[0]) - start) % (2.0 * np.pi)
+
+        def clearance(theta: np.ndarray) -> np.ndarray:
+            return np.abs(np.exp(1j * theta)[:, None] - arc).min(axis=1)
+
+        scale = np.abs(arc - arc.mean()).max()
+        self.rim_theta, self.rim_weight = graded_panels(
+            start, stop, clearance, panels[0] * scale, panels[1] * scale, panels[2]
+        )
+
+    def _crossing(self, low: float, high: float) -> float:
+        sign = np.sign(np.abs(self._mapped(np.array([low]), 0)[0][0]) - 1.0)
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            if np.sign(np.abs(self._mapped(np.array([middle]), 0)[0][0]) - 1.0) == sign:
+                low = middle
+            else:
+                high = middle
+        return 0.5 * (low + high)
+
+    def _build_modes(self, degree: int) -> None:
+        dzeta = self.tangent * self.weight
+        rim = np.exp(1j * self.rim_theta)
+        drim = 1j * rim * self.rim_weight
+        order = np.arange(1, degree + 1)
+        self.norm = 1.0 / np.sqrt(order * np.pi)
+        self.order = order
+        self.values = self.harmonics(self.zeta)
+        self.flux = self._harmonic_flux(self.zeta, dzeta)
+        self.rim_flux = self._harmonic_flux(rim, drim)
+        self.kernel = neumann.flux_kernel(self.zeta[:, None], self.zeta + _eye(self.zeta), dzeta)
+        np.fill_diagonal(self.kernel, self._kernel_diagonal() - 0.5)
+        self.rim_kernel = neumann.flux_kernel(rim[:, None], self.zeta, dzeta)
+        rim_values = self.harmonics(rim)
+        mass = self.values.T @ self.flux + rim_values.T @ self.rim_flux
+        response = self.flux.T @ (self.kernel @ self.values)
+        response += self.rim_flux.T @ (self.rim_kernel @ self.values)
+        self.mass = 0.5 * (mass + mass.T)
+        self.self_response = self.mass + 0.5 * (response + response.T)
+
+    def _kernel_diagonal(self) -> np.ndarray:
+        turn = (self.curvature / self.tangent).imag * self.weight
+        return neumann.flux_kernel_diagonal(self.zeta, self.tangent * self.weight, turn)
+
+    def powers(self, zeta: np.ndarray, derivative: int = 0) -> np.ndarray:
+        """(points, degree) complex ((zeta - centre) / radius)^m, or their derivative by zeta."""
+        scaled = (zeta - self.expansion_centre)[:, None] / self.expansion_radius
+        factor = np.ones(len(self.order))
+        exponent = self.order.astype(float)
+        for _ in range(derivative):
+            factor = factor * exponent / self.expansion_radius
+            exponent = exponent - 1.0
+        safe = np.maximum(exponent, 0.0).astype(int)
+        return self.norm * factor * scaled**safe
+
+    def harmonics(self, zeta: np.ndarray) -> np.ndarray:
+        """(points, 2 degree): real and imaginary parts of the powers, unit energy on their circle."""
+        powers = self.powers(zeta)
+        return np.hstack([powers.real, powers.imag])
+
+    def _harmonic_flux(self, zeta: np.ndarray, dzeta: np.ndarray) -> np.ndarray:
+        slope = self.powers(zeta, 1) * dzeta[:, None]
+        return np.hstack([slope.imag, -slope.real])
+
+    def rim_response(self, rim: np.ndarray) -> np.ndarray:
+        """(points, 2 degree): potential at rim points that the multipoles' polarisation makes."""
+        kernel = neumann.rim_flux_kernel(rim[:, None], self.zeta, self.tangent * self.weight)
+        response = kernel @ self.values
+        if self.clipped:
+            inside = self._inside(np.angle(rim))
+            response[inside] += self.harmonics(rim[inside])
+        return response
+
+    def _inside(self, theta: np.ndarray) -> np.ndarray:
+        start = self.rim_theta[0]
+        return (theta - start) % (2.0 * np.pi) < self.rim_theta[-1] - start
+
+    def inner_response(self, other: "TouchEdge") -> np.ndarray:
+        """(2 degree, 2 degree of other): response of these multipoles to those of another touch."""
+        dzeta = other.tangent * other.weight
+        kernel = neumann.flux_kernel(self.zeta[:, None], other.zeta, dzeta)
+        response = self.flux.T @ (kernel @ other.values)
+        rim = np.exp(1j * self.rim_theta)
+        kernel = neumann.flux_kernel(rim[:, None], other.zeta, dzeta)
+        return response + self.rim_flux.T @ (kernel @ other.values)
+
+    def place_motion(self, parameter: str) -> EdgeMotion:
+        """Node velocities with `x_mm`, `y_mm` or `radius_mm`."""
+        ray = self.radius * np.exp(1j * self.t)
+        speed = {
+            "x_mm": (np.ones(len(ray)), 0.0 * ray, 0.0 * ray),
+            "y_mm": (1j * np.ones(len(ray)), 0.0 * ray, 0.0 * ray),
+            "radius_mm": tuple(np.exp(1j * self.t) * 1j**n for n in range(3)),
+        }[parameter]
+        return self._moved([self.geometry.unfold(s) for s in speed])
+
+    def skin_motion(self, motion: RimMotion, map_velocity) -> EdgeMotion:
+        """Node velocities when the skin changes its shape or direction under the touch."""
+        ray = self.radius * np.exp(1j * self.t)
+        places = (self.centre + ray, 1j * ray, -ray)
+        moved = self._moved([motion.unfolding(place) for place in places])
+        z = self.geometry.unfold(places[0])
+        first, second = self.geometry.unfold(places[1]), self.geometry.unfold(places[2])
+        g = map_velocity.derivatives(z, 2)
+        return EdgeMotion(
+            moved.zeta + g[0],
+            moved.tangent + g[1] * first,
+            moved.curvature + g[2] * first**2 + g[1] * second,
+        )
+
+    def _moved(self, speed: list[np.ndarray]) -> EdgeMotion:
+        ray = self.radius * np.exp(1j * self.t)
+        f = self.disc.derivatives(self.geometry.unfold(self.centre + ray), 3)
+        first, second = self.geometry.unfold(1j * ray), self.geometry.unfold(-ray)
+        return EdgeMotion(
+            f[1] * speed[0],
+            f[2] * speed[0] * first + f[1] * speed[1],
+            f[3] * speed[0] * first**2
+            + 2.0 * f[2] * speed[1] * first
+            + f[2] * speed[0] * second
+            + f[1] * speed[2],
+        )
+
+    def response_slope(self, amplitude: np.ndarray, contrast: float, motion: EdgeMotion):
+        """(n, n): change of amplitude^T (self_response + mass / contrast) amplitude with a motion.
+
+        amplitude (2 degree, n). Raises InputError for a clipped touch, whose corners would move too.
+        """
+        self._refuse_clipped()
+        w = self.weight
+        dzeta, moving = self.tangent * w, motion.tangent * w
+        value, flux = self.values @ amplitude, self.flux @ amplitude
+        slope = self._combine(self.powers(self.zeta, 1), amplitude)
+        bend = self._combine(self.powers(self.zeta, 2), amplitude)
+        value_dot = (slope * motion.zeta[:, None]).real
+        flux_dot = (bend * (motion.zeta * dzeta)[:, None] + slope * moving[:, None]).imag
+        mass_dot = (1.0 + 1.0 / contrast) * (value_dot.T @ flux + value.T @ flux_dot)
+        kernel_dot = self._kernel_slope(motion)
+        response = self.kernel @ value
+        response_dot = kernel_dot @ value + self.kernel @ value_dot
+        change = mass_dot + flux_dot.T @ response + flux.T @ response_dot
+        return 0.5 * (change + change.T)
+
+    def _refuse_clipped(self) -> None:
+        if self.clipped:
+            place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm, clipped by the rim"
+            raise InputError("touch", "derivatives", place, "a touch inside the skin")
+
+    def _combine(self, powers: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+        half = len(self.order)
+        return powers @ (amplitude[:half] - 1j * amplitude[half:])
+
+    def _kernel_slope(self, motion: EdgeMotion) -> np.ndarray:
+        x, y = self.zeta[:, None], self.zeta + _eye(self.zeta)
+        dy, dy_dot = self.tangent * self.weight, motion.tangent * self.weight
+        step = motion.zeta - motion.zeta[:, None]
+        direct = dy_dot / (y - x) - dy * step / (y - x) ** 2
+        conj, conj_dot = np.conj(x), np.conj(motion.zeta[:, None])
+        below = 1.0 - conj * self.zeta
+        below_dot = -conj_dot * self.zeta - conj * motion.zeta
+        above, above_dot = conj * dy, conj_dot * dy + conj * dy_dot
+        image = above_dot / below - above * below_dot / below**2
+        ratio_dot = motion.curvature / self.tangent
+        ratio_dot = ratio_dot - self.curvature * motion.tangent / self.tangent**2
+        np.fill_diagonal(direct, 0.5 * ratio_dot * self.weight)
+        return -(direct - image).imag / (2.0 * np.pi)
+
+    def rim_response_slope(self, rim, rim_dot, amplitude, motion: EdgeMotion | None):
+        """(points, n): change of rim_response(rim) @ amplitude when rim points and edge move."""
+        self._refuse_clipped()
+        y, dy = self.zeta, self.tangent * self.weight
+        value = self.values @ amplitude
+        apart = y - rim[:, None]
+        kernel_dot = dy * rim_dot[:, None] / apart**2
+        if motion is None:
+            return -(kernel_dot.imag / np.pi) @ value
+        kernel_dot = kernel_dot + motion.tangent * self.weight / apart - dy * motion.zeta / apart**2
+        slope = self._combine(self.powers(y, 1), amplitude)
+        value_dot = (slope * motion.zeta[:, None]).real
+        kernel = neumann.rim_flux_kernel(rim[:, None], y, dy)
+        return -(kernel_dot.imag / np.pi) @ value + kernel @ value_dot
+
+    def inner_response_slope(self, other, amplitude, other_amplitude, motion, other_motion):
+        """(n, n): change of amplitude^T inner_response(other) other_amplitude; motions may be None."""
+        self._refuse_clipped()
+        other._refuse_clipped()
+        still = EdgeMotion(*3 * [np.zeros(1, complex)])
+        a, b = motion or still, other_motion or still
+        x, y = self.zeta[:, None], other.zeta
+        dx, dy = self.tangent * self.weight, other.tangent * other.weight
+        dx_dot, dy_dot = a.tangent * self.weight, b.tangent * other.weight
+        conj, conj_dot = np.conj(x), np.conj(a.zeta[:, None])
+        below, below_dot = 1.0 - conj * y, -conj_dot * y - conj * b.zeta
+        kernel_dot = dy_dot / (y - x) - dy * (b.zeta - a.zeta[:, None]) / (y - x) ** 2
+        kernel_dot = kernel_dot - (conj_dot * dy + conj * dy_dot) / below
+        kernel_dot = kernel_dot + conj * dy * below_dot / below**2
+        kernel = neumann.flux_kernel(x, y, dy)
+        value, flux = other.values @ other_amplitude, self.flux @ amplitude
+        slope = other._combine(other.powers(other.zeta, 1), other_amplitude)
+        value_dot = (slope * (b.zeta + 0.0 * y)[:, None]).real
+        own = self._combine(self.powers(self.zeta, 1), amplitude)
+        bend = self._combine(self.powers(self.zeta, 2), amplitude)
+        flux_dot = (bend * (a.zeta * dx)[:, None] + own * (dx_dot + 0.0 * dx)[:, None]).imag
+        slope_of_kernel = -(kernel_dot.imag / (2.0 * np.pi)) @ value
+        return flux_dot.T @ (kernel @ value) + flux.T @ (slope_of_kernel + kernel @ value_dot)
+
+
+def graded_panels(
+    start: float, stop: float, clearance, longest: float, shortest: float, panel_nodes: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss-Legendre nodes and weights on [start, stop], in panels halved until they fit.
+
+    A panel fits when it is no longer than `longest` and than twice clearance(its middle), the distance
+    (in units of the parameter) to what its points interact with, or when it is below `shortest`.
+    """
+    edges = np.linspace(start, stop, int(np.ceil((stop - start) / longest)) + 1)
+    while True:
+        middle, length = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
+        coarse = (length > 2.0 * clearance(middle)) & (length > shortest)
+        if not coarse.any():
+            break
+        edges = np.sort(np.concatenate([edges, middle[coarse]]))
+    node, weight = np.polynomial.legendre.leggauss(panel_nodes)
+    half = 0.5 * np.diff(edges)[:, None]
+    return (edges[:-1, None] + half * (1.0 + node)).ravel(), (half * weight).ravel()
+
+
+def _eye(zeta: np.ndarray) -> np.ndarray:
+    """Ones on the diagonal: keeps the coincident nodes apart until their limit is filled in."""
+    return np.eye(len(zeta))
