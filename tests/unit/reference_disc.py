@@ -78,9 +78,7 @@ def points_eccentric(angles, centre, radius, factor):
     """A disc of `radius` at complex `centre`: currents are conformally invariant, points move."""
     alpha, mapped = disc_map(centre, radius)
     rim = np.exp(1j * np.asarray(angles))
-    return points_concentric(
-        np.angle((rim - alpha) / (1.0 - np.conj(alpha) * rim)), mapped, factor
-    )
+    return points_concentric(np.angle((rim - alpha) / (1.0 - np.conj(alpha) * rim)), mapped, factor)
 
 
 def complete_series(n, width, z, inclusion=None, periods=400):

@@ -4,8 +4,9 @@ For whatever no formula covers (images, any mesh, any outline) and as an indepen
 exact forward model. scikit-fem assembles; the factors are SciPy's.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import eigh
@@ -25,6 +26,7 @@ from skfem import (
 from skfem.helpers import dot, grad
 
 from eitskin.errors import InputError
+from eitskin.forward import TouchModes, channel_values
 
 ELEMENT_TYPES = {1: ElementTriP1, 2: ElementTriP2}
 
@@ -53,31 +55,6 @@ class _RimMapping(MappingIsoparametric):
 
     def invF(self, x: np.ndarray, tind: np.ndarray | None = None) -> np.ndarray:
         return super().invF(x, tind, newton_tol=1e-7)
-
-
-@dataclass(frozen=True)
-class TouchModes:
-    """Every strength of one touch: R(c) = R(0) - sum_k g_k g_k^T c / (1 + c d_k).
-
-    The touch multiplies the conductance by 1 + c, c > -1. `g` (n, K) in sqrt(ohm), `d` (K,) in
-    (0, 1].
-    """
-
-    g: np.ndarray
-    d: np.ndarray
-
-    def change(self, contrast: np.ndarray) -> np.ndarray:
-        """Change (..., n, n) in ohm of the transfer impedance, for `contrast` c of any shape."""
-        c = np.asarray(contrast, dtype=float)[..., None]
-        weights = c / (1.0 + c * self.d)
-        return -np.einsum("ik,...k,jk->...ij", self.g, weights, self.g, optimize=True)
-
-    def voltages(self, contrast: np.ndarray, channels: np.ndarray, current: float) -> np.ndarray:
-        """Change (C, M) in V of the channels' voltages, for `contrast` (C,)."""
-        c = np.asarray(contrast, dtype=float)[:, None]
-        source, sink, plus, minus = np.asarray(channels).T
-        modes = (self.g[plus] - self.g[minus]) * (self.g[source] - self.g[sink])
-        return -current * (c / (1.0 + c * self.d)) @ modes.T
 
 
 class FiniteElements:
@@ -172,17 +149,13 @@ class FiniteElements:
     def transfer(self, conductance: np.ndarray) -> np.ndarray:
         """Transfer impedance (n, n) in ohm; rows and columns sum to 0 (sum of U is 0).
 
-        A unit current into electrode j, drawn evenly from all of them, raises electrode i to [i, j].
+        [i, j]: potential of electrode i for a unit current into j, drawn evenly from them all.
         """
         return self.factored(conductance).transfer
 
-    def voltages(
-        self, conductance: np.ndarray, channels: np.ndarray, current: float
-    ) -> np.ndarray:
+    def voltages(self, conductance: np.ndarray, channels: np.ndarray, current: float) -> np.ndarray:
         """Voltages (M,) in V of channels (M, 4) source, sink, plus, minus at `current` in A."""
-        source, sink, plus, minus = np.asarray(channels).T
-        r = self.transfer(conductance)
-        return current * (r[plus, source] - r[plus, sink] - r[minus, source] + r[minus, sink])
+        return current * channel_values(self.transfer(conductance), np.asarray(channels))
 
 
 class FactoredElements:
@@ -248,7 +221,7 @@ class FactoredElements:
         d, turned = eigh(root.T @ potentials)
         fields = self.fields[nodes] - self.fields[nodes].mean(axis=1, keepdims=True)
         g = fields.T @ root @ turned
-        seen = np.linalg.norm(g, axis=0) > np.finfo(float).eps * np.linalg.norm(g)
+        seen = (g**2).sum(axis=0) > np.finfo(float).eps * (g**2).sum()
         return TouchModes(g[:, seen], d[seen])
 
 
@@ -313,10 +286,10 @@ def symmetric_disc_mesh(
 def _half_sector(
     half: float, width: float, refinement: int, grading: int, rings: tuple[float, ...]
 ) -> MeshTri:
-    """Half a sector in the plane of radius r and arc r theta, where circles and rays are straight."""
+    """Half a sector, in the plane of r and r theta: there its circles and rays are straight."""
     breaks = np.array([0.0, *sorted(rings), 1.0])
     radii = [0.0]
-    for inner, outer in zip(breaks[:-1], breaks[1:], strict=True):
+    for inner, outer in pairwise(breaks):
         radii.extend(np.linspace(inner, outer, int(np.ceil((outer - inner) / 0.25)) + 1)[1:])
     nodes = [(0.0, 0.0)]
     triangles = [(0, 1, 2)]
