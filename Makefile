@@ -1,0 +1,79 @@
+# make · make test · make lint · make real · make bench · make accuracy · make clean
+# Needs Python 3.11 or 3.12 (PYTHON=… picks one); after the installs nothing needs the network.
+
+BIN := .venv/bin
+CORES ?= 2
+EITSKIN_DATA ?= ../shared/data
+SNAKEMAKE := $(BIN)/snakemake --workflow-profile workflow/profiles/default --cores $(CORES)
+# One run at a time; a second waits, and clears the lock that a killed one left behind.
+RUN = flock .venv/run.lock sh -c '$(SNAKEMAKE) --unlock --quiet all && exec $(SNAKEMAKE) "$$@"' make
+
+export EITSKIN_DATA
+export OMP_NUM_THREADS = 1
+export OPENBLAS_NUM_THREADS = 1
+export MKL_NUM_THREADS = 1
+
+.DELETE_ON_ERROR:
+.PHONY: run test lint real bench accuracy clean
+
+run: .venv/installed
+	@echo "eitskin: simulating, training and writing results/tables/table_1.csv on $(CORES) cores"
+	@$(RUN)
+
+test: .venv/installed-test
+	@echo "eitskin: testing"
+	@$(BIN)/python -m pytest -n $(CORES)
+
+lint: .venv/installed-test
+	@echo "eitskin: checking style"
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/snakefmt --check Snakefile workflow/rules
+	@$(BIN)/snakemake --lint
+
+real: .venv/installed
+	@if [ ! -d "$(EITSKIN_DATA)" ]; then \
+	  echo "SKIPPED: no real recordings at $(EITSKIN_DATA); set EITSKIN_DATA"; \
+	else \
+	  echo "eitskin: learning from the real recordings in $(EITSKIN_DATA)"; \
+	  mkdir -p results && sed 's|\.\./shared/data|$(EITSKIN_DATA)|' tests/real.yaml > results/real.yaml && \
+	  $(RUN) --configfile results/real.yaml; \
+	fi
+
+bench: .venv/installed-test
+	@echo "eitskin: timing against pyEIT and scipy"
+	@$(BIN)/python -m eitskin.bench
+
+accuracy: .venv/installed
+	@echo "eitskin: measuring the forward model's numerical error"
+	@$(BIN)/python -m eitskin.accuracy
+
+clean:
+	rm -rf results logs benchmarks .snakemake
+
+# A folder `.venv/installing` that is still there tells of a killed install: it starts anew.
+define install
+	@set -e; \
+	if [ -e .venv/installing ] || [ ! -x $(BIN)/python ]; then \
+	  python=; \
+	  for candidate in $(PYTHON) python3.11 python3.12 python3; do \
+	    if $$candidate -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 13))' 2>/dev/null; \
+	    then python=$$candidate; break; fi; \
+	  done; \
+	  if [ -z "$$python" ]; then echo "eitskin: Python 3.11 or 3.12 is needed; PYTHON=… names one"; exit 1; fi; \
+	  echo "eitskin: making .venv with $$python"; \
+	  $$python -m venv --clear .venv; \
+	fi; \
+	mkdir .venv/installing; \
+	if [ -t 1 ]; then quiet=; else quiet=--quiet; fi; \
+	echo "eitskin: installing $(1) with pinned versions, minutes"; \
+	$(BIN)/python -m pip install $$quiet --disable-pip-version-check -c envs/requirements.lock -e '$(1)'; \
+	rmdir .venv/installing; \
+	touch $@
+endef
+
+.venv/installed: pyproject.toml envs/requirements.lock
+	$(call install,.)
+
+.venv/installed-test: pyproject.toml envs/requirements.lock | .venv/installed
+	$(call install,.[test])

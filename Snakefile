@@ -1,0 +1,36 @@
+from eitskin.chain import instrument_effects, links, skin_effects
+from eitskin.configuration import validate
+from eitskin.errors import reported
+from eitskin.fingerprint import fingerprint
+from snakemake.utils import min_version
+
+min_version("9.0")
+
+
+configfile: "config.yaml"
+
+
+with reported("logs/configuration.log"):
+    schema = workflow.source_path("workflow/schemas/config.schema.yaml")
+    validate(config, schema, workflow.configfiles)
+
+
+wildcard_constraints:
+    configuration="|".join(config["configurations"]),
+    recording="|".join(config["recordings"]),
+
+
+include: "workflow/rules/simulate.smk"
+include: "workflow/rules/perturb.smk"
+include: "workflow/rules/record.smk"
+include: "workflow/rules/dataset.smk"
+include: "workflow/rules/train.smk"
+include: "workflow/rules/evaluate.smk"
+
+
+rule all:
+    default_target: True
+    input:
+        "results/simulated/clean.parquet",
+        "results/tables/table_1.csv",
+        expand("results/recordings/{recording}.check.txt", recording=config["recordings"]),

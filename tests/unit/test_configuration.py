@@ -1,0 +1,152 @@
+"""The configuration is refused in one line that names file, place, found and expected."""
+
+import copy
+import json
+from pathlib import Path
+
+import jsonschema
+import pytest
+import yaml
+
+from eitskin.configuration import validate
+from eitskin.errors import InputError
+
+ROOT = Path(__file__).parents[2]
+SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.yaml"
+CONFIG = yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))
+EPSILON = ("configurations", "authors", "effects", 4, "parameters", "epsilon")
+
+
+def changed(*place_and_value):
+    *place, key, value = place_and_value
+    config = json.loads(json.dumps(CONFIG))  # a copy in which YAML's aliases are apart
+    node = config
+    for part in place:
+        node = node[part]
+    node[key] = value
+    return config
+
+
+def refusal(config, files=("config.yaml",)):
+    with pytest.raises(InputError) as refused:
+        validate(config, SCHEMA, [ROOT / file for file in files])
+    message = str(refused.value)
+    assert "\n" not in message
+    return message.removeprefix(f"{ROOT}/")
+
+
+def test_the_paper_s_configuration_is_accepted():
+    validate(CONFIG, SCHEMA, [ROOT / "config.yaml"])
+
+
+@pytest.mark.parametrize(
+    ("place_and_value", "message"),
+    [
+        (("sed", 1), "config.yaml: sed: found an unknown key, expected one of accuracy, budget"),
+        (("seed", 1.5), "config.yaml: seed: found 1.5, expected a whole number"),
+        (("seed", True), "config.yaml: seed: found True, expected a whole number"),
+        (("seed", -1), "config.yaml: seed: found -1, expected 0 or more"),
+        (
+            ("skin", "radius_mm", float("nan")),
+            "config.yaml: skin.radius_mm: found nan, expected a finite number",
+        ),
+        (("skin", None), "config.yaml: skin: found null, expected a mapping of keys"),
+        (
+            ("configurations", "text", "noise", "2e-2"),
+            "config.yaml: configurations.text.noise: found '2e-2', expected a finite number "
+            "(YAML reads 2e-2 as text; write 2.0e-2)",
+        ),
+        (
+            (*EPSILON, "3e5"),
+            "config.yaml: configurations.authors.effects[4].parameters.epsilon: found '3e5', "
+            "expected a number, a list with one number a site, or {sd, mean, tie} to draw it anew "
+            "for every session (YAML reads 3e5 as text; write 3.0e+5)",
+        ),
+        (
+            (*EPSILON, {"sd": 1.0, "median": 0.0}),
+            "config.yaml: configurations.authors.effects[4].parameters.epsilon.median: "
+            "found an unknown key, expected one of mean, sd, tie",
+        ),
+        (
+            ("configurations", "authors", "effects", 4, "parameters", {}),
+            "config.yaml: configurations.authors.effects[4].parameters.epsilon: "
+            "found nothing, expected a value",
+        ),
+        (
+            ("configurations", "authors", "effects", 4, "parameters", "gain", 1.0),
+            "config.yaml: configurations.authors.effects[4].parameters.gain: "
+            "found an unknown key, expected one of epsilon",
+        ),
+        (
+            ("configurations", "authors", "effects", 4, "name", "cross-talk"),
+            "config.yaml: configurations.authors.effects[4].name: found 'cross-talk', "
+            "expected one of ellipse",
+        ),
+        (
+            ("protocol", "drive", "skip"),
+            "config.yaml: protocol.drive: found 'skip', expected adjacent, opposite or skip-<n>",
+        ),
+        (
+            ("recordings", "my-skin", {"path": "nowhere.parquet"}),
+            "recordings.my-skin.path: found no file 'nowhere.parquet', expected a recording's path",
+        ),
+        (
+            ("table_1", "configurations", "autors", []),
+            "table_1.configurations.autors: found an unknown name, expected one of authors, text",
+        ),
+        (("splits", ["random"]), "table_1.configurations.authors[1]: found 'place'"),
+    ],
+)
+def test_a_mistake_gives_one_line(place_and_value, message):
+    assert message in refusal(changed(*place_and_value))
+
+
+def test_a_missing_key_is_named_with_its_meaning():
+    config = copy.deepcopy(CONFIG)
+    del config["forces"]["mean_N"]
+    expected = "forces.mean_N: found nothing, expected mean of the normal distribution in N"
+    assert refusal(config) == f"config.yaml: {expected}"
+
+
+def test_the_file_that_holds_the_mistake_is_named(tmp_path):
+    override = tmp_path / "override.yaml"
+    override.write_text("forces: {mean_N: '5'}\n")
+    message = refusal(changed("forces", "mean_N", "5"), ("config.yaml", override))
+    assert message.startswith(f"{override}: forces.mean_N: found '5'")
+
+
+def test_a_recording_may_not_take_the_name_of_a_simulated_set(tmp_path):
+    recording = tmp_path / "recording.parquet"
+    recording.touch()
+    config = changed("recordings", "simulated-text", {"path": str(recording)})
+    assert "recordings.simulated-text: found a simulated set's name" in refusal(config)
+
+
+def test_the_schema_is_valid_and_closed_everywhere():
+    schema = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
+    jsonschema.Draft202012Validator.check_schema(schema)
+
+    def objects(node):
+        if isinstance(node, dict):
+            if "properties" in node and "name" not in node["properties"]:
+                yield node
+            for key, value in node.items():
+                if key != "if" and key != "then":
+                    yield from objects(value)
+        elif isinstance(node, list):
+            for value in node:
+                yield from objects(value)
+
+    found = list(objects(schema))
+    assert len(found) > 15
+    assert all(node["additionalProperties"] is not True for node in found)
+    assert schema["$defs"]["effect"]["additionalProperties"] is False
+
+
+def test_every_name_of_an_effect_has_its_parameters_checked():
+    schema = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
+    for name in schema["$defs"]["effect"]["properties"]["name"]["enum"]:
+        effect = {"name": name, "parameters": {"no such parameter": 1.0}}
+        config = changed("configurations", "authors", "effects", [effect])
+        place = "configurations.authors.effects[0].parameters."
+        assert place in refusal(config)

@@ -1,0 +1,76 @@
+"""What a module's code says, whatever its comments: the workflow's reason to run a rule again."""
+
+import ast
+import hashlib
+from pathlib import Path
+
+PACKAGE = Path(__file__).parent
+
+
+def fingerprint(module: str) -> str:
+    """SHA-256, in hex, of the syntax trees of `module` and of all it imports from its package.
+
+    Follows import statements, also those inside functions, without importing anything. Comments,
+    docstrings and layout do not count; nor does package data. Raises ModuleNotFoundError for a
+    module that is not part of the package.
+    """
+    digest = hashlib.sha256()
+    for name, tree in sorted(_closure(module).items()):
+        digest.update(f"{name}\n{ast.dump(_without_docstrings(tree))}\n".encode())
+    return digest.hexdigest()
+
+
+def _closure(module: str) -> dict[str, ast.Module]:
+    """Syntax trees by module name: `module`, the packages that hold it, and all their imports."""
+    trees: dict[str, ast.Module] = {}
+    waiting = [module]
+    if _file(module) is None:
+        raise ModuleNotFoundError(f"no module {module} in {PACKAGE}", name=module)
+    while waiting:
+        name = waiting.pop()
+        file = _file(name)
+        if file is None or name in trees:
+            continue
+        trees[name] = ast.parse(file.read_text(encoding="utf-8"), str(file))
+        package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+        waiting.extend(_imports(trees[name], package))
+        waiting.append(name.rpartition(".")[0])
+    return trees
+
+
+def _file(name: str) -> Path | None:
+    """The file of a module of this package, or None for anything else."""
+    top, *parts = name.split(".")
+    if top != PACKAGE.name:
+        return None
+    base = PACKAGE.joinpath(*parts)
+    return next((f for f in (base / "__init__.py", base.with_suffix(".py")) if f.is_file()), None)
+
+
+def _imports(tree: ast.Module, package: str) -> list[str]:
+    """Every name that an import statement may load: modules, and what is taken from them."""
+    names = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names.extend(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            parents = package.split(".")[: len(package.split(".")) + 1 - node.level]
+            source = ".".join(parents if node.level else [])
+            source = ".".join(filter(None, [source, node.module]))
+            names.append(source)
+            names.extend(f"{source}.{alias.name}" for alias in node.names)
+    return names
+
+
+def _without_docstrings(tree: ast.Module) -> ast.Module:
+    """The tree, emptied of docstrings in place."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            first = node.body[0] if node.body else None
+            if (
+                isinstance(first, ast.Expr)
+                and isinstance(first.value, ast.Constant)
+                and isinstance(first.value.value, str)
+            ):
+                node.body = node.body[1:]
+    return tree

@@ -1,0 +1,67 @@
+rule twin:
+    output:
+        "results/twin/simulated-twin.parquet",
+    log:
+        "logs/twin.log",
+    benchmark:
+        "benchmarks/twin.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        twin=lookup(dpath="twin", within=config),
+        code=fingerprint("eitskin.twin"),
+    message:
+        "Simulating the twin of a real skin"
+    script:
+        "../scripts/twin.py"
+
+
+rule import_recording:
+    input:
+        lookup(dpath="recordings/{recording}/path", within=config),
+    output:
+        "results/recordings/{recording}.parquet",
+    log:
+        "logs/import_recording/{recording}.log",
+    benchmark:
+        "benchmarks/import_recording/{recording}.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        format=lookup(dpath="recordings/{recording}/format", within=config, default=None),
+        code=fingerprint("eitskin.importers"),
+    message:
+        "Reading the recording {wildcards.recording}"
+    script:
+        "../scripts/import_recording.py"
+
+
+rule check:
+    input:
+        rules.import_recording.output,
+    output:
+        "results/recordings/{recording}.check.txt",
+    log:
+        "logs/check/{recording}.log",
+    benchmark:
+        "benchmarks/check/{recording}.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        code=fingerprint("eitskin.check"),
+    message:
+        "Checking what {wildcards.recording} holds and what it cannot tell"
+    script:
+        "../scripts/check.py"

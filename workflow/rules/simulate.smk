@@ -1,0 +1,53 @@
+rule mesh:
+    output:
+        mesh="results/mesh/mesh.npz",
+        touch_grid="results/mesh/touch_grid.csv",
+    log:
+        "logs/mesh.log",
+    benchmark:
+        "benchmarks/mesh.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    params:
+        seed=lookup(dpath="seed", within=config),
+        skin=lookup(dpath="skin", within=config),
+        protocol=lookup(dpath="protocol", within=config),
+        touch_grid=lookup(dpath="touch_grid", within=config),
+        forces=lookup(dpath="forces", within=config),
+        accuracy=lookup(dpath="accuracy", within=config),
+        code=fingerprint("eitskin.mesh"),
+    message:
+        "Laying out the electrodes, the places and the forces"
+    script:
+        "../scripts/mesh.py"
+
+
+rule clean:
+    input:
+        mesh=rules.mesh.output.mesh,
+        touch_grid=rules.mesh.output.touch_grid,
+    output:
+        "results/simulated/clean.parquet",
+    log:
+        "logs/clean.log",
+    benchmark:
+        "benchmarks/clean.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        skin=lookup(dpath="skin", within=config),
+        protocol=lookup(dpath="protocol", within=config),
+        accuracy=lookup(dpath="accuracy", within=config),
+        code=fingerprint("eitskin.simulate"),
+    message:
+        "Simulating every place and force on the ideal skin"
+    script:
+        "../scripts/clean.py"

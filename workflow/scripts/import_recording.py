@@ -1,0 +1,8 @@
+"""Bring a recording, from whatever source, into the recording format."""
+
+from eitskin import importers, recording
+from eitskin.errors import reported
+
+with reported(snakemake.log[0]):
+    imported = importers.load(snakemake.input[0], snakemake.params.format)
+    recording.write(imported, snakemake.output[0])

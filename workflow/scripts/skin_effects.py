@@ -1,0 +1,13 @@
+"""Simulate the sessions of a configuration, a new skin for each."""
+
+from eitskin import simulate
+from eitskin.errors import reported
+
+with reported(snakemake.log[0]):
+    blocks = ("seed", "skin", "protocol", "accuracy", "effects", "session_frames", "crossed")
+    simulate.write_skin_stage(
+        snakemake.input.mesh,
+        snakemake.input.touch_grid,
+        snakemake.output[0],
+        **{block: snakemake.params[block] for block in blocks},
+    )
