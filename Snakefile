@@ -1,4 +1,4 @@
-from eitskin.chain import instrument_effects, links, skin_effects
+from eitskin.chain import instrument_effects, last_link, link_before, skin_effects
 from eitskin.configuration import validate
 from eitskin.errors import reported
 from eitskin.fingerprint import fingerprint

@@ -1,6 +1,11 @@
-"""A simulated configuration as a chain: the skin's effects, then the instrument's one by one."""
+"""A simulated configuration as a chain: the skin's effects, then the instrument's one by one.
+
+The links are named `0-skin` and `<k>-<effect>` for the k-th effect of the instrument.
+"""
 
 from eitskin.effects import stage_of
+
+SKIN = "0-skin"
 
 
 def skin_effects(effects: list[dict]) -> list[dict]:
@@ -8,12 +13,18 @@ def skin_effects(effects: list[dict]) -> list[dict]:
     return [effect for effect in effects if stage_of(effect["name"]) != "instrument"]
 
 
-def instrument_effects(effects: list[dict]) -> list[dict]:
-    """The effects that act on voltages alone, in the order of the configuration."""
-    return [effect for effect in effects if stage_of(effect["name"]) == "instrument"]
+def instrument_effects(effects: list[dict]) -> dict[str, dict]:
+    """The effects that act on voltages alone, by link, in the order of the configuration."""
+    chosen = [effect for effect in effects if stage_of(effect["name"]) == "instrument"]
+    return {f"{k}-{effect['name']}": effect for k, effect in enumerate(chosen, start=1)}
 
 
-def links(effects: list[dict]) -> list[str]:
-    """Names of the chain's stages: `0-skin`, then `<k>-<effect>` for the k-th instrument effect."""
-    names = [effect["name"] for effect in instrument_effects(effects)]
-    return ["0-skin", *(f"{k}-{name}" for k, name in enumerate(names, start=1))]
+def last_link(effects: list[dict]) -> str:
+    """The link whose voltages carry every effect."""
+    return [SKIN, *instrument_effects(effects)][-1]
+
+
+def link_before(effects: list[dict], link: str) -> str:
+    """The link that `link` is applied to; ValueError for a link that is not in the chain."""
+    links = [SKIN, *instrument_effects(effects)]
+    return links[links.index(link, 1) - 1]

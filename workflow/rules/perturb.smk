@@ -1,15 +1,3 @@
-# A chain of stages for each configuration: 0-skin, then one file an effect of the instrument.
-
-
-def effects_of(wildcards):
-    return config["configurations"][wildcards.configuration]["effects"]
-
-
-def stage(wildcards, k):
-    folder = f"results/simulated/{wildcards.configuration}"
-    return f"{folder}/{links(effects_of(wildcards))[k]}.parquet"
-
-
 rule skin_effects:
     input:
         mesh=rules.mesh.output.mesh,
@@ -31,7 +19,9 @@ rule skin_effects:
         skin=lookup(dpath="skin", within=config),
         protocol=lookup(dpath="protocol", within=config),
         accuracy=lookup(dpath="accuracy", within=config),
-        effects=lambda wildcards: skin_effects(effects_of(wildcards)),
+        effects=lambda wildcards: skin_effects(
+            config["configurations"][wildcards.configuration]["effects"]
+        ),
         session_frames=lookup(dpath="configurations/{configuration}/session_frames", within=config),
         crossed=lookup(dpath="configurations/{configuration}/crossed", within=config),
         code=fingerprint("eitskin.simulate"),
@@ -43,15 +33,20 @@ rule skin_effects:
 
 rule perturb:
     input:
-        lambda wildcards: stage(wildcards, int(wildcards.k) - 1),
+        lambda wildcards: "results/simulated/{configuration}/{link}.parquet".format(
+            configuration=wildcards.configuration,
+            link=link_before(
+                config["configurations"][wildcards.configuration]["effects"], wildcards.link
+            ),
+        ),
     output:
-        "results/simulated/{configuration}/{k}-{effect}.parquet",
+        "results/simulated/{configuration}/{link}.parquet",
     log:
-        "logs/perturb/{configuration}/{k}-{effect}.log",
+        "logs/perturb/{configuration}/{link}.log",
     benchmark:
-        "benchmarks/perturb/{configuration}/{k}-{effect}.tsv"
+        "benchmarks/perturb/{configuration}/{link}.tsv"
     wildcard_constraints:
-        k="[1-9][0-9]*",
+        link="[1-9][0-9]*-[a-z-]+",
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -60,18 +55,23 @@ rule perturb:
         runtime=10,
     params:
         seed=lookup(dpath="seed", within=config),
-        effect=lambda wildcards: instrument_effects(effects_of(wildcards))[int(wildcards.k) - 1],
-        position=lambda wildcards: int(wildcards.k),
+        effect=lambda wildcards: instrument_effects(
+            config["configurations"][wildcards.configuration]["effects"]
+        )[wildcards.link],
+        link="{link}",
         code=fingerprint("eitskin.simulate"),
     message:
-        "Applying {wildcards.effect} to {wildcards.configuration}"
+        "Applying {wildcards.link} to {wildcards.configuration}"
     script:
         "../scripts/perturb.py"
 
 
 rule simulated_dataset:
     input:
-        lambda wildcards: stage(wildcards, -1),
+        lambda wildcards: "results/simulated/{configuration}/{link}.parquet".format(
+            configuration=wildcards.configuration,
+            link=last_link(config["configurations"][wildcards.configuration]["effects"]),
+        ),
     output:
         "results/datasets/simulated-{configuration}.parquet",
     log:

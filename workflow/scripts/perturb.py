@@ -4,9 +4,8 @@ from eitskin import simulate
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):
-    blocks = ("seed", "effect", "position")
     simulate.write_stage(
         snakemake.input[0],
         snakemake.output[0],
-        **{block: snakemake.params[block] for block in blocks},
+        **{block: snakemake.params[block] for block in ("seed", "effect", "link")},
     )
