@@ -1,0 +1,55 @@
+"""The command `eitskin`."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from eitskin import check, importers, recording
+from eitskin.errors import InputError
+
+UNUSABLE = 2
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; the exit code: 0, 1 for bad input (one line on stderr), 2 for an unusable
+    recording.
+
+    Wrong usage leaves through argparse, with its own message and code 2.
+    """
+    parsed = _parser().parse_args(arguments)
+    try:
+        return parsed.run(parsed)
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="eitskin", description="Recordings of EIT tactile skins.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    formats = f"by default told by its content; {', '.join(importers.KNOWN)}"
+    checking = commands.add_parser("check", help="say what a recording holds and cannot tell")
+    checking.add_argument("file", help="a recording in any known format")
+    checking.add_argument("--format", help=formats)
+    checking.set_defaults(run=_check)
+    importing = commands.add_parser("import", help="turn a recording into an eit-recording")
+    importing.add_argument("file", help="a recording in any known format")
+    importing.add_argument("out", help="the Parquet file to write")
+    importing.add_argument("--format", help=formats)
+    importing.set_defaults(run=_import)
+    return parser
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    result = check.check(importers.load(arguments.file, arguments.format))
+    print(check.text(result), end="")
+    return 0 if result.ok else UNUSABLE
+
+
+def _import(arguments: argparse.Namespace) -> int:
+    recording.write(importers.load(arguments.file, arguments.format), arguments.out)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
