@@ -1,0 +1,243 @@
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from eitskin import models, predict, splits, train
+from eitskin.errors import InputError
+from eitskin.metrics import r2
+from synthetic_touches import touches
+
+QUICK = train.Budget(samples=300, epochs=4, patience=4, seeds=2)
+ADAM = train.Optimiser()
+DATA = touches(600, seed=1)
+PART = splits.assign(DATA.table, "random", 1)
+
+
+def plain(output, budget=QUICK, data=DATA, part=PART, seed=1):
+    train.train_predictor(data, part, "mlp", output, ADAM, budget, seed, 5.0)
+    return models.read(output)
+
+
+@pytest.fixture(scope="module")
+def teachers(tmp_path_factory):
+    """Files of an autoencoder and a regressor trained for a little longer."""
+    folder = tmp_path_factory.mktemp("teachers")
+    budget = replace(QUICK, epochs=20, patience=20)
+    paths = folder / "autoencoder.pt", folder / "regressor.pt"
+    train.train_autoencoder(DATA, PART, paths[0], ADAM, budget, 1, 16)
+    train.train_regressor(DATA, PART, paths[0], paths[1], ADAM, budget, 1)
+    return paths
+
+
+def informed(teachers, output, lambda_latent, budget=QUICK):
+    name = "physics-informed-mlp"
+    train.train_predictor(DATA, PART, name, output, ADAM, budget, 1, 5.0, lambda_latent, teachers)
+    return models.read(output)
+
+
+def test_losses_are_the_equations():
+    draw = np.random.default_rng(1)
+    state, predicted, latent = (draw.normal(size=(7, k)) for k in (3, 3, 4))
+    g = draw.normal(size=(3, 4))
+    tensor = torch.from_numpy
+    weight = tensor(np.array([1.0, 1.0, 5.0]))
+    squares = (predicted - state) ** 2
+    expected = np.mean(squares[:, 0] + squares[:, 1] + 5 * squares[:, 2])
+    assert train.supervision(tensor(predicted), tensor(state), weight).item() == pytest.approx(
+        expected
+    )
+    expected = np.mean(np.linalg.norm(predicted @ g - latent, axis=1) ** 2)
+    module = lambda s: s @ tensor(g)  # noqa: E731
+    assert train.alignment(module, tensor(predicted), tensor(latent)).item() == pytest.approx(
+        expected
+    )
+    expected = np.mean(np.linalg.norm(2 * latent - latent, axis=1) ** 2)
+    assert train.reconstruction(lambda v: 2 * v, tensor(latent)).item() == pytest.approx(expected)
+
+
+def test_scalers_come_from_the_training_samples_alone():
+    data = touches(600, seed=1)
+    outside = PART != "train"
+    material = train.prepare(data, PART, replace(QUICK, samples=None), 1)
+    data.delta_V[outside] += 1.0
+    data.table.loc[outside, "x_mm"] += 1e3
+    shifted = train.prepare(data, PART, replace(QUICK, samples=None), 1)
+    for key, value in material.scalers.items():
+        assert torch.equal(value, shifted.scalers[key])
+    voltage, state = material.train
+    assert len(voltage) == (PART == "train").sum()
+    np.testing.assert_allclose(voltage.mean(0), 0, atol=1e-5)
+    np.testing.assert_allclose(state.std(0, correction=0), 1, atol=1e-5)
+
+
+def test_budget_bounds_the_samples():
+    material = train.prepare(DATA, PART, replace(QUICK, samples=100), 1)
+    assert len(material.train[0]) == 100 and len(material.validation[0]) == 25
+
+
+def test_a_channel_that_never_moved_is_scaled_by_the_median_channel():
+    data = touches(600, seed=1)
+    data.delta_V[:, 5] = 0.125
+    scale = train.prepare(data, PART, QUICK, 1).scalers["voltage_scale"]
+    assert scale[5] == pytest.approx(np.delete(scale.numpy(), 5).mean(), rel=0.5)
+
+
+def test_a_target_without_spread_is_refused():
+    data = touches(600, seed=1)
+    data.table["force_N"] = 2.0
+    with pytest.raises(InputError, match="training state: found no spread"):
+        train.prepare(data, PART, QUICK, 1)
+
+
+def test_same_input_same_bytes(tmp_path):
+    plain(tmp_path / "a.pt")
+    plain(tmp_path / "elsewhere" / "b.pt")
+    assert (tmp_path / "a.pt").read_bytes() == (tmp_path / "elsewhere" / "b.pt").read_bytes()
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_seeds_differ_and_do_not_depend_on_how_many_there_are(tmp_path):
+    two = plain(tmp_path / "two.pt")
+    one = plain(tmp_path / "one.pt", replace(QUICK, seeds=1))
+    assert two.seeds() == [1, 2] and one.seeds() == [1]
+    assert torch.equal(two.tensors["1/net.0.weight"], one.tensors["1/net.0.weight"])
+    assert not torch.equal(two.tensors["1/net.0.weight"], two.tensors["2/net.0.weight"])
+
+
+def test_best_weights_are_kept_and_patience_stops(tmp_path):
+    budget = replace(QUICK, epochs=400, patience=3, samples=60, seeds=1)
+    trained = plain(tmp_path / "a.pt", budget)
+    scores = [validation for _, validation in trained.header["runs"][0]["history"]]
+    assert len(scores) < 400 and np.argmin(scores) == len(scores) - 1 - 3
+    voltage, state = train.prepare(DATA, PART, budget, 1).validation
+    module = trained.into(models.Mlp(208, 3), 1)
+    loss = train.supervision(module(voltage), state, torch.tensor([1.0, 1.0, 5.0]))
+    assert loss.item() == pytest.approx(min(scores), rel=1e-5)
+
+
+def test_a_loss_that_is_not_finite_is_refused_and_nothing_written(tmp_path):
+    wild = replace(ADAM, learning_rate=1e30)
+    with pytest.raises(InputError, match="a loss that is not finite"):
+        train.train_predictor(DATA, PART, "mlp", tmp_path / "a.pt", wild, QUICK, 1, 5.0)
+    assert not (tmp_path / "a.pt").exists()
+
+
+def test_an_interrupted_job_goes_on_with_the_seed_it_was_at(tmp_path, monkeypatch):
+    plain(tmp_path / "whole.pt")
+    fit, calls = train.fit, []
+
+    def interrupted(*arguments):
+        calls.append(arguments[-1])
+        if calls == [1, 2]:
+            raise KeyboardInterrupt
+        return fit(*arguments)
+
+    monkeypatch.setattr(train, "fit", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        plain(tmp_path / "cut.pt")
+    assert not (tmp_path / "cut.pt").exists()
+    plain(tmp_path / "cut.pt")
+    assert calls == [1, 2, 2]
+    assert (tmp_path / "cut.pt").read_bytes() == (tmp_path / "whole.pt").read_bytes()
+
+
+def test_seeds_left_by_other_settings_are_not_taken(tmp_path, monkeypatch):
+    fit, calls = train.fit, []
+
+    def interrupted(*arguments):
+        calls.append(arguments[-1])
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return fit(*arguments)
+
+    monkeypatch.setattr(train, "fit", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        plain(tmp_path / "a.pt")
+    plain(tmp_path / "a.pt", replace(QUICK, samples=200))
+    assert calls == [1, 2, 1, 2]
+    assert not list(tmp_path.glob(".*"))
+
+
+JOB = """
+import sys
+from test_train import QUICK, plain, replace
+plain(sys.argv[1], replace(QUICK, epochs=40, patience=40, seeds=3))
+"""
+
+
+def test_a_killed_job_run_again_gives_the_same_bytes(tmp_path):
+    job = [sys.executable, "-c", JOB, str(tmp_path / "killed.pt")]
+    env = {"PYTHONPATH": ":".join(filter(None, sys.path)), "OMP_NUM_THREADS": "1"}
+    process = subprocess.Popen(job, env=env, cwd=Path(__file__).parent)
+    deadline = time.monotonic() + 120
+    while not list(tmp_path.glob(".killed.pt.seeds/[!.]*.pt")) and time.monotonic() < deadline:
+        time.sleep(0.005)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert not (tmp_path / "killed.pt").exists()
+    left = list(tmp_path.glob(".killed.pt.seeds/[!.]*.pt"))
+    assert left
+    budget = replace(QUICK, epochs=40, patience=40, seeds=3)
+    plain(tmp_path / "killed.pt", budget)
+    plain(tmp_path / "whole.pt", budget)
+    assert (tmp_path / "killed.pt").read_bytes() == (tmp_path / "whole.pt").read_bytes()
+
+
+def test_lambda_zero_is_the_plain_predictor(tmp_path, teachers):
+    one = informed(teachers, tmp_path / "informed.pt", 0.0)
+    two = plain(tmp_path / "plain.pt")
+    assert one.tensors.keys() == two.tensors.keys()
+    assert all(torch.equal(one.tensors[key], two.tensors[key]) for key in one.tensors)
+
+
+def test_autoencoder_and_regressor_learn(teachers):
+    voltage, state = train.prepare(DATA, PART, QUICK, 1).validation
+    autoencoder = models.read(teachers[0]).into(models.Autoencoder(208, 16), 1)
+    latent = autoencoder.encoder(voltage)
+    # half of the squared voltage is explained, and half of the latent's spread
+    assert train.reconstruction(autoencoder, voltage) < 0.5 * voltage.square().sum(1).mean()
+    regressor = models.read(teachers[1]).into(models.StateToLatent(3, 16), 1)
+    spread = (latent - latent.mean(0)).square().sum(1).mean()
+    assert train.alignment(regressor, state, latent) < 0.5 * spread
+
+
+def test_the_latent_loss_pulls_predictions_to_the_manifold(tmp_path, teachers):
+    material = train.prepare(DATA, PART, QUICK, 1)
+    voltage, _ = material.validation
+    encoder = models.read(teachers[0]).into(models.Autoencoder(208, 16), 1).encoder
+    regressor = models.read(teachers[1]).into(models.StateToLatent(3, 16), 1)
+    misfit = []
+    for k, lambda_latent in enumerate((0.0, 1.0)):
+        trained = informed(teachers, tmp_path / f"{k}.pt", lambda_latent)
+        state = trained.into(models.Mlp(208, 3), 1)(voltage)
+        misfit.append(train.alignment(regressor, state, encoder(voltage)).item())
+    assert misfit[1] < 0.9 * misfit[0]
+
+
+def test_teachers_must_be_there_and_have_seen_the_same_samples(tmp_path, teachers):
+    with pytest.raises(InputError, match="an autoencoder and a regressor"):
+        informed(None, tmp_path / "a.pt", 0.03)
+    other = splits.assign(DATA.table, "place", 2)
+    with pytest.raises(InputError, match="a teacher trained on the same samples"):
+        train.train_regressor(DATA, other, teachers[0], tmp_path / "a.pt", ADAM, QUICK, 1)
+    with pytest.raises(InputError, match=r"seeds: found \[1, 2\], expected 3 from 1"):
+        informed(teachers, tmp_path / "a.pt", 0.03, replace(QUICK, seeds=3))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_it_learns_the_contact_state(tmp_path):
+    data = touches(3000, seed=2)
+    part = splits.assign(data.table, "random", 1)
+    budget = train.Budget(samples=None, epochs=25, patience=10, seeds=1)
+    trained = plain(tmp_path / "a.pt", budget, data, part)
+    found = predict.predict_test(trained, data, part)
+    truth = data.table[part == "test"]
+    for column in ("x_mm", "y_mm", "force_N"):
+        assert r2(truth[column].to_numpy(), found[column].to_numpy()) > 0.95

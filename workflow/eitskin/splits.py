@@ -1,0 +1,67 @@
+"""Training, validation and test parts, by random frame, whole place or whole session."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from eitskin.atomic import atomic_path
+from eitskin.errors import InputError
+
+GROUPS = {"random": "sample", "place": "place", "session": "session"}
+PARTS = ("train", "validation", "test")
+SHARE = 0.2  # tested, and of the rest validated on (§ III-A)
+
+
+def assign(table: pd.DataFrame, kind: str, seed: int) -> np.ndarray:
+    """The part (N,) of each row of a dataset's table: "train", "validation" or "test".
+
+    Whole groups (frames, places or sessions) are drawn: those that come nearest to 20 % of the
+    samples are tested, and of what remains those nearest to 20 % are the validation part; no group
+    is in two parts. Raises InputError for an unknown kind and for fewer than three groups.
+    """
+    if kind not in GROUPS:
+        raise InputError("split", "kind", repr(kind), f"one of {', '.join(GROUPS)}")
+    _, group = np.unique(table[GROUPS[kind]].to_numpy(), return_inverse=True)
+    size = np.bincount(group)
+    if len(size) < 3:
+        place = f"column {GROUPS[kind]}"
+        raise InputError("split", place, f"{len(size)} group(s)", "at least 3, one for each part")
+    drawn = np.random.default_rng(seed).permutation(len(size))
+    n_test = _nearest(size[drawn], keep=2)
+    n_validation = _nearest(size[drawn[n_test:]], keep=1)
+    part = np.full(len(size), "train", dtype="<U10")
+    part[drawn[:n_test]] = "test"
+    part[drawn[n_test : n_test + n_validation]] = "validation"
+    return part[group]
+
+
+def _nearest(size: np.ndarray, keep: int) -> int:
+    """How many of the groups, taken in order, come nearest to SHARE; `keep` at least remain."""
+    taken = np.cumsum(size)[: len(size) - keep]
+    return int(np.abs(taken - SHARE * size.sum()).argmin()) + 1
+
+
+def write(path: str | Path, table: pd.DataFrame, part: np.ndarray) -> None:
+    """Write columns `sample` and `part` to `path`, atomically; equal splits give equal bytes."""
+    columns = pa.table({"sample": pa.array(table["sample"]), "part": pa.array(part.tolist())})
+    with atomic_path(path) as temporary:
+        pq.write_table(columns, temporary)
+
+
+def read(path: str | Path, table: pd.DataFrame) -> np.ndarray:
+    """The part (N,) of each row of `table`; raises InputError unless the file belongs to it."""
+    try:
+        split = pq.read_table(path, use_threads=False).to_pandas()
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(path, "file", str(error).splitlines()[0], "a Parquet file") from None
+    if list(split.columns) != ["sample", "part"]:
+        raise InputError(path, "columns", list(split.columns), "['sample', 'part']")
+    if not np.array_equal(split["sample"], table["sample"]):
+        raise InputError(path, "column sample", "other samples", "those of the dataset")
+    part = split["part"].to_numpy(dtype="<U10")
+    if not np.isin(part, PARTS).all():
+        raise InputError(path, "column part", sorted(set(part)), f"{', '.join(PARTS)}")
+    return part

@@ -1,0 +1,115 @@
+"""Table I: every model's metrics in one file, the paper's numbers beside them."""
+
+from importlib import resources
+from pathlib import Path
+
+import pandas as pd
+
+from eitskin.atomic import atomic_path
+from eitskin.dataset import TARGETS
+from eitskin.errors import InputError
+from eitskin.metrics import COLUMNS, METRICS
+
+TABLE = (
+    "configuration",
+    "recording",
+    "split",
+    "model",
+    "target",
+    "metric",
+    "mean",
+    "low",
+    "high",
+    "unit",
+    "seeds",
+    "budget",
+    "limit",
+    "paper",
+)
+GROUP = ["configuration", "recording", "origin", "split", "budget"]
+SYMBOLS = {"r2": "R²", "mae": "MAE", "rmse": "RMSE"}
+
+
+def paper() -> pd.DataFrame:
+    """The paper's Table I: recording simulated or real, model, target, metric, value."""
+    with resources.files("eitskin").joinpath("paper_table_1.csv").open(encoding="utf-8") as file:
+        return pd.read_csv(file)
+
+
+def collect(paths: list[str | Path]) -> pd.DataFrame:
+    """Rows (TABLE, and `origin`) of the metrics files, in a fixed order; raises InputError.
+
+    `paper` is filled where the row repeats the paper's experiment: simulated, split by random frame
+    (a place or session split is harder). Its real recording was never published, so that no
+    recording has a number of the paper's. `limit` is empty: the information limit is not computed.
+    """
+    if not paths:
+        raise InputError("table_1", "metrics files", "none", "at least one")
+    tables = []
+    for path in paths:
+        table = pd.read_csv(path, keep_default_na=False, na_values={"low": "", "high": ""})
+        if list(table.columns) != list(COLUMNS):
+            raise InputError(path, "columns", list(table.columns), f"{list(COLUMNS)}")
+        tables.append(table)
+    rows = pd.concat(tables, ignore_index=True)
+    rows["limit"] = float("nan")
+    published = paper().rename(columns={"value": "paper"}).assign(split="random")
+    published = published[published["recording"] == "simulated"]
+    keys = ["recording", "split", "model", "target", "metric"]
+    rows = rows.merge(published, on=keys, how="left", validate="many_to_one")
+    order = {
+        "split": ["random", "place", "session", "continuous"],
+        "budget": ["small", "full"],
+        "model": list(dict.fromkeys(paper()["model"])),
+        "target": list(TARGETS),
+        "metric": list(METRICS),
+    }
+    by = ["configuration", "recording", "split", "budget", "model", "target", "metric"]
+
+    def rank(column: pd.Series) -> pd.Series:
+        known = order.get(column.name, [])
+        return column.map(lambda v: f"{known.index(v):03d}" if v in known else f"~{v}")
+
+    return rows.sort_values(by, key=rank, ignore_index=True)[[*TABLE, "origin"]]
+
+
+def write(paths: list[str | Path], csv: str | Path, markdown: str | Path) -> None:
+    """Collect metrics files into `csv` (columns TABLE) and a `markdown` table for reading."""
+    rows = collect(paths)
+    with atomic_path(csv) as temporary:
+        rows[list(TABLE)].to_csv(temporary, index=False, float_format="%.6g")
+    with atomic_path(markdown) as temporary:
+        temporary.write_text(to_markdown(rows), encoding="utf-8")
+
+
+def to_markdown(rows: pd.DataFrame) -> str:
+    """A section for each dataset, split and budget; a line a model; mean [low, high] (paper)."""
+    lines = [
+        "# Table I",
+        "",
+        "Mean over seeds [95 % interval over seeds] on the test part; in brackets of their own the",
+        "paper's number, where the row repeats its experiment. x, y and depth in mm, F in N.",
+    ]
+    for (configuration, recording, origin, split, budget), group in rows.groupby(GROUP, sort=False):
+        title = f"{recording}, {configuration}" if configuration else f"{recording} ({origin})"
+        seeds = "/".join(map(str, sorted(group["seeds"].unique())))
+        columns = group[["target", "metric"]].drop_duplicates().itertuples(index=False)
+        columns = [tuple(column) for column in columns]
+        lines += [
+            "",
+            f"## {title} · split by {split} · budget {budget} · seeds {seeds}",
+            "",
+            "| model | " + " | ".join(f"{SYMBOLS[m]} {t}" for t, m in columns) + " |",
+            "|---" * (len(columns) + 1) + "|",
+        ]
+        for model, cells in group.groupby("model", sort=False):
+            cell = cells.set_index(["target", "metric"])
+            lines.append(f"| {model} | " + " | ".join(_cell(cell.loc[c]) for c in columns) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _cell(row: pd.Series) -> str:
+    text = f"{row['mean']:.3f}"
+    if pd.notna(row["low"]):
+        text += f" [{row['low']:.3f}, {row['high']:.3f}]"
+    return text + (f" ({row['paper']:g})" if pd.notna(row["paper"]) else "")

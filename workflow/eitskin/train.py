@@ -1,0 +1,358 @@
+"""Training: one loop, and the three stages of the physics-informed predictor (§ II-C).
+
+    1 autoencoder    E_v, D_v   V → z → V          equation 5
+    2 regressor      g_φ        s → z              equation 6, its teacher E_v frozen
+    3 predictor      f_θ        V → s              equation 4 + λ · equation 7 = equation 8
+
+λ = 0 is the plain predictor. Norms are sums over channels, latents or states, as the equations
+have them, and means over samples. Same input, same bytes: one thread, deterministic algorithms, a
+generator a seed. Each finished seed is kept beside the output until all are done, so that a job
+that was killed goes on with the seed it was at.
+"""
+
+import hashlib
+import inspect
+import json
+import math
+import os
+import shutil
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from tqdm import tqdm
+
+from eitskin import gates, models
+from eitskin.dataset import Dataset
+from eitskin.errors import InputError
+from eitskin.models import Autoencoder, StateToLatent, Trained
+
+Loss = Callable[..., Tensor]  # (module, *batch) -> scalar
+
+
+@dataclass(frozen=True)
+class Optimiser:
+    """Adam's settings, the authors' by default."""
+
+    learning_rate: float = 1e-3
+    weight_decay: float = 1e-4
+    batch_size: int = 128
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What a training may cost: `samples` at most (None: all; a quarter as many to validate on),
+    `epochs`, `patience` (epochs without a better validation loss), and how many `seeds`."""
+
+    samples: int | None
+    epochs: int
+    patience: int
+    seeds: int
+
+
+@dataclass
+class Material:
+    """Standardised voltages (n, M) and states (n, T) of two parts, and the scalers that made them
+    (means and scales of the training part alone)."""
+
+    train: tuple[Tensor, ...]
+    validation: tuple[Tensor, ...]
+    scalers: dict[str, Tensor]
+
+
+def standardise(value: Tensor, scalers: dict[str, Tensor], name: str) -> Tensor:
+    """Float64 values (N, D) → float32, by the scalers' `<name>_mean` and `<name>_scale` (D,)."""
+    return ((value - scalers[f"{name}_mean"]) / scalers[f"{name}_scale"]).float()
+
+
+def prepare(dataset: Dataset, part: np.ndarray, budget: Budget, seed: int) -> Material:
+    """Draw a budget's samples from the parts (the same for all seeds of a job), standardise them.
+
+    A channel that never moves in training is scaled by the median channel, so that a move shows.
+    """
+    draw = np.random.default_rng(seed)
+    rows = {}
+    for name, share in ("train", 1.0), ("validation", 0.25):
+        rows[name] = draw.permutation(np.flatnonzero(part == name))
+        if budget.samples is not None:
+            rows[name] = rows[name][: max(1, round(share * budget.samples))]
+        rows[name].sort()
+        if len(rows[name]) < 2:
+            raise InputError(dataset.metadata["name"], f"part {name}", "under 2", "more samples")
+    values = {"voltage": dataset.delta_V.astype(np.float64), "state": dataset.states()}
+    scalers = {}
+    for name, value in values.items():
+        scale = value[rows["train"]].std(axis=0)
+        if name == "voltage":
+            scale[scale <= 1e-9 * scale.max()] = np.median(scale)
+        if not (scale > 0).all():
+            raise InputError(dataset.metadata["name"], f"training {name}", "no spread", "some")
+        scalers[f"{name}_mean"] = torch.from_numpy(value[rows["train"]].mean(axis=0))
+        scalers[f"{name}_scale"] = torch.from_numpy(scale)
+
+    def standardised(part: str) -> tuple[Tensor, ...]:
+        return tuple(
+            standardise(torch.from_numpy(value[rows[part]]), scalers, name)
+            for name, value in values.items()
+        )
+
+    return Material(standardised("train"), standardised("validation"), scalers)
+
+
+def deterministic() -> torch.device:
+    """Make torch repeatable; returns the device: a GPU where there is one, else the CPU."""
+    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
+    torch.set_num_threads(1)
+    torch.use_deterministic_algorithms(True)
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+def fit(
+    module: nn.Module,
+    train: tuple[Tensor, ...],
+    validation: tuple[Tensor, ...],
+    loss: Loss,
+    optimiser: Optimiser,
+    budget: Budget,
+    seed: int,
+) -> list[list[float]]:
+    """The loop. Leaves the weights of the best validation loss in `module`; returns the training
+    and the validation loss of each epoch."""
+    adam = torch.optim.Adam(
+        module.parameters(),
+        lr=optimiser.learning_rate,
+        weight_decay=optimiser.weight_decay,
+        fused=True,
+    )
+    generator = torch.Generator().manual_seed(seed)
+    n_train = len(train[0])
+    history: list[list[float]] = []
+    best, best_epoch, best_weights = float("inf"), -1, {}
+    for epoch in tqdm(range(budget.epochs), desc=f"seed {seed}", leave=False, disable=None):
+        module.train()
+        total = torch.zeros((), device=train[0].device)
+        order = torch.randperm(n_train, generator=generator).to(train[0].device)
+        for rows in order.split(optimiser.batch_size):
+            value = loss(module, *(values[rows] for values in train))
+            adam.zero_grad()
+            value.backward()
+            adam.step()
+            total += value.detach() * len(rows)
+
+        module.eval()
+        with torch.no_grad():
+            score = loss(module, *validation).item()
+        if not math.isfinite(score):
+            break
+        history.append([total.item() / n_train, score])
+        if score < best:
+            best, best_epoch = score, epoch
+            best_weights = {k: v.clone() for k, v in module.state_dict().items()}
+        if epoch - best_epoch >= budget.patience:
+            break
+    if best_epoch < 0:
+        raise InputError("training", f"seed {seed}", "a loss that is not finite", "a finite loss")
+    module.load_state_dict(best_weights)
+    return history
+
+
+def reconstruction(autoencoder: nn.Module, voltage: Tensor) -> Tensor:
+    """Equation 5."""
+    return (autoencoder(voltage) - voltage).square().sum(dim=1).mean()
+
+
+def alignment(regressor: nn.Module, state: Tensor, latent: Tensor) -> Tensor:
+    """Equation 6; equation 7 where the states are predicted."""
+    return (regressor(state) - latent).square().sum(dim=1).mean()
+
+
+def supervision(predicted: Tensor, state: Tensor, weight: Tensor) -> Tensor:
+    """Equation 4; weight (T,) is w_F for the force and 1 for every other target."""
+    return (weight * (predicted - state).square()).sum(dim=1).mean()
+
+
+def train_autoencoder(
+    dataset: Dataset,
+    part: np.ndarray,
+    output: str | Path,
+    optimiser: Optimiser,
+    budget: Budget,
+    seed: int,
+    latent_dim: int,
+) -> None:
+    """Stage 1: write the autoencoders of all seeds to `output`."""
+    device = deterministic()
+    material = prepare(dataset, part, budget, seed)
+    train, validation = ([values[0].to(device)] for values in (material.train, material.validation))
+
+    def train_seed(seed: int) -> tuple[nn.Module, list]:
+        module = Autoencoder(train[0].shape[1], latent_dim).to(device)
+        history = fit(module, train, validation, reconstruction, optimiser, budget, seed)
+        return module, history
+
+    header = _header(dataset, "autoencoder", optimiser, budget, {"latent_dim": latent_dim})
+    _train_seeds(header, material, output, seed, train_seed, [])
+
+
+def train_regressor(
+    dataset: Dataset,
+    part: np.ndarray,
+    autoencoder: str | Path,
+    output: str | Path,
+    optimiser: Optimiser,
+    budget: Budget,
+    seed: int,
+) -> None:
+    """Stage 2: write the state-to-latent regressors of all seeds to `output`, each taught by its
+    seed's encoder. Raises InputError where the autoencoder saw other data."""
+    device = deterministic()
+    material = prepare(dataset, part, budget, seed)
+    teacher = _teacher(autoencoder, material, budget, seed)
+    latent_dim = teacher.header["latent_dim"]
+    (v, s), (v_check, s_check) = _moved(material, device)
+
+    def train_seed(seed: int) -> tuple[nn.Module, list]:
+        encoder = teacher.into(Autoencoder(v.shape[1], latent_dim), seed).encoder.to(device)
+        module = StateToLatent(s.shape[1], latent_dim).to(device)
+        train, validation = (s, encoder(v)), (s_check, encoder(v_check))
+        history = fit(module, train, validation, alignment, optimiser, budget, seed)
+        return module, history
+
+    header = _header(dataset, "regressor", optimiser, budget, {"latent_dim": latent_dim})
+    _train_seeds(header, material, output, seed, train_seed, [teacher])
+
+
+def train_predictor(
+    dataset: Dataset,
+    part: np.ndarray,
+    model: str,
+    output: str | Path,
+    optimiser: Optimiser,
+    budget: Budget,
+    seed: int,
+    force_weight: float,
+    lambda_latent: float = 0.0,
+    teachers: tuple[str | Path, str | Path] | None = None,
+) -> None:
+    """Stage 3: write the predictors of all seeds, with the gates of `eitskin.gates`, to `output`.
+
+    `teachers` (autoencoder and regressor files) are needed where λ is not 0. Raises InputError
+    where they are missing, or saw other data.
+    """
+    device = deterministic()
+    material = prepare(dataset, part, budget, seed)
+    targets = dataset.metadata["targets"]
+    if lambda_latent and not teachers:
+        raise InputError(output, "teachers", "none", "an autoencoder and a regressor, as λ > 0")
+    taught = [_teacher(path, material, budget, seed) for path in (teachers or ())]
+    (v, s), (v_check, s_check) = _moved(material, device)
+    weight = torch.tensor([force_weight if t == "F" else 1.0 for t in targets], device=device)
+
+    def train_seed(seed: int) -> tuple[nn.Module, list]:
+        module = models.predictor(model, v.shape[1], s.shape[1]).to(device)
+        train, validation = [v, s], [v_check, s_check]
+        if lambda_latent:
+            latent_dim = taught[0].header["latent_dim"]
+            encoder = taught[0].into(Autoencoder(v.shape[1], latent_dim), seed).encoder.to(device)
+            regressor = taught[1].into(StateToLatent(s.shape[1], latent_dim), seed).to(device)
+            train, validation = [*train, encoder(v)], [*validation, encoder(v_check)]
+
+        def loss(module: nn.Module, voltage: Tensor, state: Tensor, *latent: Tensor) -> Tensor:
+            predicted = module(voltage)
+            value = supervision(predicted, state, weight)
+            if lambda_latent:
+                value = value + lambda_latent * alignment(regressor, predicted, *latent)
+            return value  # equation 8
+
+        return module, fit(module, train, validation, loss, optimiser, budget, seed)
+
+    settings = {"force_weight": force_weight, "lambda_latent": lambda_latent}
+    scalers = material.scalers
+    raw = material.validation[0] * scalers["voltage_scale"] + scalers["voltage_mean"]
+    untouched = dataset.metadata.get("untouched")
+    for name, gate in (
+        ("touch", gates.touch_gate(raw, scalers["voltage_scale"], untouched)),
+        ("familiar", gates.familiar_gate(material.train[0], material.validation[0])),
+    ):
+        settings[name] = {k: v for k, v in gate.items() if not isinstance(v, Tensor)}
+        scalers |= {f"{name}_{k}": v for k, v in gate.items() if isinstance(v, Tensor)}
+    header = _header(dataset, model, optimiser, budget, settings)
+    _train_seeds(header, material, output, seed, train_seed, taught)
+
+
+def _moved(material: Material, device: torch.device) -> list[list[Tensor]]:
+    return [[v.to(device) for v in values] for values in (material.train, material.validation)]
+
+
+def _header(
+    dataset: Dataset, model: str, optimiser: Optimiser, budget: Budget, settings: dict
+) -> dict:
+    known = ("name", "origin", "configuration", "targets", "unit")
+    if_given = ("voltage", "channels", "lost_channels")
+    metadata = dataset.metadata
+    return {
+        "format": "eitskin-model",
+        "version": 1,
+        "model": model,
+        "dataset": {key: metadata[key] for key in known}
+        | {key: metadata[key] for key in if_given if key in metadata},
+        "optimiser": asdict(optimiser),
+        "budget": asdict(budget),
+        **settings,
+    }
+
+
+def _teacher(path: str | Path, material: Material, budget: Budget, seed: int) -> Trained:
+    teacher = models.read(path)
+    for key in ("voltage_mean", "voltage_scale", "state_mean", "state_scale"):
+        if not torch.equal(teacher.tensors[key], material.scalers[key]):
+            raise InputError(path, key, "other values", "a teacher trained on the same samples")
+    if teacher.seeds() != list(range(seed, seed + budget.seeds)):
+        raise InputError(path, "seeds", teacher.seeds(), f"{budget.seeds} from {seed}")
+    return teacher
+
+
+def _train_seeds(
+    header: dict,
+    material: Material,
+    output: str | Path,
+    first_seed: int,
+    train_seed: Callable[[int], tuple[nn.Module, list]],
+    teachers: list[Trained],
+) -> None:
+    """Train each seed unless an interrupted job has left it, then write all of them to `output`."""
+    output = Path(output)
+    kept = output.with_name(f".{output.name}.seeds")
+    job = _digest(header, material, teachers)
+    tensors, runs = dict(material.scalers), []
+    seeds = range(first_seed, first_seed + header["budget"]["seeds"])
+    for seed in tqdm(seeds, desc=header["model"], disable=None):
+        path = kept / f"{job}-{seed}.pt"
+        if not path.exists():
+            torch.manual_seed(seed)
+            module, history = train_seed(seed)
+            weights = {f"{seed}/{key}": value for key, value in module.state_dict().items()}
+            models.write(Trained({"seed": seed, "history": history}, weights), path)
+        run = models.read(path)
+        tensors |= run.tensors
+        runs.append(run.header)
+    models.write(Trained({**header, "runs": runs}, tensors), output)
+    shutil.rmtree(kept)
+
+
+def _digest(header: dict, material: Material, teachers: list[Trained]) -> str:
+    """What a seed's weights depend on: settings, samples, teachers, this code, torch."""
+    digest = hashlib.sha256(json.dumps([header, torch.__version__], sort_keys=True).encode())
+    for module in (models, sys.modules[__name__]):
+        digest.update(inspect.getsource(module).encode())
+    tensors = [*material.train, *material.validation, *material.scalers.values()]
+    for teacher in teachers:
+        digest.update(json.dumps(teacher.header, sort_keys=True).encode())
+        tensors += teacher.tensors.values()
+    for tensor in tensors:
+        digest.update(tensor.numpy().tobytes())
+    return digest.hexdigest()[:16]

@@ -1,0 +1,45 @@
+rule record_dataset:
+    input:
+        rules.import_recording.output,
+    output:
+        "results/datasets/{recording}.parquet",
+    log:
+        "logs/record_dataset/{recording}.log",
+    benchmark:
+        "benchmarks/record_dataset/{recording}.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        code=fingerprint("eitskin.dataset"),
+    message:
+        "Subtracting the untouched frames of {wildcards.recording} from its touches"
+    script:
+        "../scripts/record_dataset.py"
+
+
+rule split:
+    input:
+        "results/datasets/{dataset}.parquet",
+    output:
+        "results/splits/{dataset}/{split}.parquet",
+    log:
+        "logs/split/{dataset}/{split}.log",
+    benchmark:
+        "benchmarks/split/{dataset}/{split}.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    params:
+        seed=lookup(dpath="seed", within=config),
+        code=fingerprint("eitskin.splits"),
+    message:
+        "Splitting {wildcards.dataset} by {wildcards.split}"
+    script:
+        "../scripts/split.py"

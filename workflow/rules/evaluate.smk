@@ -1,0 +1,79 @@
+rule evaluate:
+    input:
+        dataset="results/datasets/{dataset}.parquet",
+        split="results/splits/{dataset}/{split}.parquet",
+        model="results/models/{dataset}/{split}/{budget}/{model}.pt",
+    output:
+        predictions="results/predictions/{dataset}/{split}/{budget}/{model}.parquet",
+        metrics="results/metrics/{dataset}/{split}/{budget}/{model}.csv",
+    log:
+        "logs/evaluate/{dataset}/{split}/{budget}/{model}.log",
+    benchmark:
+        "benchmarks/evaluate/{dataset}/{split}/{budget}/{model}.tsv"
+    conda:
+        "../../envs/learning.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        code=[fingerprint("eitskin.predict"), fingerprint("eitskin.metrics")],
+    message:
+        "Testing {wildcards.model} on {wildcards.dataset}, {wildcards.split}"
+    script:
+        "../scripts/evaluate.py"
+
+
+rule predict:
+    input:
+        model="results/models/{dataset}/{split}/{budget}/{model}.pt",
+        recording="results/recordings/{recording}.parquet",
+    output:
+        "results/predictions/{dataset}/{split}/{budget}/{model}/{recording}.parquet",
+    log:
+        "logs/predict/{dataset}/{split}/{budget}/{model}/{recording}.log",
+    benchmark:
+        "benchmarks/predict/{dataset}/{split}/{budget}/{model}/{recording}.tsv"
+    conda:
+        "../../envs/learning.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        code=fingerprint("eitskin.predict"),
+    message:
+        "Applying {wildcards.model}, trained on {wildcards.dataset}, to {wildcards.recording}"
+    script:
+        "../scripts/predict.py"
+
+
+rule table_1:
+    input:
+        [
+            f"results/metrics/{prefix}{name}/{split}/{budget}/{model}.csv"
+            for kind, prefix in (("configurations", "simulated-"), ("recordings", ""))
+            for name, splits in config["table_1"][kind].items()
+            for split in splits
+            for budget in (["small"] if config["budget"] == "small" else ["small", "full"])
+            for model in config["models"]
+        ],
+    output:
+        csv="results/tables/table_1.csv",
+        markdown="results/tables/table_1.md",
+    log:
+        "logs/table_1.log",
+    benchmark:
+        "benchmarks/table_1.tsv"
+    conda:
+        "../../envs/learning.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        code=fingerprint("eitskin.table_1"),
+    message:
+        "Collecting Table I"
+    script:
+        "../scripts/table_1.py"

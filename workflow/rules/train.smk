@@ -1,0 +1,103 @@
+wildcard_constraints:
+    model="|".join(config["models"]),
+    budget="|".join(config["budgets"]),
+
+
+rule train_autoencoder:
+    input:
+        dataset="results/datasets/{dataset}.parquet",
+        split="results/splits/{dataset}/{split}.parquet",
+    output:
+        "results/models/{dataset}/{split}/{budget}/autoencoder.pt",
+    log:
+        "logs/train_autoencoder/{dataset}/{split}/{budget}.log",
+    benchmark:
+        "benchmarks/train_autoencoder/{dataset}/{split}/{budget}.tsv"
+    conda:
+        "../../envs/learning.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=240,
+    params:
+        learning_rate=lookup(dpath="training/learning_rate", within=config),
+        weight_decay=lookup(dpath="training/weight_decay", within=config),
+        batch_size=lookup(dpath="training/batch_size", within=config),
+        latent_dim=lookup(dpath="training/latent_dim", within=config),
+        budget=lookup(dpath="budgets/{budget}", within=config),
+        seed=lookup(dpath="seed", within=config),
+        code=fingerprint("eitskin.train"),
+    message:
+        "Learning the manifold of the voltages of {wildcards.dataset}, {wildcards.split}"
+    script:
+        "../scripts/train_autoencoder.py"
+
+
+rule train_regressor:
+    input:
+        dataset="results/datasets/{dataset}.parquet",
+        split="results/splits/{dataset}/{split}.parquet",
+        autoencoder=rules.train_autoencoder.output[0],
+    output:
+        "results/models/{dataset}/{split}/{budget}/regressor.pt",
+    log:
+        "logs/train_regressor/{dataset}/{split}/{budget}.log",
+    benchmark:
+        "benchmarks/train_regressor/{dataset}/{split}/{budget}.tsv"
+    conda:
+        "../../envs/learning.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=240,
+    params:
+        learning_rate=lookup(dpath="training/learning_rate", within=config),
+        weight_decay=lookup(dpath="training/weight_decay", within=config),
+        batch_size=lookup(dpath="training/batch_size", within=config),
+        budget=lookup(dpath="budgets/{budget}", within=config),
+        seed=lookup(dpath="seed", within=config),
+        code=fingerprint("eitskin.train"),
+    message:
+        "Learning the latent voltages of a state, {wildcards.dataset}, {wildcards.split}"
+    script:
+        "../scripts/train_regressor.py"
+
+
+rule train_predictor:
+    input:
+        dataset="results/datasets/{dataset}.parquet",
+        split="results/splits/{dataset}/{split}.parquet",
+        teachers=branch(
+            lambda wildcards: wildcards.model.startswith("physics-informed-"),
+            then=[rules.train_autoencoder.output[0], rules.train_regressor.output[0]],
+            otherwise=[],
+        ),
+    output:
+        "results/models/{dataset}/{split}/{budget}/{model}.pt",
+    log:
+        "logs/train_predictor/{dataset}/{split}/{budget}/{model}.log",
+    benchmark:
+        "benchmarks/train_predictor/{dataset}/{split}/{budget}/{model}.tsv"
+    conda:
+        "../../envs/learning.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=240,
+    params:
+        learning_rate=lookup(dpath="training/learning_rate", within=config),
+        weight_decay=lookup(dpath="training/weight_decay", within=config),
+        batch_size=lookup(dpath="training/batch_size", within=config),
+        force_weight=lookup(dpath="training/force_weight", within=config),
+        lambda_latent=branch(
+            lambda wildcards: wildcards.model.startswith("physics-informed-"),
+            then=lookup(dpath="training/lambda_latent", within=config),
+            otherwise=0.0,
+        ),
+        budget=lookup(dpath="budgets/{budget}", within=config),
+        seed=lookup(dpath="seed", within=config),
+        code=fingerprint("eitskin.train"),
+    message:
+        "Training {wildcards.model} on {wildcards.dataset}, {wildcards.split}"
+    script:
+        "../scripts/train_predictor.py"

@@ -1,0 +1,9 @@
+"""Make a training set of a recording's touches."""
+
+from eitskin import dataset, recording
+from eitskin.errors import reported
+
+with reported(snakemake.log[0]):
+    source = recording.read(snakemake.input[0])
+    touches = dataset.from_recording(source, snakemake.wildcards.recording)
+    dataset.write(touches, snakemake.output[0])
