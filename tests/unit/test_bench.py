@@ -1,0 +1,51 @@
+"""The bench compares like with like, and writes what its readers expect."""
+
+import json
+
+import numpy as np
+import pytest
+
+from eitskin import bench
+
+pytest.importorskip("pyeit")
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return bench.MeshSamples()
+
+
+def test_every_solver_on_the_mesh_gives_the_same_voltages(mesh):
+    solvers = [mesh.by_factoring, bench.Woodbury(mesh, False), bench.Woodbury(mesh, True)]
+    assert bench.disagreement(mesh, solvers) < bench.AGREEMENT
+
+
+def test_a_solver_that_computes_something_else_is_noticed(mesh):
+    assert bench.disagreement(mesh, [lambda s: mesh.by_factoring(s[::-1])]) > 1e-3
+
+
+def test_the_forward_model_simulates_the_samples_of_the_mesh(mesh):
+    """Equal up to the mesh's own error: touches ragged by whole elements, rim of chords."""
+    ours, peer = bench.by_forward_model([]), mesh.by_touch_modes([])
+    assert ours.shape == peer.shape == (192 * 260, 208)
+    assert np.median(abs(ours - peer) / abs(peer)) < 0.02
+
+
+def test_samples_are_spread_over_places_and_strengths():
+    samples = bench.spread_samples(96)
+    assert samples[0] == (0, 0)
+    assert samples[-1] == (191, 259)
+    assert len({place for place, _ in samples}) == 96
+
+
+def test_rows_are_written_as_a_list_with_their_command(tmp_path, monkeypatch, capsys):
+    def quick(runs, command):
+        return [bench.row("clean", "samples/s", 6.0, "a peer", 2.0, runs, command)]
+
+    monkeypatch.setattr(bench, "BENCHES", {"clean": quick})
+    bench.main(["clean", "--runs", "3", "--output", str(tmp_path)])
+    (row,) = json.loads((tmp_path / "clean.json").read_text())
+    assert list(row) == ["name", "unit", "ours", "peer_name", "peer", "ratio", "runs", "command"]
+    assert (row["ratio"], row["runs"]) == (3.0, 3)
+    assert "python -m eitskin.bench clean --runs 3" in row["command"]
+    assert "ratio 3" in capsys.readouterr().out
