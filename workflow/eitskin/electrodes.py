@@ -80,7 +80,7 @@ class Electrodes:
         return kernel
 
     def _contact_matrix(self) -> np.ndarray:
-        """z_l sigma / h * h cancelled: contact drop of the modes, block diagonal (0 for points)."""
+        """Contact drop of the modes, block diagonal (0 for points)."""
         n, p = self.n, self.order
         blocks = np.zeros((n, p, n, p))
         if not self.geometry.points:
@@ -150,6 +150,8 @@ class Electrodes:
     def power_slope(self, density: np.ndarray, field: np.ndarray, motion: "ElectrodeMotion"):
         """(drives, drives): change of the electrodes' power with a motion, contact drop included."""
         moved = (motion.theta.ravel()[:, None] * density).T @ field
+        if self.geometry.points:
+            return moved + moved.T
         half = self.half_width[:, None]
         stretch = motion.slope / (self.theta_slope * half)
         length = self.geometry.contact_impedivity_ohm_m2 * self.geometry.conductivity_S_per_m

@@ -10,7 +10,8 @@ PACKAGE = Path(__file__).parent
 def fingerprint(module: str) -> str:
     """SHA-256, in hex, of the syntax trees of `module` and of all it imports from its package.
 
-    Follows import statements, also those inside functions, without importing anything. Comments,
+    Follows import statements, also those inside functions, without importing anything; a package
+    below the first level counts with all its modules, which it may find by name. Comments,
     docstrings and layout do not count; nor does package data. Raises ModuleNotFoundError for a
     module that is not part of the package.
     """
@@ -35,6 +36,8 @@ def _closure(module: str) -> dict[str, ast.Module]:
         package = name if file.name == "__init__.py" else name.rpartition(".")[0]
         waiting.extend(_imports(trees[name], package))
         waiting.append(name.rpartition(".")[0])
+        if package == name != PACKAGE.name:
+            waiting.extend(f"{name}.{entry.stem}" for entry in file.parent.glob("[!_]*.py"))
     return trees
 
 

@@ -276,25 +276,24 @@ class _Slopes:
             rim_dot = 1j * rim * electrode_motion.rim_velocity
         for i, (edge, amplitude) in enumerate(zip(self.edges, self.multipoles, strict=True)):
             motion = edge_motions.get(i)
-            if motion is None and electrode_motion is None:
-                continue
-            response = edge.rim_response_slope(rim, rim_dot, amplitude, motion)
-            change = self.density.T @ response
+            change = np.zeros_like(total)
+            if motion is not None or electrode_motion is not None:
+                response = edge.rim_response_slope(rim, rim_dot, amplitude, motion)
+                change += self.density.T @ response
             if motion is not None:
                 contrast = edge.touch.contrast
-                change = change + 0.5 * edge.response_slope(amplitude, contrast, motion)
+                change += 0.5 * edge.response_slope(amplitude, contrast, motion)
             for j in range(i):
                 other, other_motion = self.edges[j], edge_motions.get(j)
                 if motion is None and other_motion is None:
                     continue
-                change = change + 0.5 * (
-                    edge.inner_response_slope(
-                        other, amplitude, self.multipoles[j], motion, other_motion
-                    )
-                    + other.inner_response_slope(
-                        edge, self.multipoles[j], amplitude, other_motion, motion
-                    ).T
+                there = edge.inner_response_slope(
+                    other, amplitude, self.multipoles[j], motion, other_motion
                 )
+                back = other.inner_response_slope(
+                    edge, self.multipoles[j], amplitude, other_motion, motion
+                )
+                change += 0.5 * (there + back.T)
             total += change + change.T
         return total
 

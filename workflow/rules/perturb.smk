@@ -17,7 +17,6 @@ rule skin_effects:
     params:
         seed=lookup(dpath="seed", within=config),
         skin=lookup(dpath="skin", within=config),
-        protocol=lookup(dpath="protocol", within=config),
         accuracy=lookup(dpath="accuracy", within=config),
         effects=lambda wildcards: skin_effects(
             config["configurations"][wildcards.configuration]["effects"]

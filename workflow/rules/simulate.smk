@@ -44,7 +44,6 @@ rule clean:
         runtime=10,
     params:
         skin=lookup(dpath="skin", within=config),
-        protocol=lookup(dpath="protocol", within=config),
         accuracy=lookup(dpath="accuracy", within=config),
         code=fingerprint("eitskin.simulate"),
     message:

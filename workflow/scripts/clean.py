@@ -4,7 +4,7 @@ from eitskin import simulate
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):
-    blocks = ("skin", "protocol", "accuracy")
+    blocks = ("skin", "accuracy")
     simulate.write_clean(
         snakemake.input.mesh,
         snakemake.input.touch_grid,

@@ -1,0 +1,17 @@
+"""The catalogue of effects: one file of this package each, found by being there."""
+
+import importlib
+import pkgutil
+
+from eitskin.effects.effect import Effect
+
+EFFECTS: dict[str, Effect] = {}
+for _module in pkgutil.iter_modules(__path__):
+    for _object in vars(importlib.import_module(f"{__name__}.{_module.name}")).values():
+        if isinstance(_object, type) and issubclass(_object, Effect) and hasattr(_object, "name"):
+            EFFECTS[_object.name] = _object()
+
+
+def stage_of(name: str) -> str:
+    """touch, skin or instrument: where the effect enters. Raises KeyError for an unknown name."""
+    return EFFECTS[name].stage

@@ -1,0 +1,20 @@
+"""Contacts that change with time."""
+
+from eitskin.effects.effect import Parameter, SkinEffect, Setting
+from eitskin.geometry import Geometry
+
+
+class ContactDrift(SkinEffect):
+    """z_l (1 + per_minute t)."""
+
+    name = "contact-drift"
+    driver = "time"
+    sites = "electrodes"
+    parameters = {"per_minute": Parameter("1/min", 0.0, -0.1, 0.1)}
+    source = "Hardman, Thuruthel, Iida 2025"
+
+    def change(self, geometry: Geometry, setting: Setting, minutes: float) -> Geometry:
+        """The geometry `minutes` after the start."""
+        impedivity = geometry.contact_impedivity_ohm_m2.copy()
+        impedivity[setting.sites] *= 1.0 + setting.values["per_minute"] * minutes
+        return geometry.with_values(contact_impedivity_ohm_m2=impedivity)

@@ -1,0 +1,20 @@
+"""Electrodes that touch the gel worse, or better, than believed."""
+
+from eitskin.effects.effect import Parameter, SkinEffect, Setting
+from eitskin.geometry import Geometry
+
+
+class ContactImpedance(SkinEffect):
+    """z_l * ratio."""
+
+    name = "contact-impedance"
+    driver = "static"
+    sites = "electrodes"
+    parameters = {"ratio": Parameter("1", 1.0, 1e-3, 1e3)}
+    source = "Cheng, Isaacson, Newell, Gisser 1989"
+
+    def change(self, geometry: Geometry, setting: Setting, minutes: float) -> Geometry:
+        """The geometry with contact impedivities multiplied."""
+        impedivity = geometry.contact_impedivity_ohm_m2.copy()
+        impedivity[setting.sites] *= setting.values["ratio"]
+        return geometry.with_values(contact_impedivity_ohm_m2=impedivity)

@@ -1,0 +1,23 @@
+"""Leakage between neighbouring channels."""
+
+import numpy as np
+
+from eitskin.effects.effect import InstrumentEffect, Parameter, Setting
+
+
+class Crosstalk(InstrumentEffect):
+    """v_k -> (1 - 2 epsilon) v_k + epsilon (v_(k-1) + v_(k+1)), cyclic in reading order."""
+
+    name = "crosstalk"
+    driver = "static"
+    sites = None
+    parameters = {"epsilon": Parameter("1", 0.0, -0.25, 0.25, dense=False)}
+    source = "Touch with Insight, § II-D"
+
+    def change(
+        self, voltage: np.ndarray, setting: Setting, channels: np.ndarray, force_N: np.ndarray
+    ) -> np.ndarray:
+        """Readings (N, M) of `voltage` (N, M)."""
+        epsilon = setting.values["epsilon"]
+        neighbours = np.roll(voltage, 1, axis=1) + np.roll(voltage, -1, axis=1)
+        return (1.0 - 2.0 * epsilon) * voltage + epsilon * neighbours

@@ -1,0 +1,33 @@
+"""A rim that is no circle."""
+
+import numpy as np
+
+from eitskin.effects.effect import Parameter, SkinEffect, Setting
+from eitskin.geometry import Geometry
+
+
+class DomainShape(SkinEffect):
+    """r(phi) = R (1 + amplitude cos(harmonic phi - phase)); electrode edges keep their angles.
+
+    One entry a harmonic; harmonic 0 is the size.
+    """
+
+    name = "domain-shape"
+    driver = "static"
+    sites = None
+    parameters = {
+        "harmonic": Parameter("1", None, 0, 16, dense=False),
+        "amplitude": Parameter("1", 0.0, 0.0, 0.3, dense=False),
+        "phase_deg": Parameter("°", 0.0, -360.0, 360.0, dense=False),
+    }
+    source = "Nissinen, Kolehmainen, Kaipio 2011"
+
+    def change(self, geometry: Geometry, setting: Setting, minutes: float) -> Geometry:
+        """The geometry with this harmonic added to its rim."""
+        k = int(setting.values["harmonic"])
+        amplitude, phase = setting.values["amplitude"], np.radians(setting.values["phase_deg"])
+        cosines, sines = dict(geometry.shape_cos), dict(geometry.shape_sin)
+        cosines[k] = cosines.get(k, 0.0) + amplitude * np.cos(phase)
+        if k > 0:
+            sines[k] = sines.get(k, 0.0) + amplitude * np.sin(phase)
+        return geometry.with_values(shape_cos=cosines, shape_sin=sines)

@@ -1,0 +1,20 @@
+"""Electrodes that are not where the drawing has them."""
+
+from eitskin.effects.effect import Parameter, SkinEffect, Setting
+from eitskin.geometry import Geometry
+
+
+class ElectrodePosition(SkinEffect):
+    """electrode_deg + shift. Dense it is the paper's electrode jitter."""
+
+    name = "electrode-position"
+    driver = "static"
+    sites = "electrodes"
+    parameters = {"shift_deg": Parameter("°", 0.0, -20.0, 20.0)}
+    source = "Touch with Insight, § II-D"
+
+    def change(self, geometry: Geometry, setting: Setting, minutes: float) -> Geometry:
+        """The geometry with electrodes shifted."""
+        angle = geometry.electrode_deg.copy()
+        angle[setting.sites] += setting.values["shift_deg"]
+        return geometry.with_values(electrode_deg=angle)

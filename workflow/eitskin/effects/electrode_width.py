@@ -1,0 +1,20 @@
+"""Electrodes wider or narrower than the drawing has them."""
+
+from eitskin.effects.effect import Parameter, SkinEffect, Setting
+from eitskin.geometry import Geometry
+
+
+class ElectrodeWidth(SkinEffect):
+    """Arc length of some electrodes, or of all."""
+
+    name = "electrode-width"
+    driver = "static"
+    sites = "electrodes"
+    parameters = {"width_mm": Parameter("mm", None, 0.1, 100.0)}
+    source = "Boyle, Adler 2011"
+
+    def change(self, geometry: Geometry, setting: Setting, minutes: float) -> Geometry:
+        """The geometry with widths replaced."""
+        width = geometry.electrode_width_mm.copy()
+        width[setting.sites] = setting.values["width_mm"]
+        return geometry.with_values(electrode_width_mm=width)

@@ -1,0 +1,27 @@
+"""The paper's geometry mismatch: a skin stretched along its axes."""
+
+from eitskin.effects.effect import Parameter, SkinEffect, Setting
+from eitskin.geometry import Geometry
+
+
+class Ellipse(SkinEffect):
+    """(x, y) -> (sx x, sy y) of the rim, the electrodes carried along; touches keep their place.
+
+    To first order domain-shape 0 and 2 with electrode-position -1/2 (sx - sy) sin 2 phi.
+    """
+
+    name = "ellipse"
+    driver = "static"
+    sites = None
+    parameters = {
+        "sx": Parameter("1", 1.0, 0.5, 2.0, dense=False),
+        "sy": Parameter("1", 1.0, 0.5, 2.0, dense=False),
+    }
+    source = "Touch with Insight, § II-D"
+
+    def change(self, geometry: Geometry, setting: Setting, minutes: float) -> Geometry:
+        """The stretched geometry."""
+        return geometry.with_values(
+            stretch_x=geometry.stretch_x * setting.values["sx"],
+            stretch_y=geometry.stretch_y * setting.values["sy"],
+        )

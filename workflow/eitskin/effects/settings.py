@@ -1,0 +1,76 @@
+"""From an effect as the configuration writes it to one at definite values."""
+
+import zlib
+
+import numpy as np
+
+from eitskin.effects import EFFECTS
+from eitskin.effects.effect import Parameter, Setting
+from eitskin.errors import InputError
+
+
+def settings(items: list[dict], counts: dict[str, int], draw: tuple[int, ...]) -> list[Setting]:
+    """Effects at definite values, drawn parameters by the seed sequence `draw` (seed, session ...).
+
+    items: {name, [electrodes, drives, measures or channels], parameters}; a parameter is a number, a
+    list with one number a site, or {sd, [mean], [tie: mirror]}. counts: how many of each kind of site
+    there are. Equal seeds give equal standard normals, whatever their sd.
+    Raises InputError for unknown names, sites or parameters and values out of bounds.
+    """
+    return [_setting(item, counts, (*draw, position)) for position, item in enumerate(items)]
+
+
+def _setting(item: dict, counts: dict[str, int], draw: tuple[int, ...]) -> Setting:
+    name = item["name"]
+    if name not in EFFECTS:
+        raise InputError("effects", "name", repr(name), f"one of {sorted(EFFECTS)}")
+    effect = EFFECTS[name]
+    place = f"effect {name}"
+    for kind in ("electrodes", "drives", "measures", "channels"):
+        if item.get(kind) and kind != effect.sites:
+            raise InputError(place, kind, item[kind], f"{effect.sites or 'no sites'}")
+    sites = None
+    if effect.sites:
+        count = counts[effect.sites]
+        sites = np.array(item.get(effect.sites) or range(count), dtype=int)
+        if sites.min() < 0 or sites.max() >= count or len(set(sites.tolist())) < len(sites):
+            raise InputError(place, effect.sites, sites.tolist(), f"indices 0 to {count - 1}, once")
+    given = item.get("parameters", {})
+    for key in given:
+        if key not in effect.parameters:
+            expected = f"one of {sorted(effect.parameters)}"
+            raise InputError(place, "parameters", repr(key), expected)
+    values = {}
+    for key, parameter in effect.parameters.items():
+        size = None if sites is None or not parameter.dense else len(sites)
+        seed = (*draw, zlib.crc32(f"{name}.{key}".encode()))
+        values[key] = _value(given.get(key, parameter.neutral), parameter, size, place, key, seed)
+    return Setting(effect, sites, values)
+
+
+def _value(given, parameter: Parameter, size: int | None, place: str, key: str, seed: tuple):
+    if given is None:
+        if not parameter.optional:
+            raise InputError(place, key, "nothing", f"a value in {parameter.unit}")
+        return None
+    if isinstance(given, dict):
+        mean = given.get("mean", parameter.neutral)
+        if mean is None:
+            raise InputError(place, key, given, "a mean beside the sd")
+        normal = np.random.default_rng(seed).standard_normal(size)
+        if given.get("tie") == "mirror":
+            if size is None:
+                raise InputError(place, key, "tie: mirror", "a parameter with sites")
+            half = size // 2
+            normal[size - half :] = normal[:half][::-1]
+        value = mean + given["sd"] * normal
+    else:
+        value = np.asarray(given, dtype=float)
+        if value.ndim and value.shape != (size,):
+            raise InputError(place, key, f"{len(value)} values", f"one, or one a site ({size})")
+        value = value if value.ndim else float(value)
+    low, high = np.min(value), np.max(value)
+    if not (low >= parameter.low and high <= parameter.high):
+        expected = f"{parameter.low:g} to {parameter.high:g} {parameter.unit}"
+        raise InputError(place, key, f"{low:g} to {high:g}", expected)
+    return value

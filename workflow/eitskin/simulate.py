@@ -1,0 +1,279 @@
+"""The simulated sets: clean physics, then effects in the order skin, instrument, then noise.
+
+A stage is a Parquet file with one row a sample: sample, session, place, x_mm, y_mm, force_N, probe_mm and,
+as float32 V, the touched frame and the untouched frame that belongs to it. As in the paper's code, the
+untouched frame carries the instrument of its touched frame's force.
+"""
+
+import json
+import sys
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from tqdm import tqdm
+
+from eitskin import dataset
+from eitskin.atomic import atomic_path
+from eitskin.effects.effect import Setting
+from eitskin.effects.settings import settings
+from eitskin.errors import InputError
+from eitskin.forward import Forward
+from eitskin.geometry import Geometry
+from eitskin.skin import Skin
+
+STAGE_KEY = b"eitskin-stage"
+NOISE = zlib.crc32(b"noise")
+
+
+def apply_skin(geometry: Geometry, chosen: list[Setting], minutes: float = 0.0) -> Geometry:
+    """The geometry with every skin effect of `chosen`, in order, `minutes` after the start."""
+    for setting in chosen:
+        if setting.effect.stage == "skin":
+            geometry = setting.effect.change(geometry, setting, minutes)
+    return geometry
+
+
+def apply_touch(touches: pd.DataFrame, chosen: list[Setting]) -> pd.DataFrame:
+    """Touches (x_mm, y_mm, radius_mm, contrast, force_N) with every touch effect of `chosen`."""
+    for setting in chosen:
+        if setting.effect.stage == "touch":
+            touches = setting.effect.change(touches, setting)
+    return touches
+
+
+def apply_instrument(
+    voltage: np.ndarray, chosen: list[Setting], channels: np.ndarray, force_N: np.ndarray
+) -> np.ndarray:
+    """Readings (N, M) of `voltage` (N, M) with every instrument effect of `chosen`, in order."""
+    for setting in chosen:
+        if setting.effect.stage == "instrument":
+            voltage = setting.effect.change(voltage, setting, channels, force_N)
+    return voltage
+
+
+def site_counts(channels: np.ndarray) -> dict[str, int]:
+    """How many electrodes, drives, measures and channels a channel table has."""
+    n = int(channels.max()) + 1
+    return {"electrodes": n, "drives": n, "measures": n, "channels": len(channels)}
+
+
+def voltages(
+    states: pd.DataFrame,
+    skin: Skin,
+    channels: np.ndarray,
+    chosen: list[Setting],
+    accuracy: str = "diagnose",
+    progress: bool = False,
+) -> np.ndarray:
+    """Noise-free readings (N, M) V of frames with effects at definite values.
+
+    `states`: time_s, touch, x_mm, y_mm, force_N, probe_mm, one row a frame. Frames that share a skin
+    share its solve; where an effect of the skin follows time, every frame has a skin of its own.
+    Raises InputError where `skin` lacks a value that a simulation needs.
+    """
+    for key in ("current_A", "contrast_per_N"):
+        if getattr(skin, key) is None:
+            raise InputError("skin", key, "null", "a value, to simulate with")
+    touched = states["touch"].to_numpy(bool)
+    table = pd.DataFrame(
+        {
+            "x_mm": states["x_mm"],
+            "y_mm": states["y_mm"],
+            "radius_mm": 0.5 * states["probe_mm"],
+            "contrast": skin.contrast_per_N * states["force_N"],
+            "force_N": states["force_N"],
+        }
+    )
+    table = apply_touch(table, chosen)
+    drifts = any(s.effect.stage == "skin" and s.effect.driver == "time" for s in chosen)
+    minutes = states["time_s"].to_numpy(float) / 60.0 if drifts else np.zeros(len(states))
+    base = Geometry.from_skin(skin)
+    result = np.empty((len(states), len(channels)))
+    groups = pd.Series(np.arange(len(states))).groupby(minutes, sort=False).indices
+    for minute, rows in _watched(groups.items(), "frames", progress):
+        forward = Forward(apply_skin(base, chosen, float(minute)), accuracy)
+        result[rows] = forward.voltages(channels)
+        pressed = table.iloc[rows[touched[rows]]]
+        for place, press in pressed.groupby(["x_mm", "y_mm", "radius_mm"], sort=False):
+            contrast = press["contrast"].to_numpy()
+            result[press.index] += forward.place(*place).channel_change(channels, contrast)
+    forces = states["force_N"].to_numpy(float)
+    return apply_instrument(skin.current_A * result, chosen, channels, forces)
+
+
+def _watched(items, unit: str, shown: bool = True):
+    return tqdm(items, unit=unit, disable=not (shown and sys.stderr.isatty()))
+
+
+def sessions(places: int, levels: int, session_frames: int, crossed: bool, seed: int):
+    """Session, place and level (each (places * levels,) int) of every sample.
+
+    Location-major, `session_frames` at a time, as the paper; crossed: every session presses all
+    places, as many levels at each as fill `session_frames`, in an order drawn for each place.
+    """
+    place = np.repeat(np.arange(places), levels)
+    level = np.tile(np.arange(levels), places)
+    if not crossed:
+        return np.arange(places * levels) // session_frames, place, level
+    per_place = max(session_frames // places, 1)
+    rng = np.random.default_rng([seed, 2])
+    order = np.concatenate([rng.permutation(levels) for _ in range(places)])
+    session = np.tile(np.arange(levels) // per_place, places)
+    by_session = np.argsort(session, kind="stable")
+    return session[by_session], place[by_session], order[by_session]
+
+
+def _samples(grid: pd.DataFrame, force_N: np.ndarray, session, place, level) -> pd.DataFrame:
+    chosen = grid.iloc[place]
+    return pd.DataFrame(
+        {
+            "sample": np.arange(len(place), dtype=np.int64),
+            "session": np.asarray(session, dtype=np.int64),
+            "place": chosen["place"].to_numpy(np.int64),
+            "x_mm": chosen["x_mm"].to_numpy(),
+            "y_mm": chosen["y_mm"].to_numpy(),
+            "force_N": force_N[level],
+            "probe_mm": 2.0 * chosen["radius_mm"].to_numpy(),
+        }
+    )
+
+
+def _simulate_sessions(mesh, touch_grid, skin: dict, accuracy: str, geometry_of, layout):
+    with np.load(mesh) as laid:
+        channels, force_N = laid["channels"], laid["force_N"]
+    grid = pd.read_csv(touch_grid)
+    believed = Skin.from_metadata(skin, "config.yaml")
+    base = Geometry.from_skin(believed)
+    if believed.current_A is None or believed.contrast_per_N is None:
+        raise InputError("config.yaml", "skin.current_A, skin.contrast_per_N", "null", "values")
+    table = _samples(grid, force_N, *layout(len(grid), len(force_N)))
+    untouched = np.empty((len(table), len(channels)), dtype=np.float32)
+    touched = np.empty_like(untouched)
+    for session, rows in _watched(table.groupby("session").indices.items(), "sessions"):
+        forward = Forward(geometry_of(base, int(session), channels), accuracy)
+        base_value = forward.voltages(channels)
+        untouched[rows] = believed.current_A * base_value
+        pressed = table.iloc[rows]
+        for _, press in pressed.groupby("place", sort=False):
+            first = press.iloc[0]
+            modes = forward.place(first["x_mm"], first["y_mm"], 0.5 * first["probe_mm"])
+            contrast = believed.contrast_per_N * press["force_N"].to_numpy()
+            change = modes.channel_change(channels, contrast)
+            touched[press.index] = believed.current_A * (base_value + change)
+    return table, untouched, touched, channels
+
+
+def write_clean(mesh, touch_grid, out: str | Path, skin: dict, accuracy: str):
+    """Every place and force on the ideal skin, as a stage."""
+
+    def one_session(places: int, levels: int):
+        place, level = np.repeat(np.arange(places), levels), np.tile(np.arange(levels), places)
+        return np.zeros(len(place), dtype=int), place, level
+
+    table, untouched, touched, channels = _simulate_sessions(
+        mesh, touch_grid, skin, accuracy, lambda base, session, channels: base, one_session
+    )
+    _write_stage(out, table, untouched, touched, channels)
+
+
+def write_skin_stage(
+    mesh,
+    touch_grid,
+    out: str | Path,
+    seed: int,
+    skin: dict,
+    accuracy: str,
+    effects: list[dict],
+    session_frames: int,
+    crossed: bool,
+):
+    """Every place and force with the skin's effects, drawn anew for each session, as a stage."""
+    def geometry_of(base: Geometry, session: int, channels: np.ndarray) -> Geometry:
+        chosen = settings(effects, site_counts(channels), (seed, session, 0))
+        return apply_skin(base, chosen)
+
+    def layout(places: int, levels: int):
+        return sessions(places, levels, session_frames, crossed, seed)
+
+    result = _simulate_sessions(mesh, touch_grid, skin, accuracy, geometry_of, layout)
+    table, untouched, touched, channels = result
+    _write_stage(out, table, untouched, touched, channels)
+
+
+def write_stage(stage, out: str | Path, seed: int, effect: dict, position: int):
+    """One instrument effect, drawn anew for each session, applied to a stage."""
+    table, untouched, touched, channels = read_stage(stage)
+    for session, rows in _watched(table.groupby("session").indices.items(), "sessions"):
+        chosen = settings([effect], site_counts(channels), (seed, int(session), position))
+        force = table["force_N"].to_numpy()[rows]
+        for voltage in (untouched, touched):
+            voltage[rows] = apply_instrument(voltage[rows].astype(float), chosen, channels, force)
+    _write_stage(out, table, untouched, touched, channels)
+
+
+def write_dataset(
+    stage, out: str | Path, configuration: str, seed: int, noise: float, baseline: str
+):
+    """Noise on untouched and touched frame, `noise` times each frame's median |v|; their difference.
+
+    baseline "paired": each sample its own untouched frame; "averaged": the noise of the untouched frames
+    averaged over the session, as by a lab that averages its baseline.
+    """
+    table, untouched, touched, channels = read_stage(stage)
+    change = np.empty(touched.shape, dtype=np.float32)
+    for session, rows in table.groupby("session").indices.items():
+        rng = np.random.default_rng((seed, int(session), NOISE))
+        noisy = []
+        for voltage in (untouched, touched):
+            values = voltage[rows].astype(float)
+            scale = noise * np.median(np.abs(values), axis=1, keepdims=True)
+            noisy.append((values, scale * rng.standard_normal(values.shape)))
+        (base, base_noise), (touch, touch_noise) = noisy
+        if baseline == "averaged":
+            base_noise = base_noise.mean(axis=0)
+        change[rows] = touch + touch_noise - base - base_noise
+    table["depth_mm"] = np.nan
+    metadata = {
+        "format": "eitskin-dataset",
+        "version": 1,
+        "name": f"simulated-{configuration}",
+        "origin": "simulated",
+        "configuration": configuration,
+        "targets": ["x", "y", "F"],
+        "unit": "V",
+        "voltage": "signed",
+        "position_frame": "skin",
+        "channels": channels.tolist(),
+        "noise": noise,
+        "baseline": baseline,
+    }
+    dataset.write(dataset.Dataset(table, change, metadata), out)
+
+
+def read_stage(path: str | Path) -> tuple[pd.DataFrame, np.ndarray, np.ndarray, np.ndarray]:
+    """Samples (N rows), untouched and touched frames (N, M) float32 V, channels (M, 4)."""
+    stored = pq.read_table(path, use_threads=False)
+    channels = np.array(json.loads(stored.schema.metadata[STAGE_KEY])["channels"])
+
+    def values(name: str) -> np.ndarray:
+        flat = stored[name].combine_chunks().flatten().to_numpy()
+        return flat.reshape(len(stored), len(channels)).copy()
+
+    table = stored.drop_columns(["untouched_V", "touched_V"]).to_pandas(ignore_metadata=True)
+    return table, values("untouched_V"), values("touched_V"), channels
+
+
+def _write_stage(path, table: pd.DataFrame, untouched, touched, channels: np.ndarray) -> None:
+    stored = pa.Table.from_pandas(table, preserve_index=False)
+    for name, values in (("untouched_V", untouched), ("touched_V", touched)):
+        flat = pa.array(np.ascontiguousarray(values, dtype=np.float32).ravel())
+        stored = stored.append_column(
+            name, pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
+        )
+    header = json.dumps({"channels": channels.tolist(), "origin": "simulated"})
+    with atomic_path(path) as temporary:
+        pq.write_table(stored.replace_schema_metadata({STAGE_KEY: header}), temporary)
