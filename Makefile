@@ -22,7 +22,7 @@ run: .venv/installed
 
 test: .venv/installed-test
 	@echo "eitskin: testing"
-	@$(BIN)/python -m pytest -n $(CORES)
+	@$(BIN)/python -m pytest -n $(CORES) --dist loadgroup
 
 lint: .venv/installed-test
 	@echo "eitskin: checking style"

@@ -12,7 +12,8 @@ configfile: "config.yaml"
 
 with reported("logs/configuration.log"):
     schema = workflow.source_path("workflow/schemas/config.schema.yaml")
-    validate(config, schema, workflow.configfiles)
+    *overrides, default = workflow.configfiles
+    validate(config, schema, [default, *overrides])
 
 
 wildcard_constraints:

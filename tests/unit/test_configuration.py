@@ -10,6 +10,7 @@ import yaml
 
 from eitskin.configuration import validate
 from eitskin.errors import InputError
+from eitskin.importers import KNOWN
 
 ROOT = Path(__file__).parents[2]
 SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.yaml"
@@ -27,12 +28,20 @@ def changed(*place_and_value):
     return config
 
 
-def refusal(config, files=("config.yaml",)):
-    with pytest.raises(InputError) as refused:
-        validate(config, SCHEMA, [ROOT / file for file in files])
-    message = str(refused.value)
-    assert "\n" not in message
-    return message.removeprefix(f"{ROOT}/")
+@pytest.fixture
+def refusal(tmp_path, monkeypatch):
+    """The one line with which a configuration, written to config.yaml, is refused."""
+    monkeypatch.chdir(tmp_path)
+
+    def line(config, written=None, overrides=()):
+        text = yaml.safe_dump(config if written is None else written, allow_unicode=True)
+        Path("config.yaml").write_text(text, encoding="utf-8")
+        with pytest.raises(InputError) as refused:
+            validate(config, SCHEMA, ["config.yaml", *overrides])
+        assert "\n" not in str(refused.value)
+        return str(refused.value)
+
+    return line
 
 
 def test_the_paper_s_configuration_is_accepted():
@@ -88,34 +97,40 @@ def test_the_paper_s_configuration_is_accepted():
         ),
         (
             ("recordings", "my-skin", {"path": "nowhere.parquet"}),
-            "recordings.my-skin.path: found no file 'nowhere.parquet', expected a recording's path",
+            "config.yaml: recordings.my-skin.path: found no file 'nowhere.parquet', "
+            "expected a recording's path",
         ),
         (
             ("table_1", "configurations", "autors", []),
-            "table_1.configurations.autors: found an unknown name, expected one of authors, text",
+            "config.yaml: table_1.configurations.autors: found an unknown name, "
+            "expected one of authors, text",
         ),
-        (("splits", ["random"]), "table_1.configurations.authors[1]: found 'place'"),
+        (("splits", ["random"]), "config.yaml: table_1.configurations.authors[1]: found 'place'"),
     ],
 )
-def test_a_mistake_gives_one_line(place_and_value, message):
-    assert message in refusal(changed(*place_and_value))
+def test_a_mistake_gives_one_line(refusal, place_and_value, message):
+    assert refusal(changed(*place_and_value)).startswith(message)
 
 
-def test_a_missing_key_is_named_with_its_meaning():
+def test_a_missing_key_is_named_with_its_meaning(refusal):
     config = copy.deepcopy(CONFIG)
     del config["forces"]["mean_N"]
     expected = "forces.mean_N: found nothing, expected mean of the normal distribution in N"
     assert refusal(config) == f"config.yaml: {expected}"
 
 
-def test_the_file_that_holds_the_mistake_is_named(tmp_path):
-    override = tmp_path / "override.yaml"
-    override.write_text("forces: {mean_N: '5'}\n")
-    message = refusal(changed("forces", "mean_N", "5"), ("config.yaml", override))
-    assert message.startswith(f"{override}: forces.mean_N: found '5'")
+def test_the_file_that_holds_the_mistake_is_named(refusal):
+    Path("override.yaml").write_text("forces: {mean_N: '5'}\n", encoding="utf-8")
+    message = refusal(changed("forces", "mean_N", "5"), CONFIG, ["override.yaml"])
+    assert message.startswith("override.yaml: forces.mean_N: found '5'")
 
 
-def test_a_recording_may_not_take_the_name_of_a_simulated_set(tmp_path):
+def test_a_mistake_that_no_file_holds_is_the_command_line_s(refusal):
+    message = refusal(changed("budget", "smal"), CONFIG)
+    assert message == "--config: budget: found 'smal', expected one of small, full"
+
+
+def test_a_recording_may_not_take_the_name_of_a_simulated_set(refusal, tmp_path):
     recording = tmp_path / "recording.parquet"
     recording.touch()
     config = changed("recordings", "simulated-text", {"path": str(recording)})
@@ -143,10 +158,16 @@ def test_the_schema_is_valid_and_closed_everywhere():
     assert schema["$defs"]["effect"]["additionalProperties"] is False
 
 
-def test_every_name_of_an_effect_has_its_parameters_checked():
+def test_every_name_of_an_effect_has_its_parameters_checked(refusal):
     schema = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
     for name in schema["$defs"]["effect"]["properties"]["name"]["enum"]:
         effect = {"name": name, "parameters": {"no such parameter": 1.0}}
         config = changed("configurations", "authors", "effects", [effect])
         place = "configurations.authors.effects[0].parameters."
         assert place in refusal(config)
+
+
+def test_the_schema_knows_every_importer():
+    schema = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
+    recording = schema["properties"]["recordings"]["additionalProperties"]["properties"]
+    assert recording["format"]["enum"] == list(KNOWN)

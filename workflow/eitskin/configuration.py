@@ -10,6 +10,7 @@ from jsonschema.exceptions import ValidationError, best_match
 
 from eitskin.errors import InputError
 
+MISSING = object()
 NOUNS = {
     "number": "a finite number",
     "integer": "a whole number",
@@ -54,7 +55,7 @@ def validate(config: dict, schema_path: str | Path, files: Iterable[str | Path])
         if wrong is None:
             return
         place, found, expected = wrong
-    raise InputError(_file_of(place, files), _dotted(place), found, expected)
+    raise InputError(_file_of(place, config, files), _dotted(place), found, expected)
 
 
 def explained(error: ValidationError) -> tuple[list, str, str]:
@@ -158,15 +159,22 @@ def _indices(node: object) -> range:
     return range(len(node)) if isinstance(node, list) else range(0)
 
 
-def _file_of(place: list, files: list[Path]) -> str:
-    """The last of the files that holds `place`; else the first (a missing key), or --config."""
+def _file_of(place: list, config: dict, files: list[Path]) -> str:
+    """The last file that holds what stands at `place`; for a missing key the first; or --config."""
+    found = _at(place, config)
+    if found is MISSING and files:
+        return str(files[0])
     for file in reversed(files):
-        node = yaml.safe_load(file.read_text(encoding="utf-8")) or {}
-        for part in place:
-            inside = node if isinstance(node, dict) else _indices(node)
-            if part not in inside:
-                break
-            node = node[part]
-        else:
+        held = _at(place, yaml.safe_load(file.read_text(encoding="utf-8")))
+        if repr(held) == repr(found) or (isinstance(held, dict) and isinstance(found, dict)):
             return str(file)
-    return str(files[0]) if files else "--config"
+    return "--config"
+
+
+def _at(place: list, node: object) -> object:
+    """What stands at `place` within nested mappings and lists, or MISSING."""
+    for part in place:
+        if part not in (node if isinstance(node, dict) else _indices(node)):
+            return MISSING
+        node = node[part]
+    return node

@@ -1,0 +1,81 @@
+"""A copy of the workflow in a folder of its own, run as `make` runs it."""
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+TINY = "tiny.yaml"
+
+
+class House:
+    """The workflow in `folder`, with the tiny configuration, importing the package from there."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+
+    @classmethod
+    def build(cls, folder: Path) -> "House":
+        """Copy what the repository holds of the workflow."""
+        folder.mkdir(parents=True)
+        for name in ("Snakefile", "config.yaml"):
+            shutil.copy(ROOT / name, folder)
+        for name in ("workflow", "envs"):
+            ignored = shutil.ignore_patterns("__pycache__")
+            shutil.copytree(ROOT / name, folder / name, ignore=ignored)
+        shutil.copy(Path(__file__).with_name(TINY), folder)
+        return cls(folder)
+
+    def copy(self, folder: Path) -> "House":
+        """The whole folder, results and Snakemake's records with it, times kept."""
+        shutil.copytree(self.folder, folder, symlinks=True)
+        return House(folder)
+
+    def command(self, *arguments: str, cores: int = 2) -> list[str]:
+        """Snakemake's command line with the tiny configuration and the default profile."""
+        profile = str(self.folder / "workflow" / "profiles" / "default")
+        return [
+            *(sys.executable, "-m", "snakemake", "--workflow-profile", profile),
+            *("--cores", str(cores), "--configfile", TINY, *arguments),
+        ]
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """This process's, with the package taken from the copy."""
+        return os.environ | {"PYTHONPATH": str(self.folder / "workflow")}
+
+    def snakemake(self, *arguments: str, cores: int = 2) -> subprocess.CompletedProcess:
+        """Run to the end; output captured as text."""
+        return subprocess.run(
+            self.command(*arguments, cores=cores),
+            cwd=self.folder,
+            env=self.environment,
+            capture_output=True,
+            text=True,
+        )
+
+    def edit(self, file: str, old: str, new: str) -> None:
+        """Replace the one occurrence of `old` in a file."""
+        path = self.folder / file
+        text = path.read_text(encoding="utf-8")
+        assert text.count(old) == 1, f"{old!r} stands {text.count(old)} times in {file}"
+        path.write_text(text.replace(old, new), encoding="utf-8")
+
+    def pending(self) -> set[str]:
+        """Output files that the next run would write anew."""
+        found = self.snakemake("--summary")
+        assert found.returncode == 0, found.stderr
+        header, *lines = [line.split("\t") for line in found.stdout.splitlines() if line]
+        plan, file = header.index("plan"), header.index("output_file")
+        return {line[file] for line in lines if line[plan] != "no update"}
+
+    def digests(self) -> dict[str, str]:
+        """SHA-256 of every result by its path."""
+        return {
+            str(file.relative_to(self.folder)): hashlib.sha256(file.read_bytes()).hexdigest()
+            for file in sorted((self.folder / "results").rglob("*"))
+            if file.is_file()
+        }

@@ -1,0 +1,127 @@
+"""What a change makes the workflow do again, and what not."""
+
+import pytest
+
+pytestmark = pytest.mark.xdist_group("finished")
+
+CHAIN = "results/simulated/tiny"
+FORWARD_SOLVES = {
+    "results/mesh/mesh.npz",
+    "results/mesh/touch_grid.csv",
+    "results/simulated/clean.parquet",
+    f"{CHAIN}/0-skin.parquet",
+}
+
+
+@pytest.fixture
+def house(finished, tmp_path):
+    """A finished workflow to edit."""
+    return finished.copy(tmp_path / "house")
+
+
+def of(files, name):
+    """The files that belong to one dataset."""
+    return {file for file in files if name in file}
+
+
+def test_after_a_run_nothing_is_to_be_done(finished):
+    assert finished.pending() == set()
+    plan = finished.snakemake("--dry-run")
+    assert plan.returncode == 0
+    assert "Nothing to be done" in plan.stdout + plan.stderr
+
+
+def test_all_can_be_planned_anew(finished):
+    plan = finished.snakemake("--dry-run", "--forceall", "--quiet", "rules")
+    assert plan.returncode == 0
+    jobs = [line.split() for line in (plan.stdout + plan.stderr).splitlines()]
+    assert max(int(words[1]) for words in jobs if words[:1] == ["total"]) > 20
+
+
+def test_an_operator_s_strength_reruns_it_and_what_follows_but_no_forward_solve(house):
+    house.edit("tiny.yaml", "{epsilon: 0.03}", "{epsilon: 0.04}")
+    pending = house.pending()
+    assert {file for file in pending if file.startswith(CHAIN)} == {
+        f"{CHAIN}/2-crosstalk.parquet",
+        f"{CHAIN}/3-force-dependent-gain.parquet",
+    }
+    assert not pending & FORWARD_SOLVES
+    assert "results/datasets/simulated-tiny.parquet" in pending
+    assert "results/tables/table_1.csv" in pending
+    assert of(pending, "/simulated-twin") == set()
+
+
+def test_the_last_operator_s_strength_leaves_those_before_it(house):
+    house.edit("tiny.yaml", "per_N: 0.005", "per_N: 0.006")
+    pending = house.pending()
+    assert of(pending, CHAIN) == {f"{CHAIN}/3-force-dependent-gain.parquet"}
+    assert "results/datasets/simulated-tiny.parquet" in pending
+
+
+def test_the_skin_s_geometry_reruns_the_chain_but_not_the_clean_set(house):
+    house.edit("tiny.yaml", "{sd: 0.5}", "{sd: 0.6}")
+    pending = house.pending()
+    assert f"{CHAIN}/0-skin.parquet" in pending
+    assert f"{CHAIN}/1-channel-gain.parquet" in pending
+    assert not pending & (FORWARD_SOLVES - {f"{CHAIN}/0-skin.parquet"})
+
+
+def test_noise_reruns_the_dataset_alone_of_the_simulation(house):
+    house.edit("tiny.yaml", "noise: 0.01", "noise: 0.02")
+    pending = house.pending()
+    assert of(pending, "results/simulated/") == set()
+    assert "results/datasets/simulated-tiny.parquet" in pending
+
+
+def test_exchanging_two_operators_reruns_from_there(house):
+    house.edit("tiny.yaml", "{name: crosstalk, parameters: {epsilon: 0.03}}", "{name: SECOND}")
+    third = "{name: force-dependent-gain, parameters: {per_N: 0.005, F_mid_N: 5.0}}"
+    house.edit("tiny.yaml", third, "{name: crosstalk, parameters: {epsilon: 0.03}}")
+    house.edit("tiny.yaml", "{name: SECOND}", third)
+    assert of(house.pending(), CHAIN) == {
+        f"{CHAIN}/2-force-dependent-gain.parquet",
+        f"{CHAIN}/3-crosstalk.parquet",
+    }
+
+
+def test_a_comment_in_the_package_reruns_nothing(house):
+    for module in sorted((house.folder / "workflow" / "eitskin").rglob("*.py")):
+        module.write_text(f"# A comment.\n{module.read_text(encoding='utf-8')}\n# Another.\n")
+    assert house.pending() == set()
+
+
+def test_code_of_the_package_reruns_what_uses_it(house):
+    module = house.folder / "workflow" / "eitskin" / "splits.py"
+    module.write_text(f"{module.read_text(encoding='utf-8')}\nUNUSED = 1\n")
+    pending = house.pending()
+    assert of(pending, "results/splits/") == {
+        "results/splits/simulated-tiny/session.parquet",
+        "results/splits/simulated-twin/random.parquet",
+    }
+    assert of(pending, "results/simulated/") | of(pending, "results/recordings/") == set()
+    assert of(pending, "results/datasets/") == set()
+
+
+def test_a_training_parameter_reruns_no_simulation(house):
+    house.edit("config.yaml", "learning_rate: 0.001", "learning_rate: 0.002")
+    pending = house.pending()
+    assert "results/tables/table_1.csv" in pending
+    kinds = ("simulated/", "datasets/", "splits/", "recordings/", "mesh/")
+    assert not any(of(pending, f"results/{kind}") for kind in kinds)
+
+
+def test_a_recording_is_added_by_its_path_alone(house, tmp_path):
+    source = house.folder / "results" / "recordings" / "simulated-twin.parquet"
+    (tmp_path / "brought.parquet").write_bytes(source.read_bytes())
+    (house.folder / "more.yaml").write_text(
+        f"recordings: {{brought: {{path: {tmp_path}/brought.parquet}}}}\n"
+        "table_1: {recordings: {brought: [place]}}\n"
+    )
+    plan = house.snakemake("more.yaml", "--summary")
+    assert plan.returncode == 0, plan.stderr
+    rows = [line.split("\t") for line in plan.stdout.splitlines()]
+    pending = {row[0] for row in rows if row[-1] == "update pending"}
+    assert "results/recordings/brought.check.txt" in pending
+    assert "results/splits/brought/place.parquet" in pending
+    assert of(pending, "results/simulated/") == set()
+    assert of(pending, "/simulated-twin/") == set()

@@ -1,0 +1,50 @@
+"""Wrong input stops the workflow with one line, before any work."""
+
+import pytest
+
+pytestmark = pytest.mark.xdist_group("refusals")
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        ("sed: 2\n", "wrong.yaml: sed: found an unknown key, expected one of"),
+        ("seed: 1.5\n", "wrong.yaml: seed: found 1.5, expected a whole number"),
+        (
+            "configurations: {authors: {noise: 2e-2}}\n",
+            "wrong.yaml: configurations.authors.noise: found '2e-2', expected a finite number "
+            "(YAML reads 2e-2 as text; write 2.0e-2)",
+        ),
+        (
+            "recordings: {my-skin: {path: captures/my-skin.parquet}}\n",
+            "wrong.yaml: recordings.my-skin.path: found no file 'captures/my-skin.parquet', "
+            "expected a recording's path",
+        ),
+    ],
+)
+def test_a_wrong_configuration(fresh, tmp_path, config, message):
+    house = fresh.copy(tmp_path / "house")
+    (house.folder / "wrong.yaml").write_text(config)
+    run = house.snakemake("wrong.yaml")
+    assert run.returncode != 0
+    lines = run.stderr.splitlines()
+    assert len([line for line in lines if message in line]) == 1
+    assert "Traceback" not in run.stderr + run.stdout
+    assert [line for line in lines if "found" in line and "expected" in line] == lines[-1:]
+    assert not (house.folder / "results").exists()
+
+
+def test_a_damaged_recording_leaves_nothing_half_written(fresh, tmp_path):
+    house = fresh.copy(tmp_path / "house")
+    (house.folder / "broken.parquet").write_bytes(b"PAR1 and no more")
+    config = "recordings: {my-skin: {path: broken.parquet, format: eit-recording}}\n"
+    (house.folder / "extra.yaml").write_text(config)
+    target = "results/recordings/my-skin.check.txt"
+    run = house.snakemake("extra.yaml", "--", target)
+    assert run.returncode != 0
+    log = (house.folder / "logs" / "import_recording" / "my-skin.log").read_text()
+    assert log.startswith("broken.parquet: ")
+    assert len(log.splitlines()) == 1
+    assert log.strip() in run.stderr
+    assert "Traceback" not in run.stderr
+    assert [f for f in (house.folder / "results").rglob("*") if f.is_file()] == []

@@ -1,0 +1,62 @@
+"""The same configuration gives the same bytes: again, on one core or two, and after a kill."""
+
+import os
+import signal
+import subprocess
+import time
+
+import pytest
+
+pytestmark = pytest.mark.xdist_group("finished")
+
+
+def unlocked(house):
+    """Take away the lock that a killed run leaves, as the Makefile does."""
+    assert house.snakemake("--unlock").returncode == 0
+
+
+def test_every_result_is_there(finished):
+    files = finished.digests()
+    for file in (
+        "results/simulated/clean.parquet",
+        "results/datasets/simulated-tiny.parquet",
+        "results/models/simulated-tiny/session/small/physics-informed-mlp.pt",
+        "results/recordings/simulated-twin.check.txt",
+        "results/tables/table_1.csv",
+        "results/tables/table_1.md",
+    ):
+        assert file in files
+    assert not [file for file in files if ".part" in file]
+
+
+def test_one_core_gives_the_same_bytes(fresh, finished, tmp_path):
+    house = fresh.copy(tmp_path / "house")
+    run = house.snakemake(cores=1)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert house.digests() == finished.digests()
+
+
+@pytest.mark.parametrize("seen", ["results/simulated/tiny", "results/models"])
+def test_a_killed_run_gives_the_same_bytes_when_run_again(fresh, finished, tmp_path, seen):
+    house = fresh.copy(tmp_path / "house")
+    process = subprocess.Popen(
+        house.command(),
+        cwd=house.folder,
+        env=house.environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    deadline = time.monotonic() + 300
+    while not (house.folder / seen).exists():
+        assert process.poll() is None, "the run ended before it could be killed"
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    time.sleep(0.3)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert not (house.folder / "results" / "tables" / "table_1.csv").exists()
+    unlocked(house)
+    run = house.snakemake()
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert house.digests() == finished.digests()
