@@ -58,6 +58,12 @@ def test_unrelated_modules_do_not_count(package):
     assert subject.fingerprint("pkg.forward") == before
 
 
+def test_a_package_counts_with_all_its_modules(package):
+    before = subject.fingerprint("pkg.forward")
+    (package / "effects" / "drift.py").write_text("RATE = 1\n")
+    assert subject.fingerprint("pkg.forward") != before
+
+
 def test_the_place_of_the_package_does_not_count(package, tmp_path, monkeypatch):
     before = subject.fingerprint("pkg.forward")
     moved = tmp_path / "elsewhere" / "pkg"

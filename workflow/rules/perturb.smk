@@ -57,7 +57,7 @@ rule perturb:
         effect=lambda wildcards: instrument_effects(
             config["configurations"][wildcards.configuration]["effects"]
         )[wildcards.link],
-        link="{link}",
+        position=lambda wildcards: int(wildcards.link.partition("-")[0]),
         code=fingerprint("eitskin.simulate"),
     message:
         "Applying {wildcards.link} to {wildcards.configuration}"

@@ -7,5 +7,5 @@ with reported(snakemake.log[0]):
     simulate.write_stage(
         snakemake.input[0],
         snakemake.output[0],
-        **{block: snakemake.params[block] for block in ("seed", "effect", "link")},
+        **{block: snakemake.params[block] for block in ("seed", "effect", "position")},
     )
