@@ -82,6 +82,7 @@ def explained(error: ValidationError) -> tuple[list, str, str]:
         "maximum": lambda: f"{wanted} or less",
         "exclusiveMaximum": lambda: f"less than {wanted}",
         "minItems": lambda: f"a list of {wanted} or more",
+        "maxItems": lambda: f"a list of {wanted} or fewer",
         "uniqueItems": lambda: "a list without repetition",
         "minProperties": lambda: f"{wanted} or more keys",
     }.get(error.validator, lambda: error.schema["description"])()
