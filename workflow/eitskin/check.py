@@ -9,23 +9,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eitskin import alignment
+from eitskin import alignment, dataset
 from eitskin.errors import InputError
-from eitskin.order import known_orders, misfit, relative_change, reordered
+from eitskin.order import Misfit, known_orders, misfit, relative_change, reordered
 from eitskin.protocol import reciprocal_channels
 from eitskin.recording import Recording, presses
 
 FACT, WARNING, ERROR, UNOBSERVABLE = "fact", "warning", "error", "unobservable"
 NORMAL = 1.4826  # standard deviation of a normal variable over its median distance from its median
-BROKEN = 0.25  # rms misfit of the identities: on tanks 0.01-0.06 in order, 0.9-1.0 out of order
+BROKEN = 0.25  # rms misfit of the identities: 0.01-0.06 on tanks, mostly 0.8-1.1 in a wrong order
+DOUBTFUL = 0.1  # from here on an order that fits FAR_BETTER is taken for the true one
 FAR_BETTER = 3.0
+ALIKE = 1.5
 MOST_FRAMES = 500
 HOLD_S = 5.0
 HOLD_SPREAD = 0.02
 UNLOADED = 0.1
 CLIPPED_FRAMES = 3
 NUMBERED_WITHIN_RADII = 0.25
-LEAST_NUMBERED = 20
+LEAST_TOUCHES = 20
 
 
 @dataclass(frozen=True)
@@ -267,52 +269,84 @@ def reciprocity(recording: Recording) -> list[Finding]:
 
 def channel_order(recording: Recording) -> list[Finding]:
     """Whether the readings stand in the table's order (value: the rms misfit of its identities), or
-    far better in another known one.
+    far better in another known one; by the untouched readings and by what strong touches change.
     """
+    signed = recording.metadata["voltage"] == "signed"
     values, _ = _identity_readings(recording, np.ones(1))
-    signed = recording.metadata["voltage"] == "signed" and recording.quadrature is None
-    n = recording.n_electrodes
-    own = misfit(values, recording.channels, n, signed)
+    own, best, names = _orders(recording, values, signed and recording.quadrature is None)
     if own.overall is None:
         sentence = "the channels repeat nothing, so their order cannot be checked."
         return [Finding("order", UNOBSERVABLE, sentence, remedy="reciprocal or reversed channels")]
-    identity = "exchanging drive and measurement changes the readings by {:.0%} rms"
-    measured = identity.format(own.reciprocity or 0.0)
-    if own.reciprocity is None:
-        parts = []
-        if own.reversal is not None:
-            parts.append(
-                f"exchanging source and sink changes the size of readings by {own.reversal:.2f}"
+    judged = [(own, best, names)]
+    changes = _strong_changes(recording)
+    if changes is not None:
+        judged.append(_orders(recording, changes, signed))
+    for misfit_, best_, names_ in judged:
+        overall = misfit_.overall or 0.0
+        if overall > DOUBTFUL and best_ < overall / FAR_BETTER:
+            others = f" ({len(names_) - 1} more orders fit alike)" if len(names_) > 1 else ""
+            sentence = (
+                f"wrong channel order: {_in_words(misfit_)}; read as '{names_[0]}' the misfit is "
+                f"{best_:.2g} instead of {overall:.2f}{others}."
             )
-        if own.rotation is not None:
-            parts.append(f"going round by one electrode changes them by {own.rotation:.2f}")
-        measured = " and ".join(parts) + " of their size"
+            return [Finding("order", ERROR, sentence, overall)]
     if own.overall <= BROKEN:
-        return [_fact("order", f"as the table says: {measured}.", own.overall)]
-    others = {
-        name: misfit(reordered(values, permutation), recording.channels, n, signed).overall
-        for name, permutation in known_orders(recording.channels, n).items()
-    }
-    best = min(others.values(), default=own.overall)
-    if best < own.overall / FAR_BETTER:
-        names = [name for name, value in others.items() if value < 1.01 * best]
-        sentence = (
-            f"wrong channel order: {measured}; read as '{names[0]}' the misfit is {best:.2f} "
-            f"instead of {own.overall:.2f}."
-        )
-        return [Finding("order", ERROR, sentence, own.overall)]
+        return [_fact("order", f"as the table says: {_in_words(own)}.", own.overall)]
     if own.reciprocity is not None:
         sentence = (
-            f"{measured}, {_worst_electrodes(recording, values)}; no known channel order repairs "
-            f"it (the best leaves {best:.0%}). No passive, linear skin reads so: look at the "
-            "wiring and the contacts, or at a channel table of another pattern."
+            f"{_in_words(own)}, {_worst_electrodes(recording, values)}; no known channel order "
+            f"repairs it (the best leaves {best:.0%}). No passive, linear skin reads so: look at "
+            "the wiring and the contacts, or at a channel table of another pattern."
         )
         return [Finding("order", ERROR, sentence, own.overall)]
     sentence = (
-        f"{measured}; no known channel order is far better (the best: {best:.2f} overall instead "
-        f"of {own.overall:.2f}), so it is the skin or the instrument that breaks it, not the order."
+        f"{_in_words(own)}; no known channel order is far better (the best: {best:.2f} overall "
+        f"instead of {own.overall:.2f}), so it is the skin or the instrument that breaks it, not "
+        "the order."
     )
     return [Finding("order", WARNING, sentence, own.overall)]
+
+
+def _orders(
+    recording: Recording, values: np.ndarray, signed: bool
+) -> tuple[Misfit, float, list[str]]:
+    """Misfit of the table's order, the least misfit of other known orders, and which have it."""
+    channels, n = recording.channels, recording.n_electrodes
+    own = misfit(values, channels, n, signed)
+    others = {
+        name: misfit(reordered(values, permutation), channels, n, signed).overall
+        for name, permutation in known_orders(channels, n).items()
+    }
+    if own.overall is None or not others:
+        return own, np.inf, []
+    best = min(others.values())
+    return own, best, [name for name, value in others.items() if value <= ALIKE * best]
+
+
+def _strong_changes(recording: Recording) -> np.ndarray | None:
+    """(K, M): what the strongest touches of absolute readings change; None where there are few."""
+    touched = recording.frames["touch"].any()
+    if recording.metadata["values"] == "difference" or not touched:
+        return None
+    try:
+        rows = alignment.strongest_touches(recording)
+        changes = dataset.changes(recording, "recording")[rows]
+    except InputError:  # a session without an untouched frame
+        return None
+    return changes if np.isfinite(changes).any() and len(rows) >= LEAST_TOUCHES else None
+
+
+def _in_words(misfit_: Misfit) -> str:
+    if misfit_.reciprocity is not None:
+        return f"exchanging drive and measurement changes readings by {misfit_.reciprocity:.0%} rms"
+    parts = []
+    if misfit_.reversal is not None:
+        parts.append(
+            f"exchanging source and sink changes the size of readings by {misfit_.reversal:.2f}"
+        )
+    if misfit_.rotation is not None:
+        parts.append(f"going round by one electrode changes them by {misfit_.rotation:.2f}")
+    return " and ".join(parts) + " of their size"
 
 
 def polarity(recording: Recording) -> list[Finding]:
@@ -348,7 +382,7 @@ def numbering(recording: Recording) -> list[Finding]:
     skin = recording.skin
     touched = int(recording.frames["touch"].sum())
     in_skin = recording.metadata["position_frame"] == "skin"
-    if not in_skin or skin.electrode_deg is None or touched < LEAST_NUMBERED:
+    if not in_skin or skin.electrode_deg is None or touched < LEAST_TOUCHES:
         return []
     try:
         similarity = alignment.fit(recording)

@@ -225,7 +225,7 @@ def validate(recording: Recording, file: str | Path) -> None:
             continue
         if values.shape != shape:
             raise InputError(file, f"column {name}", values.shape, f"{shape}: frames x channels")
-        _refuse_rows(file, name, values, np.isinf(values).any(axis=1), "finite, or NaN if lost")
+        _refuse_rows(file, name, values, np.isinf(values), "finite, or NaN if lost")
     if recording.touches is not None:
         _check_touches(file, recording)
     if recording.voltage is None:
@@ -236,7 +236,7 @@ def validate(recording: Recording, file: str | Path) -> None:
         raise InputError(file, "column voltage_V", "every channel lost", "some reading")
     if metadata["values"] == "absolute":
         if metadata["voltage"] == "magnitude":
-            negative = (recording.voltage < 0).any(axis=1)
+            negative = recording.voltage < 0
             _refuse_rows(file, "voltage_V", recording.voltage, negative, "magnitudes, 0 or more")
         if frames["touch"].all():
             expected = "at least one untouched frame among absolute values"
@@ -385,14 +385,13 @@ def _reading_column(file: str | Path, name: str, column: pa.ChunkedArray, width:
 def _refuse_rows(
     file: str | Path, name: str, values: np.ndarray, bad: np.ndarray, expected: str
 ) -> None:
-    rows = np.flatnonzero(bad)
-    if len(rows):
-        row = int(rows[0])
-        found = values[row]
-        if np.ndim(found):
-            wrong = np.flatnonzero(np.isinf(found) | (found < 0))[0]
-            found = f"{found[wrong]} in channel {wrong}"
-        raise InputError(file, f"column {name}, row {row}", found, expected)
+    """Refuse the first bad value of a column (N,) or of readings (N, M)."""
+    wrong = np.argwhere(bad)
+    if len(wrong):
+        row, *channel = wrong[0].tolist()
+        found = values[tuple(wrong[0])]
+        where = f" in channel {channel[0]}" if channel else ""
+        raise InputError(file, f"column {name}, row {row}", f"{found}{where}", expected)
 
 
 def _check_frames(file: str | Path, frames: pd.DataFrame) -> None:

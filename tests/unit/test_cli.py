@@ -1,0 +1,63 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from eitskin import cli, recording
+from eitskin.check import check, text
+from eitskin.order import known_orders
+
+
+@pytest.fixture
+def path(make_recording, tmp_path):
+    path = tmp_path / "skin.parquet"
+    recording.write(make_recording(), path)
+    return path
+
+
+def test_check_prints_and_ends_with_0(path, capsys):
+    assert cli.main(["check", str(path)]) == 0
+    assert capsys.readouterr().out == text(check(recording.read(path)))
+
+
+def test_check_names_a_wrong_order_and_ends_with_2(make_recording, path, capsys):
+    made = make_recording()
+    name, order = next(
+        item for item in known_orders(made.channels, 16).items() if "own electrode" in item[0]
+    )
+    made.voltage = np.ascontiguousarray(made.voltage[:, order])
+    recording.write(made, path)
+    assert cli.main(["check", str(path)]) == cli.UNUSABLE == 2
+    assert "wrong channel order: exchanging drive and measurement" in capsys.readouterr().out
+    assert name in text(check(made))
+
+
+@pytest.mark.parametrize("command", [["check"], ["import", "OUT"]])
+def test_bad_input_is_one_line_on_stderr_and_1(path, tmp_path, capsys, command):
+    path.write_bytes(path.read_bytes()[:-50])
+    out = tmp_path / "out.parquet"
+    rest = [str(out) if word == "OUT" else word for word in command[1:]]
+    assert cli.main([command[0], str(path), *rest]) == 1
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err.count("\n") == 1
+    assert printed.err.startswith(f"{path}: file: found an end cut off")
+    assert not out.exists()
+
+
+def test_import_writes_a_recording(path, tmp_path):
+    out = tmp_path / "new" / "copy.parquet"
+    assert cli.main(["import", str(path), str(out), "--format", "eit-recording"]) == 0
+    assert out.read_bytes() == path.read_bytes()
+    assert [file.name for file in out.parent.iterdir()] == ["copy.parquet"]
+
+
+def test_the_module_runs_as_a_command(path):
+    run = subprocess.run(
+        [sys.executable, "-m", "eitskin.cli", "check", str(path.with_name("absent"))],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 1 and run.stdout == ""
+    assert "no such file" in run.stderr and "Traceback" not in run.stderr
