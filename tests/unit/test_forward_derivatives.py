@@ -78,7 +78,9 @@ def test_every_parameter(accuracy):
 
 
 def test_untouched_points():
-    geometry = Geometry(80.0, 3.0, 0.5, ELECTRODES, 0.0, 0.0, shape_cos={2: 0.03})
+    geometry = Geometry(
+        80.0, 3.0, 0.5, ELECTRODES, 0.0, 0.0, shape_cos={2: 0.03}, anisotropy_ratio=1.1
+    )
     errors = largest_error(geometry, [TOUCHES[0]], "diagnose")
     assert max(errors.values()) < 1e-6, errors
 

@@ -6,6 +6,8 @@ Galerkin equations of the contract's model, U_l - u = (z_l / h) dI/ds (Somersalo
 1992), with the unit disc's Neumann function for u.
 """
 
+import copy
+
 import numpy as np
 
 from eitskin import neumann
@@ -33,7 +35,15 @@ class Electrodes:
         legendre = np.polynomial.legendre.legvander(self.t, self.order - 1)
         self.modes = 0.5 * legendre.T * self.weight
         self.rim = np.exp(1j * self.theta).ravel()
-        self.matrix = self._interaction() + self._contact_matrix()
+        self.interaction = self._interaction()
+        self.matrix = self.interaction + self._contact_matrix()
+
+    def with_contacts(self, geometry: Geometry) -> "Electrodes":
+        """The same electrodes on a geometry of the same outline: other contacts, other material."""
+        other = copy.copy(self)
+        other.geometry = geometry
+        other.matrix = other.interaction + other._contact_matrix()
+        return other
 
     def _angles(self) -> None:
         """Angles on the unit circle and their derivatives by phi; physical arc length by phi, m."""

@@ -18,7 +18,8 @@ from eitskin.errors import InputError
 from eitskin.geometry import Geometry, RimMotion
 from eitskin.touch import Touch, TouchAccuracy, TouchEdge
 
-RIM_POINTS = 256
+RIM_PHI = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
+KEPT_PLACES = 256  # touched places whose edges a skin keeps; the oldest go first
 
 
 @dataclass(frozen=True)
@@ -83,15 +84,21 @@ class Forward:
     Raises InputError where the rim is too rough for the conformal map.
     """
 
-    def __init__(self, geometry: Geometry, accuracy: str | Accuracy = "diagnose"):
+    def __init__(
+        self,
+        geometry: Geometry,
+        accuracy: str | Accuracy = "diagnose",
+        near: "Forward | None" = None,
+    ):
+        """`near`: a solved skin; what only depends on rim and electrodes is shared where they agree."""
         self.geometry = geometry
         self.accuracy = ACCURACIES[accuracy] if isinstance(accuracy, str) else accuracy
-        self._rim_phi = np.linspace(0.0, 2.0 * np.pi, RIM_POINTS, endpoint=False)
-        try:
-            self.disc = DiscMap(geometry.unfold(geometry.rim(self._rim_phi)))
-        except ValueError as error:
-            raise InputError("skin", "domain shape", str(error), "a smooth, star-shaped rim") from None
-        self.electrodes = Electrodes(geometry, self.disc, self.accuracy.electrode_order)
+        if near and near.accuracy == self.accuracy and geometry.same_outline(near.geometry):
+            self.disc, self._couplings = near.disc, near._couplings
+            self.electrodes = near.electrodes.with_contacts(geometry)
+        else:
+            self.disc, self._couplings = _disc_map(geometry), {}
+            self.electrodes = Electrodes(geometry, self.disc, self.accuracy.electrode_order)
         n, order = self.electrodes.n, self.electrodes.order
         whole = np.zeros(n * order, dtype=bool)
         whole[::order] = True
@@ -129,8 +136,8 @@ class Forward:
 
     def place(self, x_mm: float, y_mm: float, radius_mm: float) -> TouchModes:
         """The touch at one place, for every contrast at once."""
-        edge = self.edge(Touch(x_mm, y_mm, radius_mm))
-        gains, response = self._coupled(edge)
+        edge, coupling = self._coupling(x_mm, y_mm, radius_mm)
+        gains, response = self._relaxed(edge, coupling)
         weight, vectors = np.linalg.eigh(edge.mass)
         kept = weight > 1e-12 * weight[-1]
         basis = vectors[:, kept] / np.sqrt(weight[kept])
@@ -138,9 +145,19 @@ class Forward:
         scale = np.sqrt(self.sheet_resistance)
         return TouchModes(scale * gains @ (basis @ turn), poles)
 
-    def _coupled(self, edge: TouchEdge) -> tuple[np.ndarray, np.ndarray]:
+    def _coupling(self, x_mm: float, y_mm: float, radius_mm: float):
+        """The touch's edge and its coupling (n order, 2 degree) to the electrodes' modes."""
+        key = (x_mm, y_mm, radius_mm)
+        if key not in self._couplings:
+            edge = self.edge(Touch(*key))
+            coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))
+            if len(self._couplings) >= KEPT_PLACES:
+                self._couplings.pop(next(iter(self._couplings)))
+            self._couplings[key] = edge, coupling
+        return self._couplings[key]
+
+    def _relaxed(self, edge: TouchEdge, coupling: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gains (n, 2 degree) and response (2 degree, 2 degree), the electrodes' own modes relaxed."""
-        coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))
         inner = coupling[self._inner]
         gains = coupling[self._whole] + self._inner_currents.T @ inner
         response = edge.self_response
@@ -261,8 +278,8 @@ class _Slopes:
 
     def _skin_moved(self, motion: RimMotion) -> np.ndarray:
         forward, g = self.forward, self.geometry
-        rim = g.rim(forward._rim_phi)
-        velocity = g.unfold(motion.rim(forward._rim_phi)) + motion.unfolding(rim)
+        rim = g.rim(RIM_PHI)
+        velocity = g.unfold(motion.rim(RIM_PHI)) + motion.unfolding(rim)
         map_velocity = forward.disc.velocity(velocity)
         moved = {i: e.skin_motion(motion, map_velocity) for i, e in enumerate(self.edges)}
         return self._moved(self.electrodes.skin_motion(motion, map_velocity), moved)
@@ -296,6 +313,13 @@ class _Slopes:
                 change += 0.5 * (there + back.T)
             total += change + change.T
         return total
+
+
+def _disc_map(geometry: Geometry) -> DiscMap:
+    try:
+        return DiscMap(geometry.unfold(geometry.rim(RIM_PHI)))
+    except ValueError as error:
+        raise InputError("skin", "domain shape", str(error), "a smooth, star-shaped rim") from None
 
 
 def _both_ways(a: TouchEdge, b: TouchEdge) -> np.ndarray:

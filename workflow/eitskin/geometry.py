@@ -1,6 +1,6 @@
 """The shape of a skin: its rim, where its electrodes lie, how its conductivity is directed."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -77,6 +77,17 @@ class Geometry:
     def with_values(self, **values) -> "Geometry":
         """A copy with some fields replaced."""
         return replace(self, **values)
+
+    def same_outline(self, other: "Geometry") -> bool:
+        """Whether rim, electrodes' places and direction agree; material and contacts may differ."""
+        material = ("thickness_mm", "conductivity_S_per_m", "contact_impedivity_ohm_m2")
+        return all(
+            np.array_equal(getattr(self, f.name), getattr(other, f.name))
+            if isinstance(getattr(self, f.name), np.ndarray)
+            else getattr(self, f.name) == getattr(other, f.name)
+            for f in fields(self)
+            if f.name not in material
+        )
 
     @property
     def points(self) -> bool:

@@ -94,8 +94,9 @@ def voltages(
     base = Geometry.from_skin(skin)
     result = np.empty((len(states), len(channels)))
     groups = pd.Series(np.arange(len(states))).groupby(minutes, sort=False).indices
+    forward = None
     for minute, rows in _watched(groups.items(), "frames", progress):
-        forward = Forward(apply_skin(base, chosen, float(minute)), accuracy)
+        forward = Forward(apply_skin(base, chosen, float(minute)), accuracy, near=forward)
         result[rows] = forward.voltages(channels)
         pressed = table.iloc[rows[touched[rows]]]
         for place, press in pressed.groupby(["x_mm", "y_mm", "radius_mm"], sort=False):
