@@ -301,6 +301,10 @@ def test_files_that_are_no_recording_are_refused(written, tmp_path):
     assert "an end cut off" in refusal(written)
     written.write_bytes(whole[:200] + b"\0" * 400 + whole[600:])
     assert refusal(written)
+    flipped = bytearray(whole)
+    flipped[len(whole) // 3] ^= 1
+    written.write_bytes(bytes(flipped))
+    assert "damaged data" in refusal(written)
     written.write_bytes(b"a,b\n1,2\n")
     assert "expected a Parquet file" in refusal(written)
     written.write_bytes(b"")

@@ -207,7 +207,7 @@ def write(recording: Recording, path: str | Path) -> None:
     text = json.dumps(recording.metadata, sort_keys=True, allow_nan=False)
     table = pa.table(arrays).replace_schema_metadata({SCHEMA_KEY: text.encode()})
     with atomic_path(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd")
+        pq.write_table(table, temporary, compression="zstd", write_page_checksum=True)
 
 
 def validate(recording: Recording, file: str | Path) -> None:
@@ -258,7 +258,7 @@ def _read_table(path: str | Path) -> pa.Table:
         raise InputError(path, "file", "an end cut off", "a whole Parquet file")
     try:
         # ParquetFile, not read_table: folders named like key=value add no columns.
-        with pq.ParquetFile(path) as file:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
             return file.read()
     except (OSError, pa.ArrowException) as error:
         reason = str(error).splitlines()[0]
