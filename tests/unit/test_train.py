@@ -42,23 +42,23 @@ def informed(teachers, output, lambda_latent, budget=QUICK):
     return models.read(output)
 
 
-def test_losses_are_the_equations():
+def test_losses_are_the_equations_over_their_components():
     draw = np.random.default_rng(1)
     state, predicted, latent = (draw.normal(size=(7, k)) for k in (3, 3, 4))
     g = draw.normal(size=(3, 4))
     tensor = torch.from_numpy
     weight = tensor(np.array([1.0, 1.0, 5.0]))
     squares = (predicted - state) ** 2
-    expected = np.mean(squares[:, 0] + squares[:, 1] + 5 * squares[:, 2])
+    expected = np.mean(squares[:, 0] + squares[:, 1] + 5 * squares[:, 2]) / 3
     assert train.supervision(tensor(predicted), tensor(state), weight).item() == pytest.approx(
         expected
     )
-    expected = np.mean(np.linalg.norm(predicted @ g - latent, axis=1) ** 2)
+    expected = np.mean(np.linalg.norm(predicted @ g - latent, axis=1) ** 2) / 4
     module = lambda s: s @ tensor(g)  # noqa: E731
     assert train.alignment(module, tensor(predicted), tensor(latent)).item() == pytest.approx(
         expected
     )
-    expected = np.mean(np.linalg.norm(2 * latent - latent, axis=1) ** 2)
+    expected = np.mean(np.linalg.norm(2 * latent - latent, axis=1) ** 2) / 4
     assert train.reconstruction(lambda v: 2 * v, tensor(latent)).item() == pytest.approx(expected)
 
 
@@ -202,9 +202,9 @@ def test_autoencoder_and_regressor_learn(teachers):
     autoencoder = models.read(teachers[0]).into(models.Autoencoder(208, 16), 1)
     latent = autoencoder.encoder(voltage)
     # half of the squared voltage is explained, and half of the latent's spread
-    assert train.reconstruction(autoencoder, voltage) < 0.5 * voltage.square().sum(1).mean()
+    assert train.reconstruction(autoencoder, voltage) < 0.5 * voltage.square().mean()
     regressor = models.read(teachers[1]).into(models.StateToLatent(3, 16), 1)
-    spread = (latent - latent.mean(0)).square().sum(1).mean()
+    spread = (latent - latent.mean(0)).square().mean()
     assert train.alignment(regressor, state, latent) < 0.5 * spread
 
 
