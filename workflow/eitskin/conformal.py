@@ -1,7 +1,7 @@
 """The conformal map of a star-shaped skin onto the unit disc.
 
-Laplace's equation, the flux through a curve and so the whole sheet problem are invariant under it; what
-a shape does to an EIT skin is therefore where it sends the electrodes and the touches. With
+Laplace's equation, the flux through a curve and so the whole sheet problem are invariant under it;
+what a shape does to an EIT skin is therefore where it sends the electrodes and the touches. With
 f(z) = z exp(F(z)), |f| = 1 on the rim asks for the analytic F with Re F = -ln|z| there: linear.
 (Henrici, Applied and Computational Complex Analysis III, § 16.7.)
 """
@@ -42,9 +42,7 @@ class DiscMap:
         if order >= 2:
             f.append(exp * (2 * g[1] + z * (g[1] ** 2 + g[2])))
         if order >= 3:
-            f.append(
-                exp * (3 * (g[1] ** 2 + g[2]) + z * (g[1] ** 3 + 3 * g[1] * g[2] + g[3]))
-            )
+            f.append(exp * (3 * (g[1] ** 2 + g[2]) + z * (g[1] ** 3 + 3 * g[1] * g[2] + g[3])))
         return f
 
     def velocity(self, rim_velocity: np.ndarray) -> "MapVelocity":

@@ -1,9 +1,9 @@
 """Electrodes on the rim as the complete electrode model has them, or as points.
 
-The unknown is the current density on each electrode alone, in Legendre modes of the position across
-it: P_k(t) / 2 per dt, t = -1 ... 1, so that the mode k = 0 carries the electrode's whole current. The
-Galerkin equations of the contract's model, U_l - u = (z_l / h) dI/ds (Somersalo, Cheney, Isaacson
-1992), with the unit disc's Neumann function for u.
+The unknown is the current density on each electrode alone, in Legendre modes of the position
+across it: P_k(t) / 2 per dt, t = -1 ... 1, so that the mode k = 0 carries the electrode's whole
+current. The Galerkin equations of the contract's model, U_l - u = (z_l / h) dI/ds (Somersalo,
+Cheney, Isaacson 1992), with the unit disc's Neumann function for u.
 """
 
 import copy
@@ -18,9 +18,9 @@ from eitskin.geometry import Geometry, RimMotion
 class Electrodes:
     """Nodes, modes and Galerkin matrix of a skin's electrodes; `order` modes each (1 for points).
 
-    matrix (n order, n order): power of the modes' currents per unit sheet resistance 1 / (sigma h),
-    mode-major within an electrode. The singular ln|t - t'| of an electrode with itself is integrated in
-    closed form; what is left is smooth.
+    matrix (n order, n order): power of the modes' currents per unit sheet resistance 1 / (sigma
+    h), mode-major within an electrode. The singular ln|t - t'| of an electrode with itself is
+    integrated in closed form; what is left is smooth.
     """
 
     def __init__(self, geometry: Geometry, disc: DiscMap, order: int):
@@ -158,7 +158,8 @@ class Electrodes:
         return neumann.rim_potential_slope(apart) @ density
 
     def power_slope(self, density: np.ndarray, field: np.ndarray, motion: "ElectrodeMotion"):
-        """(drives, drives): change of the electrodes' power with a motion, contact drop included."""
+        """(drives, drives): change of the electrodes' power with a motion, contact drop
+        included."""
         moved = (motion.theta.ravel()[:, None] * density).T @ field
         if self.geometry.points:
             return moved + moved.T
@@ -172,7 +173,8 @@ class Electrodes:
 
 
 class ElectrodeMotion:
-    """Velocities (n, q) of theta, of d theta / dt and of the arc length ds / dt (m) at the nodes."""
+    """Velocities (n, q) of theta, of d theta / dt and of the arc length ds / dt (m) at the
+    nodes."""
 
     def __init__(self, theta: np.ndarray, slope: np.ndarray, arc: np.ndarray):
         self.theta, self.slope, self.arc = theta, slope, arc

@@ -7,7 +7,8 @@ from pathlib import Path
 
 
 class InputError(Exception):
-    """Input that cannot be used, told in one line: file, place, what was found, what was expected."""
+    """Input that cannot be used, told in one line: file, place, what was found, what was
+    expected."""
 
     def __init__(self, file: str | Path, place: str, found: object, expected: str):
         super().__init__(f"{file}: {place}: found {found}, expected {expected}")
@@ -15,7 +16,8 @@ class InputError(Exception):
 
 @contextlib.contextmanager
 def reported(log: str | Path) -> Iterator[None]:
-    """Run a workflow job; an InputError becomes one line on stderr and in `log`, and exit code 1."""
+    """Run a workflow job; an InputError becomes one line on stderr and in `log`, and exit code
+    1."""
     try:
         yield
     except InputError as error:

@@ -1,10 +1,10 @@
 """The forward model: electrode voltages of a touched skin, and their derivatives, without a mesh.
 
-The unknowns are the current densities on the electrodes and the multipoles inside each touch; the disc's
-own Neumann function carries the rest exactly. The power they take is one symmetric matrix S; what the
-wires see is its Schur complement on the electrodes' whole currents. All forces at one place follow
-from one small generalised eigenproblem, R(c) = R0 - sum_k g_k g_k^T c / (1 + c d_k), and every
-derivative from R's stationarity, dR = X^T dS X.
+The unknowns are the current densities on the electrodes and the multipoles inside each touch; the
+disc's own Neumann function carries the rest exactly. The power they take is one symmetric matrix
+S; what the wires see is its Schur complement on the electrodes' whole currents. All forces at one
+place follow from one small generalised eigenproblem, R(c) = R0 - sum_k g_k g_k^T c / (1 + c d_k),
+and every derivative from R's stationarity, dR = X^T dS X.
 """
 
 from dataclasses import dataclass
@@ -19,6 +19,7 @@ from eitskin.geometry import Geometry, RimMotion
 from eitskin.touch import Touch, TouchAccuracy, TouchEdge
 
 RIM_PHI = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
+NO_CONTRAST = 1e-12  # a touch of less is none
 KEPT_PLACES = 256  # touched places whose edges a skin keeps; the oldest go first
 
 
@@ -77,10 +78,11 @@ class TouchModes:
 
 
 class Forward:
-    """A skin of one geometry, ready to be touched. `accuracy`: a name of ACCURACIES, or an Accuracy.
+    """A skin of one geometry, ready to be touched. `accuracy`: a name of ACCURACIES, or an
+    Accuracy.
 
-    Transfer impedances are in ohm between electrodes, up to a constant that no pair sees: R[i, j] is
-    the potential of electrode i for a unit current that enters at j (currents sum to zero).
+    Transfer impedances are in ohm between electrodes, up to a constant that no pair sees: R[i, j]
+    is the potential of electrode i for a unit current that enters at j (currents sum to zero).
     Raises InputError where the rim is too rough for the conformal map.
     """
 
@@ -90,7 +92,8 @@ class Forward:
         accuracy: str | Accuracy = "diagnose",
         near: "Forward | None" = None,
     ):
-        """`near`: a solved skin; what only depends on rim and electrodes is shared where they agree."""
+        """`near`: a solved skin; what only depends on rim and electrodes is shared where they
+        agree."""
         self.geometry = geometry
         self.accuracy = ACCURACIES[accuracy] if isinstance(accuracy, str) else accuracy
         if near and near.accuracy == self.accuracy and geometry.same_outline(near.geometry):
@@ -130,9 +133,9 @@ class Forward:
             raise InputError("skin", "electrode_width_mm", where, "a width above 0 for it")
         return values
 
-    def edge(self, touch: Touch) -> TouchEdge:
-        """The touch's edge and multipoles at this accuracy."""
-        return TouchEdge(touch, self.geometry, self.disc, self.accuracy.touch)
+    def edge(self, touch: Touch, apart: float = np.inf) -> TouchEdge:
+        """The touch's edge and multipoles at this accuracy; `apart` from others, in radii."""
+        return TouchEdge(touch, self.geometry, self.disc, self.accuracy.touch, apart)
 
     def place(self, x_mm: float, y_mm: float, radius_mm: float) -> TouchModes:
         """The touch at one place, for every contrast at once."""
@@ -157,7 +160,8 @@ class Forward:
         return self._couplings[key]
 
     def _relaxed(self, edge: TouchEdge, coupling: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gains (n, 2 degree) and response (2 degree, 2 degree), the electrodes' own modes relaxed."""
+        """Gains (n, 2 degree) and response (2 degree, 2 degree), the electrodes' own modes
+        relaxed."""
         inner = coupling[self._inner]
         gains = coupling[self._whole] + self._inner_currents.T @ inner
         response = edge.self_response
@@ -166,11 +170,13 @@ class Forward:
         return gains, response
 
     def _solve(self, touches: list[Touch]) -> tuple[np.ndarray, np.ndarray, list, list]:
-        """Relative transfer (n, n), electrode mode currents, edges and their multipoles (2 degree, n)."""
+        """Relative transfer (n, n), electrode mode currents, edges and their multipoles (2 degree,
+        n)."""
         n = self.electrodes.n
-        touches = [t for t in touches if t.contrast != 0.0]
-        edges = [self.edge(t) for t in touches]
-        self._refuse_overlap(touches)
+        touches = [t for t in touches if abs(t.contrast) > NO_CONTRAST]
+        edges = [
+            self.edge(t, apart) for t, apart in zip(touches, _clearances(touches), strict=True)
+        ]
         currents = np.zeros((n * self.electrodes.order, n))
         currents[self._whole, range(n)] = 1.0
         currents[self._inner] = self._inner_currents
@@ -198,15 +204,6 @@ class Forward:
         change = gains @ multipoles
         return self._relative + 0.5 * (change + change.T), currents, edges, split
 
-    @staticmethod
-    def _refuse_overlap(touches: list[Touch]) -> None:
-        for i, a in enumerate(touches):
-            for b in touches[:i]:
-                apart = np.hypot(a.x_mm - b.x_mm, a.y_mm - b.y_mm)
-                if apart <= a.radius_mm + b.radius_mm:
-                    expected = "touches apart"
-                    raise InputError("touch", "touches", f"two {apart:g} mm apart", expected)
-
     def parameters(self, touches: list[Touch] = ()) -> list[str]:
         """Names that `derivatives` knows; `[l]` counts electrodes, harmonics or touches."""
         g, n = self.geometry, self.electrodes.n
@@ -228,8 +225,8 @@ class Forward:
         Touches of contrast 0 and clipped ones have no derivative here: InputError.
         """
         for touch in touches:
-            if touch.contrast == 0.0:
-                raise InputError("touch", "contrast", 0, "another value, to differentiate by")
+            if abs(touch.contrast) <= NO_CONTRAST:
+                raise InputError("touch", "contrast", touch.contrast, "one to differentiate by")
         slope = _Slopes(self, *self._solve(touches))
         wanted = self.parameters(touches) if parameters is None else parameters
         return {name: self.sheet_resistance * slope.of(name) for name in wanted}
@@ -320,6 +317,22 @@ def _disc_map(geometry: Geometry) -> DiscMap:
         return DiscMap(geometry.unfold(geometry.rim(RIM_PHI)))
     except ValueError as error:
         raise InputError("skin", "domain shape", str(error), "a smooth, star-shaped rim") from None
+
+
+def _clearances(touches: list[Touch]) -> list[float]:
+    """Distance from each touch to the nearest other edge, in its radii; InputError on overlap."""
+    clearances = []
+    for a in touches:
+        gaps = [
+            np.hypot(a.x_mm - b.x_mm, a.y_mm - b.y_mm) - a.radius_mm - b.radius_mm
+            for b in touches
+            if b is not a
+        ]
+        if gaps and min(gaps) <= 0:
+            found = f"two that overlap by {-min(gaps):g} mm"
+            raise InputError("touch", "touches", found, "touches apart")
+        clearances.append(min(gaps, default=np.inf) / a.radius_mm)
+    return clearances
 
 
 def _both_ways(a: TouchEdge, b: TouchEdge) -> np.ndarray:

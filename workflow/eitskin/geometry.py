@@ -12,10 +12,10 @@ from eitskin.skin import Skin
 class Geometry:
     """A conductive sheet with electrodes on its rim, in the units of its names.
 
-    The rim is r(phi) = radius (1 + sum_k shape_cos[k] cos k phi + shape_sin[k] sin k phi), stretched
-    by (x, y) -> (stretch_x x, stretch_y y), electrodes and all. An electrode spans the angles
-    electrode_deg +- width / (2 radius); width 0 makes it a point. Conductivity along `anisotropy_deg`
-    over that across is `anisotropy_ratio`, geometric mean `conductivity_S_per_m`.
+    The rim is r(phi) = radius (1 + sum_k shape_cos[k] cos k phi + shape_sin[k] sin k phi),
+    stretched by (x, y) -> (stretch_x x, stretch_y y), electrodes and all. An electrode spans the
+    angles electrode_deg +- width / (2 radius); width 0 makes it a point. Conductivity along
+    `anisotropy_deg` over that across is `anisotropy_ratio`, geometric mean `conductivity_S_per_m`.
     Raises InputError for values that make no skin.
     """
 
@@ -57,7 +57,8 @@ class Geometry:
 
     @classmethod
     def from_skin(cls, skin: Skin) -> "Geometry":
-        """The ideal geometry that a Skin describes; raises InputError where a needed key is null."""
+        """The ideal geometry that a Skin describes; raises InputError where a needed key is
+        null."""
         needed = ["radius_mm", "thickness_mm", "conductivity_S_per_m", "electrode_deg"]
         needed += ["electrode_width_mm"]
         if skin.electrode_width_mm:

@@ -1,4 +1,5 @@
-"""What a simulation is laid out on: nodes on the electrodes, places to touch, forces to press with."""
+"""What a simulation is laid out on: nodes on the electrodes, places to touch, forces to press
+with."""
 
 from pathlib import Path
 
@@ -16,7 +17,8 @@ from eitskin.skin import Skin
 def polar_grid(
     radius_mm: float, radii: int, angles: int, inner: float, outer: float, probe_mm: float
 ) -> pd.DataFrame:
-    """The paper's touch grid: place, x_mm, y_mm, radius_mm; radii `inner` to `outer` of the skin's."""
+    """The paper's touch grid: place, x_mm, y_mm, radius_mm; radii `inner` to `outer` of the
+    skin's."""
     r = radius_mm * np.repeat(np.linspace(inner, outer, radii), angles)
     phi = np.tile(2.0 * np.pi * np.arange(angles) / angles, radii)
     return pd.DataFrame(
@@ -46,7 +48,9 @@ def force_levels(
             chosen = rng.choice(len(unique), levels, replace=False)
             return np.round(unique[np.sort(chosen)], decimals)
         found = unique
-    raise InputError("config", "forces.levels", levels, f"at most {len(found)} at {decimals} decimals")
+    raise InputError(
+        "config", "forces.levels", levels, f"at most {len(found)} at {decimals} decimals"
+    )
 
 
 def write(
@@ -61,7 +65,8 @@ def write(
 ) -> None:
     """Write `mesh` (npz: channels, force_N, electrode node angles and weights) and `places` (CSV).
 
-    The blocks are the configuration's. Raises InputError where they make no skin that can be measured.
+    The blocks are the configuration's. Raises InputError where they make no skin that can be
+    measured.
     """
     believed = Skin.from_metadata(skin, "config.yaml")
     geometry = Geometry.from_skin(believed)

@@ -1,9 +1,9 @@
 """The Neumann function of the unit disc, sheet conductance 1.
 
-N(x, y) = -(1 / 2 pi) (ln|x - y| + ln|1 - x conj(y)|): the potential at x of a unit current that enters at
-y, for sources that sum to zero (constants and the return current's quadratic drop out then). Points are
-complex numbers. On the rim both logarithms agree. A line element dy with outward normal n obeys
-d/dn Re g(y) ds = Im(g'(y) dy), counter-clockwise round the region.
+N(x, y) = -(1 / 2 pi) (ln|x - y| + ln|1 - x conj(y)|): the potential at x of a unit current that
+enters at y, for sources that sum to zero (constants and the return current's quadratic drop out
+then). Points are complex numbers. On the rim both logarithms agree. A line element dy with outward
+normal n obeys d/dn Re g(y) ds = Im(g'(y) dy), counter-clockwise round the region.
 """
 
 import numpy as np
@@ -28,7 +28,8 @@ def flux_kernel(x: np.ndarray, y: np.ndarray, dy: np.ndarray) -> np.ndarray:
 def flux_kernel_diagonal(y: np.ndarray, dy: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """The limit x -> y of `flux_kernel` along a smooth curve y(t), with dy = y' dt.
 
-    `turn` is Im(y'' / y') dt, the angle by which the tangent turns; half of it is the curve's own part.
+    `turn` is Im(y'' / y') dt, the angle by which the tangent turns; half of it is the curve's own
+    part.
     """
     image = np.conj(y) * dy / (1.0 - np.abs(y) ** 2)
     return -(0.5 * turn - image.imag) / (2.0 * np.pi)

@@ -1,8 +1,8 @@
 """The simulated sets: clean physics, then effects in the order skin, instrument, then noise.
 
-A stage is a Parquet file with one row a sample: sample, session, place, x_mm, y_mm, force_N, probe_mm and,
-as float32 V, the touched frame and the untouched frame that belongs to it. As in the paper's code, the
-untouched frame carries the instrument of its touched frame's force.
+A stage is a Parquet file with one row a sample: sample, session, place, x_mm, y_mm, force_N,
+probe_mm and, as float32 V, the touched frame and the untouched frame that belongs to it. As in the
+paper's code, the untouched frame carries the instrument of its touched frame's force.
 """
 
 import json
@@ -71,9 +71,9 @@ def voltages(
 ) -> np.ndarray:
     """Noise-free readings (N, M) V of frames with effects at definite values.
 
-    `states`: time_s, touch, x_mm, y_mm, force_N, probe_mm, one row a frame. Frames that share a skin
-    share its solve; where an effect of the skin follows time, every frame has a skin of its own.
-    Raises InputError where `skin` lacks a value that a simulation needs.
+    `states`: time_s, touch, x_mm, y_mm, force_N, probe_mm, one row a frame. Frames that share a
+    skin share its solve; where an effect of the skin follows time, every frame has a skin of its
+    own. Raises InputError where `skin` lacks a value that a simulation needs.
     """
     for key in ("current_A", "contrast_per_N"):
         if getattr(skin, key) is None:
@@ -193,6 +193,7 @@ def write_skin_stage(
     crossed: bool,
 ):
     """Every place and force with the skin's effects, drawn anew for each session, as a stage."""
+
     def geometry_of(base: Geometry, session: int, channels: np.ndarray) -> Geometry:
         chosen = settings(effects, site_counts(channels), (seed, session, 0))
         return apply_skin(base, chosen)
@@ -219,10 +220,11 @@ def write_stage(stage, out: str | Path, seed: int, effect: dict, position: int):
 def write_dataset(
     stage, out: str | Path, configuration: str, seed: int, noise: float, baseline: str
 ):
-    """Noise on untouched and touched frame, `noise` times each frame's median |v|; their difference.
+    """Noise on untouched and touched frame, `noise` times each frame's median |v|; their
+    difference.
 
-    baseline "paired": each sample its own untouched frame; "averaged": the noise of the untouched frames
-    averaged over the session, as by a lab that averages its baseline.
+    baseline "paired": each sample its own untouched frame; "averaged": the noise of the untouched
+    frames averaged over the session, as by a lab that averages its baseline.
     """
     table, untouched, touched, channels = read_stage(stage)
     change = np.empty(touched.shape, dtype=np.float32)

@@ -1,8 +1,8 @@
 """A touch: a sharp-edged disc in which the conductivity is multiplied by 1 + contrast.
 
-Inside it the potential is harmonic, so its multipoles up to a degree describe it; the edge is an exact
-circle of the skin, mapped onto the unit disc, and cuts no element of any mesh. A touch that reaches
-beyond the rim is clipped by it.
+Inside it the potential is harmonic, so its multipoles up to a degree describe it; the edge is an
+exact circle of the skin, mapped onto the unit disc, and cuts no element of any mesh. A touch that
+reaches beyond the rim is clipped by it.
 """
 
 from dataclasses import dataclass
@@ -14,17 +14,28 @@ from eitskin.conformal import DiscMap
 from eitskin.errors import InputError
 from eitskin.geometry import Geometry, RimMotion
 
-NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128)
+NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
+MOST_EVEN_NODES = 128  # against the rim; nearer to it, nodes are graded
 
 
 @dataclass(frozen=True)
 class Touch:
-    """Centre and radius in mm, skin frame; conductivity inside is (1 + contrast) times that outside."""
+    """Centre and radius in mm, skin frame; conductivity inside is (1 + contrast) times that
+    outside.
+
+    Raises InputError for a radius of 0 or less and a contrast of -1 or less.
+    """
 
     x_mm: float
     y_mm: float
     radius_mm: float
     contrast: float = 0.0
+
+    def __post_init__(self):
+        if not self.radius_mm > 0:
+            raise InputError("touch", "radius_mm", self.radius_mm, "more than 0")
+        if not self.contrast > -1:
+            raise InputError("touch", "contrast", self.contrast, "more than -1")
 
 
 @dataclass(frozen=True)
@@ -54,24 +65,27 @@ class EdgeMotion:
 class TouchEdge:
     """The boundary of a touch in the unit disc, its multipoles, and how they interact with it.
 
-    Nodes on the edge are evenly
-    spaced, or graded towards the rim where the touch comes near it; a part of the rim closes a
-    clipped touch. Raises InputError for a touch outside the skin or one that cuts it more than once.
+    Nodes on the edge are evenly spaced, or graded towards the rim where the touch comes near it; a
+    part of the rim closes a clipped touch. `apart`: distance to the nearest other touch, in radii.
+    Raises InputError for a touch outside the skin or one that the rim cuts more than twice.
     """
 
     def __init__(
-        self, touch: Touch, geometry: Geometry, disc: DiscMap, accuracy: TouchAccuracy
+        self,
+        touch: Touch,
+        geometry: Geometry,
+        disc: DiscMap,
+        accuracy: TouchAccuracy,
+        apart: float = np.inf,
     ):
         self.touch, self.geometry, self.disc = touch, geometry, disc
         self.centre = touch.x_mm + 1j * touch.y_mm
-        if not touch.radius_mm > 0:
-            raise InputError("touch", "radius_mm", touch.radius_mm, "more than 0")
         centre = complex(disc(geometry.unfold(np.array([self.centre])))[0])
         if not abs(centre) < 1:
             place = f"({touch.x_mm:g}, {touch.y_mm:g}) mm"
             raise InputError("touch", "centre", place, "a place on the skin")
         self.radius = touch.radius_mm
-        degree = self._place_nodes(accuracy)
+        degree = self._place_nodes(accuracy, apart)
         self.expansion_centre = complex(centre)
         self.expansion_radius = float(np.abs(self.zeta - centre).max())
         self._build_modes(degree)
@@ -88,7 +102,7 @@ class TouchEdge:
             mapped.append(f[2] * first**2 + f[1] * self.geometry.unfold(-ray))
         return mapped
 
-    def _place_nodes(self, accuracy: TouchAccuracy) -> int:
+    def _place_nodes(self, accuracy: TouchAccuracy, apart: float) -> int:
         """Choose the nodes; returns the multipoles needed."""
         t = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)
         zeta = self._mapped(t, 0)[0]
@@ -96,16 +110,18 @@ class TouchEdge:
         if abs(gap) < accuracy.rim_gap:
             self.radius *= 1.0 + gap - accuracy.rim_gap
             gap = accuracy.rim_gap
-        needed = -np.log(accuracy.tolerance) / np.log1p(gap) if gap > 0 else np.inf
-        degree = int(min(accuracy.degree, max(np.ceil(0.5 * needed), 3)))
-        needed = max(needed, 2 * degree + 4)
-        panels = (0.5 * accuracy.panel_nodes / degree, accuracy.rim_gap, accuracy.panel_nodes)
+        digits = -np.log(accuracy.tolerance)
+        for_rim = digits / np.log1p(gap) if gap > 0 else np.inf
+        for_touch = min(digits / np.log1p(apart), NODE_COUNTS[-1])
+        degree = int(min(accuracy.degree, max(np.ceil(0.5 * max(for_rim, for_touch)), 3)))
+        longest = min(0.5 * accuracy.panel_nodes / degree, 2.0 * apart)
+        panels = (longest, accuracy.rim_gap, accuracy.panel_nodes)
         self.rim_theta = self.rim_weight = np.zeros(0)
         self.clipped = gap < 0
         if self.clipped:
             self._clip(t, np.abs(zeta) > 1.0, panels)
-        elif needed <= NODE_COUNTS[-1]:
-            count = next(n for n in NODE_COUNTS if n >= needed)
+        elif for_rim <= MOST_EVEN_NODES:
+            count = next(n for n in NODE_COUNTS if n >= max(for_rim, for_touch, 2 * degree + 4))
             self.t = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
             self.weight = np.full(count, 2.0 * np.pi / count)
         else:
@@ -188,7 +204,8 @@ class TouchEdge:
         return self.norm * factor * scaled**safe
 
     def harmonics(self, zeta: np.ndarray) -> np.ndarray:
-        """(points, 2 degree): real and imaginary parts of the powers, unit energy on their circle."""
+        """(points, 2 degree): real and imaginary parts of the powers, unit energy on their
+        circle."""
         powers = self.powers(zeta)
         return np.hstack([powers.real, powers.imag])
 
@@ -258,7 +275,8 @@ class TouchEdge:
     def response_slope(self, amplitude: np.ndarray, contrast: float, motion: EdgeMotion):
         """(n, n): change of amplitude^T (self_response + mass / contrast) amplitude with a motion.
 
-        amplitude (2 degree, n). Raises InputError for a clipped touch, whose corners would move too.
+        amplitude (2 degree, n). Raises InputError for a clipped touch, whose corners would move
+        too.
         """
         self._refuse_clipped()
         w = self.weight
@@ -315,7 +333,8 @@ class TouchEdge:
         return -(kernel_dot.imag / np.pi) @ value + kernel @ value_dot
 
     def inner_response_slope(self, other, amplitude, other_amplitude, motion, other_motion):
-        """(n, n): change of amplitude^T inner_response(other) other_amplitude; motions may be None."""
+        """(n, n): change of amplitude^T inner_response(other) other_amplitude; motions may be
+        None."""
         self._refuse_clipped()
         other._refuse_clipped()
         still = EdgeMotion(*3 * [np.zeros(1, complex)])
@@ -344,8 +363,9 @@ def graded_panels(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Gauss-Legendre nodes and weights on [start, stop], in panels halved until they fit.
 
-    A panel fits when it is no longer than `longest` and than twice clearance(its middle), the distance
-    (in units of the parameter) to what its points interact with, or when it is below `shortest`.
+    A panel fits when it is no longer than `longest` and than twice clearance(its middle), the
+    distance (in units of the parameter) to what its points interact with, or when it is below
+    `shortest`.
     """
     edges = np.linspace(start, stop, int(np.ceil((stop - start) / longest)) + 1)
     while True:
@@ -360,5 +380,5 @@ def graded_panels(
 
 
 def _eye(zeta: np.ndarray) -> np.ndarray:
-    """Ones on the diagonal: keeps the coincident nodes apart until their limit is filled in."""
+    """Ones on the diagonal keep coincident nodes apart until their limit is filled in."""
     return np.eye(len(zeta))

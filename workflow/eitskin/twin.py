@@ -1,8 +1,8 @@
 """The default recording: a simulated twin of the paper's skin and of the way it was pressed.
 
-Complete electrodes with contacts of their own, a gel that dries while it is pressed, three probes, six
-sessions, 1 mm steps until the force is reached, untouched frames before every press (§ II-D and the
-authors' logger). It is a simulation and says so: `source` is "simulation".
+Complete electrodes with contacts of their own, a gel that dries while it is pressed, three probes,
+six sessions, 1 mm steps until the force is reached, untouched frames before every press (§ II-D
+and the authors' logger). It is a simulation and says so: `source` is "simulation".
 """
 
 from pathlib import Path
@@ -33,9 +33,10 @@ def presses(
 ) -> pd.DataFrame:
     """States of all frames, in order: the columns of a recording, with session and contact.
 
-    Every probe visits the places of `grid` in a random order, in equal sessions. A press goes down by
-    `step_mm` until a force drawn between the two of `target_N` is reached; the force is
-    N_per_mm (probe / 10 mm) depth^exponent, its stiffness scattered by `scatter` from place to place.
+    Every probe visits the places of `grid` in a random order, in equal sessions. A press goes down
+    by `step_mm` until a force drawn between the two of `target_N` is reached; the force is
+    N_per_mm (probe / 10 mm) depth^exponent, its stiffness scattered by `scatter` from place to
+    place.
     """
     rows: list[dict] = []
     time, contact = 0.0, 0

@@ -1,6 +1,6 @@
 """A gel that dries, or warms: its conductivity changes with time."""
 
-from eitskin.effects.effect import Parameter, SkinEffect, Setting
+from eitskin.effects.effect import Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
 
 

@@ -1,6 +1,6 @@
 """Contacts that change with time."""
 
-from eitskin.effects.effect import Parameter, SkinEffect, Setting
+from eitskin.effects.effect import Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
 
 

@@ -1,6 +1,6 @@
 """Electrodes that touch the gel worse, or better, than believed."""
 
-from eitskin.effects.effect import Parameter, SkinEffect, Setting
+from eitskin.effects.effect import Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from eitskin.effects.effect import Parameter, SkinEffect, Setting
+from eitskin.effects.effect import Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
 
 

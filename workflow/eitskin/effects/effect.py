@@ -14,8 +14,8 @@ STAGES = ("touch", "skin", "instrument")
 class Parameter:
     """One parameter: its unit, the value at which the effect does nothing, and its bounds.
 
-    neutral None: there is no such value and one must be given, unless `optional`. dense: one value a
-    site rather than one for all.
+    neutral None: there is no such value and one must be given, unless `optional`. dense: one value
+    a site rather than one for all.
     """
 
     unit: str
@@ -29,8 +29,9 @@ class Parameter:
 class Effect:
     """One effect: class attributes say what it is, one method for its stage says what it does.
 
-    name: the field's term; stage: where it enters, in the order touch, skin, instrument; driver: what
-    it varies with; sites: the kind of place it may be confined to, or None; parameters by name.
+    name: the field's term; stage: where it enters, in the order touch, skin, instrument; driver:
+    what it varies with; sites: the kind of place it may be confined to, or None; parameters by
+    name.
     """
 
     name: str
@@ -43,7 +44,8 @@ class Effect:
 
 @dataclass(frozen=True)
 class Setting:
-    """An effect at definite values: `sites` (S,) indices or None, `values` a number or (S,) each."""
+    """An effect at definite values: `sites` (S,) indices or None, `values` a number or (S,)
+    each."""
 
     effect: Effect
     sites: np.ndarray | None

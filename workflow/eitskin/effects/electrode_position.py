@@ -1,6 +1,6 @@
 """Electrodes that are not where the drawing has them."""
 
-from eitskin.effects.effect import Parameter, SkinEffect, Setting
+from eitskin.effects.effect import Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
 
 

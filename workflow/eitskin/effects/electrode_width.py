@@ -1,6 +1,6 @@
 """Electrodes wider or narrower than the drawing has them."""
 
-from eitskin.effects.effect import Parameter, SkinEffect, Setting
+from eitskin.effects.effect import Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
 
 

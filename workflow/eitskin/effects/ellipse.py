@@ -1,6 +1,6 @@
 """The paper's geometry mismatch: a skin stretched along its axes."""
 
-from eitskin.effects.effect import Parameter, SkinEffect, Setting
+from eitskin.effects.effect import Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
 
 

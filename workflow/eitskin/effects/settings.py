@@ -12,10 +12,10 @@ from eitskin.errors import InputError
 def settings(items: list[dict], counts: dict[str, int], draw: tuple[int, ...]) -> list[Setting]:
     """Effects at definite values, drawn parameters by the seed sequence `draw` (seed, session ...).
 
-    items: {name, [electrodes, drives, measures or channels], parameters}; a parameter is a number, a
-    list with one number a site, or {sd, [mean], [tie: mirror]}. counts: how many of each kind of site
-    there are. Equal seeds give equal standard normals, whatever their sd.
-    Raises InputError for unknown names, sites or parameters and values out of bounds.
+    items: {name, [electrodes, drives, measures or channels], parameters}; a parameter is a number,
+    a list with one number a site, or {sd, [mean], [tie: mirror]}. counts: how many of each kind of
+    site there are. Equal seeds give equal standard normals, whatever their sd. Raises InputError
+    for unknown names, sites or parameters and values out of bounds.
     """
     return [_setting(item, counts, (*draw, position)) for position, item in enumerate(items)]
 
