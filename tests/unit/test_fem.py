@@ -213,6 +213,16 @@ def test_a_conductance_that_is_none_is_refused(pyeit_elements, value):
         pyeit_elements.transfer(conductance[1:])
 
 
+def test_a_sliver_that_spoils_the_fields_is_refused():
+    mesh, electrodes = symmetric_disc_mesh(N, 0.0, 1, 0)
+    nodes, elements = mesh.p.T.copy(), mesh.t.T
+    a, b, c = elements[np.flatnonzero((np.hypot(*mesh.p[:, mesh.t]) < 0.9).all(axis=0))[7]]
+    nodes[a] = 0.3 * nodes[b] + 0.7 * nodes[c] + 1e-13
+    sheet = FiniteElements(straight_mesh(nodes[: elements.max() + 1], elements), electrodes)
+    with pytest.raises(InputError, match="slivers"):
+        sheet.transfer(np.ones(len(elements)))
+
+
 def test_electrodes_that_do_not_fit_are_refused(complete):
     mesh, facets = symmetric_disc_mesh(N, 0.1, 0, 0)
     inner = np.setdiff1d(np.arange(mesh.nfacets), mesh.boundary_facets())[:2]

@@ -71,6 +71,21 @@ def test_the_moebius_map_centres_the_circle():
         assert np.allclose(abs(image), mapped, rtol=0, atol=1e-13)
 
 
+def test_a_touch_at_the_rim_is_the_limit_of_touches_near_it():
+    limit, near = (
+        reference.voltages(transfer, CHANNELS)
+        for transfer in (
+            reference.points_touching(ANGLES, 0.1, 0.1, 5.0),
+            reference.points_eccentric(ANGLES, (0.9 - 1e-8) * np.exp(0.1j), 0.1, 5.0),
+        )
+    )
+    plain = reference.voltages(reference.points_homogeneous(ANGLES), CHANNELS)
+    change = np.linalg.norm(limit - plain)
+    assert np.linalg.norm(near - limit) < 2e-6 * change
+    finer = reference.points_touching(ANGLES, 0.1, 0.1, 5.0, gap=2e-5)
+    assert np.linalg.norm(reference.voltages(finer, CHANNELS) - limit) < 2e-6 * change
+
+
 @pytest.mark.parametrize(
     ("touch", "exact", "reached"),
     [

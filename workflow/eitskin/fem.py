@@ -29,6 +29,7 @@ from eitskin.errors import InputError
 from eitskin.forward import TouchModes, channel_values
 
 ELEMENT_TYPES = {1: ElementTriP1, 2: ElementTriP2}
+LARGEST_RESIDUAL = 1e-9
 
 
 @BilinearForm
@@ -159,16 +160,19 @@ class FiniteElements:
 
 
 class FactoredElements:
-    """A sheet of known conductance (elements,) in S, factored: solves, transfer and touches."""
+    """A sheet of known conductance (elements,) in S, factored: solves, transfer and touches.
+
+    Solving raises InputError where elements are so thin that rounding spoils the fields.
+    """
 
     def __init__(self, elements: FiniteElements, conductance: np.ndarray):
         self.elements = elements
         self.conductance = conductance
         self._ground = elements._terminals[-1]
         self._kept = np.delete(np.arange(elements._size), self._ground)
-        matrix = elements.stiffness(conductance)[self._kept][:, self._kept]
+        self._matrix = elements.stiffness(conductance)[self._kept][:, self._kept].tocsc()
         self._factors: SuperLU = splu(
-            matrix.tocsc(),
+            self._matrix,
             permc_spec="MMD_AT_PLUS_A",
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
@@ -186,7 +190,13 @@ class FactoredElements:
         terminals = self.elements._terminals
         currents = np.zeros((self.elements._size, len(terminals)))
         currents[terminals, np.arange(len(terminals))] = 1.0
-        return self.solve(currents)
+        fields = self.solve(currents)
+        lost = np.max(abs(self._matrix @ fields[self._kept] - currents[self._kept]))
+        if not lost < LARGEST_RESIDUAL:
+            raise InputError(
+                "finite elements", "mesh", f"{lost:.1e} of a current lost", "no slivers"
+            )
+        return fields
 
     @cached_property
     def transfer(self) -> np.ndarray:
