@@ -1,9 +1,11 @@
 """The bench compares like with like, and writes what its readers expect."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from eitskin import bench
 
@@ -49,3 +51,13 @@ def test_rows_are_written_as_a_list_with_their_command(tmp_path, monkeypatch, ca
     assert (row["ratio"], row["runs"]) == (3.0, 3)
     assert "python -m eitskin.bench clean --runs 3" in row["command"]
     assert "ratio 3" in capsys.readouterr().out
+
+
+def test_a_perturbed_set_runs_the_whole_chain():
+    config = yaml.safe_load((Path(__file__).parents[2] / "config.yaml").read_text())
+    config["touch_grid"] |= {"radii": 2, "angles": 3}
+    config["forces"]["levels"] = 4
+    samples, seconds, peak = bench.perturb(config, "authors")
+    assert samples == 24
+    assert seconds > 0
+    assert peak > 10

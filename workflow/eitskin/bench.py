@@ -1,28 +1,35 @@
-"""How fast, side by side with peers in one run: `python -m eitskin.bench [clean] [--runs 5]`.
+"""How fast, side by side with peers in one run: `python -m eitskin.bench [NAME]`.
 
 Writes results/bench/NAME.json, a list of {name, unit, ours, peer_name, peer, ratio, runs, command}:
-medians over the runs. Every side computes the same thing, the 208 voltages of a sheet with 16 point
-electrodes for 192 places and 260 strengths of one circular touch; slow peers are timed on a few
-samples, spread evenly over all. What a side prepares once counts in its time, except for what
-favours the peers: meshes, element matrices and the touched elements' stiffness are there before.
-Before timing, every solver on pyEIT's mesh must give the same voltages.
+medians over the runs, ratio = ours / peer.
+
+`clean`: every side computes the same thing, the 208 voltages of a sheet with 16 point electrodes for
+192 places and 260 strengths of one circular touch; slow peers are timed on a few samples, spread
+evenly over all. What a side prepares once counts in its time, except for what favours the peers:
+meshes, element matrices and the touched elements' stiffness are there before. Before timing, every
+solver on pyEIT's mesh must give the same voltages. `perturbed`: see there.
 """
 
 import argparse
 import json
 import os
+import resource
 import shlex
 import statistics
 import sys
 import time
 from collections.abc import Callable
+from multiprocessing import get_context
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
+import yaml
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 from tqdm import tqdm
 
+from eitskin import chain, mesh, simulate
 from eitskin.atomic import atomic_path
 from eitskin.fem import FiniteElements, straight_mesh
 from eitskin.forward import Forward, channel_values
@@ -42,6 +49,7 @@ PLACES = np.array(
 )
 CONTRASTS = 9.0 * np.linspace(0.0, 1.0, 261)[1:]
 AGREEMENT = 1e-10
+LIMIT_S, LIMIT_MIB = 120.0, 2048.0
 
 Samples = list[tuple[int, int]]
 
@@ -54,14 +62,14 @@ class MeshSamples:
         from pyeit.eit.fem import EITForward
         from pyeit.mesh.wrapper import PyEITAnomaly_Circle, create, set_perm
 
-        mesh = create(N, h0=MESH_SIZE)
-        self.pyeit = EITForward(mesh, protocol.create(N))
-        self.elements = FiniteElements(straight_mesh(mesh.node, mesh.element), mesh.el_pos)
-        self.background = np.ones(len(mesh.element))
+        peer = create(N, h0=MESH_SIZE)
+        self.pyeit = EITForward(peer, protocol.create(N))
+        self.elements = FiniteElements(straight_mesh(peer.node, peer.element), peer.el_pos)
+        self.background = np.ones(len(peer.element))
         self.touched = []
         for place in PLACES:
             circle = PyEITAnomaly_Circle(center=list(place), r=TOUCH_RADIUS, perm=2.0)
-            self.touched.append(np.flatnonzero(set_perm(mesh, circle, background=1.0).perm == 2.0))
+            self.touched.append(np.flatnonzero(set_perm(peer, circle, background=1.0).perm == 2.0))
 
     def conductance(self, place: int, strength: int) -> np.ndarray:
         """Conductance (elements,) in S of one sample."""
@@ -100,26 +108,26 @@ class Woodbury:
     The factorisation counts in the time.
     """
 
-    def __init__(self, mesh: MeshSamples, kept: bool):
-        self.mesh, self.kept = mesh, kept
-        self.changes = [self._change(touched) for touched in mesh.touched]
+    def __init__(self, sheet: MeshSamples, kept: bool):
+        self.sheet, self.kept = sheet, kept
+        self.changes = [self._change(touched) for touched in sheet.touched]
 
     def _change(self, touched: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        elements = self.mesh.elements
+        elements = self.sheet.elements
         dofs = elements.basis.element_dofs[:, touched]
         nodes = np.unique(dofs)
-        local = np.zeros(len(self.mesh.background))
+        local = np.zeros(len(self.sheet.background))
         local[touched] = 1.0
-        stiffness = elements.stiffness(self.mesh.background + local)
-        stiffness = stiffness - elements.stiffness(self.mesh.background)
+        stiffness = elements.stiffness(self.sheet.background + local)
+        stiffness = stiffness - elements.stiffness(self.sheet.background)
         return nodes, stiffness[nodes][:, nodes].toarray()
 
     def __call__(self, samples: Samples) -> np.ndarray:
-        elements = self.mesh.elements
-        matrix = elements.stiffness(self.mesh.background)
+        elements = self.sheet.elements
+        matrix = elements.stiffness(self.sheet.background)
         size = matrix.shape[0]
-        ground = self.mesh.pyeit.mesh.ref_node
-        terminals = self.mesh.pyeit.mesh.el_pos
+        ground = self.sheet.pyeit.mesh.ref_node
+        terminals = self.sheet.pyeit.mesh.el_pos
         free = np.delete(np.arange(size), ground)
         factors = splu(
             csc_matrix(matrix[free][:, free]),
@@ -185,12 +193,12 @@ def rates(solver: Callable[[Samples], np.ndarray], samples: Samples, runs: int) 
     return found
 
 
-def disagreement(mesh: MeshSamples, solvers: list[Callable[[Samples], np.ndarray]]) -> float:
+def disagreement(sheet: MeshSamples, solvers: list[Callable[[Samples], np.ndarray]]) -> float:
     """Largest difference from pyEIT's voltages on its mesh, of the largest voltage, 24 samples."""
     samples = spread_samples(24)
-    expected = mesh.by_pyeit(samples)
+    expected = sheet.by_pyeit(samples)
     rows = [place * len(CONTRASTS) + strength for place, strength in samples]
-    every = mesh.by_touch_modes(samples)[rows]
+    every = sheet.by_touch_modes(samples)[rows]
     found = [every, *(solver(samples) for solver in solvers)]
     return max(np.max(abs(f - expected)) for f in found) / np.max(abs(expected))
 
@@ -200,15 +208,15 @@ def clean(runs: int, command: str) -> list[dict]:
 
     Raises RuntimeError where the solvers on pyEIT's mesh disagree.
     """
-    mesh = MeshSamples()
-    per_sample, kept = Woodbury(mesh, kept=False), Woodbury(mesh, kept=True)
-    difference = disagreement(mesh, [mesh.by_factoring, per_sample, kept])
+    sheet = MeshSamples()
+    per_sample, kept = Woodbury(sheet, kept=False), Woodbury(sheet, kept=True)
+    difference = disagreement(sheet, [sheet.by_factoring, per_sample, kept])
     if not difference < AGREEMENT:
         raise RuntimeError(f"solvers on pyEIT's mesh differ by {difference:.1e} of a voltage")
-    ours = {"clean": by_forward_model, "clean on pyEIT's mesh": mesh.by_touch_modes}
+    ours = {"clean": by_forward_model, "clean on pyEIT's mesh": sheet.by_touch_modes}
     peers = {
-        "pyEIT 1.2.4": (mesh.by_pyeit, spread_samples(12)),
-        "SciPy, one factorisation a sample": (mesh.by_factoring, spread_samples(96)),
+        "pyEIT 1.2.4": (sheet.by_pyeit, spread_samples(12)),
+        "SciPy, one factorisation a sample": (sheet.by_factoring, spread_samples(96)),
         "SciPy, one factorisation in all, Woodbury a sample": (per_sample, spread_samples(384)),
         "SciPy, the same, columns kept for each place": (
             kept,
@@ -247,7 +255,62 @@ def row(
     }
 
 
-BENCHES = {"clean": clean}
+def perturb(config: dict, name: str) -> tuple[int, float, float]:
+    """Simulate configuration `name` from nothing to its dataset, as the workflow does.
+
+    Returns samples, seconds and the process's peak memory in MiB: call it in a fresh process.
+    """
+    start = time.perf_counter()
+    chosen = config["configurations"][name]
+    with TemporaryDirectory() as folder:
+        laid, places, stage = (Path(folder) / part for part in ("mesh.npz", "places.csv", "0"))
+        blocks = ("seed", "skin", "protocol", "touch_grid", "forces", "accuracy")
+        mesh.write(laid, places, **{block: config[block] for block in blocks})
+        simulate.write_skin_stage(
+            laid,
+            places,
+            stage,
+            config["seed"],
+            config["skin"],
+            config["accuracy"],
+            chain.skin_effects(chosen["effects"]),
+            chosen["session_frames"],
+            chosen["crossed"],
+        )
+        links = chain.instrument_effects(chosen["effects"])
+        for position, effect in enumerate(links.values(), start=1):
+            done = stage.with_name(str(position))
+            simulate.write_stage(stage, done, config["seed"], effect, position)
+            stage = done
+        dataset = Path(folder) / "dataset.parquet"
+        noise, baseline = chosen["noise"], chosen["baseline"]
+        simulate.write_dataset(stage, dataset, name, config["seed"], noise, baseline)
+        samples = len(simulate.read_stage(stage)[0])
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    return samples, time.perf_counter() - start, peak
+
+
+def perturbed(runs: int, command: str) -> list[dict]:
+    """Seconds and peak memory of the perturbed sets of config.yaml, beside what they may take.
+
+    One process on one core, a fresh one each run; a new geometry every `session_frames` samples.
+    """
+    config = yaml.safe_load(Path("config.yaml").read_text(encoding="utf-8"))
+    rows = []
+    for name in tqdm(["authors", "crossed"], desc="perturbed", disable=None):
+        found = []
+        for _ in range(runs):
+            with get_context("spawn").Pool(1) as pool:
+                found.append(pool.apply(perturb, (config, name)))
+        samples, seconds, peak = (statistics.median(values) for values in zip(*found, strict=True))
+        label = "perturbed" if name == "authors" else f"perturbed, {name}"
+        title = f"limit for {samples:.0f} samples"
+        rows.append(row(label, "s", seconds, title, LIMIT_S, runs, command))
+        rows.append(row(f"{label}, memory", "MiB", peak, title, LIMIT_MIB, runs, command))
+    return rows
+
+
+BENCHES = {"clean": clean, "perturbed": perturbed}
 
 
 def main(arguments: list[str] | None = None) -> None:
