@@ -26,7 +26,7 @@ def test_every_result_is_there(finished):
         "results/tables/table_1.md",
     ):
         assert file in files
-    assert not [file for file in files if ".part" in file]
+    assert list((finished.folder / "results").rglob("*.part")) == []
 
 
 def test_one_core_gives_the_same_bytes(fresh, finished, tmp_path):
