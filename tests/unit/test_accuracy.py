@@ -1,4 +1,4 @@
-"""The two named accuracies keep what they promise, on a hard place and probe and on the electrodes."""
+"""The two named accuracies keep their promise, on electrodes and on hard places and probes."""
 
 import numpy as np
 import pytest

@@ -1,9 +1,9 @@
 """The forward model's own numerical error, known channel by channel.
 
-It is the same in every frame of a recording, so it adds up coherently and cannot be treated as noise;
-what is returned here is therefore signed, per channel. The limit that errors are measured against is
-Richardson's: three expansions, each with twice the electrode modes of the one before, extrapolated at
-the order that they show.
+It is the same in every frame of a recording, so it adds up coherently and cannot be treated as
+noise; what is returned here is therefore signed, per channel. The limit that errors are measured
+against is Richardson's: three expansions, each with twice the electrode modes of the one before,
+extrapolated at the order that they show.
 """
 
 import sys
