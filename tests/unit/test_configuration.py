@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from eitskin.configuration import validate
+from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from eitskin.importers import KNOWN
 
@@ -158,13 +159,22 @@ def test_the_schema_is_valid_and_closed_everywhere():
     assert schema["$defs"]["effect"]["additionalProperties"] is False
 
 
-def test_every_name_of_an_effect_has_its_parameters_checked(refusal):
-    schema = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
-    for name in schema["$defs"]["effect"]["properties"]["name"]["enum"]:
-        effect = {"name": name, "parameters": {"no such parameter": 1.0}}
-        config = changed("configurations", "authors", "effects", [effect])
-        place = "configurations.authors.effects[0].parameters."
-        assert place in refusal(config)
+def test_the_schema_knows_every_effect_and_its_parameters():
+    effect = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))["$defs"]["effect"]
+    names = effect["properties"]["name"]["enum"]
+    assert sorted(names) == sorted(EFFECTS)
+    definitions = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))["$defs"]
+    for name in names:
+        (block,) = [
+            rule["then"]["properties"]["parameters"]["$ref"].rpartition("/")[2]
+            for rule in effect["allOf"]
+            for test in [rule["if"]["properties"]["name"]]
+            if name in test.get("enum", [test.get("const")])
+        ]
+        parameters = EFFECTS[name].parameters
+        assert set(definitions[block]["properties"]) == set(parameters)
+        given = {key for key, parameter in parameters.items() if not parameter.optional}
+        assert set(definitions[block]["required"]) == given
 
 
 def test_the_schema_knows_every_importer():
