@@ -55,6 +55,17 @@ def test_frames_off_the_training_set_are_abstained_from(trained, spoil):
     assert found["abstain"].mean() > 0.9
 
 
+@pytest.mark.parametrize(("channels", "samples"), [(4, 200), (208, 30)])
+def test_few_channels_or_frames_without_noise_still_have_limits(tmp_path, channels, samples):
+    data = touches(samples, seed=1, noise=0.0)
+    data.delta_V = np.ascontiguousarray(data.delta_V[:, :channels])
+    model, _ = fitted(tmp_path, data)
+    assert 0 < model.header["familiar"]["limit_distance"] < np.inf
+    found = predict.judge(model, np.vstack([data.delta_V, -10 * data.delta_V]))
+    assert found["abstain"][:samples].mean() < 0.2
+    assert found["abstain"][samples:].mean() > 0.9
+
+
 def test_without_untouched_frames_the_weakest_touches_set_the_threshold(tmp_path):
     data = touches(3000, seed=1, noise=NOISE)
     data.metadata["untouched"] = None

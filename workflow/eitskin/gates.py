@@ -7,6 +7,7 @@ from eitskin.dataset import upper_limit
 
 COMPONENTS = 16
 REFERENCES = 2000
+RIDGE = 0.1
 FALSE_ALARMS = 0.01  # of validation frames abstained from, and of untouched frames called touched
 
 
@@ -40,45 +41,53 @@ def touch_gate(delta_V: Tensor, spread: Tensor, untouched: dict | None) -> dict:
     }
 
 
-def scores(voltage: Tensor, components: Tensor, variances: Tensor) -> tuple[Tensor, Tensor]:
-    """Whitened scores (N, K) in a principal subspace, and the squared residual (N,) off it.
+def whiten(voltage: Tensor, axes: Tensor, variances: Tensor) -> tuple[Tensor, Tensor]:
+    """Standardised voltages (N, M) along the principal `axes` (M, M) over the root of `variances`
+    (M,), rising: all but the last K (N, M - K), and the last K (N, K), the touches' subspace."""
+    whitened = (voltage.double() @ axes) / variances.sqrt()
+    return whitened.tensor_split([-min(COMPONENTS, len(axes) - 1)], dim=1)
 
-    Of standardised voltages (N, M); components (M, K), variances (K,) of the training frames.
+
+def strangeness(
+    voltage: Tensor, axes: Tensor, variances: Tensor, references: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Residual and distance (N,) of standardised voltages (N, M).
+
+    Residual: root mean square off the touches' subspace. Distance: within it, to the nearest of
+    the `references` (R, K), over √K. Both relative to √(1 + mean square within the subspace), as
+    what a stronger touch leaves unexplained is larger by as much.
     """
-    score = voltage.double() @ components
-    residual = (voltage.double() - score @ components.T).square().sum(dim=1)
-    return score / variances.sqrt(), residual
-
-
-def nearest(score: Tensor, references: Tensor) -> Tensor:
-    """Distance (N,) from each score (N, K) to the nearest reference (R, K)."""
+    others, score = whiten(voltage, axes, variances)
+    strength = (1 + score.square().mean(dim=1)).sqrt()
     exact = "donot_use_mm_for_euclid_dist"
     blocks = [torch.cdist(s, references, compute_mode=exact) for s in score.split(1024)]
-    return torch.cat([block.min(dim=1).values for block in blocks])
+    nearest = torch.cat([block.min(dim=1).values for block in blocks]) / score.shape[1] ** 0.5
+    return others.square().mean(dim=1).sqrt() / strength, nearest / strength
 
 
 def familiar_gate(train: Tensor, validation: Tensor) -> dict:
-    """What training looked like: a principal subspace of its standardised voltages (N, M), the
-    scores of frames spread over it as references, and the limits of the residual off the subspace
-    and of the distance to the nearest reference within it.
+    """What training looked like: the principal axes of its standardised voltages (N, M), their
+    variances, references spread over it, and the limits of residual and distance.
 
-    The residual sees what no touch does (a channel off, another order, noise); the distance what
+    The residual sees what no touch does (a channel off, another order, noise), the distance what
     no touch did (the sign, a gain, a stronger touch), which a linear subspace cannot tell. A frame
     like the validation part's exceeds each limit with a probability of 0.5 % at most, and is
     abstained from with 1 % at most; below 200 such frames, a limit is their largest value.
     """
     train = train.double().cpu()
-    variance, vector = torch.linalg.eigh(train.T @ train / len(train))
-    count = min(COMPONENTS, train.shape[1] - 1, int((variance > 1e-9 * variance[-1]).sum()))
-    components, variances = vector[:, -count:].contiguous(), variance[-count:].contiguous()
+    variances, axes = torch.linalg.eigh(train.T @ train / len(train))
+    others = variances[: -min(COMPONENTS, len(axes) - 1)]
+    # a few frames leave directions unseen, and frames without noise leave them empty
+    variances = variances.clamp(min=0) + RIDGE * others.mean().clamp(min=1e-6)
     rows = torch.linspace(0, len(train) - 1, min(REFERENCES, len(train))).round().long()
-    references, _ = scores(train[rows], components, variances)
-    score, residual = scores(validation.cpu(), components, variances)
-    share = 1 - FALSE_ALARMS / 2
-    return {
-        "components": components,
+    tensors = {
+        "axes": axes.contiguous(),
         "variances": variances,
-        "references": references,
-        "limit_residual": upper_limit(residual.numpy(), share),
-        "limit_distance": upper_limit(nearest(score, references).numpy(), share),
+        "references": whiten(train[rows], axes, variances)[1].contiguous(),
+    }
+    residual, distance = strangeness(validation.cpu(), **tensors)
+    return {
+        **tensors,
+        "limit_residual": upper_limit(residual.numpy(), 1 - FALSE_ALARMS / 2),
+        "limit_distance": upper_limit(distance.numpy(), 1 - FALSE_ALARMS / 2),
     }

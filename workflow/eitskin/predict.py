@@ -50,12 +50,12 @@ def judge(model: Trained, delta_V: np.ndarray) -> pd.DataFrame:
     """
     raw = torch.from_numpy(np.asarray(delta_V, dtype=np.float64))
     tensors, familiar = model.tensors, model.header["familiar"]
-    score, residual = gates.scores(
+    residual, distance = gates.strangeness(
         standardise(raw, tensors, "voltage"),
-        tensors["familiar_components"],
+        tensors["familiar_axes"],
         tensors["familiar_variances"],
+        tensors["familiar_references"],
     )
-    distance = gates.nearest(score, tensors["familiar_references"])
     near = (distance <= familiar["limit_distance"]) & (residual <= familiar["limit_residual"])
     touch = gates.activity(raw, tensors["touch_scale"]) > model.header["touch"]["threshold"]
     return pd.DataFrame({"touch": touch.numpy(), "abstain": ~near.numpy()})
