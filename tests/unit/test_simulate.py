@@ -1,0 +1,143 @@
+"""The simulated sets: grid, forces, sessions, stages, noise and baseline; whole recordings."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitskin import dataset, mesh, simulate
+from eitskin.effects.settings import settings
+from eitskin.errors import InputError
+from eitskin.forward import Forward
+from eitskin.geometry import Geometry
+from eitskin.protocol import channel_table
+from eitskin.skin import Skin
+from eitskin.touch import Touch
+
+CHANNELS = channel_table(16)
+SKIN = {
+    "radius_mm": 80.0,
+    "thickness_mm": 3.0,
+    "conductivity_S_per_m": 0.5,
+    "electrode_deg": [22.5 * k for k in range(16)],
+    "electrode_width_mm": 0.0,
+    "contact_impedivity_ohm_m2": 0.0,
+    "current_A": 1e-3,
+    "contrast_per_N": 0.9,
+}
+GRID = {"radii": 2, "angles": 3, "inner": 0.1, "outer": 0.8, "probe_mm": 16.0}
+FORCES = {"mean_N": 5.0, "sd_N": 2.0, "max_N": 10.0, "levels": 5, "decimals": 2}
+ELLIPSE = {"name": "ellipse", "parameters": {"sx": {"sd": 0.05}, "sy": {"sd": 0.05}}}
+GAIN = {"name": "force-dependent-gain", "parameters": {"per_N": 0.01, "F_mid_N": 5.0}}
+
+
+def chain(folder: Path, crossed=False, baseline="paired", noise=0.01):
+    laid, grid = folder / "mesh.npz", folder / "grid.csv"
+    mesh.write(laid, grid, 1, SKIN, {"drive": "adjacent"}, GRID, FORCES, "train")
+    simulate.write_skin_stage(
+        laid, grid, folder / "0.parquet", 1, SKIN, "train", [ELLIPSE], 12, crossed
+    )
+    simulate.write_stage(folder / "0.parquet", folder / "1.parquet", 1, GAIN, 1)
+    out = folder / "set.parquet"
+    simulate.write_dataset(folder / "1.parquet", out, "authors", 1, noise, baseline)
+    return out
+
+
+def test_the_papers_grid():
+    grid = mesh.polar_grid(80.0, 8, 24, 0.1, 0.9, 16.0)
+    r = np.hypot(grid.x_mm, grid.y_mm)
+    assert len(grid) == 192 and len(grid.drop_duplicates()) == 192
+    assert np.allclose(np.unique(np.round(r, 9)), 80 * np.linspace(0.1, 0.9, 8))
+    assert (grid.radius_mm == 8.0).all()
+
+
+def test_force_levels():
+    levels = mesh.force_levels(1, 5.0, 2.0, 10.0, 260, 2)
+    assert len(np.unique(levels)) == 260 and (np.diff(levels) > 0).all()
+    assert levels.min() >= 0 and levels.max() <= 10
+    assert np.mean(levels) == pytest.approx(5.0, abs=0.5)
+    assert np.std(levels) == pytest.approx(2.0, abs=0.5)
+    assert np.array_equal(levels, mesh.force_levels(1, 5.0, 2.0, 10.0, 260, 2))
+    with pytest.raises(InputError, match="levels"):
+        mesh.force_levels(1, 5.0, 2.0, 10.0, 200, 0)
+
+
+def test_sessions_in_order_and_crossed():
+    session, place, level = simulate.sessions(192, 260, 300, False, 1)
+    assert np.bincount(session).max() == 300 and (np.diff(place) >= 0).all()
+    crossed = simulate.sessions(192, 260, 960, True, 1)
+    for s in np.unique(crossed[0]):
+        assert np.array_equal(np.unique(crossed[1][crossed[0] == s]), np.arange(192))
+    for found in ((session, place, level), crossed):
+        assert len({*zip(found[1], found[2], strict=True)}) == 192 * 260
+
+
+def test_the_skin_stage_is_the_forward_model(tmp_path):
+    chain(tmp_path)
+    table, untouched, touched, channels = simulate.read_stage(tmp_path / "0.parquet")
+    row = table.iloc[17]
+    counts = simulate.site_counts(channels)
+    chosen = settings([ELLIPSE], counts, (1, int(row["session"]), 0))
+    geometry = simulate.apply_skin(Geometry.from_skin(Skin.from_metadata(SKIN)), chosen)
+    forward = Forward(geometry, "train")
+    touch = Touch(row["x_mm"], row["y_mm"], 8.0, 0.9 * row["force_N"])
+    assert np.allclose(untouched[17], 1e-3 * forward.voltages(CHANNELS), rtol=1e-6)
+    assert np.allclose(touched[17], 1e-3 * forward.voltages(CHANNELS, [touch]), rtol=1e-6)
+    per_session = [untouched[rows] for rows in table.groupby("session").indices.values()]
+    assert all((rows == rows[0]).all() for rows in per_session)
+    assert not np.array_equal(per_session[0][0], per_session[1][0])
+
+
+def test_the_untouched_frame_carries_the_gain_of_its_touch(tmp_path):
+    chain(tmp_path)
+    table, before, _, _ = simulate.read_stage(tmp_path / "0.parquet")
+    _, after, _, _ = simulate.read_stage(tmp_path / "1.parquet")
+    gain = 1 + 0.01 * (table["force_N"].to_numpy() - 5.0)
+    assert np.allclose(after / before, gain[:, None], rtol=1e-5)
+
+
+@pytest.mark.parametrize("baseline", ["paired", "averaged"])
+def test_noise_and_baseline(tmp_path, baseline):
+    found = dataset.read(chain(tmp_path, baseline=baseline))
+    _, untouched, touched, _ = simulate.read_stage(tmp_path / "1.parquet")
+    noise = (found.delta_V - (touched - untouched)) / np.median(np.abs(touched), axis=1)[:, None]
+    frames = 12
+    expected = 0.01 * np.sqrt(2.0 if baseline == "paired" else 1.0 + 1.0 / frames)
+    assert noise.std() == pytest.approx(expected, rel=0.06)
+    between = np.corrcoef(noise[:frames])[np.triu_indices(frames, 1)].mean()
+    shared = 0.0 if baseline == "paired" else (1 / frames) / (1 + 1 / frames)
+    assert between == pytest.approx(shared, abs=0.04)
+    assert found.metadata["configuration"] == "authors" and len(found.table) == 30
+
+
+def test_repeatable_byte_for_byte(tmp_path):
+    first, second = (chain(tmp_path / name) for name in ("a", "b"))
+    for file in ("mesh.npz", "grid.csv", "0.parquet", "1.parquet"):
+        assert (first.parent / file).read_bytes() == (second.parent / file).read_bytes()
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_frames_of_a_recording_with_drift():
+    """Each frame is solved at its own time; untouched and touched as the forward model has them."""
+    skin = Skin.from_metadata(
+        {**SKIN, "electrode_width_mm": 5.0, "contact_impedivity_ohm_m2": 1e-3}
+    )
+    states = pd.DataFrame(
+        {
+            "time_s": [0.0, 60.0, 120.0],
+            "touch": [False, True, True],
+            "x_mm": [np.nan, 10.0, 10.0],
+            "y_mm": [np.nan, 30.0, 30.0],
+            "force_N": [0.0, 2.0, 5.0],
+            "probe_mm": [np.nan, 10.0, 10.0],
+        }
+    )
+    drift = {"name": "conductivity-drift", "parameters": {"per_minute": 0.05}}
+    counts = simulate.site_counts(CHANNELS)
+    found = simulate.voltages(states, skin, CHANNELS, settings([drift], counts, (0, 0)))
+    base = Geometry.from_skin(skin)
+    for k, touches in enumerate(([], [Touch(10.0, 30.0, 5.0, 1.8)], [Touch(10, 30, 5.0, 4.5)])):
+        geometry = base.with_values(conductivity_S_per_m=0.5 * (1 + 0.05 * k))
+        expected = 1e-3 * Forward(geometry).voltages(CHANNELS, touches)
+        assert np.allclose(found[k], expected, rtol=1e-10)
