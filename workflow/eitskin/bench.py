@@ -3,11 +3,11 @@
 Writes results/bench/NAME.json, a list of {name, unit, ours, peer_name, peer, ratio, runs, command}:
 medians over the runs, ratio = ours / peer.
 
-`clean`: every side computes the same thing, the 208 voltages of a sheet with 16 point electrodes for
-192 places and 260 strengths of one circular touch; slow peers are timed on a few samples, spread
-evenly over all. What a side prepares once counts in its time, except for what favours the peers:
-meshes, element matrices and the touched elements' stiffness are there before. Before timing, every
-solver on pyEIT's mesh must give the same voltages. `perturbed`: see there.
+`clean`: every side computes the same thing, the 208 voltages of a sheet with 16 point electrodes
+for 192 places and 260 strengths of one circular touch. Slow peers are timed on a few samples,
+spread evenly over all. What a side prepares once counts in its time, but for what favours the
+peers: the mesh, the element matrices and the touched elements' stiffness are there before. Before
+timing, every solver on pyEIT's mesh must give the same voltages. `perturbed`: see there.
 """
 
 import argparse
@@ -19,6 +19,7 @@ import statistics
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -300,8 +301,8 @@ def perturbed(runs: int, command: str) -> list[dict]:
     for name in tqdm(["authors", "crossed"], desc="perturbed", disable=None):
         found = []
         for _ in range(runs):
-            with get_context("spawn").Pool(1) as pool:
-                found.append(pool.apply(perturb, (config, name)))
+            with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+                found.append(pool.submit(perturb, config, name).result())
         samples, seconds, peak = (statistics.median(values) for values in zip(*found, strict=True))
         label = "perturbed" if name == "authors" else f"perturbed, {name}"
         title = f"limit for {samples:.0f} samples"
