@@ -146,6 +146,18 @@ def test_touches_that_reach_the_rim_or_are_clipped_by_it(accuracy, bound, radius
     assert np.linalg.norm(found - finer) < bound * np.linalg.norm(finer)
 
 
+@pytest.mark.parametrize("angle", [0.0, 11.25])
+def test_a_touch_whose_centre_is_off_the_skin(angle):
+    place = 83.0 * np.exp(1j * np.radians(angle))
+    found, finer = (
+        Forward(skin(), a).place(place.real, place.imag, 8.0).channel_change(CHANNELS, [0.5, 9])
+        for a in ("train", FINER)
+    )
+    assert np.linalg.norm(found - finer) < 0.02 * np.linalg.norm(finer)
+    forward = Forward(skin(), "train")
+    assert forward.meets(87.0, 0.0, 8.0) and not forward.meets(89.0, 0.0, 8.0)
+
+
 def test_anisotropy_is_a_stretched_skin():
     """Conductivity sx : sy^-1 on a disc equals an isotropic disc of stretched coordinates."""
     ratio = 1.3
@@ -173,7 +185,7 @@ def test_sharing_an_outline_changes_nothing():
 @pytest.mark.parametrize(
     ("touches", "message"),
     [
-        ([(90.0, 0.0, 5.0, 1.0)], "a place on the skin"),
+        ([(90.0, 0.0, 5.0, 1.0)], "place: found"),
         ([(0.0, 0.0, 0.0, 1.0)], "radius_mm: found 0"),
         ([(0.0, 0.0, 5.0, -1.0)], "contrast: found -1"),
         ([(0.0, 0.0, 5.0, 1.0), (3.0, 0.0, 5.0, 1.0)], "touches apart"),
@@ -200,3 +212,16 @@ def test_refuses_to_measure_a_driven_point():
 def test_refuses_skins_that_make_no_sense(values, message):
     with pytest.raises(InputError, match=message):
         skin().with_values(**values)
+
+
+@pytest.mark.parametrize(("accuracy", "bound"), [("train", 5e-3), ("diagnose", 1e-3)])
+def test_a_touch_that_just_reaches_the_rim(accuracy, bound):
+    """Both stop short of it, by their rim_gap; the change is linear in the gap that is left."""
+    angles, direction = np.radians(ELECTRODES), np.radians(11.25)
+    touching = reference.points_touching(angles, direction, 0.1, 5.0)
+    change = (touching - reference.points_homogeneous(angles)) * RESISTANCE
+    place = 72.0 * np.exp(1j * direction)
+    modes = Forward(skin(0.0, 0.0), accuracy).place(place.real, place.imag, 8.0)
+    expected = channel_values(change, CHANNELS)
+    error = modes.channel_change(CHANNELS, [4.0])[0] - expected
+    assert np.linalg.norm(error) < bound * np.linalg.norm(expected)

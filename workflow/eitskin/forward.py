@@ -133,6 +133,11 @@ class Forward:
             raise InputError("skin", "electrode_width_mm", where, "a width above 0 for it")
         return values
 
+    def meets(self, x_mm: float, y_mm: float, radius_mm: float) -> bool:
+        """Whether a disc there lies on the skin, at least in part."""
+        edge = x_mm + 1j * y_mm + radius_mm * np.exp(2j * np.pi * np.arange(64) / 64)
+        return bool(np.abs(self.disc(self.geometry.unfold(edge))).min() < 1)
+
     def edge(self, touch: Touch, apart: float = np.inf) -> TouchEdge:
         """The touch's edge and multipoles at this accuracy; `apart` from others, in radii."""
         return TouchEdge(touch, self.geometry, self.disc, self.accuracy.touch, apart)

@@ -161,9 +161,11 @@ def _simulate_sessions(mesh, touch_grid, skin: dict, accuracy: str, geometry_of,
         pressed = table.iloc[rows]
         for _, press in pressed.groupby("place", sort=False):
             first = press.iloc[0]
-            modes = forward.place(first["x_mm"], first["y_mm"], 0.5 * first["probe_mm"])
-            contrast = believed.contrast_per_N * press["force_N"].to_numpy()
-            change = modes.channel_change(channels, contrast)
+            place = (first["x_mm"], first["y_mm"], 0.5 * first["probe_mm"])
+            change = 0.0
+            if forward.meets(*place):
+                contrast = believed.contrast_per_N * press["force_N"].to_numpy()
+                change = forward.place(*place).channel_change(channels, contrast)
             touched[press.index] = believed.current_A * (base_value + change)
     return table, untouched, touched, channels
 
@@ -228,6 +230,7 @@ def write_dataset(
     """
     table, untouched, touched, channels = read_stage(stage)
     change = np.empty(touched.shape, dtype=np.float32)
+    still = np.empty(touched.shape, dtype=np.float32)
     for session, rows in table.groupby("session").indices.items():
         rng = np.random.default_rng((seed, int(session), NOISE))
         noisy = []
@@ -239,6 +242,7 @@ def write_dataset(
         if baseline == "averaged":
             base_noise = base_noise.mean(axis=0)
         change[rows] = touch + touch_noise - base - base_noise
+        still[rows] = scale * rng.standard_normal(base.shape) - base_noise
     table["depth_mm"] = np.nan
     metadata = {
         "format": "eitskin-dataset",
@@ -253,6 +257,7 @@ def write_dataset(
         "channels": channels.tolist(),
         "noise": noise,
         "baseline": baseline,
+        "untouched": dataset.untouched_noise(still.astype(float)),
     }
     dataset.write(dataset.Dataset(table, change, metadata), out)
 

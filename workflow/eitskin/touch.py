@@ -80,14 +80,14 @@ class TouchEdge:
     ):
         self.touch, self.geometry, self.disc = touch, geometry, disc
         self.centre = touch.x_mm + 1j * touch.y_mm
-        centre = complex(disc(geometry.unfold(np.array([self.centre])))[0])
-        if not abs(centre) < 1:
-            place = f"({touch.x_mm:g}, {touch.y_mm:g}) mm"
-            raise InputError("touch", "centre", place, "a place on the skin")
         self.radius = touch.radius_mm
         degree = self._place_nodes(accuracy, apart)
-        self.expansion_centre = complex(centre)
-        self.expansion_radius = float(np.abs(self.zeta - centre).max())
+        boundary = np.concatenate([self.zeta, np.exp(1j * self.rim_theta)])
+        self.expansion_centre = 0.5 * complex(
+            boundary.real.min() + boundary.real.max(),
+            boundary.imag.min() + boundary.imag.max(),
+        )
+        self.expansion_radius = float(np.abs(boundary - self.expansion_centre).max())
         self._build_modes(degree)
 
     def _mapped(self, t: np.ndarray, order: int) -> list[np.ndarray]:
@@ -106,6 +106,9 @@ class TouchEdge:
         """Choose the nodes; returns the multipoles needed."""
         t = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)
         zeta = self._mapped(t, 0)[0]
+        if not np.abs(zeta).min() < 1:
+            place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm"
+            raise InputError("touch", "place", place, "a place on the skin")
         gap = (1.0 - np.abs(zeta).max()) / np.abs(zeta - zeta.mean()).max()
         if abs(gap) < accuracy.rim_gap:
             self.radius *= 1.0 + gap - accuracy.rim_gap
