@@ -116,7 +116,7 @@ def test_all_forces_at_a_place_equal_single_solves():
     assert np.allclose(channel_values(full, CHANNELS), changes, rtol=0, atol=1e-12)
 
 
-def test_a_touch_may_be_told_as_two_halves_of_its_neighbourhood():
+def test_two_touches_far_apart_almost_add_up():
     """Far apart, two touches change a frame almost by the sum; the rest is their interaction."""
     forward = Forward(skin())
     a, b = Touch(-30.0, 0.0, 5.0, 2.0), Touch(30.0, 5.0, 7.0, -0.5)
