@@ -15,7 +15,7 @@ from eitskin.touch import Touch, TouchAccuracy
 CHANNELS = channel_table(16)
 ELECTRODES = np.arange(16) * 22.5
 RESISTANCE = 1e3 / (0.5 * 3.0)
-FINER = Accuracy(24, TouchAccuracy(30, 1e-10, 16, 5e-4))
+FINER = Accuracy(24, TouchAccuracy(30, 1e-10, 16, 5e-4), 64)
 
 
 def skin(width=5.0, z=1e-3, **values):
@@ -206,12 +206,13 @@ def test_refuses_to_measure_a_driven_point():
     [
         ({"electrode_width_mm": 40.0}, "overlap"),
         ({"contact_impedivity_ohm_m2": 0.0}, "contact_impedivity"),
+        ({"contact_impedivity_ohm_m2": 1e-7}, "contact_impedivity"),
         ({"radius_mm": -1.0}, "radius_mm"),
     ],
 )
 def test_refuses_skins_that_make_no_sense(values, message):
     with pytest.raises(InputError, match=message):
-        skin().with_values(**values)
+        Forward(skin().with_values(**values))
 
 
 @pytest.mark.parametrize(("accuracy", "bound"), [("train", 5e-3), ("diagnose", 1e-3)])

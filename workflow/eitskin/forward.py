@@ -25,15 +25,37 @@ KEPT_PLACES = 256  # touched places whose edges a skin keeps; the oldest go firs
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Size of the expansions: modes of the current on an electrode, and what a touch needs."""
+    """Size of the expansions: modes of the current on an electrode, and what a touch needs.
+
+    electrode_order: modes where the contact's length z sigma is KNEE of the width or more; a better
+    contact crowds the current at the edges and gets sqrt(KNEE width / (z sigma)) times as many, up
+    to most_modes.
+    """
 
     electrode_order: int
     touch: TouchAccuracy
+    most_modes: int
+
+    def modes(self, geometry: Geometry) -> int:
+        """Modes an electrode. Raises InputError for contacts too good to be resolved."""
+        if geometry.points:
+            return 1
+        length_mm = 1e3 * geometry.contact_impedivity_ohm_m2 * geometry.conductivity_S_per_m
+        contact = float((length_mm / geometry.electrode_width_mm).min())
+        if contact < BEST_CONTACT:
+            found = f"{contact:.1e} for z sigma / width"
+            raise InputError(
+                "skin", "contact_impedivity_ohm_m2", found, f"{BEST_CONTACT:g} or more"
+            )
+        wanted = self.electrode_order * max(1.0, np.sqrt(KNEE / contact))
+        return min(int(np.ceil(wanted)), self.most_modes)
 
 
+KNEE = 0.02
+BEST_CONTACT = 2e-4
 ACCURACIES = {
-    "train": Accuracy(6, TouchAccuracy(10, 1e-4, 8, 2e-3)),
-    "diagnose": Accuracy(16, TouchAccuracy(24, 1e-8, 12, 5e-4)),
+    "train": Accuracy(8, TouchAccuracy(10, 1e-4, 8, 2e-3), 64),
+    "diagnose": Accuracy(16, TouchAccuracy(24, 1e-8, 12, 5e-4), 64),
 }
 
 
@@ -96,12 +118,13 @@ class Forward:
         agree."""
         self.geometry = geometry
         self.accuracy = ACCURACIES[accuracy] if isinstance(accuracy, str) else accuracy
-        if near and near.accuracy == self.accuracy and geometry.same_outline(near.geometry):
+        modes = self.accuracy.modes(geometry)
+        if near and near.matches(geometry, self.accuracy, modes):
             self.disc, self._couplings = near.disc, near._couplings
             self.electrodes = near.electrodes.with_contacts(geometry)
         else:
             self.disc, self._couplings = _disc_map(geometry), {}
-            self.electrodes = Electrodes(geometry, self.disc, self.accuracy.electrode_order)
+            self.electrodes = Electrodes(geometry, self.disc, modes)
         n, order = self.electrodes.n, self.electrodes.order
         whole = np.zeros(n * order, dtype=bool)
         whole[::order] = True
@@ -117,6 +140,11 @@ class Forward:
             self._relative = self._relative + coupling.T @ self._inner_currents
             self._relative = 0.5 * (self._relative + self._relative.T)
         self.sheet_resistance = 1e3 / (geometry.conductivity_S_per_m * geometry.thickness_mm)
+
+    def matches(self, geometry: Geometry, accuracy: Accuracy, modes: int) -> bool:
+        """Whether a skin of this geometry can share what depends on rim and electrodes alone."""
+        same = accuracy == self.accuracy and modes == self.electrodes.order
+        return same and geometry.same_outline(self.geometry)
 
     def transfer(self, touches: list[Touch] = ()) -> np.ndarray:
         """(n, n) ohm, with any number of touches that do not overlap."""
@@ -227,7 +255,7 @@ class Forward:
     ) -> dict[str, np.ndarray]:
         """d transfer / d parameter, (n, n) ohm per unit, by name; all of `parameters()` by default.
 
-        Touches of contrast 0 and clipped ones have no derivative here: InputError.
+        Touches of contrast 0, clipped ones and those held off the rim have none here: InputError.
         """
         for touch in touches:
             if abs(touch.contrast) <= NO_CONTRAST:
