@@ -196,6 +196,12 @@ def test_refuses_touches_that_make_no_sense(touches, message):
         Forward(skin()).transfer([Touch(*touch) for touch in touches])
 
 
+def test_refuses_a_contrast_that_leaves_no_conductivity():
+    modes = Forward(skin(), "train").place(10.0, 20.0, 5.0)
+    with pytest.raises(InputError, match="contrast"):
+        modes.channel_change(CHANNELS, [0.5, -1.0])
+
+
 def test_refuses_to_measure_a_driven_point():
     with pytest.raises(InputError, match="driven point electrode"):
         Forward(skin(0.0, 0.0)).voltages(np.array([[0, 1, 1, 2]]))

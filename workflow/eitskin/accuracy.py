@@ -126,6 +126,7 @@ def main() -> None:
             f"5 mm, {z:g} ohm m2": Geometry(80.0, 3.0, 0.5, angles, 5.0, z)
             for z in (1e-2, 2e-3, 5e-4)
         },
+        "14 mm, 0.0001 ohm m2": Geometry(80.0, 3.0, 0.5, angles, 14.0, 1e-4),
     }
     result = table(geometries)
     with atomic_path(OUT) as temporary:

@@ -84,8 +84,10 @@ class TouchModes:
     poles: np.ndarray
 
     def weights(self, contrast: np.ndarray) -> np.ndarray:
-        """(F, K): c / (1 + c d_k) for contrasts (F,) above -1."""
+        """(F, K): c / (1 + c d_k) for contrasts (F,). Raises InputError for -1 and less."""
         contrast = np.asarray(contrast, float)[:, None]
+        if not (contrast > -1.0).all():
+            raise InputError("touch", "contrast", contrast.min(), "more than -1")
         return contrast / (1.0 + contrast * self.poles)
 
     def transfer_change(self, contrast: np.ndarray) -> np.ndarray:
