@@ -127,6 +127,11 @@ class Forward:
         else:
             self.disc, self._couplings = _disc_map(geometry), {}
             self.electrodes = Electrodes(geometry, self.disc, modes)
+        self.sheet_resistance = 1e3 / (geometry.conductivity_S_per_m * geometry.thickness_mm)
+        self._relax_electrodes()
+
+    def _relax_electrodes(self) -> None:
+        """The electrodes' transfer impedance, their own modes at the least power."""
         n, order = self.electrodes.n, self.electrodes.order
         whole = np.zeros(n * order, dtype=bool)
         whole[::order] = True
@@ -141,7 +146,6 @@ class Forward:
             self._inner_currents = -cho_solve(self._inner_factor, coupling)
             self._relative = self._relative + coupling.T @ self._inner_currents
             self._relative = 0.5 * (self._relative + self._relative.T)
-        self.sheet_resistance = 1e3 / (geometry.conductivity_S_per_m * geometry.thickness_mm)
 
     def matches(self, geometry: Geometry, accuracy: Accuracy, modes: int) -> bool:
         """Whether a skin of this geometry can share what depends on rim and electrodes alone."""
