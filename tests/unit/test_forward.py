@@ -15,7 +15,7 @@ from eitskin.touch import Touch, TouchAccuracy
 CHANNELS = channel_table(16)
 ELECTRODES = np.arange(16) * 22.5
 RESISTANCE = 1e3 / (0.5 * 3.0)
-FINER = Accuracy(24, TouchAccuracy(30, 1e-10, 16, 5e-4))
+FINER = Accuracy(24, TouchAccuracy(30, 1e-10, 16, 5e-4), 64)
 
 
 def skin(width=5.0, z=1e-3, **values):
@@ -116,7 +116,7 @@ def test_all_forces_at_a_place_equal_single_solves():
     assert np.allclose(channel_values(full, CHANNELS), changes, rtol=0, atol=1e-12)
 
 
-def test_a_touch_may_be_told_as_two_halves_of_its_neighbourhood():
+def test_two_touches_far_apart_almost_add_up():
     """Far apart, two touches change a frame almost by the sum; the rest is their interaction."""
     forward = Forward(skin())
     a, b = Touch(-30.0, 0.0, 5.0, 2.0), Touch(30.0, 5.0, 7.0, -0.5)
@@ -196,6 +196,12 @@ def test_refuses_touches_that_make_no_sense(touches, message):
         Forward(skin()).transfer([Touch(*touch) for touch in touches])
 
 
+def test_refuses_a_contrast_that_leaves_no_conductivity():
+    modes = Forward(skin(), "train").place(10.0, 20.0, 5.0)
+    with pytest.raises(InputError, match="contrast"):
+        modes.channel_change(CHANNELS, [0.5, -1.0])
+
+
 def test_refuses_to_measure_a_driven_point():
     with pytest.raises(InputError, match="driven point electrode"):
         Forward(skin(0.0, 0.0)).voltages(np.array([[0, 1, 1, 2]]))
@@ -206,12 +212,13 @@ def test_refuses_to_measure_a_driven_point():
     [
         ({"electrode_width_mm": 40.0}, "overlap"),
         ({"contact_impedivity_ohm_m2": 0.0}, "contact_impedivity"),
+        ({"contact_impedivity_ohm_m2": 1e-7}, "contact_impedivity"),
         ({"radius_mm": -1.0}, "radius_mm"),
     ],
 )
 def test_refuses_skins_that_make_no_sense(values, message):
     with pytest.raises(InputError, match=message):
-        skin().with_values(**values)
+        Forward(skin().with_values(**values))
 
 
 @pytest.mark.parametrize(("accuracy", "bound"), [("train", 5e-3), ("diagnose", 1e-3)])

@@ -85,7 +85,18 @@ def test_untouched_points():
     assert max(errors.values()) < 1e-6, errors
 
 
-def test_a_clipped_touch_has_no_derivative():
-    forward = Forward(GEOMETRY, "train")
-    with pytest.raises(InputError, match="clipped"):
-        forward.derivatives([Touch(0.0, 73.0, 12.0, 4.0)], ["x_mm[0]"])
+@pytest.mark.parametrize(
+    ("radius", "accuracy", "message"), [(12.0, "train", "clipped"), (8.0, "diagnose", "at the rim")]
+)
+def test_a_touch_at_the_rim_has_no_derivative(radius, accuracy, message):
+    forward = Forward(Geometry(80.0, 3.0, 0.5, ELECTRODES, 5.0, 1e-3), accuracy)
+    for parameter in ("x_mm[0]", "radius_mm[0]", "stretch_x"):
+        with pytest.raises(InputError, match=message):
+            forward.derivatives([Touch(72.0, 0.0, radius, 4.0)], [parameter])
+
+
+def test_a_touch_near_the_rim():
+    geometry = Geometry(80.0, 3.0, 0.5, ELECTRODES, 5.0, 1e-3, shape_cos={2: 0.01})
+    errors = largest_error(geometry, [Touch(68.0, 5.0, 7.5, 4.0)], "diagnose")
+    del errors["anisotropy_deg"]  # zero: the skin is isotropic
+    assert max(errors.values()) < 1e-6, errors

@@ -21,8 +21,8 @@ from eitskin.mesh import polar_grid
 from eitskin.protocol import channel_table
 from eitskin.touch import TouchAccuracy
 
-MODES = (10, 20, 40)
-FINEST = Accuracy(MODES[-1], TouchAccuracy(40, 1e-11, 16, 2e-4))
+MODES = (16, 32, 64)
+FINEST = Accuracy(MODES[-1], TouchAccuracy(40, 1e-11, 16, 2e-4), MODES[-1])
 PROBES_MM = (7.0, 10.0, 15.0)
 CONTRASTS = (0.45, 9.0)
 OUT = Path("results/accuracy.csv")
@@ -31,14 +31,19 @@ OUT = Path("results/accuracy.csv")
 def electrode_limit(geometry: Geometry, channels: np.ndarray) -> tuple[np.ndarray, float]:
     """Untouched voltages (M,) V per A, extrapolated in electrode modes, and the order observed.
 
-    Order q: the error falls as modes^-q. Point electrodes have a closed form: order infinite.
+    Order q: the error falls as modes^-q. Point electrodes have a closed form,
+    order infinite; where rounding is all that is left of the error, the order is NaN.
     """
     if geometry.points:
         return Forward(geometry, FINEST).voltages(channels), np.inf
     coarse, middle, fine = (
-        channel_values(Forward(geometry, replace(FINEST, electrode_order=n)).transfer(), channels)
+        channel_values(
+            Forward(geometry, replace(FINEST, electrode_order=n, most_modes=n)).transfer(), channels
+        )
         for n in MODES
     )
+    if np.linalg.norm(fine - middle) < 1e-11 * np.linalg.norm(fine):
+        return fine, np.nan
     ratio = np.linalg.norm(middle - coarse) / np.linalg.norm(fine - middle)
     return fine + (fine - middle) / (ratio - 1.0), float(np.log2(ratio))
 
@@ -121,6 +126,7 @@ def main() -> None:
             f"5 mm, {z:g} ohm m2": Geometry(80.0, 3.0, 0.5, angles, 5.0, z)
             for z in (1e-2, 2e-3, 5e-4)
         },
+        "14 mm, 0.0001 ohm m2": Geometry(80.0, 3.0, 0.5, angles, 14.0, 1e-4),
     }
     result = table(geometries)
     with atomic_path(OUT) as temporary:

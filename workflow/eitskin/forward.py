@@ -10,12 +10,13 @@ and every derivative from R's stationarity, dR = X^T dS X.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, eigh
+from scipy.linalg import block_diag, cho_factor, cho_solve, eigh
 
 from eitskin.conformal import DiscMap
 from eitskin.electrodes import Electrodes
 from eitskin.errors import InputError
 from eitskin.geometry import Geometry, RimMotion
+from eitskin.gradient import GradientBulk
 from eitskin.touch import Touch, TouchAccuracy, TouchEdge
 
 RIM_PHI = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
@@ -25,15 +26,37 @@ KEPT_PLACES = 256  # touched places whose edges a skin keeps; the oldest go firs
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Size of the expansions: modes of the current on an electrode, and what a touch needs."""
+    """Size of the expansions: modes of the current on an electrode, and what a touch needs.
+
+    electrode_order: modes where the contact's length z sigma is KNEE of the width or more; a better
+    contact crowds the current at the edges and gets sqrt(KNEE width / (z sigma)) times as many, up
+    to most_modes.
+    """
 
     electrode_order: int
     touch: TouchAccuracy
+    most_modes: int
+
+    def modes(self, geometry: Geometry) -> int:
+        """Modes an electrode. Raises InputError for contacts too good to be resolved."""
+        if geometry.points:
+            return 1
+        length_mm = 1e3 * geometry.contact_impedivity_ohm_m2 * geometry.conductivity_S_per_m
+        contact = float((length_mm / geometry.electrode_width_mm).min())
+        if contact < BEST_CONTACT:
+            found = f"{contact:.1e} for z sigma / width"
+            raise InputError(
+                "skin", "contact_impedivity_ohm_m2", found, f"{BEST_CONTACT:g} or more"
+            )
+        wanted = self.electrode_order * max(1.0, np.sqrt(KNEE / contact))
+        return min(int(np.ceil(wanted)), self.most_modes)
 
 
+KNEE = 0.02
+BEST_CONTACT = 2e-4
 ACCURACIES = {
-    "train": Accuracy(6, TouchAccuracy(10, 1e-4, 8, 2e-3)),
-    "diagnose": Accuracy(16, TouchAccuracy(24, 1e-8, 12, 5e-4)),
+    "train": Accuracy(8, TouchAccuracy(10, 1e-4, 8, 2e-3), 64),
+    "diagnose": Accuracy(16, TouchAccuracy(24, 1e-8, 12, 5e-4), 64),
 }
 
 
@@ -62,8 +85,10 @@ class TouchModes:
     poles: np.ndarray
 
     def weights(self, contrast: np.ndarray) -> np.ndarray:
-        """(F, K): c / (1 + c d_k) for contrasts (F,) above -1."""
+        """(F, K): c / (1 + c d_k) for contrasts (F,). Raises InputError for -1 and less."""
         contrast = np.asarray(contrast, float)[:, None]
+        if not (contrast > -1.0).all():
+            raise InputError("touch", "contrast", contrast.min(), "more than -1")
         return contrast / (1.0 + contrast * self.poles)
 
     def transfer_change(self, contrast: np.ndarray) -> np.ndarray:
@@ -96,12 +121,14 @@ class Forward:
         agree."""
         self.geometry = geometry
         self.accuracy = ACCURACIES[accuracy] if isinstance(accuracy, str) else accuracy
-        if near and near.accuracy == self.accuracy and geometry.same_outline(near.geometry):
-            self.disc, self._couplings = near.disc, near._couplings
+        modes = self.accuracy.modes(geometry)
+        if near and near.matches(geometry, self.accuracy, modes):
+            self.disc, self.bulk, self._couplings = near.disc, near.bulk, near._couplings
             self.electrodes = near.electrodes.with_contacts(geometry)
         else:
             self.disc, self._couplings = _disc_map(geometry), {}
-            self.electrodes = Electrodes(geometry, self.disc, self.accuracy.electrode_order)
+            self.bulk = GradientBulk(geometry, self.disc) if geometry.gradient_across else None
+            self.electrodes = Electrodes(geometry, self.disc, modes, self.bulk)
         n, order = self.electrodes.n, self.electrodes.order
         whole = np.zeros(n * order, dtype=bool)
         whole[::order] = True
@@ -117,6 +144,11 @@ class Forward:
             self._relative = self._relative + coupling.T @ self._inner_currents
             self._relative = 0.5 * (self._relative + self._relative.T)
         self.sheet_resistance = 1e3 / (geometry.conductivity_S_per_m * geometry.thickness_mm)
+
+    def matches(self, geometry: Geometry, accuracy: Accuracy, modes: int) -> bool:
+        """Whether a skin of this geometry can share what depends on rim and electrodes alone."""
+        same = accuracy == self.accuracy and modes == self.electrodes.order
+        return same and geometry.same_outline(self.geometry)
 
     def transfer(self, touches: list[Touch] = ()) -> np.ndarray:
         """(n, n) ohm, with any number of touches that do not overlap."""
@@ -157,19 +189,36 @@ class Forward:
         """The touch's edge and its coupling (n order, 2 degree) to the electrodes' modes."""
         key = (x_mm, y_mm, radius_mm)
         if key not in self._couplings:
-            edge = self.edge(Touch(*key))
-            coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))
             if len(self._couplings) >= KEPT_PLACES:
                 self._couplings.pop(next(iter(self._couplings)))
-            self._couplings[key] = edge, coupling
+            edge = self.edge(Touch(*key))
+            self._couplings[key] = edge, self._to_electrodes(edge)
         return self._couplings[key]
+
+    def _to_electrodes(self, edge: TouchEdge) -> np.ndarray:
+        coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))
+        if self.bulk:
+            coupling = (
+                coupling + self.electrodes.spread @ self.bulk.matrix @ edge.spread(self.bulk).T
+            )
+        return coupling
+
+    def _between(self, a: TouchEdge, b: TouchEdge) -> np.ndarray:
+        """(2 degree of a, 2 degree of b): response of one touch's multipoles to another's."""
+        if a is b:
+            response = a.self_response
+        else:
+            response = 0.5 * (a.inner_response(b) + b.inner_response(a).T)
+        if self.bulk:
+            response = response + a.spread(self.bulk) @ self.bulk.matrix @ b.spread(self.bulk).T
+        return response
 
     def _relaxed(self, edge: TouchEdge, coupling: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gains (n, 2 degree) and response (2 degree, 2 degree), the electrodes' own modes
         relaxed."""
         inner = coupling[self._inner]
         gains = coupling[self._whole] + self._inner_currents.T @ inner
-        response = edge.self_response
+        response = self._between(edge, edge)
         if len(inner):
             response = response - inner.T @ cho_solve(self._inner_factor, inner)
         return gains, response
@@ -187,18 +236,10 @@ class Forward:
         currents[self._inner] = self._inner_currents
         if not edges:
             return self._relative, currents, [], []
-        couplings = [self.electrodes.project(e.rim_response(self.electrodes.rim)) for e in edges]
-        coupling = np.hstack(couplings)
+        coupling = np.hstack([self._to_electrodes(edge) for edge in edges])
         gains = coupling[self._whole] + self._inner_currents.T @ coupling[self._inner]
-        system = np.block(
-            [
-                [
-                    a.self_response + a.mass / t.contrast if a is b else _both_ways(a, b)
-                    for b in edges
-                ]
-                for a, t in zip(edges, touches, strict=True)
-            ]
-        )
+        system = np.block([[self._between(a, b) for b in edges] for a in edges])
+        system += block_diag(*(e.mass / t.contrast for e, t in zip(edges, touches, strict=True)))
         relaxed = np.zeros((0, coupling.shape[1]))
         if len(self._inner):
             relaxed = cho_solve(self._inner_factor, coupling[self._inner])
@@ -227,8 +268,11 @@ class Forward:
     ) -> dict[str, np.ndarray]:
         """d transfer / d parameter, (n, n) ohm per unit, by name; all of `parameters()` by default.
 
-        Touches of contrast 0 and clipped ones have no derivative here: InputError.
+        Touches of contrast 0, clipped ones and those held off the rim have none here: InputError.
         """
+        if self.bulk:
+            found = f"{self.geometry.gradient_across:g}"
+            raise InputError("skin", "gradient_across", found, "0, to differentiate")
         for touch in touches:
             if abs(touch.contrast) <= NO_CONTRAST:
                 raise InputError("touch", "contrast", touch.contrast, "one to differentiate by")
@@ -338,7 +382,3 @@ def _clearances(touches: list[Touch]) -> list[float]:
             raise InputError("touch", "touches", found, "touches apart")
         clearances.append(min(gaps, default=np.inf) / a.radius_mm)
     return clearances
-
-
-def _both_ways(a: TouchEdge, b: TouchEdge) -> np.ndarray:
-    return 0.5 * (a.inner_response(b) + b.inner_response(a).T)

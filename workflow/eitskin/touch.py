@@ -13,6 +13,7 @@ from eitskin import neumann
 from eitskin.conformal import DiscMap
 from eitskin.errors import InputError
 from eitskin.geometry import Geometry, RimMotion
+from eitskin.gradient import GradientBulk
 
 NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 MOST_EVEN_NODES = 128  # against the rim; nearer to it, nodes are graded
@@ -110,7 +111,8 @@ class TouchEdge:
             place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm"
             raise InputError("touch", "place", place, "a place on the skin")
         gap = (1.0 - np.abs(zeta).max()) / np.abs(zeta - zeta.mean()).max()
-        if abs(gap) < accuracy.rim_gap:
+        self.held_off = bool(abs(gap) < accuracy.rim_gap)
+        if self.held_off:
             self.radius *= 1.0 + gap - accuracy.rim_gap
             gap = accuracy.rim_gap
         digits = -np.log(accuracy.tolerance)
@@ -229,6 +231,11 @@ class TouchEdge:
         start = self.rim_theta[0]
         return (theta - start) % (2.0 * np.pi) < self.rim_theta[-1] - start
 
+    def spread(self, bulk: GradientBulk) -> np.ndarray:
+        """(2 degree, harmonics): the multipoles' response to the harmonics of `bulk`."""
+        rim = np.exp(1j * self.rim_theta)
+        return self.flux.T @ bulk.harmonics(self.zeta) + self.rim_flux.T @ bulk.harmonics(rim)
+
     def inner_response(self, other: "TouchEdge") -> np.ndarray:
         """(2 degree, 2 degree of other): response of these multipoles to those of another touch."""
         dzeta = other.tangent * other.weight
@@ -281,7 +288,7 @@ class TouchEdge:
         amplitude (2 degree, n). Raises InputError for a clipped touch, whose corners would move
         too.
         """
-        self._refuse_clipped()
+        self._refuse_at_rim()
         w = self.weight
         dzeta, moving = self.tangent * w, motion.tangent * w
         value, flux = self.values @ amplitude, self.flux @ amplitude
@@ -296,9 +303,10 @@ class TouchEdge:
         change = mass_dot + flux_dot.T @ response + flux.T @ response_dot
         return 0.5 * (change + change.T)
 
-    def _refuse_clipped(self) -> None:
-        if self.clipped:
-            place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm, clipped by the rim"
+    def _refuse_at_rim(self) -> None:
+        if self.clipped or self.held_off:
+            where = "clipped by the rim" if self.clipped else "at the rim"
+            place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm, {where}"
             raise InputError("touch", "derivatives", place, "a touch inside the skin")
 
     def _combine(self, powers: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
@@ -322,7 +330,7 @@ class TouchEdge:
 
     def rim_response_slope(self, rim, rim_dot, amplitude, motion: EdgeMotion | None):
         """(points, n): change of rim_response(rim) @ amplitude when rim points and edge move."""
-        self._refuse_clipped()
+        self._refuse_at_rim()
         y, dy = self.zeta, self.tangent * self.weight
         value = self.values @ amplitude
         apart = y - rim[:, None]
@@ -338,8 +346,8 @@ class TouchEdge:
     def inner_response_slope(self, other, amplitude, other_amplitude, motion, other_motion):
         """(n, n): change of amplitude^T inner_response(other) other_amplitude; motions may be
         None."""
-        self._refuse_clipped()
-        other._refuse_clipped()
+        self._refuse_at_rim()
+        other._refuse_at_rim()
         still = EdgeMotion(*3 * [np.zeros(1, complex)])
         a, b = motion or still, other_motion or still
         x, y = self.zeta[:, None], other.zeta
