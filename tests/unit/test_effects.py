@@ -42,6 +42,7 @@ GIVEN = {
 FAULTS = ("electrode-open", "electrode-swap")
 TYPICAL = {
     "anisotropy": {"ratio": 1.05},
+    "conductivity-gradient": {"relative_across": 0.1},
     "contact-impedance": {"ratio": 2.0},
     "electrode-width": {"width_mm": 6.0},
     "touch-contrast": {"ratio": 1.3},
@@ -263,3 +264,18 @@ def test_draws():
 def test_refusals(item, message):
     with pytest.raises(InputError, match=message):
         settings([item], COUNTS, (0, 0))
+
+
+def test_gradients_add_as_vectors():
+    def gradient(across, angle):
+        return {
+            "name": "conductivity-gradient",
+            "parameters": {"relative_across": across, "angle_deg": angle},
+        }
+
+    chosen = settings([gradient(0.03, 90.0), gradient(0.04, 0.0)], COUNTS, (0, 0))
+    found = apply_skin(GEOMETRY, chosen, START)
+    assert found.gradient_across == pytest.approx(0.05)
+    assert found.gradient_deg == pytest.approx(np.degrees(np.arctan2(3, 4)))
+    against = settings([gradient(0.03, 90.0), gradient(0.03, 270.0)], COUNTS, (0, 0))
+    assert apply_skin(GEOMETRY, against, START).gradient_across == pytest.approx(0.0, abs=1e-15)
