@@ -104,6 +104,12 @@ def test_code_of_the_package_reruns_what_uses_it(house):
     assert of(pending, "results/datasets/") == set()
 
 
+def test_the_papers_numbers_rerun_the_table_alone(house):
+    paper = "workflow/eitskin/paper_table_1.csv"
+    house.edit(paper, "simulated,svr,x,mae,1.92", "simulated,svr,x,mae,1.93")
+    assert house.pending() == {"results/tables/table_1.csv", "results/tables/table_1.md"}
+
+
 def test_a_training_parameter_reruns_no_simulation(house):
     house.edit("config.yaml", "learning_rate: 0.001", "learning_rate: 0.002")
     pending = house.pending()
