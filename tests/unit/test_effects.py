@@ -279,3 +279,12 @@ def test_gradients_add_as_vectors():
     assert found.gradient_deg == pytest.approx(np.degrees(np.arctan2(3, 4)))
     against = settings([gradient(0.03, 90.0), gradient(0.03, 270.0)], COUNTS, (0, 0))
     assert apply_skin(GEOMETRY, against, START).gradient_across == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    "name", ["contact-impedance", "contact-drift", "force-dependent-impedance"]
+)
+def test_points_have_no_contacts(name):
+    points = GEOMETRY.with_values(electrode_width_mm=np.zeros(16))
+    with pytest.raises(InputError, match="electrodes with a width"):
+        apply_skin(points, one(name), START)

@@ -4,7 +4,7 @@ import contextlib
 import math
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import jsonschema
@@ -12,12 +12,14 @@ import numpy as np
 import yaml
 from jsonschema.exceptions import ValidationError, best_match
 
-from eitskin.effects.settings import settings
+from eitskin.effects.effect import START
+from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.geometry import Geometry
 from eitskin.mesh import force_levels
 from eitskin.protocol import channel_table, pattern_step
-from eitskin.simulate import apply_skin, site_counts
+from eitskin.readings import apply_skin
+from eitskin.simulate import sample_settings
 from eitskin.skin import Skin, is_number
 
 MISSING = object()
@@ -119,8 +121,9 @@ def _refuse_unphysical(config: dict) -> None:
         if grid["inner"] > grid["outer"]:
             expected = f"at most outer, {grid['outer']}"
             raise _Refusal([*place, "touch_grid", "inner"], grid["inner"], expected)
+        drawn = settings if place else sample_settings
         for where, one in perturbed.items():
-            _refuse_effects(one["effects"], [*where, "effects"], skin, channels)
+            _refuse_effects(one["effects"], [*where, "effects"], skin, channels, drawn)
     low, high = twin["press"]["target_N"]
     if low > high:
         raise _Refusal(["twin", "press", "target_N"], [low, high], "the smaller force first")
@@ -142,12 +145,14 @@ def _channels(protocol: dict, place: list, n_electrodes: int) -> np.ndarray:
         return channel_table(n_electrodes, **protocol)
 
 
-def _refuse_effects(items: list[dict], place: list, skin: Geometry, channels: np.ndarray) -> None:
+def _refuse_effects(
+    items: list[dict], place: list, skin: Geometry, channels: np.ndarray, drawn: Callable
+) -> None:
     """Refuse sites that are not there and values that make no skin, drawn once where drawn."""
     for k, item in enumerate(items):
         parameters = {key: ["parameters", key] for key in item["parameters"]}
         with _at_place([*place, k], {key: [key] for key in item} | parameters):
-            skin = apply_skin(skin, settings([item], site_counts(channels), (0, 0)))
+            skin = apply_skin(skin, drawn([item], site_counts(channels), (0, 0)), START)
 
 
 @contextlib.contextmanager

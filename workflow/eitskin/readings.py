@@ -51,8 +51,14 @@ def apply_touch(touches: pd.DataFrame, chosen: list[Setting], frames: Frames) ->
 
 
 def apply_skin(geometry: Geometry, chosen: list[Setting], moment: Moment) -> Geometry:
-    """The geometry at a moment, with every skin effect of `chosen`."""
+    """The geometry at a moment, with every skin effect of `chosen`.
+
+    Raises InputError for an effect on the contacts of point electrodes.
+    """
     for setting in of_stage(chosen, "skin"):
+        if setting.effect.on_contacts and geometry.points:
+            place = f"effect {setting.effect.name}"
+            raise InputError(place, "name", "point electrodes", "electrodes with a width")
         geometry = setting.effect.change(geometry, setting, moment)
     return geometry
 

@@ -65,14 +65,16 @@ def _samples(grid: pd.DataFrame, force_N: np.ndarray, session, place, level) -> 
     )
 
 
-def _chosen(effects: list[dict], channels: np.ndarray, draw: tuple[int, ...]) -> list[Setting]:
-    """Settings; InputError for effects that a sample, which has no time, cannot show."""
-    chosen = settings(effects, site_counts(channels), draw)
+def sample_settings(
+    items: list[dict], counts: dict[str, int], draw: tuple[int, ...]
+) -> list[Setting]:
+    """As `settings`; InputError also for effects that a sample, which has no time, cannot show."""
+    chosen = settings(items, counts, draw)
     for setting in chosen:
         effect = setting.effect
         if effect.stage == "clock" or effect.driver in ("time", "load-direction"):
             expected = "an effect on single samples; this one needs a recording"
-            raise InputError("config.yaml", "configurations", repr(effect.name), expected)
+            raise InputError(f"effect {effect.name}", "name", repr(effect.name), expected)
     return chosen
 
 
@@ -128,7 +130,7 @@ def write_skin_stage(
     session, as a stage."""
 
     def chosen_of(session: int, channels: np.ndarray) -> list[Setting]:
-        return _chosen(effects, channels, (seed, session, 0))
+        return sample_settings(effects, site_counts(channels), (seed, session, 0))
 
     def layout(places: int, levels: int):
         return sessions(places, levels, session_frames, crossed, seed)
@@ -143,7 +145,8 @@ def write_stage(stage, out: str | Path, seed: int, effect: dict, position: int):
     table, untouched, touched, channels = read_stage(stage)
     force = table["force_N"].to_numpy()
     for session, rows in _watched(table.groupby("session").indices.items(), "sessions"):
-        chosen = _chosen([effect], channels, (seed, int(session), position))
+        draw = (seed, int(session), position)
+        chosen = sample_settings([effect], site_counts(channels), draw)
         frames = Frames(np.zeros(len(rows)), force[rows], channels, force_max_N=force.max())
         for voltage in (untouched, touched):
             voltage[rows] = apply_instrument(voltage[rows].astype(float), chosen, frames)

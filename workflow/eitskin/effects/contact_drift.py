@@ -10,6 +10,7 @@ class ContactDrift(SkinEffect):
     name = "contact-drift"
     driver = "time"
     sites = ("electrodes",)
+    on_contacts = True
     parameters = {"per_minute": Parameter("1/min", 0.0, -0.1, 0.1, scale=0.01)}
     source = "Hardman, Thuruthel, Iida 2025"
     mend = "wet and re-seat electrode {site}"

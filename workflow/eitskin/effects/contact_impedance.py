@@ -10,6 +10,7 @@ class ContactImpedance(SkinEffect):
     name = "contact-impedance"
     driver = "static"
     sites = ("electrodes",)
+    on_contacts = True
     parameters = {"ratio": Parameter("1", 1.0, 1e-3, 1e3)}
     source = "Cheng, Isaacson, Newell, Gisser 1989"
     mend = "re-seat electrode {site}"

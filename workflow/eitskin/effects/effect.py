@@ -137,9 +137,13 @@ class TouchEffect(Effect):
 
 
 class SkinEffect(Effect):
-    """An effect on the skin: its shape, its material, its electrodes."""
+    """An effect on the skin: its shape, its material, its electrodes.
+
+    on_contacts: it changes contacts, which point electrodes do not have.
+    """
 
     stage = "skin"
+    on_contacts = False
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry at a moment, changed."""

@@ -15,6 +15,7 @@ class ForceDependentImpedance(SkinEffect):
     name = "force-dependent-impedance"
     driver = "force"
     sites = ("electrodes",)
+    on_contacts = True
     parameters = {
         "per_N": Parameter("1/N", 0.0, -0.1, 10.0, scale=0.05),
         "range_mm": Parameter("mm", None, 0.1, 1e4, scale=20.0, dense=False, optional=True),
