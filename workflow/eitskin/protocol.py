@@ -74,12 +74,3 @@ def reciprocal_channels(channels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                 signs.append(sign)
                 break
     return np.array(pairs, dtype=int).reshape(-1, 2), np.array(signs, dtype=float)
-
-
-def pair_operator(n_electrodes: int, pairs: np.ndarray) -> np.ndarray:
-    """Matrix (P, n) with +1 at the first and -1 at the second electrode of each pair."""
-    operator = np.zeros((len(pairs), n_electrodes))
-    rows = np.arange(len(pairs))
-    operator[rows, pairs[:, 0]] += 1.0
-    operator[rows, pairs[:, 1]] -= 1.0
-    return operator
