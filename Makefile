@@ -36,8 +36,7 @@ real: .venv/installed
 	  echo "SKIPPED: no real recordings at $(EITSKIN_DATA); set EITSKIN_DATA"; \
 	else \
 	  echo "eitskin: learning from the real recordings in $(EITSKIN_DATA)"; \
-	  mkdir -p results && sed 's|\.\./shared/data|$(EITSKIN_DATA)|' tests/real.yaml > results/real.yaml && \
-	  $(RUN) --configfile results/real.yaml; \
+	  $(RUN) --configfile workflow/config/real.yaml; \
 	fi
 
 bench: .venv/installed-test

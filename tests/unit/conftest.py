@@ -7,7 +7,7 @@ import pytest
 from eitskin.alignment import homogeneous_readings, sensitivity
 from eitskin.importers.description import describe, even_angles
 from eitskin.protocol import channel_table
-from eitskin.recording import Recording, frames_table
+from eitskin.recording import Recording, frames_table, presses
 
 RADIUS_MM = 80.0
 FORCES_N = (1.0, 4.0, 8.0, 4.0)
@@ -68,7 +68,7 @@ def full_recording(make_recording):
     frames = recording.frames
     touch = frames["touch"].to_numpy()
     frames["session"] = np.where(frames["frame"] < 15, "morning", "evening")
-    frames["contact"] = pd.Series(np.where(touch, 7, 0), dtype="Int64").where(touch)
+    frames["contact"] = pd.Series(presses(recording), dtype="Int64").where(touch) + 7
     frames["temperature_C"] = 21.5
     frames["note_operator"] = pd.Series(["A"] * len(frames), dtype="str")
     keys = ["x_mm", "y_mm", "force_N", "probe_mm"]

@@ -1,8 +1,11 @@
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from eitskin import check, importers
 from eitskin.check import ERROR, FACT, UNOBSERVABLE, WARNING
+from eitskin.errors import InputError
 from eitskin.order import known_orders
 from eitskin.protocol import channel_table
 from shared_data import shared_data
@@ -97,6 +100,83 @@ def test_whole_steps_and_still_frames_are_not_called_clipped(make_recording, noi
     step = 2e-3 * np.abs(made.voltage).max()
     made.voltage = step * np.round(made.voltage / step)
     assert value(made, "clipped") == 0.0
+
+
+def untouched(made):
+    return ~made.frames["touch"].to_numpy()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "live"),
+    [
+        (lambda made: made.voltage.fill(0.0), 0),
+        (lambda made: made.voltage.__setitem__(untouched(made), 0.0), 0),
+        (lambda made: made.voltage.__setitem__(untouched(made), np.nan), 0),
+        (lambda made: made.voltage.__setitem__(~untouched(made), np.nan), 0),
+        (lambda made: made.voltage.__setitem__((slice(None), slice(1, None)), np.nan), 1),
+        (lambda made: made.voltage.__setitem__((slice(1, None)), np.nan), 0),
+    ],
+)
+def test_a_recording_without_readings_is_unusable_and_says_why(make_recording, spoil, live):
+    made = make_recording(presses=3)
+    spoil(made)
+    result = check.check(made)
+    (finding,) = result.about("dead")
+    assert not result.ok and finding.severity == ERROR and finding.value == live
+    assert f"{live} of 208 channels have a reading other than 0" in check.text(result)
+
+
+def test_a_channel_that_stands_twice_is_a_warning_a_table_of_one_channel_an_error(make_recording):
+    made = make_recording()
+    assert not check.check(made).about("repeated")
+    made.metadata["channels"][5] = made.metadata["channels"][4]
+    (finding,) = check.repeated(made)
+    assert finding.severity == WARNING and finding.value == pytest.approx(1 / 208)
+    assert "a channel appears twice: 1 channel (5: drive 0-1, measured 6-7)" in finding.sentence
+    made.metadata["channels"] = [made.metadata["channels"][0]] * 208
+    assert "repeated" in topics(made, ERROR)
+    assert "a channel appears twice: 207 channels" in check.text(check.check(made))
+
+
+@pytest.mark.filterwarnings("error")
+@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_no_pattern_of_lost_and_empty_readings_stops_the_check(make_recording, data):
+    """Rows, columns and single readings lost or 0, of any kind of recording."""
+    pattern = data.draw(st.sampled_from(["adjacent", "opposite", "skip-2"]))
+    presses = data.draw(st.sampled_from([0, 3]))
+    made = make_recording(channel_table(8, pattern), presses=presses, n_electrodes=8)
+    draw = np.random.default_rng(data.draw(st.integers(0, 99)))
+    for value in (np.nan, 0.0):
+        for axis in (0, 1):
+            gone = draw.random(made.voltage.shape[axis]) < data.draw(
+                st.sampled_from([0, 0.5, 0.98])
+            )
+            made.voltage[gone if axis == 0 else (slice(None), gone)] = value
+        made.voltage[draw.random(made.voltage.shape) < data.draw(st.sampled_from([0, 0.5]))] = value
+    for key, choices in (
+        ("values", ["absolute", "difference"]),
+        ("voltage", ["signed", "magnitude"]),
+    ):
+        made.metadata[key] = data.draw(st.sampled_from(choices))
+    if made.metadata["voltage"] == "magnitude":
+        made.voltage = np.abs(made.voltage)
+    result = check.check(made)
+    assert check.text(result).endswith("Usable.\n") == result.ok
+
+
+def test_the_check_of_an_unusable_recording_is_not_written(make_recording, tmp_path):
+    made, path = make_recording(), tmp_path / "skin.check.txt"
+    check.write(check.check(made), path, "skin.parquet")
+    assert path.read_text(encoding="utf-8") == check.text(check.check(made))
+    path.unlink()
+    disordered(made, FROM_OWN)
+    with pytest.raises(
+        InputError, match=r"skin\.parquet: check, order: found wrong channel"
+    ) as told:
+        check.write(check.check(made), path, "skin.parquet")
+    assert told.value.__notes__ == [check.text(check.check(made))]
+    assert "\n" not in str(told.value) and not list(tmp_path.iterdir())
 
 
 def disordered(made, name):

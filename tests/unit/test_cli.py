@@ -52,6 +52,15 @@ def test_import_writes_a_recording(path, tmp_path):
     assert [file.name for file in out.parent.iterdir()] == ["copy.parquet"]
 
 
+def test_an_output_that_cannot_be_written_is_one_line(path, tmp_path, capsys):
+    before = path.read_bytes()
+    for out in (tmp_path, path / "below.parquet", tmp_path / ("long" * 100)):
+        assert cli.main(["import", str(path), str(out)]) == 1
+        printed = capsys.readouterr().err
+        assert printed.count("\n") == 1 and printed.startswith(str(tmp_path))
+    assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
+
+
 def test_the_module_runs_as_a_command(path):
     run = subprocess.run(
         [sys.executable, "-m", "eitskin.cli", "check", str(path.with_name("absent"))],

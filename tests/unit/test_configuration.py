@@ -12,6 +12,7 @@ from eitskin.configuration import validate
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from eitskin.importers import KNOWN
+from shared_data import shared_data
 
 ROOT = Path(__file__).parents[2]
 SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.yaml"
@@ -111,6 +112,136 @@ def test_the_paper_s_configuration_is_accepted():
 )
 def test_a_mistake_gives_one_line(refusal, place_and_value, message):
     assert refusal(changed(*place_and_value)).startswith(message)
+
+
+WIDTH = {"name": "electrode-width", "parameters": {"width_mm": 40.0}}
+GAIN = {"name": "channel-gain", "parameters": {"gain": 1.1}, "channels": [900]}
+
+
+@pytest.mark.parametrize(
+    ("place_and_value", "message"),
+    [
+        (
+            ("twin", "skin", "electrode_width_mm", 31.5),
+            "twin.skin.electrode_width_mm: found two that overlap, expected each an arc of its own",
+        ),
+        (
+            ("skin", "electrode_deg", [0.0, 90.0, 180.0, 360.0]),
+            "skin.electrode_deg: found two equal angles",
+        ),
+        (
+            ("twin", "skin", "contact_impedivity_ohm_m2", 0.0),
+            "twin.skin.contact_impedivity_ohm_m2: found 0, expected more than 0",
+        ),
+        (("skin", "radius_mm", 0.5), "skin.radius_mm: found 0.5, expected 1 or more"),
+        (("skin", "radius_mm", 10**400), "skin.radius_mm: found 10"),
+        (("skin", "thickness_mm", 2000), "skin.thickness_mm: found 2000, expected 1000 or less"),
+        (
+            ("twin", "skin", "contact_impedivity_ohm_m2", 1e-12),
+            "twin.skin.contact_impedivity_ohm_m2: found 1e-12, expected contact impedivity, 0 or",
+        ),
+        (("skin", "current_A", 2.0), "skin.current_A: found 2.0, expected 1 or less"),
+        (
+            ("protocol", "measure", "skip-20"),
+            "protocol.measure: found 'skip-20', expected a pair among 16",
+        ),
+        (
+            ("twin", "protocol", "drive", "skip-15"),
+            "twin.protocol.drive: found 'skip-15', expected a pair among 16",
+        ),
+        (
+            (*EPSILON, 0.7),
+            "configurations.authors.effects[4].parameters.epsilon: found 0.7 to 0.7, "
+            "expected -0.25 to 0.25 1",
+        ),
+        (
+            (*EPSILON, [0.1, 0.2]),
+            "configurations.authors.effects[4].parameters.epsilon: found 2 values, expected one",
+        ),
+        (
+            ("configurations", "text", "effects", 2, GAIN),
+            "configurations.text.effects[2].channels: found [900], expected indices 0 to 207, once",
+        ),
+        (
+            ("twin", "effects", 0, "drives", [3]),
+            "twin.effects[0].drives: found [3], expected electrodes",
+        ),
+        (
+            ("twin", "effects", 0, WIDTH),
+            "twin.effects[0]: found two that overlap, expected each an arc of its own",
+        ),
+        (
+            ("touch_grid", "inner", 0.95),
+            "touch_grid.inner: found 0.95, expected at most outer, 0.9",
+        ),
+        (
+            ("twin", "touch_grid", "outer", 0.05),
+            "twin.touch_grid.inner: found 0.1, expected at most",
+        ),
+        (
+            ("twin", "press", "target_N", [9.0, 8.0]),
+            "twin.press.target_N: found [9.0, 8.0], expected the smaller force first",
+        ),
+        (("forces", "decimals", 0), "forces.levels: found 260, expected at most 11 at 0 decimals"),
+    ],
+)
+def test_what_physics_cannot_do_is_refused_before_any_work(refusal, place_and_value, message):
+    assert refusal(changed(*place_and_value)).startswith(f"config.yaml: {message}")
+
+
+def test_a_protocol_without_channels_is_refused(refusal):
+    config = changed("skin", "electrode_deg", [0.0, 90.0, 180.0, 270.0])
+    config["protocol"]["measure"] = "opposite"
+    assert refusal(config).startswith("config.yaml: protocol: found no channel is left with adj")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("seed: 1\nseed: 2\n", "seed: found it in line 1 and again in line 2, expected it once"),
+        (
+            "configurations:\n  own:\n    noise: 1\n    effects: []\n    noise: 2\n",
+            "configurations.own.noise: found it in line 3 and again in line 5",
+        ),
+        ("list: [{a: 1}, {b: 1, b: 2}]\n", "list[1].b: found it in line 1 and again in line 1"),
+    ],
+)
+def test_a_key_that_stands_twice_is_refused(refusal, text, message):
+    Path("twice.yaml").write_text(text, encoding="utf-8")
+    assert refusal(CONFIG, CONFIG, ["twice.yaml"]).startswith(f"twice.yaml: {message}")
+
+
+def test_paths_are_taken_from_the_environment(refusal, tmp_path, monkeypatch):
+    monkeypatch.setenv("CAPTURES", str(tmp_path / "captures"))
+    mine = {"path": "${CAPTURES}/skin.parquet", "query": "${CAPTURES}/query.parquet"}
+    config = changed("recordings", "my-skin", mine)
+    message = "config.yaml: recordings.my-skin."
+    assert refusal(config).startswith(message)
+    (tmp_path / "captures").mkdir()
+    for file in ("skin", "query"):
+        (tmp_path / "captures" / f"{file}.parquet").touch()
+    validate(config, SCHEMA, ["config.yaml"])
+    assert config["recordings"]["my-skin"] == {
+        "path": f"{tmp_path}/captures/skin.parquet",
+        "query": f"{tmp_path}/captures/query.parquet",
+    }
+    monkeypatch.delenv("CAPTURES")
+    unset = refusal(changed("recordings", "my-skin", {"path": "${CAPTURES}/skin.parquet"}))
+    assert unset == (
+        f"{message}path: found '${{CAPTURES}}/skin.parquet', but CAPTURES is not set, "
+        "expected an environment variable that is set"
+    )
+
+
+def test_the_real_recordings_are_found_where_the_environment_says(monkeypatch):
+    data = shared_data("README.md").parent
+    monkeypatch.setenv("EITSKIN_DATA", str(data))
+    real = yaml.safe_load((ROOT / "workflow" / "config" / "real.yaml").read_text(encoding="utf-8"))
+    config = copy.deepcopy(CONFIG)
+    config["recordings"] |= real["recordings"]
+    config["table_1"]["recordings"] |= real["table_1"]["recordings"]
+    validate(config, SCHEMA, [ROOT / "config.yaml"])
+    assert config["recordings"]["lct-tank"]["path"] == f"{data}/lct-tank/homogeneous"
 
 
 def test_a_missing_key_is_named_with_its_meaning(refusal):

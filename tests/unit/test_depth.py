@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -19,10 +20,13 @@ from eitskin.depth import (
     legendre_overlap,
     span,
 )
+from eitskin.effects.settings import settings as effect_settings
+from eitskin.effects.settings import site_counts
 from eitskin.errors import InputError
 from eitskin.forward import ACCURACIES, Forward, channel_values
 from eitskin.geometry import Geometry
 from eitskin.protocol import channel_table
+from eitskin.readings import simulate
 from eitskin.skin import Skin
 from eitskin.touch import Touch
 from shared_data import shared_data
@@ -72,6 +76,9 @@ def test_overlapping_legendre_polynomials():
     reach = 1 - np.abs(lag) / 2
     np.testing.assert_allclose(shifted[0, 0], reach / 2, atol=1e-15)
     np.testing.assert_allclose(shifted[1, 0], lag * reach / 4, atol=1e-15)
+
+
+TANK = Skin(100.0, 60.0, 0.5, tuple(ANGLES), 10.0, 1e-2, 1e-3, 0.0, electrode_height_mm=10.0)
 
 
 @pytest.mark.parametrize("accuracy", ["train", "diagnose"])
@@ -230,12 +237,31 @@ def test_what_is_no_body_is_refused(geometry, heights, message):
         DepthForward(geometry, heights)
 
 
-def test_what_a_skin_says_of_its_heights():
-    skin = Skin(100.0, 60.0, 0.5, tuple(ANGLES), 10.0, 1e-2, 1e-3, 0.0)
-    assert span(skin) is None
-    assert span(replace(skin, electrode_height_mm=10.0)) == Span(10.0, 30.0)
-    there = replace(skin, electrode_height_mm=10.0, electrode_z_mm=20.0)
-    assert span(there) == Span(10.0, 20.0)
+def test_what_a_geometry_says_of_its_heights():
+    def said(deep=True, **values):
+        return span(Geometry.from_skin(replace(TANK, **values)).with_values(deep=deep))
+
+    assert said(electrode_height_mm=None) is None
+    assert said(deep=False) is None
+    assert said() == Span(10.0, 30.0)
+    assert said(electrode_z_mm=20.0) == Span(10.0, 20.0)
+
+
+def test_the_third_dimension_as_an_effect():
+    """Frames of a tank, by the list of effects: the body's voltages at the depth given."""
+    channels = channel_table(16)
+    states = pd.DataFrame(
+        {"time_s": [0.0], "touch": [False], "x_mm": [np.nan], "y_mm": [np.nan]}
+    ).assign(force_N=0.0, probe_mm=np.nan)
+    for parameters, depth in (({}, 60.0), ({"depth_mm": 45.0}, 45.0)):
+        item = {"name": "third-dimension", "parameters": parameters}
+        chosen = effect_settings([item], site_counts(channels), (0, 0))
+        found = simulate(states, np.array([-1]), TANK, channels, chosen, "train")[0]
+        geometry = Geometry.from_skin(TANK).with_values(thickness_mm=depth)
+        body = DepthForward(geometry, Span(10.0, depth / 2), "train")
+        assert np.array_equal(found, 1e-3 * body.voltages(channels))
+    sheet = simulate(states, np.array([-1]), TANK, channels, [], "train")[0]
+    assert np.abs(found - sheet).max() > 0.05 * np.abs(sheet).max()
 
 
 # --- real tanks: untouched magnitudes away from the drive, one fitted scale

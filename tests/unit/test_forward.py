@@ -7,9 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eitskin.errors import InputError
+from eitskin.fem import FiniteElements, symmetric_disc_mesh
 from eitskin.forward import Accuracy, Forward, channel_values
 from eitskin.geometry import Geometry
-from eitskin.protocol import channel_table, pair_operator, reciprocal_channels
+from eitskin.protocol import channel_table, reciprocal_channels
 from eitskin.touch import Touch, TouchAccuracy
 
 CHANNELS = channel_table(16)
@@ -54,7 +55,7 @@ def test_points_with_an_eccentric_inclusion(centre, factor):
 def test_complete_electrodes_against_a_fourier_series(width, z):
     expected = reference.complete_electrodes(16, width / 80.0, z * 0.5 / 0.08)[0] * RESISTANCE
     found = Forward(skin(width, z)).transfer()
-    pairs = pair_operator(16, np.array([[k, (k + 1) % 16] for k in range(16)]))
+    pairs = np.eye(16) - np.roll(np.eye(16), 1, axis=1)
     assert relative(channel_values(found, CHANNELS), channel_values(expected, CHANNELS)) < 1e-6
     found, expected = pairs @ found @ pairs.T, pairs @ expected @ pairs.T
     assert relative(found, expected) < 1e-4
@@ -232,3 +233,29 @@ def test_a_touch_that_just_reaches_the_rim(accuracy, bound):
     expected = channel_values(change, CHANNELS)
     error = modes.channel_change(CHANNELS, [4.0])[0] - expected
     assert np.linalg.norm(error) < bound * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"shape_cos": {2: 0.04}, "shape_sin": {3: 0.03}},
+        {"stretch_x": 1.06, "stretch_y": 0.95},
+    ],
+)
+def test_other_rims_against_finite_elements(values):
+    """Complete electrodes and a touch on a skin that is no disc, on a mesh bent to its shape."""
+    geometry = skin(5.0, 2e-3, **values)
+    unit, electrodes = symmetric_disc_mesh(16, 5.0 / 80.0, 1, 3, rings=(0.25,))
+    z = unit.doflocs[0] + 1j * unit.doflocs[1]
+    shape = sum(a * np.abs(z) ** 4 * np.cos(k * np.angle(z)) for k, a in geometry.shape_cos.items())
+    shape += sum(
+        a * np.abs(z) ** 4 * np.sin(k * np.angle(z)) for k, a in geometry.shape_sin.items()
+    )
+    bent = geometry.stretch(0.08 * z * (1.0 + shape))
+    mesh = type(unit)(np.stack([bent.real, bent.imag]), unit.t)
+    elements = FiniteElements(mesh, electrodes, contact=2e-3 / 3e-3, order=2)
+    ones = np.full(mesh.nelements, 1.5e-3)
+    expected = elements.voltages(ones, CHANNELS, 1.0)
+    found = Forward(geometry).voltages(CHANNELS)
+    assert relative(Forward(skin(5.0, 2e-3)).voltages(CHANNELS), expected) > 0.05
+    assert relative(found, expected) < 1e-3

@@ -59,6 +59,65 @@ def test_a_recording_of_our_own_is_read(make_recording, tmp_path):
     refused(path, "an end cut off")
 
 
+def mat(path, **arrays):
+    scipy.io.savemat(path, arrays)
+
+
+ODD_FILES = {
+    "binary.csv": lambda path: path.write_bytes(bytes(range(256)) * 50),
+    "inp_binary.csv": lambda path: (
+        path.write_bytes(b"1,2\n\xff\xfe"),
+        path.with_name("out_binary.csv").write_bytes(b"1,2,3\n"),
+    ),
+    "late_binary.csv": lambda path: path.write_bytes(b"1,2,3,4\n" * 5000 + b"\xff\xff\n"),
+    "empty": lambda path: path.touch(),
+    "inp_empty.csv": lambda path: (path.touch(), path.with_name("out_empty.csv").touch()),
+    "text.txt": lambda path: path.write_text("nothing\nof the kind\n"),
+    "lct.txt": lambda path: path.write_text("#MEAS\n#Date\n#Start\n1 2 3\n"),
+    "logger.csv": lambda path: path.write_text("contact_idx,force_n,t_eit,eit_0\n"),
+    "folder": lambda path: path.mkdir(),
+    "inp_folder.csv": lambda path: (path.mkdir(), path.with_name("out_folder.csv").mkdir()),
+    "folder_of_folders": lambda path: (path / "water_1.txt").mkdir(parents=True),
+    "folder_of_binaries": lambda path: (
+        path.mkdir(),
+        (path / "a.txt").write_bytes(bytes(range(256))),
+    ),
+    "words.mat": lambda path: mat(
+        path,
+        positions=["a"],
+        responseups=["b"],
+        responsedowns=["c"],
+        v_reference=np.array(["d"] * 256)[:, None],
+        v_rotate=["e"],
+    ),
+    "cells.mat": lambda path: mat(
+        path,
+        positions={"a": 1},
+        responseups=np.array([1, "x"], dtype=object),
+        responsedowns={},
+        v_reference=np.array([["cell"], [1.0]] * 128, dtype=object),
+        v_rotate=1.0,
+    ),
+    "nothing.mat": lambda path: mat(
+        path,
+        positions=np.zeros((0, 3)),
+        responseups=np.zeros((0, 0)),
+        responsedowns=np.zeros((0, 0)),
+        v_reference=np.zeros((0, 0)),
+        v_rotate=np.zeros((0, 0)),
+    ),
+    "parquet": lambda path: path.write_bytes(b"PAR1PAR1"),
+}
+
+
+@pytest.mark.parametrize("name", ODD_FILES)
+@pytest.mark.parametrize("format", [None, *importers.KNOWN])
+def test_an_odd_file_is_refused_in_one_line_by_every_format(tmp_path, name, format):
+    path = tmp_path / name
+    ODD_FILES[name](path)
+    refused(path, f"{tmp_path}.*: found .*, expected ", format)
+
+
 # --- the paper's logger
 
 

@@ -295,6 +295,85 @@ def test_a_wrong_belief_of_the_skin_is_named(make_recording, written):
     assert "skin.radius_mm: found -80" in refusal(rewritten(written, metadata={"skin": skin}))
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "found"),
+    [
+        ("electrode_width_mm", 31.5, "31.5 mm: two that overlap"),
+        ("electrode_deg", [0.0, 0.1, *np.arange(2, 16) * 22.5], "5.0 mm: two that overlap"),
+        ("electrode_deg", [], "no angle"),
+        ("radius_mm", 10**400, "10000"),
+        ("electrode_deg", [10**400] * 16, "[10000"),
+    ],
+)
+def test_a_skin_that_cannot_be_is_refused(make_recording, written, key, value, found):
+    skin = make_recording().metadata["skin"] | {"electrode_width_mm": 5.0}
+    rewritten(written, metadata={"skin": skin})
+    assert recording.read(written).skin.electrode_width_mm == 5.0
+    message = refusal(rewritten(written, metadata={"skin": skin | {key: value}}))
+    assert f": found {found}" in message
+
+
+def test_a_frame_may_not_last_longer_than_to_the_next(written):
+    assert recording.read(rewritten(written, metadata={"frame_s": 0.5})).metadata["frame_s"] == 0.5
+    message = refusal(rewritten(written, metadata={"frame_s": 0.51}))
+    assert "key frame_s: found 0.51, expected at most 0.5 s, the time from row 0 to" in message
+    assert "key frame_s" in refusal(rewritten(written, metadata={"frame_s": 10**400}))
+    rewritten(written, metadata={"frame_s": 0.51, "clock": "index"})
+    assert recording.read(written).metadata["frame_s"] == 0.51
+
+
+def test_electrodes_that_no_skin_has_are_refused(make_recording, written):
+    skin = make_recording().metadata["skin"] | {"electrode_deg": None}
+    channels = [[0, 1, 2, 10**9], *channel_table(16).tolist()[1:]]
+    message = refusal(rewritten(written, metadata={"skin": skin, "channels": channels}))
+    assert "key channels, row 0: found electrode 1000000000 of an unknown number" in message
+
+
+@pytest.mark.parametrize(("x_mm", "probe_mm", "kept"), [(84.9, 10.0, True), (85.1, 10.0, False)])
+@pytest.mark.parametrize("frame", ["skin", "robot"])
+def test_a_touch_must_meet_the_skin(make_recording, tmp_path, x_mm, probe_mm, kept, frame):
+    made = make_recording()
+    made.metadata["position_frame"] = frame
+    made.frames.loc[[12, 13], ["x_mm", "y_mm", "probe_mm"]] = x_mm, 0.0, probe_mm
+    if kept or frame == "robot":
+        recording.write(made, tmp_path / "skin.parquet")
+    else:
+        with pytest.raises(
+            InputError, match=r"row 12: found a touch 85\.1 mm from the centre, exp"
+        ):
+            recording.write(made, tmp_path / "skin.parquet")
+    made.metadata["skin"]["radius_mm"] = None
+    recording.write(made, tmp_path / "skin.parquet")
+
+
+def test_an_unknown_probe_is_at_most_as_large_as_the_skin(make_recording, tmp_path):
+    made = make_recording()
+    made.frames.loc[12, ["x_mm", "probe_mm"]] = 500.0, np.nan
+    with pytest.raises(InputError, match=r"row 12: found a touch .* expected at most 160 mm"):
+        recording.write(made, tmp_path / "skin.parquet")
+
+
+def test_every_one_of_several_touches_must_meet_the_skin(full_recording, tmp_path):
+    row = int(np.flatnonzero(full_recording.frames["touch"])[0])
+    far = {"x_mm": 0.0, "y_mm": -90.0, "force_N": 1.0, "probe_mm": 10.0}
+    full_recording.touches[row].append(far)
+    with pytest.raises(InputError, match=f"row {row}: found a touch 90 mm from the centre"):
+        recording.write(full_recording, tmp_path / "touches.parquet")
+
+
+def test_one_contact_at_several_places_is_refused(full_recording, tmp_path):
+    touch = full_recording.frames["touch"]
+    rows = np.flatnonzero(touch)
+    full_recording.touches = None
+    full_recording.frames.loc[rows[1], "x_mm"] += 0.5
+    recording.write(full_recording, tmp_path / "skin.parquet")
+    full_recording.frames.loc[touch, "contact"] = 1
+    with pytest.raises(InputError, match=r"column contact, row \d+: found 1 again, [\d.]+ mm away"):
+        recording.write(full_recording, tmp_path / "contact.parquet")
+    full_recording.frames["session"] = [f"{k}" for k in full_recording.frames["frame"]]
+    recording.write(full_recording, tmp_path / "sessions.parquet")
+
+
 def test_files_that_are_no_recording_are_refused(written, tmp_path):
     whole = written.read_bytes()
     written.write_bytes(whole[: len(whole) // 2])
@@ -319,7 +398,8 @@ def test_files_that_are_no_recording_are_refused(written, tmp_path):
 
 def test_metadata_that_is_no_json_object_is_refused(written):
     table = pq.read_table(written)
-    for text, found in ((b"{", "no JSON"), (b"[]", "found list")):
+    deep = b"[" * 100_000
+    for text, found in ((b"{", "no JSON"), (deep, "no JSON"), (b"[]", "found list")):
         pq.write_table(table.replace_schema_metadata({b"eit": text}), written)
         assert found in refusal(written)
 

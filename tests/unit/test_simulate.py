@@ -1,17 +1,19 @@
-"""The simulated sets: grid, forces, sessions, stages, noise and baseline; whole recordings."""
+"""The simulated sets: grid, forces, sessions, stages, noise and baseline."""
 
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
+from eitskin import chain as links
 from eitskin import dataset, mesh, simulate
-from eitskin.effects.settings import settings
+from eitskin.effects.effect import START
+from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
-from eitskin.forward import Forward
+from eitskin.forward import Forward, channel_values
 from eitskin.geometry import Geometry
 from eitskin.protocol import channel_table
+from eitskin.readings import apply_skin
 from eitskin.skin import Skin
 from eitskin.touch import Touch
 
@@ -77,9 +79,9 @@ def test_the_skin_stage_is_the_forward_model(tmp_path):
     chain(tmp_path)
     table, untouched, touched, channels = simulate.read_stage(tmp_path / "0.parquet")
     row = table.iloc[17]
-    counts = simulate.site_counts(channels)
+    counts = site_counts(channels)
     chosen = settings([ELLIPSE], counts, (1, int(row["session"]), 0))
-    geometry = simulate.apply_skin(Geometry.from_skin(Skin.from_metadata(SKIN)), chosen)
+    geometry = apply_skin(Geometry.from_skin(Skin.from_metadata(SKIN)), chosen, START)
     forward = Forward(geometry, "train")
     touch = Touch(row["x_mm"], row["y_mm"], 8.0, 0.9 * row["force_N"])
     assert np.allclose(untouched[17], 1e-3 * forward.voltages(CHANNELS), rtol=1e-6)
@@ -118,26 +120,52 @@ def test_repeatable_byte_for_byte(tmp_path):
     assert first.read_bytes() == second.read_bytes()
 
 
-def test_frames_of_a_recording_with_drift():
-    """Each frame is solved at its own time; untouched and touched as the forward model has them."""
-    skin = Skin.from_metadata(
-        {**SKIN, "electrode_width_mm": 5.0, "contact_impedivity_ohm_m2": 1e-3}
-    )
-    states = pd.DataFrame(
-        {
-            "time_s": [0.0, 60.0, 120.0],
-            "touch": [False, True, True],
-            "x_mm": [np.nan, 10.0, 10.0],
-            "y_mm": [np.nan, 30.0, 30.0],
-            "force_N": [0.0, 2.0, 5.0],
-            "probe_mm": [np.nan, 10.0, 10.0],
-        }
-    )
-    drift = {"name": "conductivity-drift", "parameters": {"per_minute": 0.05}}
-    counts = simulate.site_counts(CHANNELS)
-    found = simulate.voltages(states, skin, CHANNELS, settings([drift], counts, (0, 0)))
-    base = Geometry.from_skin(skin)
-    for k, touches in enumerate(([], [Touch(10.0, 30.0, 5.0, 1.8)], [Touch(10, 30, 5.0, 4.5)])):
-        geometry = base.with_values(conductivity_S_per_m=0.5 * (1 + 0.05 * k))
-        expected = 1e-3 * Forward(geometry).voltages(CHANNELS, touches)
-        assert np.allclose(found[k], expected, rtol=1e-10)
+@pytest.mark.parametrize(
+    "effect",
+    [
+        {"name": "conductivity-drift", "parameters": {"per_minute": 0.01}},
+        {"name": "frame-skew", "parameters": {"fraction": 0.5}},
+        {"name": "mains-interference", "parameters": {"frequency_Hz": 50.0, "volt": 1e-3}},
+    ],
+)
+def test_samples_have_no_time(tmp_path, effect):
+    chain(tmp_path)
+    with pytest.raises(InputError, match="this one needs a recording"):
+        if effect["name"] == "mains-interference":
+            simulate.write_stage(tmp_path / "0.parquet", tmp_path / "1.parquet", 1, effect, 1)
+        else:
+            laid, grid = tmp_path / "mesh.npz", tmp_path / "grid.csv"
+            out = tmp_path / "x.parquet"
+            simulate.write_skin_stage(laid, grid, out, 1, SKIN, "train", [effect], 12, False)
+
+
+def test_the_chain_follows_the_instrument():
+    names = ("crosstalk", "adc-nonlinearity", "channel-gain", "common-mode", "ground-leak")
+    effects = [{"name": name} for name in (*names, "drive-gain")]
+    assert list(links.instrument_effects(effects)) == [
+        "1-channel-gain",
+        "2-drive-gain",
+        "3-crosstalk",
+        "4-adc-nonlinearity",
+    ]
+    assert [e["name"] for e in links.skin_effects(effects)] == ["common-mode", "ground-leak"]
+    assert links.link_before(effects, "1-channel-gain") == links.SKIN
+
+
+def test_a_sample_s_touch_and_wires(tmp_path):
+    """Effects on touch and wiring are in a set as in a recording."""
+    chain(tmp_path)
+    effects = [
+        {"name": "contact-law", "parameters": {"exponent": 0.5}},
+        {"name": "electrode-swap", "electrodes": [2, 5], "parameters": {}},
+    ]
+    laid, grid, out = (tmp_path / name for name in ("mesh.npz", "grid.csv", "swap.parquet"))
+    simulate.write_skin_stage(laid, grid, out, 1, SKIN, "train", effects, 12, False)
+    table, _, touched, _ = simulate.read_stage(out)
+    row = table.iloc[17]
+    touch = Touch(row["x_mm"], row["y_mm"], 8.0, 0.9 * np.sqrt(row["force_N"]))
+    wires = np.arange(16)
+    wires[[2, 5]] = 5, 2
+    transfer = Forward(Geometry.from_skin(Skin.from_metadata(SKIN)), "train").transfer([touch])
+    expected = 1e-3 * channel_values(transfer, wires[CHANNELS])
+    assert np.allclose(touched[17], expected, rtol=1e-5)

@@ -3,7 +3,9 @@ import pytest
 
 from eitskin import metrics, table_1
 from eitskin.errors import InputError
+from eitskin.pins import ROOT
 
+PAPER = ROOT / "workflow" / "eitskin" / "paper_table_1.csv"
 HEADER = (
     "configuration,recording,split,model,target,metric,mean,low,high,unit,seeds,budget,limit,paper"
 )
@@ -35,12 +37,12 @@ def metric_file(folder, **given):
 
 
 def write(folder, *paths):
-    table_1.write(list(paths), folder / "table_1.csv", folder / "table_1.md")
+    table_1.write(list(paths), PAPER, folder / "table_1.csv", folder / "table_1.md")
     return pd.read_csv(folder / "table_1.csv", keep_default_na=False)
 
 
 def test_the_papers_numbers_are_all_there():
-    paper = table_1.paper()
+    paper = table_1.paper(PAPER)
     assert len(paper) == 2 * 7 * 3 * 2
     assert not paper.duplicated(["recording", "model", "target", "metric"]).any()
     cell = paper.set_index(["recording", "model", "target", "metric"])["value"]
@@ -57,6 +59,8 @@ def test_columns_are_exactly_these_and_the_paper_stands_beside(tmp_path):
     cell = table.set_index(["target", "metric"])["paper"]
     assert (cell["F", "r2"], cell["F", "mae"], cell["x", "mae"]) == ("0.89", "0.48", "1.73")
     assert cell["F", "rmse"] == ""
+    table = write(tmp_path, metric_file(tmp_path, configuration="authors"))
+    assert table.set_index(["target", "metric"])["paper"]["F", "r2"] == "0.89"
     assert set(table["limit"]) == {""}
 
 
@@ -64,6 +68,9 @@ def test_columns_are_exactly_these_and_the_paper_stands_beside(tmp_path):
     "given",
     [
         {"split": "place"},
+        {"configuration": "averaged"},
+        {"configuration": "crossed"},
+        {"configuration": "my-own"},
         {"recording": "bench-top", "configuration": "", "origin": "a citation"},
         {"recording": "real", "configuration": "", "origin": "a citation"},
         {"model": "gru"},
@@ -111,6 +118,6 @@ def test_markdown_has_interval_and_paper_and_labels_simulations(tmp_path):
 def test_other_files_are_refused(tmp_path):
     (tmp_path / "other.csv").write_text("a,b\n1,2\n")
     with pytest.raises(InputError, match=r"other\.csv: columns: found \['a', 'b'\]"):
-        table_1.collect([tmp_path / "other.csv"])
+        table_1.collect([tmp_path / "other.csv"], PAPER)
     with pytest.raises(InputError, match="metrics files: found none"):
-        table_1.collect([])
+        table_1.collect([], PAPER)

@@ -39,11 +39,11 @@ def test_all_can_be_planned_anew(finished):
 
 
 def test_an_operator_s_strength_reruns_it_and_what_follows_but_no_forward_solve(house):
-    house.edit("tiny.yaml", "{epsilon: 0.03}", "{epsilon: 0.04}")
+    house.edit("tiny.yaml", "per_N: 0.005", "per_N: 0.006")
     pending = house.pending()
     assert {file for file in pending if file.startswith(CHAIN)} == {
-        f"{CHAIN}/2-crosstalk.parquet",
-        f"{CHAIN}/3-force-dependent-gain.parquet",
+        f"{CHAIN}/2-force-dependent-gain.parquet",
+        f"{CHAIN}/3-crosstalk.parquet",
     }
     assert not pending & FORWARD_SOLVES
     assert "results/datasets/simulated-tiny.parquet" in pending
@@ -52,9 +52,9 @@ def test_an_operator_s_strength_reruns_it_and_what_follows_but_no_forward_solve(
 
 
 def test_the_last_operator_s_strength_leaves_those_before_it(house):
-    house.edit("tiny.yaml", "per_N: 0.005", "per_N: 0.006")
+    house.edit("tiny.yaml", "{epsilon: 0.03}", "{epsilon: 0.04}")
     pending = house.pending()
-    assert of(pending, CHAIN) == {f"{CHAIN}/3-force-dependent-gain.parquet"}
+    assert of(pending, CHAIN) == {f"{CHAIN}/3-crosstalk.parquet"}
     assert "results/datasets/simulated-tiny.parquet" in pending
 
 
@@ -74,12 +74,14 @@ def test_noise_reruns_the_dataset_alone_of_the_simulation(house):
 
 
 def test_exchanging_two_operators_reruns_from_there(house):
-    house.edit("tiny.yaml", "{name: crosstalk, parameters: {epsilon: 0.03}}", "{name: SECOND}")
-    third = "{name: force-dependent-gain, parameters: {per_N: 0.005, F_mid_N: 5.0}}"
-    house.edit("tiny.yaml", third, "{name: crosstalk, parameters: {epsilon: 0.03}}")
-    house.edit("tiny.yaml", "{name: SECOND}", third)
+    first = "{name: channel-gain, parameters: {gain: {sd: 0.04, tie: mirror}}}"
+    second = "{name: force-dependent-gain, parameters: {per_N: 0.005, F_mid_N: 5.0}}"
+    house.edit("tiny.yaml", first, "{name: FIRST}")
+    house.edit("tiny.yaml", second, first)
+    house.edit("tiny.yaml", "{name: FIRST}", second)
     assert of(house.pending(), CHAIN) == {
-        f"{CHAIN}/2-force-dependent-gain.parquet",
+        f"{CHAIN}/1-force-dependent-gain.parquet",
+        f"{CHAIN}/2-channel-gain.parquet",
         f"{CHAIN}/3-crosstalk.parquet",
     }
 
@@ -100,6 +102,12 @@ def test_code_of_the_package_reruns_what_uses_it(house):
     }
     assert of(pending, "results/simulated/") | of(pending, "results/recordings/") == set()
     assert of(pending, "results/datasets/") == set()
+
+
+def test_the_papers_numbers_rerun_the_table_alone(house):
+    paper = "workflow/eitskin/paper_table_1.csv"
+    house.edit(paper, "simulated,svr,x,mae,1.92", "simulated,svr,x,mae,1.93")
+    assert house.pending() == {"results/tables/table_1.csv", "results/tables/table_1.md"}
 
 
 def test_a_training_parameter_reruns_no_simulation(house):

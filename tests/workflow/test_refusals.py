@@ -1,6 +1,12 @@
 """Wrong input stops the workflow with one line, before any work."""
 
+import numpy as np
 import pytest
+
+from eitskin import recording
+from eitskin.importers.description import describe, even_angles
+from eitskin.protocol import channel_table
+from eitskin.recording import Recording, frames_table
 
 pytestmark = pytest.mark.xdist_group("refusals")
 
@@ -19,6 +25,10 @@ pytestmark = pytest.mark.xdist_group("refusals")
             "recordings: {my-skin: {path: captures/my-skin.parquet}}\n",
             "wrong.yaml: recordings.my-skin.path: found no file 'captures/my-skin.parquet', "
             "expected a recording's path",
+        ),
+        (
+            "twin: {skin: {electrode_width_mm: 40.0}}\n",
+            "wrong.yaml: twin.skin.electrode_width_mm: found two that overlap, expected each",
         ),
     ],
 )
@@ -48,3 +58,24 @@ def test_a_damaged_recording_leaves_nothing_half_written(fresh, tmp_path):
     assert log.strip() in run.stderr
     assert "Traceback" not in run.stderr
     assert [f for f in (house.folder / "results").rglob("*") if f.is_file()] == []
+
+
+def test_nothing_is_learned_from_a_recording_that_the_check_calls_unusable(fresh, tmp_path):
+    house = fresh.copy(tmp_path / "house")
+    touch = np.tile([False, True], 30)
+    frames = frames_table(np.arange(60.0), touch, np.arange(60.0), 0.0, 1.0 + np.arange(60.0))
+    metadata = describe(channel_table(16), even_angles(16), "a citation", "signed")
+    noise = np.random.default_rng(0).normal(size=(60, 208))
+    made = Recording(frames, noise, None, None, metadata)
+    recording.write(made, house.folder / "noise.parquet")
+    (house.folder / "extra.yaml").write_text("recordings: {my-skin: {path: noise.parquet}}\n")
+    run = house.snakemake("extra.yaml", "--", "results/datasets/my-skin.parquet")
+    assert run.returncode != 0
+    message = "results/recordings/my-skin.parquet: check, order: found exchanging drive and"
+    assert any(line.startswith(message) for line in run.stderr.splitlines())
+    assert "Traceback" not in run.stderr
+    log = (house.folder / "logs" / "check" / "my-skin.log").read_text()
+    assert log.startswith(message) and log.endswith("Not usable as it stands.\n")
+    written = [file.name for file in (house.folder / "results").rglob("*") if file.is_file()]
+    assert written == ["my-skin.parquet"]
+    assert not (house.folder / "results" / "datasets" / "my-skin.parquet").exists()

@@ -1,21 +1,23 @@
 """A simulated configuration as a chain: the skin's effects, then the instrument's one by one.
 
-The links are named `0-skin` and `<k>-<effect>` for the k-th effect of the instrument.
+The links are named `0-skin` and `<k>-<effect>` for the k-th effect that acts on readings alone.
 """
 
-from eitskin.effects import stage_of
+from eitskin.effects import EFFECTS, on_readings
+from eitskin.effects.effect import ORDER
 
 SKIN = "0-skin"
 
 
 def skin_effects(effects: list[dict]) -> list[dict]:
     """The effects that need a forward solve, in the order of the configuration."""
-    return [effect for effect in effects if stage_of(effect["name"]) != "instrument"]
+    return [effect for effect in effects if not on_readings(effect["name"])]
 
 
 def instrument_effects(effects: list[dict]) -> dict[str, dict]:
-    """The effects that act on voltages alone, by link, in the order of the configuration."""
-    chosen = [effect for effect in effects if stage_of(effect["name"]) == "instrument"]
+    """The effects that act on readings alone, by link, in the order of the instrument."""
+    chosen = [effect for effect in effects if on_readings(effect["name"])]
+    chosen.sort(key=lambda effect: ORDER["instrument"].index(EFFECTS[effect["name"]].order))
     return {f"{k}-{effect['name']}": effect for k, effect in enumerate(chosen, start=1)}
 
 

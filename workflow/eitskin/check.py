@@ -6,10 +6,12 @@ stands: a wrong channel order, readings that no passive skin gives.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from eitskin import alignment, dataset
+from eitskin.atomic import atomic_path
 from eitskin.errors import InputError
 from eitskin.order import Misfit, known_orders, misfit, relative_change, reordered
 from eitskin.protocol import reciprocal_channels
@@ -28,6 +30,8 @@ UNLOADED = 0.1
 CLIPPED_FRAMES = 3
 NUMBERED_WITHIN_RADII = 0.25
 LEAST_TOUCHES = 20
+MOST_REPEATED = 0.5
+UNKNOWNS = 3  # x, y and F of a touch
 
 
 @dataclass(frozen=True)
@@ -61,8 +65,11 @@ class Check:
 
 def check(recording: Recording) -> Check:
     """Every finding about a recording or query (`recording.validate`d)."""
-    findings = contents(recording)
+    findings = contents(recording) + repeated(recording)
     if recording.voltage is not None:
+        nothing = dead(recording)
+        if nothing:
+            return Check((*findings, *nothing))
         for examine in (
             lost,
             clipped,
@@ -98,6 +105,22 @@ def text(result: Check) -> str:
     return "\n".join(lines) + "\n"
 
 
+def write(result: Check, path: str | Path, file: str | Path) -> None:
+    """Write the check of the recording `file` as plain words.
+
+    Raises InputError naming the first error, with those words as its note, where the recording is
+    unusable; then nothing is written, so that nothing can be learned from it.
+    """
+    for finding in result.findings:
+        if finding.severity == ERROR:
+            expected = "a usable recording"
+            refusal = InputError(file, f"check, {finding.topic}", finding.sentence[:-1], expected)
+            refusal.add_note(text(result))
+            raise refusal
+    with atomic_path(path) as temporary:
+        temporary.write_text(text(result), encoding="utf-8")
+
+
 def contents(recording: Recording) -> list[Finding]:
     """Frames, touches, channels and where they come from."""
     frames, metadata = recording.frames, recording.metadata
@@ -128,6 +151,36 @@ def contents(recording: Recording) -> list[Finding]:
             span = f"{values.min():.3g} to {values.max():.3g} {unit}, {levels} different"
             found.append(_fact(name.rsplit("_", 1)[0], f"{span}."))
     return found
+
+
+def repeated(recording: Recording) -> list[Finding]:
+    """Channels that stand in the table more than once (value: the share of rows that repeat an
+    earlier one): most of them make a table that no skin was read by.
+    """
+    _, first = np.unique(recording.channels, axis=0, return_index=True)
+    again = np.setdiff1d(np.arange(len(recording.channels)), first)
+    if not len(again):
+        return []
+    share = len(again) / len(recording.channels)
+    sentence = f"a channel appears twice: {_channels(recording, again)} stood in the table before."
+    return [Finding("repeated", ERROR if share > MOST_REPEATED else WARNING, sentence, share)]
+
+
+def dead(recording: Recording) -> list[Finding]:
+    """Whether too few channels ever read a number other than 0, both untouched and touched, to
+    tell where and how hard a skin is touched (value: how many do). Then nothing can be examined.
+    """
+    touch = recording.frames["touch"].to_numpy(dtype=bool)
+    reads = np.nan_to_num(recording.voltage) != 0
+    difference = recording.metadata["values"] == "difference"
+    states = [touch] if difference and touch.any() else [~touch, touch]
+    live = np.logical_and.reduce([reads[state].any(axis=0) for state in states if state.any()])
+    needed = min(UNKNOWNS, len(live))
+    if live.sum() >= needed:
+        return []
+    in_both = ", untouched as well as touched" if len(states) > 1 and touch.any() else ""
+    sentence = f"{live.sum()} of {len(live)} channels have a reading other than 0{in_both}"
+    return [Finding("dead", ERROR, f"{sentence}; {needed} at least are needed.", float(live.sum()))]
 
 
 def lost(recording: Recording) -> list[Finding]:
@@ -197,25 +250,25 @@ def noise(recording: Recording) -> list[Finding]:
     if not between_presses:
         steps = steps[follow]
     unit = _unit(recording)
-    if len(steps):
+    if np.isfinite(steps).any():
         spread = NORMAL * _columns(np.nanmedian, np.abs(steps)) / np.sqrt(2.0)
         sigma = float(np.nanmedian(spread))
         sentence = (
-            f"{sigma:.3g} {unit} in the median channel, {sigma / level:.2%} of the median reading, "
+            f"{sigma:.3g} {unit} in the median channel{_share(sigma, level)}, "
             f"from {len(steps) + 1} untouched frames"
         )
         if between_presses:
             sentence += " with presses between them, so recovery after a press is in it"
         return [_fact("noise", sentence + ".", sigma)]
     pairs, signs = reciprocal_channels(recording.channels)
-    if not len(pairs):
-        return []
     values, signs = _identity_readings(recording, signs)
     odd = np.abs(values[:, pairs[:, 1]] - signs * values[:, pairs[:, 0]])
+    if not np.isfinite(odd).any():
+        return []
     bound = float(NORMAL * np.nanmedian(odd) / np.sqrt(2.0))
     sentence = (
-        f"no untouched repeats; at most {bound:.3g} {unit} ({bound / level:.2%} of the median "
-        "reading), else drive and measurement could not be exchanged so well."
+        f"no untouched repeats; at most {bound:.3g} {unit}{_share(bound, level)}, else drive and "
+        "measurement could not be exchanged so well."
     )
     return [_fact("noise", sentence, bound)]
 
@@ -600,6 +653,11 @@ def _worst_electrodes(recording: Recording, values: np.ndarray) -> str:
 def _level(recording: Recording) -> float:
     untouched = recording.voltage[~recording.frames["touch"].to_numpy(dtype=bool)]
     return float(np.nanmedian(np.abs(untouched)))
+
+
+def _share(value: float, level: float) -> str:
+    """`, 0.25% of the median reading`; nothing where that reading is 0."""
+    return f", {value / level:.2%} of the median reading" if level > 0 else ""
 
 
 def _unit(recording: Recording) -> str:

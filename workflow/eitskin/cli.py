@@ -11,8 +11,8 @@ UNUSABLE = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; the exit code: 0, 1 for bad input (one line on stderr), 2 for an unusable
-    recording.
+    """Run one command; the exit code: 0, 1 for bad input or a file that cannot be read or written
+    (one line on stderr), 2 for an unusable recording.
 
     Wrong usage leaves through argparse, with its own message and code 2.
     """
@@ -21,7 +21,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return parsed.run(parsed)
     except InputError as error:
         print(error, file=sys.stderr)
-        return 1
+    except OSError as error:
+        print(f"{error.filename or 'eitskin'}: {error.strerror or error}", file=sys.stderr)
+    return 1
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -1,16 +1,29 @@
 """The configuration: refused in one line where it is wrong, before any work."""
 
+import contextlib
 import math
-from collections.abc import Iterable
+import os
+import re
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import yaml
 from jsonschema.exceptions import ValidationError, best_match
 
+from eitskin.effects.effect import START
+from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
+from eitskin.geometry import Geometry
+from eitskin.mesh import force_levels
+from eitskin.protocol import channel_table, pattern_step
+from eitskin.readings import apply_skin
+from eitskin.simulate import sample_settings
+from eitskin.skin import Skin, is_number
 
 MISSING = object()
+PATHS = ("path", "query")  # of a recording
 NOUNS = {
     "number": "a finite number",
     "integer": "a whole number",
@@ -22,8 +35,15 @@ NOUNS = {
 }
 
 
+class _Refusal(Exception):
+    """What is wrong within the configuration; which file holds it is still to be found."""
+
+    def __init__(self, place: list, found: object, expected: str):
+        self.place, self.found, self.expected = place, found, expected
+
+
 def _is_number(_checker: object, value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return is_number(value)
 
 
 def _is_integer(_checker: object, value: object) -> bool:
@@ -39,23 +59,111 @@ Validator = jsonschema.validators.extend(
 
 
 def validate(config: dict, schema_path: str | Path, files: Iterable[str | Path]) -> None:
-    """Check a merged configuration against its schema, its own names and the recordings' paths.
+    """Check a merged configuration against its schema, its own names, the recordings' paths and
+    what the physics of its skins, protocols and effects allows; then put the values of environment
+    variables into the recordings' paths (`${NAME}`).
 
-    `files` are the YAML files it was read from, later ones overriding earlier ones. Raises
-    InputError, one line that names the file which holds the wrong value.
+    `files` are the YAML files it was read from, later ones overriding earlier ones; no key may
+    stand twice in a mapping. Raises InputError, one line that names the file which holds the wrong
+    value.
     """
     files = [Path(file) for file in files]
+    for file in files:
+        _refuse_repeated_keys(file)
     schema = yaml.safe_load(Path(schema_path).read_text(encoding="utf-8"))
     errors = list(Validator(schema).iter_errors(config))
-    if errors:
-        error = min(errors, key=lambda error: _position(config, list(error.absolute_path)))
-        place, found, expected = explained(error)
-    else:
+    try:
+        if errors:
+            error = min(errors, key=lambda error: _position(config, list(error.absolute_path)))
+            raise _Refusal(*explained(error))
         wrong = _unknown_name(config) or _missing_recording(config)
-        if wrong is None:
-            return
-        place, found, expected = wrong
-    raise InputError(_file_of(place, config, files), _dotted(place), found, expected)
+        if wrong is not None:
+            raise _Refusal(*wrong)
+        _refuse_unphysical(config)
+    except _Refusal as refusal:
+        place, found, expected = refusal.place, refusal.found, refusal.expected
+        raise InputError(_file_of(place, config, files), _dotted(place), found, expected) from None
+    for recording in config["recordings"].values():
+        for key in recording.keys() & {*PATHS}:
+            recording[key] = _expanded(recording[key])
+
+
+def _refuse_repeated_keys(file: Path) -> None:
+    """Raise InputError for a key that stands twice in a mapping: YAML would keep the last."""
+    waiting, seen = [([], yaml.compose(file.read_text(encoding="utf-8")))], set()
+    while waiting:
+        place, node = waiting.pop(0)
+        if id(node) in seen:
+            continue
+        seen.add(id(node))
+        if isinstance(node, yaml.SequenceNode):
+            waiting += [([*place, k], value) for k, value in enumerate(node.value)]
+        if not isinstance(node, yaml.MappingNode):
+            continue
+        lines: dict[str, int] = {}
+        for key, value in node.value:
+            name, line = str(key.value), key.start_mark.line + 1
+            if name in lines:
+                found = f"it in line {lines[name]} and again in line {line}"
+                raise InputError(file, _dotted([*place, name]), found, "it once")
+            lines[name] = line
+            waiting.append(([*place, name], value))
+
+
+def _refuse_unphysical(config: dict) -> None:
+    """Refuse what the schema cannot judge: skins, protocols, touches, forces, effects."""
+    twin = config["twin"]
+    sets = {("configurations", name): one for name, one in config["configurations"].items()}
+    for place, block, perturbed in (([], config, sets), (["twin"], twin, {("twin",): twin})):
+        skin = _skin(block["skin"], [*place, "skin"])
+        channels = _channels(block["protocol"], [*place, "protocol"], len(skin.electrode_deg))
+        grid = block["touch_grid"]
+        if grid["inner"] > grid["outer"]:
+            expected = f"at most outer, {grid['outer']}"
+            raise _Refusal([*place, "touch_grid", "inner"], grid["inner"], expected)
+        drawn = settings if place else sample_settings
+        for where, one in perturbed.items():
+            _refuse_effects(one["effects"], [*where, "effects"], skin, channels, drawn)
+    low, high = twin["press"]["target_N"]
+    if low > high:
+        raise _Refusal(["twin", "press", "target_N"], [low, high], "the smaller force first")
+    with _at_place(["forces"], {"forces.levels": ["levels"]}):
+        force_levels(config["seed"], **config["forces"])
+
+
+def _skin(skin: dict, place: list) -> Geometry:
+    within = {key: [key] for key in skin} | {f"skin.{key}": [key] for key in skin}
+    with _at_place(place, within | {"electrodes": ["electrode_width_mm"]}):
+        return Geometry.from_skin(Skin.from_metadata(skin))
+
+
+def _channels(protocol: dict, place: list, n_electrodes: int) -> np.ndarray:
+    for key, pattern in protocol.items():
+        with _at_place([*place, key], {}):
+            pattern_step(pattern, n_electrodes)
+    with _at_place(place, {}):
+        return channel_table(n_electrodes, **protocol)
+
+
+def _refuse_effects(
+    items: list[dict], place: list, skin: Geometry, channels: np.ndarray, drawn: Callable
+) -> None:
+    """Refuse sites that are not there and values that make no skin, drawn once where drawn."""
+    for k, item in enumerate(items):
+        parameters = {key: ["parameters", key] for key in item["parameters"]}
+        with _at_place([*place, k], {key: [key] for key in item} | parameters):
+            skin = apply_skin(skin, drawn([item], site_counts(channels), (0, 0)), START)
+
+
+@contextlib.contextmanager
+def _at_place(place: list, within: dict[str, list]) -> Iterator[None]:
+    """Turn an InputError into the refusal of what stands at `place` and, there, where `within` has
+    the error's own place."""
+    try:
+        yield
+    except InputError as error:
+        inner = within.get(error.place, [])
+        raise _Refusal([*place, *inner], error.found, error.expected) from error
 
 
 def explained(error: ValidationError) -> tuple[list, str, str]:
@@ -142,11 +250,20 @@ def _names(known: Iterable[str]) -> str:
 def _missing_recording(config: dict) -> tuple[list, str, str] | None:
     """A recording's or query's file that is neither there nor made by the workflow itself."""
     for name, recording in config["recordings"].items():
-        for key in ("path", "query"):
-            path = recording.get(key)
-            if path is not None and not path.startswith("results/") and not Path(path).exists():
+        for key in [key for key in PATHS if key in recording]:
+            try:
+                path = _expanded(recording[key])
+            except KeyError as unset:
+                found = f"{recording[key]!r}, but {unset.args[0]} is not set"
+                return ["recordings", name, key], found, "an environment variable that is set"
+            if not path.startswith("results/") and not Path(path).exists():
                 return ["recordings", name, key], f"no file {path!r}", "a recording's path"
     return None
+
+
+def _expanded(path: str) -> str:
+    """The path with `${NAME}` replaced by the environment's value; KeyError where it has none."""
+    return re.sub(r"\$\{(\w+)\}", lambda name: os.environ[name[1]], path)
 
 
 def _dotted(place: list) -> str:

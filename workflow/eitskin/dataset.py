@@ -3,18 +3,18 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from eitskin.atomic import atomic_path
 from eitskin.errors import InputError
-
-if TYPE_CHECKING:
-    from eitskin.recording import Recording
+from eitskin.recording import ONE_PLACE_MM, Recording
 
 TARGETS = {"x": "x_mm", "y": "y_mm", "F": "force_N", "depth": "depth_mm"}
 UNITS = {"x": "mm", "y": "mm", "F": "N", "depth": "mm"}
@@ -112,7 +112,7 @@ def read(path: str | Path) -> Dataset:
     return dataset
 
 
-def changes(recording: "Recording", name: str) -> np.ndarray:
+def changes(recording: Recording, name: str) -> np.ndarray:
     """What changed in each frame (N, M) float64 against the untouched skin; NaN where unknown.
 
     One rule for every recording: the baseline of a frame is the mean of the run of untouched
@@ -179,7 +179,7 @@ def untouched_noise(difference: np.ndarray) -> dict | None:
     }
 
 
-def from_recording(recording: "Recording", name: str) -> Dataset:
+def from_recording(recording: Recording, name: str) -> Dataset:
     """The touched frames of a recording, each as its change against the untouched skin.
 
     A channel lost in more than a tenth of the touched frames is dropped (`lost_channels`, indices
@@ -250,20 +250,34 @@ def from_recording(recording: "Recording", name: str) -> Dataset:
 def places(xy: np.ndarray) -> tuple[np.ndarray, str]:
     """Place (N,) int64 of each touch at `xy` (N, 2) in mm, and the rule that gave it.
 
-    Positions equal to 1 mm are one place. Where that leaves more than half of the touches alone,
-    the skin was touched all over: then the places are the cells of a square grid, eight across
-    the wider span, so that leaving a place out leaves a neighbourhood out.
+    Touches within ONE_PLACE_MM of each other, in chains, are one place: the jitter of a point that
+    is pressed again never splits it. Where that leaves more chains than half of the touches, or
+    one wider than twice that distance, the skin was touched all over: then the places are the
+    cells of a square grid, eight across the wider span, so that leaving a place out leaves a
+    neighbourhood out; a chain narrower than a cell lies in the cell of its mean.
     """
-    place = _numbered(np.round(xy))
-    if place.max() + 1 <= len(xy) / 2:
-        return place, "positions rounded to 1 mm"
+    chain = _chains(xy)
     side = float(np.ptp(xy, axis=0).max()) / BLOCKS_ACROSS or 1.0
+    chained = pd.DataFrame(xy).groupby(chain)
+    width = (chained.transform("max") - chained.transform("min")).to_numpy().max(axis=1)
+    if chain.max() + 1 <= len(xy) / 2 and width.max() <= 2.0 * ONE_PLACE_MM:
+        return chain, f"positions within {ONE_PLACE_MM:g} mm of each other, in chains"
+    xy = np.where(width[:, None] <= side, chained.transform("mean").to_numpy(), xy)
     block = np.minimum((xy - xy.min(axis=0)) // side, BLOCKS_ACROSS - 1)
-    return _numbered(block), f"square blocks of {side:.1f} mm"
+    place = np.unique(block, axis=0, return_inverse=True)[1].astype(np.int64)
+    return place, f"square blocks of {side:.1f} mm"
 
 
-def _numbered(rows: np.ndarray) -> np.ndarray:
-    return np.unique(rows, axis=0, return_inverse=True)[1].astype(np.int64)
+def _chains(xy: np.ndarray) -> np.ndarray:
+    """(N,) int64: the chain of each position, numbered by first appearance; neighbours in a chain
+    are at most ONE_PLACE_MM apart (single linkage).
+    """
+    position, of = np.unique(xy, axis=0, return_inverse=True)
+    near = cKDTree(position).query_pairs(ONE_PLACE_MM, output_type="ndarray")
+    shape = (len(position), len(position))
+    links = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=shape)
+    chain = connected_components(links, directed=False)[1]
+    return pd.factorize(chain[of])[0].astype(np.int64)
 
 
 def _sessions(frames: pd.DataFrame) -> np.ndarray:

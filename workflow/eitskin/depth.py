@@ -24,7 +24,6 @@ from eitskin.electrodes import Electrodes
 from eitskin.errors import InputError
 from eitskin.forward import Accuracy, Forward
 from eitskin.geometry import Geometry
-from eitskin.skin import Skin
 from eitskin.touch import Touch, graded_panels
 
 PANEL_NODES = 10
@@ -74,12 +73,22 @@ class Span:
     z_mm: float
 
 
-def span(skin: Skin) -> Span | None:
-    """What a Skin says of it; None: full height. A height without its place is put half way up."""
-    if skin.electrode_height_mm is None:
+def span(geometry: Geometry) -> Span | None:
+    """A deep geometry's; None: a sheet, or full height."""
+    if not geometry.deep or geometry.electrode_height_mm is None:
         return None
-    z = skin.electrode_z_mm
-    return Span(skin.electrode_height_mm, 0.5 * skin.thickness_mm if z is None else z)
+    z = geometry.electrode_z_mm
+    return Span(geometry.electrode_height_mm, 0.5 * geometry.thickness_mm if z is None else z)
+
+
+def forward_model(
+    geometry: Geometry, accuracy: str | Accuracy = "diagnose", near: Forward | None = None
+) -> Forward:
+    """The forward model that a geometry asks for: a sheet's, sharing with `near`, or a body's."""
+    heights = span(geometry)
+    if heights is None:
+        return Forward(geometry, accuracy, near)
+    return DepthForward(geometry, heights, accuracy)
 
 
 def cylinder_response(n_max: int, k: np.ndarray) -> np.ndarray:
@@ -275,6 +284,8 @@ def _check(geometry: Geometry, heights: Span) -> None:
     straight = g.stretch_x == g.stretch_y == g.anisotropy_ratio == 1.0
     if not straight or any(g.shape_cos.values()) or any(g.shape_sin.values()):
         raise InputError("skin", "domain shape", "no circle", "a circular rim, for a body")
+    if g.gradient_across:
+        raise InputError("skin", "gradient_across", g.gradient_across, "0, for a body")
     if not heights.height_mm > 0:
         raise InputError("skin", "electrode_height_mm", heights.height_mm, "more than 0")
     room = 1e-9 * g.thickness_mm

@@ -13,6 +13,7 @@ import numpy as np
 from eitskin import neumann
 from eitskin.conformal import DiscMap
 from eitskin.geometry import Geometry, RimMotion
+from eitskin.gradient import GradientBulk
 
 
 class Electrodes:
@@ -23,8 +24,10 @@ class Electrodes:
     integrated in closed form; what is left is smooth.
     """
 
-    def __init__(self, geometry: Geometry, disc: DiscMap, order: int):
-        self.geometry, self.disc = geometry, disc
+    def __init__(
+        self, geometry: Geometry, disc: DiscMap, order: int, bulk: GradientBulk | None = None
+    ):
+        self.geometry, self.disc, self.bulk = geometry, disc, bulk
         self.n = len(geometry.electrode_deg)
         self.order = 1 if geometry.points else order
         count = 1 if geometry.points else 2 * self.order
@@ -35,6 +38,10 @@ class Electrodes:
         legendre = np.polynomial.legendre.legvander(self.t, self.order - 1)
         self.modes = 0.5 * legendre.T * self.weight
         self.rim = np.exp(1j * self.theta).ravel()
+        self.factor = np.ones_like(self.theta)
+        if bulk:
+            self.factor = bulk.factor(geometry.rim(self.phi))
+            self.spread = self.project(bulk.harmonics(self.rim))
         self.interaction = self._interaction()
         self.matrix = self.interaction + self._contact_matrix()
 
@@ -67,17 +74,23 @@ class Electrodes:
         kernel = neumann.rim_potential(apart)
         if self.geometry.points:
             kernel[own] = np.nan
-            return kernel
+            return self._with_bulk(self.factor.ravel()[:, None] * kernel * self.factor.ravel())
         kernel[own] = self._own_kernel().ravel()
         matrix = np.einsum(
             "iq,aqbr,jr->aibj",
             self.modes,
-            kernel.reshape(n, q, n, q),
+            (self.factor.ravel()[:, None] * kernel * self.factor.ravel()).reshape(n, q, n, q),
             self.modes,
             optimize=True,
         )
-        matrix[range(n), :, range(n), :] -= legendre_log(self.order) / (4.0 * np.pi)
-        return matrix.reshape(n * self.order, n * self.order)
+        singular = (self.factor**2).mean(axis=1)[:, None, None] * legendre_log(self.order)
+        matrix[range(n), :, range(n), :] -= singular / (4.0 * np.pi)
+        return self._with_bulk(matrix.reshape(n * self.order, n * self.order))
+
+    def _with_bulk(self, matrix: np.ndarray) -> np.ndarray:
+        if self.bulk:
+            matrix = matrix + self.spread @ self.bulk.matrix @ self.spread.T
+        return matrix
 
     def _own_kernel(self) -> np.ndarray:
         """(n, q, q): the Neumann function on one electrode, without -ln|t - t'| / pi."""
@@ -85,7 +98,9 @@ class Electrodes:
         t_apart = np.abs(self.t[:, None] - self.t)
         diagonal = np.eye(len(self.t), dtype=bool)
         kernel = neumann.rim_potential(np.where(diagonal, 1.0, apart))
-        kernel += np.log(np.where(diagonal, 1.0, t_apart)) / np.pi
+        share = (self.factor**2).mean(axis=1)[:, None, None]
+        share = share / (self.factor[:, :, None] * self.factor[:, None, :])
+        kernel += share * np.log(np.where(diagonal, 1.0, t_apart)) / np.pi
         kernel[:, diagonal] = -np.log(self.theta_slope * self.half_width[:, None]) / np.pi
         return kernel
 
@@ -109,8 +124,9 @@ class Electrodes:
         return np.einsum("iq,aid->aqd", self.modes, per).reshape(self.n * len(self.t), -1)
 
     def project(self, potential: np.ndarray) -> np.ndarray:
-        """(n order, k): potentials at the nodes (n q, k) tested with the modes."""
-        per = potential.reshape(self.n, len(self.t), -1)
+        """(n order, k): potentials at the nodes (n q, k) tested with the modes; where the
+        conductivity rises across the skin, potentials as at its centre."""
+        per = potential.reshape(self.n, len(self.t), -1) * self.factor[:, :, None]
         return np.einsum("iq,aqk->aik", self.modes, per).reshape(self.n * self.order, -1)
 
     def angle_motion(self, electrode: int) -> "ElectrodeMotion":

@@ -10,12 +10,13 @@ and every derivative from R's stationarity, dR = X^T dS X.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, eigh
+from scipy.linalg import block_diag, cho_factor, cho_solve, eigh
 
 from eitskin.conformal import DiscMap
 from eitskin.electrodes import Electrodes
 from eitskin.errors import InputError
 from eitskin.geometry import Geometry, RimMotion
+from eitskin.gradient import GradientBulk
 from eitskin.touch import Touch, TouchAccuracy, TouchEdge
 
 RIM_PHI = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
@@ -122,11 +123,12 @@ class Forward:
         self.accuracy = ACCURACIES[accuracy] if isinstance(accuracy, str) else accuracy
         modes = self.accuracy.modes(geometry)
         if near and near.matches(geometry, self.accuracy, modes):
-            self.disc, self._couplings = near.disc, near._couplings
+            self.disc, self.bulk, self._couplings = near.disc, near.bulk, near._couplings
             self.electrodes = near.electrodes.with_contacts(geometry)
         else:
             self.disc, self._couplings = _disc_map(geometry), {}
-            self.electrodes = Electrodes(geometry, self.disc, modes)
+            self.bulk = GradientBulk(geometry, self.disc) if geometry.gradient_across else None
+            self.electrodes = Electrodes(geometry, self.disc, modes, self.bulk)
         self.sheet_resistance = 1e3 / (geometry.conductivity_S_per_m * geometry.thickness_mm)
         self._relax_electrodes()
 
@@ -191,19 +193,36 @@ class Forward:
         """The touch's edge and its coupling (n order, 2 degree) to the electrodes' modes."""
         key = (x_mm, y_mm, radius_mm)
         if key not in self._couplings:
-            edge = self.edge(Touch(*key))
-            coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))
             if len(self._couplings) >= KEPT_PLACES:
                 self._couplings.pop(next(iter(self._couplings)))
-            self._couplings[key] = edge, coupling
+            edge = self.edge(Touch(*key))
+            self._couplings[key] = edge, self._to_electrodes(edge)
         return self._couplings[key]
+
+    def _to_electrodes(self, edge: TouchEdge) -> np.ndarray:
+        coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))
+        if self.bulk:
+            coupling = (
+                coupling + self.electrodes.spread @ self.bulk.matrix @ edge.spread(self.bulk).T
+            )
+        return coupling
+
+    def _between(self, a: TouchEdge, b: TouchEdge) -> np.ndarray:
+        """(2 degree of a, 2 degree of b): response of one touch's multipoles to another's."""
+        if a is b:
+            response = a.self_response
+        else:
+            response = 0.5 * (a.inner_response(b) + b.inner_response(a).T)
+        if self.bulk:
+            response = response + a.spread(self.bulk) @ self.bulk.matrix @ b.spread(self.bulk).T
+        return response
 
     def _relaxed(self, edge: TouchEdge, coupling: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gains (n, 2 degree) and response (2 degree, 2 degree), the electrodes' own modes
         relaxed."""
         inner = coupling[self._inner]
         gains = coupling[self._whole] + self._inner_currents.T @ inner
-        response = edge.self_response
+        response = self._between(edge, edge)
         if len(inner):
             response = response - inner.T @ cho_solve(self._inner_factor, inner)
         return gains, response
@@ -221,18 +240,10 @@ class Forward:
         currents[self._inner] = self._inner_currents
         if not edges:
             return self._relative, currents, [], []
-        couplings = [self.electrodes.project(e.rim_response(self.electrodes.rim)) for e in edges]
-        coupling = np.hstack(couplings)
+        coupling = np.hstack([self._to_electrodes(edge) for edge in edges])
         gains = coupling[self._whole] + self._inner_currents.T @ coupling[self._inner]
-        system = np.block(
-            [
-                [
-                    a.self_response + a.mass / t.contrast if a is b else _both_ways(a, b)
-                    for b in edges
-                ]
-                for a, t in zip(edges, touches, strict=True)
-            ]
-        )
+        system = np.block([[self._between(a, b) for b in edges] for a in edges])
+        system += block_diag(*(e.mass / t.contrast for e, t in zip(edges, touches, strict=True)))
         relaxed = np.zeros((0, coupling.shape[1]))
         if len(self._inner):
             relaxed = cho_solve(self._inner_factor, coupling[self._inner])
@@ -263,6 +274,9 @@ class Forward:
 
         Touches of contrast 0, clipped ones and those held off the rim have none here: InputError.
         """
+        if self.bulk:
+            found = f"{self.geometry.gradient_across:g}"
+            raise InputError("skin", "gradient_across", found, "0, to differentiate")
         for touch in touches:
             if abs(touch.contrast) <= NO_CONTRAST:
                 raise InputError("touch", "contrast", touch.contrast, "one to differentiate by")
@@ -372,7 +386,3 @@ def _clearances(touches: list[Touch]) -> list[float]:
             raise InputError("touch", "touches", found, "touches apart")
         clearances.append(min(gaps, default=np.inf) / a.radius_mm)
     return clearances
-
-
-def _both_ways(a: TouchEdge, b: TouchEdge) -> np.ndarray:
-    return 0.5 * (a.inner_response(b) + b.inner_response(a).T)

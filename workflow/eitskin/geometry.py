@@ -15,8 +15,9 @@ class Geometry:
     The rim is r(phi) = radius (1 + sum_k shape_cos[k] cos k phi + shape_sin[k] sin k phi),
     stretched by (x, y) -> (stretch_x x, stretch_y y), electrodes and all. An electrode spans the
     angles electrode_deg +- width / (2 radius); width 0 makes it a point. Conductivity along
-    `anisotropy_deg` over that across is `anisotropy_ratio`, geometric mean `conductivity_S_per_m`.
-    Raises InputError for values that make no skin.
+    `anisotropy_deg` over that across is `anisotropy_ratio`, geometric mean `conductivity_S_per_m`;
+    it rises towards `gradient_deg` by `gradient_across` of itself from rim to rim. Raises
+    InputError for values that make no skin.
     """
 
     radius_mm: float
@@ -31,6 +32,11 @@ class Geometry:
     stretch_y: float = 1.0
     anisotropy_ratio: float = 1.0
     anisotropy_deg: float = 0.0
+    gradient_across: float = 0.0
+    gradient_deg: float = 0.0
+    electrode_height_mm: float | None = None
+    electrode_z_mm: float | None = None
+    deep: bool = False
 
     def __post_init__(self):
         angle = np.asarray(self.electrode_deg, dtype=float)
@@ -73,6 +79,8 @@ class Geometry:
             np.array(skin.electrode_deg),
             np.array(skin.electrode_width_mm),
             np.array(skin.contact_impedivity_ohm_m2 or 0.0),
+            electrode_height_mm=skin.electrode_height_mm,
+            electrode_z_mm=skin.electrode_z_mm,
         )
 
     def with_values(self, **values) -> "Geometry":

@@ -12,7 +12,7 @@ PATTERNS = "adjacent, opposite or skip-<n>"
 def pattern_step(pattern: str, n_electrodes: int) -> int:
     """Electrodes from the first to the second of a pair: adjacent 1, skip-n n + 1, opposite n/2.
 
-    Raises InputError for an unknown pattern or one that pairs an electrode with itself.
+    Raises InputError for an unknown pattern or one that reaches round to its own electrode.
     """
     skip = re.fullmatch(r"skip-(\d+)", pattern)
     if pattern == "adjacent":
@@ -23,7 +23,7 @@ def pattern_step(pattern: str, n_electrodes: int) -> int:
         step = int(skip[1]) + 1
     else:
         raise InputError("protocol", "pattern", repr(pattern), PATTERNS)
-    if step % n_electrodes == 0:
+    if step >= n_electrodes:
         raise InputError("protocol", "pattern", repr(pattern), f"a pair among {n_electrodes}")
     return step
 
@@ -35,7 +35,7 @@ def channel_table(
 
     Every electrode is once the source and, in each drive, once the plus; pairs that touch a driven
     electrode are left out (pyEIT's `std` order for adjacent/adjacent: M = n (n - 3)).
-    Raises InputError for an unknown pattern.
+    Raises InputError for an unknown pattern and where every pair touches a driven electrode.
     """
     n = n_electrodes
     drive_step, measure_step = pattern_step(drive, n), pattern_step(measure, n)
@@ -46,6 +46,9 @@ def channel_table(
             minus = (plus + measure_step) % n
             if not driven & {plus, minus}:
                 rows.append((source, (source + drive_step) % n, plus, minus))
+    if not rows:
+        found = f"no channel is left with {drive} drive and {measure} measurement"
+        raise InputError("protocol", "drive, measure", found, f"other pairs of {n} electrodes")
     return np.array(rows, dtype=int)
 
 
@@ -71,12 +74,3 @@ def reciprocal_channels(channels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                 signs.append(sign)
                 break
     return np.array(pairs, dtype=int).reshape(-1, 2), np.array(signs, dtype=float)
-
-
-def pair_operator(n_electrodes: int, pairs: np.ndarray) -> np.ndarray:
-    """Matrix (P, n) with +1 at the first and -1 at the second electrode of each pair."""
-    operator = np.zeros((len(pairs), n_electrodes))
-    rows = np.arange(len(pairs))
-    operator[rows, pairs[:, 0]] += 1.0
-    operator[rows, pairs[:, 1]] -= 1.0
-    return operator

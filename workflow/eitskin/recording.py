@@ -12,7 +12,8 @@ import pyarrow.parquet as pq
 
 from eitskin.atomic import atomic_path
 from eitskin.errors import InputError
-from eitskin.skin import Skin
+from eitskin.geometry import Geometry
+from eitskin.skin import Skin, is_number
 
 SCHEMA_KEY = b"eit"
 COLUMNS = {
@@ -60,6 +61,9 @@ CHOICES = {
     "source_reference": ("floating", "sink-grounded"),
 }
 ABSOLUTE_ZERO_C = -273.15
+ONE_PLACE_MM = 1.0  # positions this near are one place
+MOST_ELECTRODES = 1024
+CLOCK_ROUNDING = 1e-6
 
 
 @dataclass
@@ -218,6 +222,8 @@ def validate(recording: Recording, file: str | Path) -> None:
     if len(frames) == 0:
         raise InputError(file, "rows", "none", "one a frame")
     _check_frames(file, frames)
+    _check_clock(file, recording)
+    _check_contacts(file, frames)
     shape = (len(frames), len(metadata["channels"]))
     pairs = zip(READINGS, (recording.voltage, recording.quadrature), strict=True)
     for name, values in pairs:
@@ -228,6 +234,7 @@ def validate(recording: Recording, file: str | Path) -> None:
         _refuse_rows(file, name, values, np.isinf(values), "finite, or NaN if lost")
     if recording.touches is not None:
         _check_touches(file, recording)
+    _check_on_skin(file, recording)
     if recording.voltage is None:
         if recording.quadrature is not None:
             raise InputError(file, "column voltage_V", "nothing", "it beside quadrature_V")
@@ -272,7 +279,7 @@ def _read_metadata(path: str | Path, schema_metadata: dict) -> dict:
         raise InputError(path, "schema key eit", "nothing", "the recording's metadata as JSON")
     try:
         metadata = json.loads(schema_metadata[SCHEMA_KEY])
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(path, "schema key eit", f"no JSON ({error})", "JSON") from error
     if not isinstance(metadata, dict):
         raise InputError(path, "schema key eit", type(metadata).__name__, "a JSON object")
@@ -299,12 +306,23 @@ def _check_metadata(file: str | Path, metadata: dict) -> None:
         expected = "where the recording comes from"
         raise InputError(file, "key source", json.dumps(metadata["source"]), expected)
     frame_s = metadata["frame_s"]
-    number = isinstance(frame_s, int | float) and not isinstance(frame_s, bool)
-    if frame_s is not None and not (number and math.isfinite(frame_s) and frame_s > 0):
+    if frame_s is not None and not (is_number(frame_s) and frame_s > 0):
         raise InputError(file, "key frame_s", json.dumps(frame_s), "more than 0 s, or null")
     skin = Skin.from_metadata(metadata["skin"], str(file))
     n = None if skin.electrode_deg is None else len(skin.electrode_deg)
     _check_channels(file, metadata["channels"], n)
+    _check_arcs(file, skin)
+
+
+def _check_arcs(file: str | Path, skin: Skin) -> None:
+    """Refuse electrodes that overlap; for that, material and contacts do not matter."""
+    if None in (skin.radius_mm, skin.electrode_deg, skin.electrode_width_mm):
+        return
+    try:
+        Geometry(skin.radius_mm, 1.0, 1.0, skin.electrode_deg, skin.electrode_width_mm, 1.0)
+    except InputError as error:
+        found = f"{skin.electrode_width_mm} mm: {error.found}"
+        raise InputError(file, "skin.electrode_width_mm", found, error.expected) from error
 
 
 def _check_channels(file: str | Path, channels: object, n_electrodes: int | None) -> None:
@@ -317,10 +335,10 @@ def _check_channels(file: str | Path, channels: object, n_electrodes: int | None
         if not whole or len(channel) != 4:
             raise InputError(file, place, json.dumps(channel), expected)
         for electrode in channel:
-            if electrode < 0 or (n_electrodes is not None and electrode >= n_electrodes):
-                last = "" if n_electrodes is None else f" to {n_electrodes - 1}"
+            most = n_electrodes or MOST_ELECTRODES
+            if not 0 <= electrode < most:
                 found = f"electrode {electrode} of {n_electrodes or 'an unknown number'}"
-                raise InputError(file, place, found, f"electrodes 0{last}")
+                raise InputError(file, place, found, f"electrodes 0 to {most - 1}")
         source, sink, plus, minus = channel
         if source == sink or plus == minus:
             raise InputError(file, place, f"{channel}, a pair with itself", "two electrodes a pair")
@@ -434,6 +452,57 @@ def _check_frames(file: str | Path, frames: pd.DataFrame) -> None:
     if "contact" in frames:
         missing = frames["contact"].isna().to_numpy()
         refuse("contact", touch & missing, "the press where touch is true")
+
+
+def _check_clock(file: str | Path, recording: Recording) -> None:
+    """Refuse frames that last longer than the time to the next, by a measured clock."""
+    frame_s, time = recording.metadata["frame_s"], recording.frames["time_s"].to_numpy(dtype=float)
+    if frame_s is None or recording.metadata["clock"] != "measured" or len(time) < 2:
+        return
+    row = int(np.argmin(np.diff(time)))
+    least = time[row + 1] - time[row]
+    if frame_s > least * (1.0 + CLOCK_ROUNDING):
+        expected = f"at most {least:.6g} s, the time from row {row} to row {row + 1}"
+        raise InputError(file, "key frame_s", frame_s, expected)
+
+
+def _check_contacts(file: str | Path, frames: pd.DataFrame) -> None:
+    """Refuse one press, by its session and `contact`, at more than one place."""
+    if "contact" not in frames:
+        return
+    touched = frames[frames["touch"].to_numpy(dtype=bool)]
+    by = ["session", "contact"] if "session" in frames else ["contact"]
+    places = touched.groupby(by, sort=False, dropna=False)[["x_mm", "y_mm"]]
+    away = (touched[["x_mm", "y_mm"]] - places.transform("first")).to_numpy(dtype=float)
+    wrong = np.flatnonzero(np.hypot(*away.T) > ONE_PLACE_MM)
+    if len(wrong):
+        row = int(touched.index[wrong[0]])
+        found = f"{touched['contact'][row]} again, {np.hypot(*away[wrong[0]]):.3g} mm away"
+        raise InputError(file, f"column contact, row {row}", found, "one number a press, one place")
+
+
+def _check_on_skin(file: str | Path, recording: Recording) -> None:
+    """Refuse touches that cannot meet the skin, where its size and frame are known.
+
+    An unknown probe is taken for one as large as the skin.
+    """
+    radius = recording.skin.radius_mm
+    if radius is None or recording.metadata["position_frame"] != "skin":
+        return
+    if recording.touches is None:
+        at = recording.frames[list(TOUCH_KEYS)].assign(row=recording.frames["frame"])
+    else:
+        numbered = enumerate(recording.touches)
+        all_touches = [{**touch, "row": row} for row, some in numbered for touch in some or []]
+        at = pd.DataFrame(all_touches, columns=[*TOUCH_KEYS, "row"])
+    reach = radius + 0.5 * at["probe_mm"].astype(float).fillna(2.0 * radius).to_numpy()
+    distance = np.hypot(at["x_mm"].to_numpy(float), at["y_mm"].to_numpy(float))
+    wrong = np.flatnonzero(distance > reach)
+    if len(wrong):
+        place = f"columns x_mm, y_mm, row {int(at['row'].iloc[wrong[0]])}"
+        found = f"a touch {distance[wrong[0]]:.6g} mm from the centre"
+        expected = f"at most {reach[wrong[0]]:.6g} mm: probe and skin must meet"
+        raise InputError(file, place, found, expected)
 
 
 def _check_touches(file: str | Path, recording: Recording) -> None:

@@ -1,4 +1,4 @@
-"""The simulated sets: clean physics, then effects in the order skin, instrument, then noise.
+"""The simulated sets: clean physics, then effects stage by stage, then noise.
 
 A stage is a Parquet file with one row a sample: sample, session, place, x_mm, y_mm, force_N,
 probe_mm and, as float32 V, the touched frame and the untouched frame that belongs to it. As in the
@@ -18,96 +18,18 @@ from tqdm import tqdm
 
 from eitskin import dataset
 from eitskin.atomic import atomic_path
-from eitskin.effects.effect import Setting
-from eitskin.effects.settings import settings
+from eitskin.effects.effect import Frames, Setting
+from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
-from eitskin.forward import Forward
-from eitskin.geometry import Geometry
+from eitskin.readings import apply_instrument, simulate
 from eitskin.skin import Skin
 
 STAGE_KEY = b"eitskin-stage"
 NOISE = zlib.crc32(b"noise")
 
 
-def apply_skin(geometry: Geometry, chosen: list[Setting], minutes: float = 0.0) -> Geometry:
-    """The geometry with every skin effect of `chosen`, in order, `minutes` after the start."""
-    for setting in chosen:
-        if setting.effect.stage == "skin":
-            geometry = setting.effect.change(geometry, setting, minutes)
-    return geometry
-
-
-def apply_touch(touches: pd.DataFrame, chosen: list[Setting]) -> pd.DataFrame:
-    """Touches (x_mm, y_mm, radius_mm, contrast, force_N) with every touch effect of `chosen`."""
-    for setting in chosen:
-        if setting.effect.stage == "touch":
-            touches = setting.effect.change(touches, setting)
-    return touches
-
-
-def apply_instrument(
-    voltage: np.ndarray, chosen: list[Setting], channels: np.ndarray, force_N: np.ndarray
-) -> np.ndarray:
-    """Readings (N, M) of `voltage` (N, M) with every instrument effect of `chosen`, in order."""
-    for setting in chosen:
-        if setting.effect.stage == "instrument":
-            voltage = setting.effect.change(voltage, setting, channels, force_N)
-    return voltage
-
-
-def site_counts(channels: np.ndarray) -> dict[str, int]:
-    """How many electrodes, drives, measures and channels a channel table has."""
-    n = int(channels.max()) + 1
-    return {"electrodes": n, "drives": n, "measures": n, "channels": len(channels)}
-
-
-def voltages(
-    states: pd.DataFrame,
-    skin: Skin,
-    channels: np.ndarray,
-    chosen: list[Setting],
-    accuracy: str = "diagnose",
-    progress: bool = False,
-) -> np.ndarray:
-    """Noise-free readings (N, M) V of frames with effects at definite values.
-
-    `states`: time_s, touch, x_mm, y_mm, force_N, probe_mm, one row a frame. Frames that share a
-    skin share its solve; where an effect of the skin follows time, every frame has a skin of its
-    own. Raises InputError where `skin` lacks a value that a simulation needs.
-    """
-    for key in ("current_A", "contrast_per_N"):
-        if getattr(skin, key) is None:
-            raise InputError("skin", key, "null", "a value, to simulate with")
-    touched = states["touch"].to_numpy(bool)
-    table = pd.DataFrame(
-        {
-            "x_mm": states["x_mm"],
-            "y_mm": states["y_mm"],
-            "radius_mm": 0.5 * states["probe_mm"],
-            "contrast": skin.contrast_per_N * states["force_N"],
-            "force_N": states["force_N"],
-        }
-    )
-    table = apply_touch(table, chosen)
-    drifts = any(s.effect.stage == "skin" and s.effect.driver == "time" for s in chosen)
-    minutes = states["time_s"].to_numpy(float) / 60.0 if drifts else np.zeros(len(states))
-    base = Geometry.from_skin(skin)
-    result = np.empty((len(states), len(channels)))
-    groups = pd.Series(np.arange(len(states))).groupby(minutes, sort=False).indices
-    forward = None
-    for minute, rows in _watched(groups.items(), "frames", progress):
-        forward = Forward(apply_skin(base, chosen, float(minute)), accuracy, near=forward)
-        result[rows] = forward.voltages(channels)
-        pressed = table.iloc[rows[touched[rows]]]
-        for place, press in pressed.groupby(["x_mm", "y_mm", "radius_mm"], sort=False):
-            contrast = press["contrast"].to_numpy()
-            result[press.index] += forward.place(*place).channel_change(channels, contrast)
-    forces = states["force_N"].to_numpy(float)
-    return apply_instrument(skin.current_A * result, chosen, channels, forces)
-
-
-def _watched(items, unit: str, shown: bool = True):
-    return tqdm(items, unit=unit, disable=not (shown and sys.stderr.isatty()))
+def _watched(items, unit: str):
+    return tqdm(items, unit=unit, disable=not sys.stderr.isatty())
 
 
 def sessions(places: int, levels: int, session_frames: int, crossed: bool, seed: int):
@@ -143,30 +65,40 @@ def _samples(grid: pd.DataFrame, force_N: np.ndarray, session, place, level) -> 
     )
 
 
-def _simulate_sessions(mesh, touch_grid, skin: dict, accuracy: str, geometry_of, layout):
+def sample_settings(
+    items: list[dict], counts: dict[str, int], draw: tuple[int, ...]
+) -> list[Setting]:
+    """As `settings`; InputError also for effects that a sample, which has no time, cannot show."""
+    chosen = settings(items, counts, draw)
+    for setting in chosen:
+        effect = setting.effect
+        if effect.stage == "clock" or effect.driver in ("time", "load-direction"):
+            expected = "an effect on single samples; this one needs a recording"
+            raise InputError(f"effect {effect.name}", "name", repr(effect.name), expected)
+    return chosen
+
+
+def _simulate_sessions(mesh, touch_grid, skin: dict, accuracy: str, chosen_of, layout):
     with np.load(mesh) as laid:
         channels, force_N = laid["channels"], laid["force_N"]
     grid = pd.read_csv(touch_grid)
     believed = Skin.from_metadata(skin, "config.yaml")
-    base = Geometry.from_skin(believed)
-    if believed.current_A is None or believed.contrast_per_N is None:
-        raise InputError("config.yaml", "skin.current_A, skin.contrast_per_N", "null", "values")
     table = _samples(grid, force_N, *layout(len(grid), len(force_N)))
     untouched = np.empty((len(table), len(channels)), dtype=np.float32)
     touched = np.empty_like(untouched)
+    still = pd.DataFrame({"touch": [False], "force_N": [0.0]})
     for session, rows in _watched(table.groupby("session").indices.items(), "sessions"):
-        forward = Forward(geometry_of(base, int(session), channels), accuracy)
-        base_value = forward.voltages(channels)
-        untouched[rows] = believed.current_A * base_value
-        pressed = table.iloc[rows]
-        for _, press in pressed.groupby("place", sort=False):
-            first = press.iloc[0]
-            place = (first["x_mm"], first["y_mm"], 0.5 * first["probe_mm"])
-            change = 0.0
-            if forward.meets(*place):
-                contrast = believed.contrast_per_N * press["force_N"].to_numpy()
-                change = forward.place(*place).channel_change(channels, contrast)
-            touched[press.index] = believed.current_A * (base_value + change)
+        states = pd.concat([still, table.iloc[rows].assign(touch=True)], ignore_index=True)
+        voltage = simulate(
+            states.assign(time_s=0.0),
+            np.arange(-1, len(rows)),
+            believed,
+            channels,
+            chosen_of(int(session), channels),
+            accuracy,
+            force_max_N=force_N.max(),
+        )
+        untouched[rows], touched[rows] = voltage[0], voltage[1:]
     return table, untouched, touched, channels
 
 
@@ -178,7 +110,7 @@ def write_clean(mesh, touch_grid, out: str | Path, skin: dict, accuracy: str):
         return np.zeros(len(place), dtype=int), place, level
 
     table, untouched, touched, channels = _simulate_sessions(
-        mesh, touch_grid, skin, accuracy, lambda base, session, channels: base, one_session
+        mesh, touch_grid, skin, accuracy, lambda session, channels: [], one_session
     )
     _write_stage(out, table, untouched, touched, channels)
 
@@ -194,16 +126,16 @@ def write_skin_stage(
     session_frames: int,
     crossed: bool,
 ):
-    """Every place and force with the skin's effects, drawn anew for each session, as a stage."""
+    """Every place and force with the effects that need a forward solve, drawn anew for each
+    session, as a stage."""
 
-    def geometry_of(base: Geometry, session: int, channels: np.ndarray) -> Geometry:
-        chosen = settings(effects, site_counts(channels), (seed, session, 0))
-        return apply_skin(base, chosen)
+    def chosen_of(session: int, channels: np.ndarray) -> list[Setting]:
+        return sample_settings(effects, site_counts(channels), (seed, session, 0))
 
     def layout(places: int, levels: int):
         return sessions(places, levels, session_frames, crossed, seed)
 
-    result = _simulate_sessions(mesh, touch_grid, skin, accuracy, geometry_of, layout)
+    result = _simulate_sessions(mesh, touch_grid, skin, accuracy, chosen_of, layout)
     table, untouched, touched, channels = result
     _write_stage(out, table, untouched, touched, channels)
 
@@ -211,11 +143,13 @@ def write_skin_stage(
 def write_stage(stage, out: str | Path, seed: int, effect: dict, position: int):
     """One instrument effect, drawn anew for each session, applied to a stage."""
     table, untouched, touched, channels = read_stage(stage)
+    force = table["force_N"].to_numpy()
     for session, rows in _watched(table.groupby("session").indices.items(), "sessions"):
-        chosen = settings([effect], site_counts(channels), (seed, int(session), position))
-        force = table["force_N"].to_numpy()[rows]
+        draw = (seed, int(session), position)
+        chosen = sample_settings([effect], site_counts(channels), draw)
+        frames = Frames(np.zeros(len(rows)), force[rows], channels, force_max_N=force.max())
         for voltage in (untouched, touched):
-            voltage[rows] = apply_instrument(voltage[rows].astype(float), chosen, channels, force)
+            voltage[rows] = apply_instrument(voltage[rows].astype(float), chosen, frames)
     _write_stage(out, table, untouched, touched, channels)
 
 

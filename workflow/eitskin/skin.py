@@ -52,8 +52,10 @@ class Skin:
                 continue
             value = metadata[key]
             if key == "electrode_deg" and value is not None:
-                if not isinstance(value, list | tuple) or not all(map(_is_number, value)):
+                if not isinstance(value, list | tuple) or not all(map(is_number, value)):
                     raise InputError(file, f"skin.{key}", repr(value), "a list of angles")
+                if not value:
+                    raise InputError(file, f"skin.{key}", "no angle", "one an electrode, or null")
                 if len({round(angle % 360.0, 9) for angle in value}) < len(value):
                     raise InputError(file, f"skin.{key}", "two equal angles", "one an electrode")
                 value = tuple(float(angle) for angle in value)
@@ -71,12 +73,20 @@ class Skin:
         return {k: v for k, v in values.items() if k not in OPTIONAL or v is not None}
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+def is_number(value: object) -> bool:
+    """Whether a value out of JSON or YAML is a finite number; true, false and whole numbers beyond
+    float64 are none.
+    """
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
 
 
 def _checked_number(file: str, key: str, value: object) -> float:
-    if not _is_number(value):
+    if not is_number(value):
         raise InputError(file, f"skin.{key}", repr(value), "a finite number or null")
     if key in POSITIVE and value <= 0:
         raise InputError(file, f"skin.{key}", repr(value), "more than 0")

@@ -1,6 +1,5 @@
 """Table I: every model's metrics in one file, the paper's numbers beside them."""
 
-from importlib import resources
 from pathlib import Path
 
 import pandas as pd
@@ -10,38 +9,25 @@ from eitskin.dataset import TARGETS
 from eitskin.errors import InputError
 from eitskin.metrics import COLUMNS, METRICS
 
-TABLE = (
-    "configuration",
-    "recording",
-    "split",
-    "model",
-    "target",
-    "metric",
-    "mean",
-    "low",
-    "high",
-    "unit",
-    "seeds",
-    "budget",
-    "limit",
-    "paper",
-)
+TABLE = (*(column for column in COLUMNS if column != "origin"), "limit", "paper")
+REPEATED = ("authors", "text")  # configurations of the paper's experiment, by code and by text
 GROUP = ["configuration", "recording", "origin", "split", "budget"]
 SYMBOLS = {"r2": "R²", "mae": "MAE"}  # what the Markdown table shows, as the paper's does
 
 
-def paper() -> pd.DataFrame:
+def paper(path: str | Path) -> pd.DataFrame:
     """The paper's Table I: recording simulated or real, model, target, metric, value."""
-    with resources.files("eitskin").joinpath("paper_table_1.csv").open(encoding="utf-8") as file:
-        return pd.read_csv(file)
+    return pd.read_csv(path)
 
 
-def collect(paths: list[str | Path]) -> pd.DataFrame:
+def collect(paths: list[str | Path], published: str | Path) -> pd.DataFrame:
     """Rows (TABLE, and `origin`) of the metrics files, in a fixed order; raises InputError.
 
-    `paper` is filled where the row repeats the paper's experiment: simulated, split by random frame
-    (a place or session split is harder). Its real recording was never published, so that no
-    recording has a number of the paper's. `limit` is empty: the information limit is not computed.
+    `paper`, from the file `published`, is filled where the row repeats the paper's experiment:
+    simulated with the authors' or the text's strengths, split by random frame (another baseline,
+    crossed sessions, a place or session split make another experiment). Its real recording was
+    never published, so that no recording has a number of the paper's. `limit` is empty: the
+    information limit is not computed.
     """
     if not paths:
         raise InputError("table_1", "metrics files", "none", "at least one")
@@ -53,14 +39,15 @@ def collect(paths: list[str | Path]) -> pd.DataFrame:
         tables.append(table)
     rows = pd.concat(tables, ignore_index=True)
     rows["limit"] = float("nan")
-    published = paper().rename(columns={"value": "paper"}).assign(split="random")
-    published = published[published["recording"] == "simulated"]
-    keys = ["recording", "split", "model", "target", "metric"]
-    rows = rows.merge(published, on=keys, how="left", validate="many_to_one")
+    numbers = paper(published)
+    beside = numbers[numbers["recording"] == "simulated"].rename(columns={"value": "paper"})
+    beside = beside.assign(split="random").merge(pd.DataFrame({"configuration": REPEATED}), "cross")
+    keys = ["configuration", "recording", "split", "model", "target", "metric"]
+    rows = rows.merge(beside, on=keys, how="left", validate="many_to_one")
     order = {
         "split": ["random", "place", "session", "continuous"],
         "budget": ["small", "full"],
-        "model": list(dict.fromkeys(paper()["model"])),
+        "model": list(dict.fromkeys(numbers["model"])),
         "target": list(TARGETS),
         "metric": list(METRICS),
     }
@@ -73,9 +60,13 @@ def collect(paths: list[str | Path]) -> pd.DataFrame:
     return rows.sort_values(by, key=rank, ignore_index=True)[[*TABLE, "origin"]]
 
 
-def write(paths: list[str | Path], csv: str | Path, markdown: str | Path) -> None:
-    """Collect metrics files into `csv` (columns TABLE) and a `markdown` table for reading."""
-    rows = collect(paths)
+def write(
+    paths: list[str | Path], published: str | Path, csv: str | Path, markdown: str | Path
+) -> None:
+    """Collect metrics files into `csv` (columns TABLE) and a `markdown` table for reading; the
+    paper's numbers are those of `published`.
+    """
+    rows = collect(paths, published)
     with atomic_path(csv) as temporary:
         rows[list(TABLE)].to_csv(temporary, index=False, float_format="%.6g")
     with atomic_path(markdown) as temporary:

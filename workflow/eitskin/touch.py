@@ -13,6 +13,7 @@ from eitskin import neumann
 from eitskin.conformal import DiscMap
 from eitskin.errors import InputError
 from eitskin.geometry import Geometry, RimMotion
+from eitskin.gradient import GradientBulk
 
 NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 MOST_EVEN_NODES = 128  # against the rim; nearer to it, nodes are graded
@@ -229,6 +230,11 @@ class TouchEdge:
     def _inside(self, theta: np.ndarray) -> np.ndarray:
         start = self.rim_theta[0]
         return (theta - start) % (2.0 * np.pi) < self.rim_theta[-1] - start
+
+    def spread(self, bulk: GradientBulk) -> np.ndarray:
+        """(2 degree, harmonics): the multipoles' response to the harmonics of `bulk`."""
+        rim = np.exp(1j * self.rim_theta)
+        return self.flux.T @ bulk.harmonics(self.zeta) + self.rim_flux.T @ bulk.harmonics(rim)
 
     def inner_response(self, other: "TouchEdge") -> np.ndarray:
         """(2 degree, 2 degree of other): response of these multipoles to those of another touch."""

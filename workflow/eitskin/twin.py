@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 
 from eitskin import recording
-from eitskin.effects.settings import settings
+from eitskin.effects.settings import settings, site_counts
 from eitskin.mesh import polar_grid
 from eitskin.protocol import channel_table
-from eitskin.simulate import site_counts, voltages
+from eitskin.readings import simulate
 from eitskin.skin import Skin
 
 
@@ -99,9 +99,6 @@ def write(
     grid = polar_grid(believed.radius_mm, probe_mm=0.0, **touch_grid)
     frames = presses(grid, rng=rng, **press)
     chosen = settings(effects, site_counts(channels), (seed, 0))
-    clean = voltages(frames, believed, channels, chosen, accuracy, progress=True)
-    scale = noise * np.median(np.abs(clean), axis=1, keepdims=True)
-    measured = np.abs(clean + scale * rng.standard_normal(clean.shape))
     metadata = {
         "format": "eit-recording",
         "version": 1,
@@ -116,5 +113,17 @@ def write(
         "source": "simulation",
         "skin": believed.metadata(),
     }
-    twin = recording.Recording(frames, measured, None, None, metadata)
+    twin = recording.Recording(frames, None, None, None, metadata)
+    clean = simulate(
+        frames,
+        recording.presses(twin),
+        believed,
+        channels,
+        chosen,
+        accuracy,
+        frame_s=press["frame_s"],
+        progress=True,
+    )
+    scale = noise * np.median(np.abs(clean), axis=1, keepdims=True)
+    twin.voltage = np.abs(clean + scale * rng.standard_normal(clean.shape))
     recording.write(twin, out)

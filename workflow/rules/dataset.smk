@@ -1,6 +1,7 @@
 rule record_dataset:
     input:
-        rules.import_recording.output,
+        recording=rules.import_recording.output[0],
+        check=rules.check.output[0],
     output:
         "results/datasets/{recording}.parquet",
     log:

@@ -4,6 +4,6 @@ from eitskin import dataset, recording
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):
-    source = recording.read(snakemake.input[0])
+    source = recording.read(snakemake.input.recording)
     touches = dataset.from_recording(source, snakemake.wildcards.recording)
     dataset.write(touches, snakemake.output[0])

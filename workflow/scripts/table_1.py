@@ -4,4 +4,5 @@ from eitskin import table_1
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):
-    table_1.write(list(snakemake.input), snakemake.output.csv, snakemake.output.markdown)
+    tables = snakemake.output
+    table_1.write(snakemake.input.metrics, snakemake.input.paper, tables.csv, tables.markdown)

@@ -3,7 +3,7 @@
 import importlib
 import pkgutil
 
-from eitskin.effects.effect import Effect
+from eitskin.effects.effect import Effect, InstrumentEffect
 
 EFFECTS: dict[str, Effect] = {}
 for _module in pkgutil.iter_modules(__path__):
@@ -12,6 +12,10 @@ for _module in pkgutil.iter_modules(__path__):
             EFFECTS[_object.name] = _object()
 
 
-def stage_of(name: str) -> str:
-    """touch, skin or instrument: where the effect enters. Raises KeyError for an unknown name."""
-    return EFFECTS[name].stage
+def on_readings(name: str) -> bool:
+    """Whether the effect acts on readings alone; else it needs the forward solve.
+
+    Raises KeyError for an unknown name.
+    """
+    effect = EFFECTS[name]
+    return isinstance(effect, InstrumentEffect) and effect.on_readings

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from eitskin.effects.effect import InstrumentEffect, Parameter, Setting
+from eitskin.effects.effect import Frames, InstrumentEffect, Parameter, Setting
 
 
 class ChannelGain(InstrumentEffect):
@@ -10,14 +10,13 @@ class ChannelGain(InstrumentEffect):
 
     name = "channel-gain"
     driver = "static"
-    sites = "channels"
-    parameters = {"gain": Parameter("1", 1.0, 0.0, 10.0)}
+    order = "gain"
+    sites = ("channels",)
+    parameters = {"gain": Parameter("1", 1.0, 0.0, 10.0, scale=0.05)}
     source = "Touch with Insight, equation 9"
+    mend = "calibrate channel {site} with a resistor phantom"
+    confusable = ("drive-gain", "measurement-gain")
 
-    def change(
-        self, voltage: np.ndarray, setting: Setting, channels: np.ndarray, force_N: np.ndarray
-    ) -> np.ndarray:
+    def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:
         """Readings (N, M) of `voltage` (N, M)."""
-        gain = np.ones(voltage.shape[1])
-        gain[setting.sites] = setting.values["gain"]
-        return voltage * gain
+        return voltage * setting.at_channels("gain", frames.channels)

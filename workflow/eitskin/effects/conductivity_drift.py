@@ -1,6 +1,6 @@
 """A gel that dries, or warms: its conductivity changes with time."""
 
-from eitskin.effects.effect import Parameter, Setting, SkinEffect
+from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
 
 
@@ -9,11 +9,12 @@ class ConductivityDrift(SkinEffect):
 
     name = "conductivity-drift"
     driver = "time"
-    sites = None
-    parameters = {"per_minute": Parameter("1/min", 0.0, -0.1, 0.1, dense=False)}
+    parameters = {"per_minute": Parameter("1/min", 0.0, -0.1, 0.1, scale=1e-3, dense=False)}
     source = "Hardman, Thuruthel, Iida 2025"
+    mend = "let the gel settle and keep it from drying"
+    confusable = ("contact-drift",)
 
-    def change(self, geometry: Geometry, setting: Setting, minutes: float) -> Geometry:
-        """The geometry `minutes` after the start."""
-        factor = 1.0 + setting.values["per_minute"] * minutes
+    def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
+        """The geometry at a moment."""
+        factor = 1.0 + setting.values["per_minute"] * moment.minutes
         return geometry.with_values(conductivity_S_per_m=geometry.conductivity_S_per_m * factor)

@@ -1,6 +1,6 @@
 """Contacts that change with time."""
 
-from eitskin.effects.effect import Parameter, Setting, SkinEffect
+from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
 
 
@@ -9,12 +9,15 @@ class ContactDrift(SkinEffect):
 
     name = "contact-drift"
     driver = "time"
-    sites = "electrodes"
-    parameters = {"per_minute": Parameter("1/min", 0.0, -0.1, 0.1)}
+    sites = ("electrodes",)
+    on_contacts = True
+    parameters = {"per_minute": Parameter("1/min", 0.0, -0.1, 0.1, scale=0.01)}
     source = "Hardman, Thuruthel, Iida 2025"
+    mend = "wet and re-seat electrode {site}"
+    confusable = ("conductivity-drift",)
 
-    def change(self, geometry: Geometry, setting: Setting, minutes: float) -> Geometry:
-        """The geometry `minutes` after the start."""
+    def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
+        """The geometry at a moment."""
         impedivity = geometry.contact_impedivity_ohm_m2.copy()
-        impedivity[setting.sites] *= 1.0 + setting.values["per_minute"] * minutes
+        impedivity[setting.sites] *= 1.0 + setting.values["per_minute"] * moment.minutes
         return geometry.with_values(contact_impedivity_ohm_m2=impedivity)

@@ -1,6 +1,6 @@
 """Electrodes that touch the gel worse, or better, than believed."""
 
-from eitskin.effects.effect import Parameter, Setting, SkinEffect
+from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
 
 
@@ -9,11 +9,14 @@ class ContactImpedance(SkinEffect):
 
     name = "contact-impedance"
     driver = "static"
-    sites = "electrodes"
+    sites = ("electrodes",)
+    on_contacts = True
     parameters = {"ratio": Parameter("1", 1.0, 1e-3, 1e3)}
     source = "Cheng, Isaacson, Newell, Gisser 1989"
+    mend = "re-seat electrode {site}"
+    confusable = ("electrode-width", "electrode-open")
 
-    def change(self, geometry: Geometry, setting: Setting, minutes: float) -> Geometry:
+    def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with contact impedivities multiplied."""
         impedivity = geometry.contact_impedivity_ohm_m2.copy()
         impedivity[setting.sites] *= setting.values["ratio"]

@@ -2,21 +2,21 @@
 
 import numpy as np
 
-from eitskin.effects.effect import InstrumentEffect, Parameter, Setting
+from eitskin.effects.effect import Frames, InstrumentEffect, Parameter, Setting
 
 
 class Crosstalk(InstrumentEffect):
     """v_k -> (1 - 2 epsilon) v_k + epsilon (v_(k-1) + v_(k+1)), cyclic in reading order."""
 
     name = "crosstalk"
+    order = "mixing"
     driver = "static"
-    sites = None
-    parameters = {"epsilon": Parameter("1", 0.0, -0.25, 0.25, dense=False)}
+    parameters = {"epsilon": Parameter("1", 0.0, -0.25, 0.25, scale=0.02, dense=False)}
     source = "Touch with Insight, § II-D"
+    mend = "shield the leads and slow down the multiplexer"
+    confusable = ("multiplexer-memory", "adc-nonlinearity")
 
-    def change(
-        self, voltage: np.ndarray, setting: Setting, channels: np.ndarray, force_N: np.ndarray
-    ) -> np.ndarray:
+    def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:
         """Readings (N, M) of `voltage` (N, M)."""
         epsilon = setting.values["epsilon"]
         neighbours = np.roll(voltage, 1, axis=1) + np.roll(voltage, -1, axis=1)

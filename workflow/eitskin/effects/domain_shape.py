@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from eitskin.effects.effect import Parameter, Setting, SkinEffect
+from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
 
 
@@ -14,15 +14,16 @@ class DomainShape(SkinEffect):
 
     name = "domain-shape"
     driver = "static"
-    sites = None
     parameters = {
         "harmonic": Parameter("1", None, 0, 16, dense=False),
-        "amplitude": Parameter("1", 0.0, 0.0, 0.3, dense=False),
-        "phase_deg": Parameter("°", 0.0, -360.0, 360.0, dense=False),
+        "amplitude": Parameter("1", 0.0, 0.0, 0.3, scale=0.02, dense=False),
+        "phase_deg": Parameter("°", 0.0, -360.0, 360.0, scale=90.0, dense=False),
     }
     source = "Nissinen, Kolehmainen, Kaipio 2011"
+    mend = "measure the rim"
+    confusable = ("anisotropy", "ellipse", "electrode-position")
 
-    def change(self, geometry: Geometry, setting: Setting, minutes: float) -> Geometry:
+    def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with this harmonic added to its rim."""
         k = int(setting.values["harmonic"])
         amplitude, phase = setting.values["amplitude"], np.radians(setting.values["phase_deg"])

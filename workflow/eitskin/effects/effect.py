@@ -1,27 +1,36 @@
 """What an effect is: physics written once, for the simulator to apply and the diagnosis to fit."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
 
+from eitskin.force_history import ForceHistory
 from eitskin.geometry import Geometry
 
-STAGES = ("touch", "skin", "instrument")
+STAGES = ("touch", "skin", "wiring", "instrument", "clock")
+SITES = ("electrodes", "drives", "measures", "channels")
+ORDER = {
+    "touch": ("force", "memory", "contact"),
+    "wiring": ("leak", "open", "swap"),
+    "instrument": ("common mode", "gain", "mixing", "offset", "mains", "converter"),
+}
 
 
 @dataclass(frozen=True)
 class Parameter:
     """One parameter: its unit, the value at which the effect does nothing, and its bounds.
 
-    neutral None: there is no such value and one must be given, unless `optional`. dense: one value
-    a site rather than one for all.
+    neutral None: there is no such value and one must be given, unless `optional`: it may be left
+    out. dense: one value a site rather than one for all. scale: the size of a typical change, the
+    prior's sd.
     """
 
     unit: str
     neutral: float | None
     low: float
     high: float
+    scale: float = 1.0
     dense: bool = True
     optional: bool = False
 
@@ -29,56 +38,159 @@ class Parameter:
 class Effect:
     """One effect: class attributes say what it is, one method for its stage says what it does.
 
-    name: the field's term; stage: where it enters, in the order touch, skin, instrument; driver:
-    what it varies with; sites: the kind of place it may be confined to, or None; parameters by
-    name.
+    name: the field's term; stage: where it enters, one of STAGES in this order; order: its place
+    within the stage, one of ORDER[stage]; driver: what it varies with; sites: the kinds of place
+    it may be confined to, the first being the usual one; site_number: how many it needs, or None;
+    parameters by name; source: who described it; mend: what to do at the bench; confusable: names
+    that look alike.
     """
 
     name: str
     stage: str
+    order: str | None = None
     driver: str
-    sites: str | None
+    sites: tuple[str, ...] = ()
+    site_number: int | None = None
     parameters: dict[str, Parameter]
     source: str
+    mend: str
+    confusable: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Setting:
-    """An effect at definite values: `sites` (S,) indices or None, `values` a number or (S,)
-    each."""
+    """An effect at definite values: `sites` (S,) indices or None, `values` a number or (S,) each.
+
+    kind: what the sites are, one of SITES, or None.
+    """
 
     effect: Effect
     sites: np.ndarray | None
-    values: dict[str, np.ndarray | float | None]
+    values: dict[str, np.ndarray | float | None] = field(default_factory=dict)
+    kind: str | None = None
+
+    def at_channels(self, key: str, channels: np.ndarray) -> np.ndarray:
+        """(M,): a parameter at each of the channels (M, 4), neutral where no site is."""
+        if self.kind == "channels":
+            index = np.arange(len(channels))
+        else:
+            index = channels[:, {"drives": 0, "measures": 2}[self.kind]]
+        size = max(index.max(), self.sites.max()) + 1
+        value = np.full(size, self.effect.parameters[key].neutral)
+        value[self.sites] = self.values[key]
+        return value[index]
+
+
+@dataclass(frozen=True)
+class Frames:
+    """N frames of M channels as an effect meets them.
+
+    time_s, force_N (N,), the true force, 0 where untouched; channels (M, 4); history: the force in
+    each press, None where no effect asks for it; frame_s: how long a frame takes, or None;
+    force_max_N: the largest force reported, half of it is F_mid; above_sink_V (N, M): mean
+    potential of the measuring pair above the sink, where an effect asks for it.
+    """
+
+    time_s: np.ndarray
+    force_N: np.ndarray
+    channels: np.ndarray
+    history: ForceHistory | None = None
+    frame_s: float | None = None
+    force_max_N: float = 0.0
+    above_sink_V: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Moment:
+    """When and how a skin is touched: minutes from the start, N, mm (NaN where untouched)."""
+
+    minutes: float
+    force_N: float
+    x_mm: float
+    y_mm: float
+
+
+START = Moment(0.0, 0.0, float("nan"), float("nan"))
+
+
+class ForceEffect(Effect):
+    """An effect on the force reported: what the true force is."""
+
+    stage = "touch"
+    order = "force"
+
+    def change(self, history: ForceHistory, setting: Setting) -> ForceHistory:
+        """The true force, of the force reported."""
+        raise NotImplementedError
 
 
 class TouchEffect(Effect):
     """An effect on what a touch is before the skin feels it."""
 
     stage = "touch"
+    order = "contact"
 
-    def change(self, touches: pd.DataFrame, setting: Setting) -> pd.DataFrame:
-        """`touches`, one row a frame: x_mm, y_mm, radius_mm, contrast, force_N; changed."""
+    def change(self, touches: pd.DataFrame, setting: Setting, frames: Frames) -> pd.DataFrame:
+        """`touches`, one row a frame: x_mm, y_mm, radius_mm, force_N (the true one), and whose
+        product is the contrast, contrast_per_N and felt_N; changed."""
         raise NotImplementedError
 
 
 class SkinEffect(Effect):
-    """An effect on the skin: its shape, its material, its electrodes."""
+    """An effect on the skin: its shape, its material, its electrodes.
+
+    on_contacts: it changes contacts, which point electrodes do not have.
+    """
 
     stage = "skin"
+    on_contacts = False
 
-    def change(self, geometry: Geometry, setting: Setting, minutes: float) -> Geometry:
-        """The geometry `minutes` after the recording's start, changed."""
+    def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
+        """The geometry at a moment, changed."""
+        raise NotImplementedError
+
+
+class WiringEffect(Effect):
+    """An effect between the electrodes and the board: leaks, broken and exchanged wires."""
+
+    stage = "wiring"
+
+    def driven(self, drives: np.ndarray, setting: Setting) -> np.ndarray:
+        """The electrodes (D, 2) between which the board's `drives` (D, 2) send their current."""
+        return drives
+
+    def change(
+        self,
+        potential: np.ndarray,
+        setting: Setting,
+        drives: np.ndarray,
+        transfer: np.ndarray,
+        sink_grounded: bool,
+    ) -> np.ndarray:
+        """Potentials (N, D, n) V per A, as the board has them; changed.
+
+        drives (D, 2): electrodes of the skin between which the current flows; transfer (N, n, n)
+        ohm: the skin's; sink_grounded: whether the source's sink is at 0 V, else it floats.
+        """
+        raise NotImplementedError
+
+
+class ClockEffect(Effect):
+    """An effect on when each channel sees the state."""
+
+    stage = "clock"
+
+    def force_shift(self, setting: Setting, frames: Frames) -> np.ndarray:
+        """(N,) N: force at the frame's last channel minus that at its first."""
         raise NotImplementedError
 
 
 class InstrumentEffect(Effect):
-    """An effect on voltages, between the electrodes and the file."""
+    """An effect on readings; `on_readings`: on them alone, without the skin's potentials."""
 
     stage = "instrument"
+    on_readings = True
 
-    def change(
-        self, voltage: np.ndarray, setting: Setting, channels: np.ndarray, force_N: np.ndarray
-    ) -> np.ndarray:
-        """Readings of `voltage` (N, M) V, channels (M, 4), at the forces (N,)."""
+    def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:
+        """Readings (N, M) V of `voltage` (N, M) V."""
         raise NotImplementedError

@@ -1,6 +1,6 @@
 """Electrodes that are not where the drawing has them."""
 
-from eitskin.effects.effect import Parameter, Setting, SkinEffect
+from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
 
 
@@ -9,11 +9,13 @@ class ElectrodePosition(SkinEffect):
 
     name = "electrode-position"
     driver = "static"
-    sites = "electrodes"
-    parameters = {"shift_deg": Parameter("°", 0.0, -20.0, 20.0)}
+    sites = ("electrodes",)
+    parameters = {"shift_deg": Parameter("°", 0.0, -20.0, 20.0, scale=0.5)}
     source = "Touch with Insight, § II-D"
+    mend = "measure the angle of electrode {site}"
+    confusable = ("domain-shape", "ellipse", "electrode-swap", "registration")
 
-    def change(self, geometry: Geometry, setting: Setting, minutes: float) -> Geometry:
+    def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with electrodes shifted."""
         angle = geometry.electrode_deg.copy()
         angle[setting.sites] += setting.values["shift_deg"]

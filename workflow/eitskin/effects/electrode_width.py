@@ -1,6 +1,6 @@
 """Electrodes wider or narrower than the drawing has them."""
 
-from eitskin.effects.effect import Parameter, Setting, SkinEffect
+from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
 
 
@@ -9,11 +9,13 @@ class ElectrodeWidth(SkinEffect):
 
     name = "electrode-width"
     driver = "static"
-    sites = "electrodes"
-    parameters = {"width_mm": Parameter("mm", None, 0.1, 100.0)}
+    sites = ("electrodes",)
+    parameters = {"width_mm": Parameter("mm", None, 0.1, 100.0, scale=1.0)}
     source = "Boyle, Adler 2011"
+    mend = "measure the width of electrode {site}"
+    confusable = ("contact-impedance", "third-dimension")
 
-    def change(self, geometry: Geometry, setting: Setting, minutes: float) -> Geometry:
+    def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with widths replaced."""
         width = geometry.electrode_width_mm.copy()
         width[setting.sites] = setting.values["width_mm"]

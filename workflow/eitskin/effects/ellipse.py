@@ -1,6 +1,6 @@
 """The paper's geometry mismatch: a skin stretched along its axes."""
 
-from eitskin.effects.effect import Parameter, Setting, SkinEffect
+from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
 
 
@@ -12,14 +12,15 @@ class Ellipse(SkinEffect):
 
     name = "ellipse"
     driver = "static"
-    sites = None
     parameters = {
-        "sx": Parameter("1", 1.0, 0.5, 2.0, dense=False),
-        "sy": Parameter("1", 1.0, 0.5, 2.0, dense=False),
+        "sx": Parameter("1", 1.0, 0.5, 2.0, scale=0.03, dense=False),
+        "sy": Parameter("1", 1.0, 0.5, 2.0, scale=0.03, dense=False),
     }
     source = "Touch with Insight, § II-D"
+    mend = "measure the rim"
+    confusable = ("domain-shape", "anisotropy", "electrode-position")
 
-    def change(self, geometry: Geometry, setting: Setting, minutes: float) -> Geometry:
+    def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The stretched geometry."""
         return geometry.with_values(
             stretch_x=geometry.stretch_x * setting.values["sx"],

@@ -2,29 +2,29 @@
 
 import numpy as np
 
-from eitskin.effects.effect import InstrumentEffect, Parameter, Setting
+from eitskin.effects.effect import Frames, InstrumentEffect, Parameter, Setting
 
 
 class ForceDependentGain(InstrumentEffect):
     """v -> v (1 + per_N (F - F_mid)); the paper's alpha is 10 N * per_N.
 
-    F_mid is half the largest force of the frames given, unless F_mid_N says otherwise.
+    F_mid is half the recording's largest force, unless F_mid_N says otherwise.
     """
 
     name = "force-dependent-gain"
+    order = "gain"
     driver = "force"
-    sites = None
     parameters = {
-        "per_N": Parameter("1/N", 0.0, -0.1, 0.1, dense=False),
-        "F_mid_N": Parameter("N", None, 0.0, 1000.0, dense=False, optional=True),
+        "per_N": Parameter("1/N", 0.0, -0.1, 0.1, scale=5e-3, dense=False),
+        "F_mid_N": Parameter("N", None, 0.0, 1000.0, scale=5.0, dense=False, optional=True),
     }
     source = "Touch with Insight, § II-D"
+    mend = "check the amplifier's supply while the skin is pressed"
+    confusable = ("force-dependent-impedance",)
 
-    def change(
-        self, voltage: np.ndarray, setting: Setting, channels: np.ndarray, force_N: np.ndarray
-    ) -> np.ndarray:
-        """Readings (N, M) of `voltage` (N, M) at the forces (N,)."""
+    def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:
+        """Readings (N, M) of `voltage` (N, M)."""
         middle = setting.values["F_mid_N"]
         if middle is None:
-            middle = 0.5 * np.nanmax(force_N)
-        return voltage * (1.0 + setting.values["per_N"] * (force_N - middle))[:, None]
+            middle = 0.5 * frames.force_max_N
+        return voltage * (1.0 + setting.values["per_N"] * (frames.force_N - middle))[:, None]

@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from eitskin.effects.effect import Parameter, Setting, TouchEffect
+from eitskin.effects.effect import Frames, Parameter, Setting, TouchEffect
 
 
 class TouchContrast(TouchEffect):
@@ -10,10 +10,11 @@ class TouchContrast(TouchEffect):
 
     name = "touch-contrast"
     driver = "force"
-    sites = None
-    parameters = {"ratio": Parameter("1", 1.0, 0.0, 100.0, dense=False)}
+    parameters = {"ratio": Parameter("1", 1.0, 0.0, 100.0, scale=0.3, dense=False)}
     source = "Touch with Insight, § II-D"
+    mend = "press once more with a known force"
+    confusable = ("probe-radius", "contact-law", "force-offset")
 
-    def change(self, touches: pd.DataFrame, setting: Setting) -> pd.DataFrame:
+    def change(self, touches: pd.DataFrame, setting: Setting, frames: Frames) -> pd.DataFrame:
         """Touches with their contrast multiplied."""
-        return touches.assign(contrast=touches["contrast"] * setting.values["ratio"])
+        return touches.assign(contrast_per_N=touches["contrast_per_N"] * setting.values["ratio"])

@@ -43,7 +43,12 @@ def load(path: str | Path, format: str | None = None) -> Recording:
         format = _detect(path)
     if format == OWN_FORMAT:
         return recording.read(path)
-    imported = FORMATS[format].load(path)
+    try:
+        imported = FORMATS[format].load(path)
+    except OSError as error:
+        raise InputError(path, "file", error.strerror, f"one of the format {format}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(path, "file", "bytes that are no text", f"the format {format}") from error
     recording.validate(imported, path)
     return imported
 

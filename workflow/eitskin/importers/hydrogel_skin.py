@@ -41,7 +41,7 @@ def load(path: Path) -> Recording:
         raise InputError(path, "responses", found, f"two alike with {n_presses} rows")
     n_channels = untouched.shape[1]
     n = 2 + round((4 + n_channels) ** 0.5)
-    if n % 2 or n * (n - 4) != n_channels:
+    if not n_channels or n % 2 or n * (n - 4) != n_channels:
         expected = "n (n - 4): opposite drive, adjacent measurement"
         raise InputError(path, "responses", f"{n_channels} channels", expected)
     x, y, depth = np.repeat(positions * 1e3, 2, axis=0).T

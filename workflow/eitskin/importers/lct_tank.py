@@ -65,7 +65,7 @@ def _read(path: Path) -> tuple[datetime, np.ndarray]:
     if "#Start" not in [line.strip() for line in lines]:
         raise InputError(path, "header", "no line #Start", "#Start before the numbers")
     start = [line.strip() for line in lines].index("#Start")
-    dates = [line.split(maxsplit=1)[1].strip() for line in lines[:start] if "#Date" in line]
+    dates = [line.replace("#Date", "").strip() for line in lines[:start] if "#Date" in line]
     try:
         date = datetime.strptime(dates[0], "%d/%m/%Y %H:%M:%S") if dates else datetime.min
     except ValueError as error:

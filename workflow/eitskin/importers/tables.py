@@ -51,7 +51,7 @@ def numbers(path: Path, lines: Iterable[str], columns: int, separator: str | Non
 
 
 def matlab(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray] | None:
-    """The named arrays of a MATLAB file; None where it is none or has not all of them."""
+    """The named arrays of numbers of a MATLAB file; None where it is none or lacks one of them."""
     if not path.is_file():
         return None
     with path.open("rb") as stream:
@@ -61,4 +61,6 @@ def matlab(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray] | None:
         content = scipy.io.loadmat(path, appendmat=False, variable_names=names)
     except Exception:  # scipy raises whatever a damaged file leads it to
         return None
-    return {name: content[name] for name in names} if set(names) <= set(content) else None
+    arrays = {name: np.asarray(content[name]) for name in names if name in content}
+    numeric = [name for name, array in arrays.items() if array.dtype.kind in "biufc"]
+    return arrays if numeric == list(names) else None

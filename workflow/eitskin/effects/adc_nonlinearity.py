@@ -1,0 +1,26 @@
+"""A converter that bends, or that is full."""
+
+import numpy as np
+
+from eitskin.effects.effect import Frames, InstrumentEffect, Parameter, Setting
+
+
+class AdcNonlinearity(InstrumentEffect):
+    """v + cubic v^3, and clipped at +- limit_V where one is given."""
+
+    name = "adc-nonlinearity"
+    order = "converter"
+    driver = "amplitude"
+    parameters = {
+        "cubic": Parameter("1/V²", 0.0, -1e6, 1e6, scale=5.0, dense=False, optional=True),
+        "limit_V": Parameter("V", None, 1e-9, 1e3, scale=0.1, dense=False, optional=True),
+    }
+    source = "third-order term and full scale of a converter's data sheet"
+    mend = "lower the current until every channel stays within the converter's range"
+    confusable = ("crosstalk",)
+
+    def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:
+        """Readings (N, M) of `voltage` (N, M)."""
+        voltage = voltage + setting.values["cubic"] * voltage**3
+        limit = setting.values["limit_V"]
+        return voltage if limit is None else np.clip(voltage, -limit, limit)

@@ -1,0 +1,24 @@
+"""A gel that conducts better in one direction."""
+
+from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
+from eitskin.geometry import Geometry
+
+
+class Anisotropy(SkinEffect):
+    """Conductivity along : across the angle is `ratio`, geometric mean kept."""
+
+    name = "anisotropy"
+    driver = "static"
+    parameters = {
+        "ratio": Parameter("1", 1.0, 1.0, 10.0, scale=0.05, dense=False),
+        "angle_deg": Parameter("°", 0.0, -360.0, 360.0, scale=90.0, dense=False),
+    }
+    source = "Lionheart 1997"
+    mend = "cut the gel so that it was not drawn or cast in one direction"
+    confusable = ("domain-shape", "ellipse")
+
+    def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
+        """The geometry with its conductivity directed."""
+        return geometry.with_values(
+            anisotropy_ratio=setting.values["ratio"], anisotropy_deg=setting.values["angle_deg"]
+        )

@@ -1,0 +1,31 @@
+"""A gel that conducts better on one side: a tilt of its thickness or of its salt."""
+
+import numpy as np
+
+from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
+from eitskin.geometry import Geometry
+
+
+class ConductivityGradient(SkinEffect):
+    """sigma (1 + relative_across (r . n) / 2R), rising towards the angle."""
+
+    name = "conductivity-gradient"
+    driver = "static"
+    parameters = {
+        "relative_across": Parameter("1", 0.0, 0.0, 1.5, scale=0.05, dense=False),
+        "angle_deg": Parameter("°", 0.0, -360.0, 360.0, scale=90.0, dense=False),
+    }
+    source = "Lionheart 2004"
+    mend = "level the skin while it sets, and keep it evenly moist"
+
+    def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
+        """The geometry with this gradient added to what it has."""
+        values = (setting.values["relative_across"], setting.values["angle_deg"])
+        here, added = (
+            across * np.exp(1j * np.radians(angle))
+            for across, angle in ((geometry.gradient_across, geometry.gradient_deg), values)
+        )
+        total = here + added
+        return geometry.with_values(
+            gradient_across=float(np.abs(total)), gradient_deg=float(np.degrees(np.angle(total)))
+        )

@@ -1,0 +1,22 @@
+"""A gel that does not answer in proportion to the force."""
+
+import numpy as np
+import pandas as pd
+
+from eitskin.effects.effect import Frames, Parameter, Setting, TouchEffect
+
+
+class ContactLaw(TouchEffect):
+    """contrast_per_N F^exponent, F in N; what relaxation has taken off F counts."""
+
+    name = "contact-law"
+    driver = "force"
+    parameters = {"exponent": Parameter("1", 1.0, 0.1, 3.0, scale=0.2, dense=False)}
+    source = "Paredes-Madrid, Palacio, Matute, Parra 2017"
+    mend = "calibrate the contrast at several forces"
+    confusable = ("contact-area-growth", "touch-contrast", "force-offset")
+
+    def change(self, touches: pd.DataFrame, setting: Setting, frames: Frames) -> pd.DataFrame:
+        """Touches, the force felt raised to its power, its sign kept."""
+        felt = touches["felt_N"].to_numpy()
+        return touches.assign(felt_N=np.sign(felt) * np.abs(felt) ** setting.values["exponent"])

@@ -1,0 +1,40 @@
+"""Two wires exchanged."""
+
+import numpy as np
+
+from eitskin.effects.effect import Setting, WiringEffect
+
+
+class ElectrodeSwap(WiringEffect):
+    """Two wires exchanged, for drive and sense alike."""
+
+    name = "electrode-swap"
+    order = "swap"
+    driver = "static"
+    sites = ("electrodes",)
+    site_number = 2
+    parameters = {}
+    source = "pyEIT, issue 95"
+    mend = "exchange the wires of electrodes {site}"
+    confusable = ("electrode-position",)
+
+    def driven(self, drives: np.ndarray, setting: Setting) -> np.ndarray:
+        """The electrodes at the ends of the wires."""
+        return _exchanged(drives.max(initial=setting.sites.max()) + 1, setting.sites)[drives]
+
+    def change(
+        self,
+        potential: np.ndarray,
+        setting: Setting,
+        drives: np.ndarray,
+        transfer: np.ndarray,
+        sink_grounded: bool,
+    ) -> np.ndarray:
+        """Potentials (N, D, n) as the board has them."""
+        return potential[:, :, _exchanged(potential.shape[2], setting.sites)]
+
+
+def _exchanged(n: int, pair: np.ndarray) -> np.ndarray:
+    wires = np.arange(n)
+    wires[pair] = pair[::-1]
+    return wires

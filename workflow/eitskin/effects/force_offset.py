@@ -1,0 +1,19 @@
+"""A load cell whose zero is not 0."""
+
+from eitskin.effects.effect import ForceEffect, Parameter, Setting
+from eitskin.force_history import ForceHistory
+
+
+class ForceOffset(ForceEffect):
+    """True force = reported + offset while touched, never below 0."""
+
+    name = "force-offset"
+    driver = "force"
+    parameters = {"offset_N": Parameter("N", 0.0, -5.0, 5.0, scale=0.1, dense=False)}
+    source = "zero of a load cell"
+    mend = "zero the load cell"
+    confusable = ("contact-law", "touch-contrast")
+
+    def change(self, history: ForceHistory, setting: Setting) -> ForceHistory:
+        """The true force, of the force reported."""
+        return history.raised(setting.values["offset_N"])

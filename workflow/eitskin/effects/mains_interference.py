@@ -1,0 +1,32 @@
+"""The mains, or any other steady tone, in the readings."""
+
+import numpy as np
+
+from eitskin.effects.effect import Frames, InstrumentEffect, Parameter, Setting
+from eitskin.errors import InputError
+
+
+class MainsInterference(InstrumentEffect):
+    """v + volt sin(2 pi f t + phase) at the moment the channel is read; volt is the peak."""
+
+    name = "mains-interference"
+    order = "mains"
+    driver = "time"
+    parameters = {
+        "frequency_Hz": Parameter("Hz", None, 1e-3, 1e6, scale=1.0, dense=False),
+        "volt": Parameter("V", 0.0, 0.0, 10.0, scale=1e-4, dense=False),
+        "phase_deg": Parameter("°", 0.0, -360.0, 360.0, scale=90.0, dense=False, optional=True),
+    }
+    source = "a steady tone, sampled channel by channel"
+    mend = "shield the leads, or let a frame last whole periods of the mains"
+
+    def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:
+        """Readings (N, M) of `voltage` (N, M); InputError where nobody knows how long a frame
+        takes."""
+        if frames.frame_s is None:
+            raise InputError("effect mains-interference", "frame_s", "null", "a frame's duration")
+        share = np.arange(voltage.shape[1]) / voltage.shape[1]
+        time = frames.time_s[:, None] + frames.frame_s * share
+        angle = 2.0 * np.pi * setting.values["frequency_Hz"] * time
+        tone = np.sin(angle + np.radians(setting.values["phase_deg"]))
+        return voltage + setting.values["volt"] * tone

@@ -1,0 +1,23 @@
+"""Amplifiers that do not read 0 at 0."""
+
+import numpy as np
+
+from eitskin.effects.effect import Frames, InstrumentEffect, Parameter, Setting
+
+
+class Offset(InstrumentEffect):
+    """Added to all channels of a measuring pair, named by its plus electrode, or to single
+    ones."""
+
+    name = "offset"
+    order = "offset"
+    driver = "static"
+    sites = ("measures", "channels")
+    parameters = {"volt": Parameter("V", 0.0, -10.0, 10.0, scale=1e-4)}
+    source = "Hahn, Just, Dittmar, Hellige 2008"
+    mend = "zero the amplifier at {site} with its inputs shorted"
+    confusable = ("common-mode", "ground-leak")
+
+    def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:
+        """Readings (N, M) of `voltage` (N, M)."""
+        return voltage + setting.at_channels("volt", frames.channels)

@@ -1,0 +1,25 @@
+"""A gel that gives way under a force that is held."""
+
+import pandas as pd
+
+from eitskin.effects.effect import Frames, Parameter, Setting, TouchEffect
+
+
+class Relaxation(TouchEffect):
+    """contrast_per_N (F - fraction m), tau dm/dt = F - m, m = 0 when the press begins."""
+
+    name = "relaxation"
+    order = "memory"
+    driver = "time"
+    parameters = {
+        "fraction": Parameter("1", 0.0, -1.0, 1.0, scale=0.1, dense=False),
+        "tau_s": Parameter("s", None, 1e-3, 1e4, scale=3.0, dense=False),
+    }
+    source = "standard linear solid; Johnson 1985, § 6.5"
+    mend = "read every frame equally long after the force is reached"
+    confusable = ("hysteresis", "force-lag")
+
+    def change(self, touches: pd.DataFrame, setting: Setting, frames: Frames) -> pd.DataFrame:
+        """Touches, the force felt less what has relaxed."""
+        followed = frames.history.followed_N(setting.values["tau_s"])
+        return touches.assign(felt_N=touches["felt_N"] - setting.values["fraction"] * followed)

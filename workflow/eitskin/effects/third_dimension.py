@@ -1,0 +1,27 @@
+"""A skin so thick, or a tank so deep, that current spreads in depth too."""
+
+from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
+from eitskin.geometry import Geometry
+
+
+class ThirdDimension(SkinEffect):
+    """The disc as a body depth_mm deep, with electrodes of the skin's electrode_height_mm and z.
+
+    Where the thickness is given, it is the depth, and nothing is free.
+    """
+
+    name = "third-dimension"
+    driver = "static"
+    parameters = {
+        "depth_mm": Parameter("mm", None, 0.1, 1000.0, scale=10.0, dense=False, optional=True)
+    }
+    source = "Vauhkonen, Vauhkonen, Savolainen, Kaipio 1999"
+    mend = "use electrodes that reach through the whole depth"
+    confusable = ("electrode-width",)
+
+    def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
+        """The geometry as a body."""
+        depth = setting.values["depth_mm"]
+        return geometry.with_values(
+            deep=True, thickness_mm=geometry.thickness_mm if depth is None else depth
+        )
