@@ -2,8 +2,8 @@
 
 The unknown is the current density on each electrode alone, in Legendre modes of the position
 across it: P_k(t) / 2 per dt, t = -1 ... 1, so that the mode k = 0 carries the electrode's whole
-current. The Galerkin equations of the contract's model, U_l - u = (z_l / h) dI/ds (Somersalo,
-Cheney, Isaacson 1992), with the unit disc's Neumann function for u.
+current. The Galerkin equations of the complete electrode model, U_l - u = (z_l / h) dI/ds
+(Somersalo, Cheney, Isaacson 1992), with the unit disc's Neumann function for u.
 """
 
 import copy

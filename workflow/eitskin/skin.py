@@ -65,7 +65,7 @@ class Skin:
         return cls(**values)
 
     def metadata(self) -> dict:
-        """The contract's `skin` object; optional keys only where given."""
+        """The recording format's `skin` object; optional keys only where given."""
         values = {
             key: list(value) if isinstance(value, tuple) else value
             for key, value in asdict(self).items()
