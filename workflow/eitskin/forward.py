@@ -74,6 +74,15 @@ def channel_values(transfer: np.ndarray, channels: np.ndarray) -> np.ndarray:
     )
 
 
+def measurable(values: np.ndarray) -> np.ndarray:
+    """`values` (..., M) as they are. Raises InputError where a channel has none, being that of a
+    point electrode that drives."""
+    if np.isnan(values).any():
+        where = f"channel {np.argwhere(np.isnan(values))[0][-1]} of a driven point electrode"
+        raise InputError("skin", "electrode_width_mm", where, "a width above 0 for it")
+    return values
+
+
 @dataclass(frozen=True)
 class TouchModes:
     """What one place does to the transfer impedance, for every contrast.
@@ -160,14 +169,7 @@ class Forward:
 
     def voltages(self, channels: np.ndarray, touches: list[Touch] = ()) -> np.ndarray:
         """(M,) V per A. Raises InputError where a point electrode that drives is measured."""
-        return self.checked(channel_values(self.transfer(touches), channels))
-
-    def checked(self, values: np.ndarray) -> np.ndarray:
-        """`values` as they are; raises InputError where a channel has no finite value."""
-        if np.isnan(values).any():
-            where = f"channel {np.argwhere(np.isnan(values))[0][-1]} of a driven point electrode"
-            raise InputError("skin", "electrode_width_mm", where, "a width above 0 for it")
-        return values
+        return measurable(channel_values(self.transfer(touches), channels))
 
     def meets(self, x_mm: float, y_mm: float, radius_mm: float) -> bool:
         """Whether a disc there lies on the skin, at least in part."""

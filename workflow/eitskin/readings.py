@@ -16,7 +16,7 @@ from eitskin.depth import forward_model
 from eitskin.effects.effect import ORDER, ForceEffect, Frames, Moment, Setting
 from eitskin.errors import InputError
 from eitskin.force_history import ForceHistory
-from eitskin.forward import Forward, TouchModes
+from eitskin.forward import Forward, TouchModes, measurable
 from eitskin.geometry import Geometry
 from eitskin.skin import Skin
 
@@ -147,9 +147,11 @@ def simulate(
         potential = apply_wiring(transfer, chosen, drives, sink_grounded)[:, drive]
         at = np.arange(len(channels))
         sink, plus, minus = (potential[:, at, channels[:, k]] for k in (1, 2, 3))
-        voltage = _finite(plus - minus)
+        voltage = measurable(plus - minus)
         if asked:
-            above_sink = skin.current_A * _over_frame(_finite(0.5 * (plus + minus) - sink), nodes)
+            above_sink = skin.current_A * _over_frame(
+                measurable(0.5 * (plus + minus) - sink), nodes
+            )
     else:
         voltage = solve(
             lambda forward: forward.voltages(channels),
@@ -236,13 +238,6 @@ def _drives(channels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Drives (D, 2) source, sink, and the drive (M,) of each channel."""
     drives, drive = np.unique(channels[:, :2], axis=0, return_inverse=True)
     return drives, drive.ravel()
-
-
-def _finite(values: np.ndarray) -> np.ndarray:
-    if np.isnan(values).any():
-        where = f"channel {np.argwhere(np.isnan(values))[0][-1]} of a driven point electrode"
-        raise InputError("skin", "electrode_width_mm", where, "a width above 0 for it")
-    return values
 
 
 def _over_frame(values: np.ndarray, nodes: np.ndarray) -> np.ndarray:

@@ -106,13 +106,12 @@ def write_clean(mesh, touch_grid, out: str | Path, skin: dict, accuracy: str):
     """Every place and force on the ideal skin, as a stage."""
 
     def one_session(places: int, levels: int):
-        place, level = np.repeat(np.arange(places), levels), np.tile(np.arange(levels), places)
-        return np.zeros(len(place), dtype=int), place, level
+        return sessions(places, levels, places * levels, False, 0)
 
-    table, untouched, touched, channels = _simulate_sessions(
-        mesh, touch_grid, skin, accuracy, lambda session, channels: [], one_session
-    )
-    _write_stage(out, table, untouched, touched, channels)
+    def nothing(session: int, channels: np.ndarray) -> list[Setting]:
+        return []
+
+    _write_stage(out, *_simulate_sessions(mesh, touch_grid, skin, accuracy, nothing, one_session))
 
 
 def write_skin_stage(
@@ -135,9 +134,7 @@ def write_skin_stage(
     def layout(places: int, levels: int):
         return sessions(places, levels, session_frames, crossed, seed)
 
-    result = _simulate_sessions(mesh, touch_grid, skin, accuracy, chosen_of, layout)
-    table, untouched, touched, channels = result
-    _write_stage(out, table, untouched, touched, channels)
+    _write_stage(out, *_simulate_sessions(mesh, touch_grid, skin, accuracy, chosen_of, layout))
 
 
 def write_stage(stage, out: str | Path, seed: int, effect: dict, position: int):
