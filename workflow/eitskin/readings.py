@@ -5,7 +5,6 @@ of effects.effect.ORDER, else in the list's.
 """
 
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from eitskin.depth import forward_model
 from eitskin.effects.effect import ORDER, ForceEffect, Frames, Moment, Setting
 from eitskin.errors import InputError
 from eitskin.force_history import ForceHistory
-from eitskin.forward import Forward, TouchModes, measurable
+from eitskin.forward import Forward, channel_values, measurable
 from eitskin.geometry import Geometry
 from eitskin.skin import Skin
 
@@ -108,6 +107,35 @@ def simulate(
     frames have skins of their own. `near`: a solved skin, to share with. Raises InputError where
     `skin` or a touched state lacks a value that a simulation needs, and where a channel has none.
     """
+    sensed = sense(
+        states, press, skin, channels, chosen, accuracy, frame_s, force_max_N, near, progress
+    )
+    return read(sensed, skin.current_A, chosen, sink_grounded)
+
+
+@dataclass(frozen=True)
+class Sensed:
+    """What a skin answers before the board has it: transfer (K N, n, n) ohm of N frames at each of
+    the K moments `nodes` of a frame."""
+
+    transfer: np.ndarray
+    nodes: np.ndarray
+    frames: Frames
+
+
+def sense(
+    states: pd.DataFrame,
+    press: np.ndarray,
+    skin: Skin,
+    channels: np.ndarray,
+    chosen: list[Setting],
+    accuracy: str = "diagnose",
+    frame_s: float | None = None,
+    force_max_N: float | None = None,
+    near: Forward | None = None,
+    progress: bool = False,
+) -> Sensed:
+    """The stages of touch, skin and clock of `simulate`; arguments and errors as there."""
     for key in ("current_A", "contrast_per_N"):
         if getattr(skin, key) is None:
             raise InputError("skin", key, "null", "a value, to simulate with")
@@ -139,25 +167,28 @@ def simulate(
         near,
         progress,
     )
+    return Sensed(solve(), nodes, frames)
+
+
+def read(
+    sensed: Sensed, current_A: float, chosen: list[Setting], sink_grounded: bool = False
+) -> np.ndarray:
+    """The stages of wiring and instrument of `simulate`: readings (N, M) V."""
+    frames, nodes, transfer = sensed.frames, sensed.nodes, sensed.transfer
+    channels = frames.channels
     asked = [s for s in of_stage(chosen, "instrument") if not s.effect.on_readings]
     above_sink = None
     if asked or of_stage(chosen, "wiring"):
-        transfer = solve(Forward.transfer, TouchModes.transfer_change)
         drives, drive = _drives(channels)
         potential = apply_wiring(transfer, chosen, drives, sink_grounded)[:, drive]
         at = np.arange(len(channels))
         sink, plus, minus = (potential[:, at, channels[:, k]] for k in (1, 2, 3))
         voltage = measurable(plus - minus)
         if asked:
-            above_sink = skin.current_A * _over_frame(
-                measurable(0.5 * (plus + minus) - sink), nodes
-            )
+            above_sink = current_A * _over_frame(measurable(0.5 * (plus + minus) - sink), nodes)
     else:
-        voltage = solve(
-            lambda forward: forward.voltages(channels),
-            lambda modes, contrast: modes.channel_change(channels, contrast),
-        )
-    voltage = skin.current_A * _over_frame(voltage, nodes)
+        voltage = measurable(channel_values(transfer, channels))
+    voltage = current_A * _over_frame(voltage, nodes)
     return apply_instrument(voltage, chosen, replace(frames, above_sink_V=above_sink))
 
 
@@ -194,19 +225,15 @@ class _Solver:
     near: Forward | None
     progress: bool
 
-    def __call__(
-        self,
-        untouched: Callable[[Forward], np.ndarray],
-        change: Callable[[TouchModes, np.ndarray], np.ndarray],
-    ) -> np.ndarray:
-        """(N, ...): a quantity of the untouched skin plus a touch's change of it."""
+    def __call__(self) -> np.ndarray:
+        """(N, n, n) ohm: transfer impedance of every row."""
         forward, result = self.near, None
         skins = self._skins()
         shown = self.progress and sys.stderr.isatty()
         for rows in tqdm(skins, unit="skin", disable=not shown):
             geometry = apply_skin(self.base, self.chosen, self._moment(rows[0]))
             forward = forward_model(geometry, self.accuracy, forward)
-            value = untouched(forward)
+            value = forward.transfer()
             if result is None:
                 result = np.empty((len(self.touches), *value.shape))
             result[rows] = value
@@ -214,7 +241,7 @@ class _Solver:
             for place, touch in pressed.groupby(["x_mm", "y_mm", "radius_mm"], sort=False):
                 contrast = touch["contrast"].to_numpy()
                 if contrast.any() and forward.meets(*place):
-                    result[touch.index] += change(forward.place(*place), contrast)
+                    result[touch.index] += forward.place(*place).transfer_change(contrast)
         return result
 
     def _skins(self) -> list[np.ndarray]:
