@@ -1,0 +1,1 @@
+"""What a simulation leaves out of a recording: where, what, how much."""

@@ -1,0 +1,306 @@
+"""The noise of a recording, from the recording alone.
+
+Two witnesses that no model of the skin enters, on combinations of channels that share no noise.
+The odd half of reciprocity: a passive, linear skin gives reciprocal channels one value, so their
+contrasts hold noise and what the instrument does, which is coherent over frames and is taken away.
+And repeats: the rest of the channels in untouched frames. Coherent modes are singular values above
+those of pure noise (Marchenko & Pastur 1967; largest: Johnstone, Ann. Statist. 29, 2001).
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.optimize import nnls
+from scipy.stats import chi2, f
+
+from eitskin.protocol import reciprocal_channels
+from eitskin.recording import Recording
+
+FLOOR = 1e-6  # of the median |v|
+ASSUMED = 1e-3  # of the median |v|, where nothing shows the noise
+MOST_LOST = 0.5  # of a channel's frames or a frame's channels, else it is left out
+TRACY_WIDOM = 2.0234  # 99 % quantile of the largest singular value squared, standardised
+ALPHA = 1e-3  # witnesses disagree, or a law is needed, below this probability
+LEAST_ROWS = 4  # fewer independent rows show no modes
+ROUNDS = 4
+FILLS, FILLED = 5, 0.02  # rounds a mode at most; the last changes less than this share
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviation `sd` (M,) of each channel in the recording's unit; `dof`: degrees of
+    freedom of its overall scale (squared); `source`: where it comes from, for a reader."""
+
+    sd: np.ndarray
+    dof: float
+    source: str
+
+
+@dataclass(frozen=True)
+class _Witness:
+    """Variances (C,) of combinations of channels, their degrees of freedom (C,) and squared
+    level (C,): the mean square of the channels' untouched values."""
+
+    variance: np.ndarray
+    dof: np.ndarray
+    level: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Readings (N, M) without gaps, which frames are untouched (N,), the odd and the other
+    combinations, the squared level and the filled share of each channel (M,)."""
+
+    values: np.ndarray
+    still: np.ndarray
+    odd: np.ndarray
+    even: np.ndarray
+    squared: np.ndarray
+    share: np.ndarray
+
+    def witnesses(self, law: np.ndarray) -> tuple[dict[str, _Witness], np.ndarray]:
+        """What the readings say and the law by it, from a first guess of the law."""
+        for _ in range(ROUNDS):
+            found = {}
+            if self.odd.shape[1]:
+                found["odd"] = self._witness(self.values, self.odd, law, self._touch_modes(law))
+            if self.still.sum() > 1:
+                found["repeats"] = self._witness(self.values[self.still], self.even, law)
+            if not found:
+                found["bulk"] = self._witness(self.values, self.even, law)
+            law = _law(list(found.values()))
+        return found, law
+
+    def _touch_modes(self, law: np.ndarray) -> np.ndarray:
+        """(N, K) orthonormal courses over the frames that the even half shows: the skin's, and so
+        those of whatever an instrument makes of its readings. At most half of the frames."""
+        scaled = (
+            self.values @ self.even / np.sqrt(law[0] + law[1] * (self.even**2).T @ self.squared)
+        )
+        left, sizes, _ = np.linalg.svd(scaled - scaled.mean(axis=0), full_matrices=False)
+        rank = _rank(sizes, (len(scaled) - 1, scaled.shape[1]))
+        return left[:, : min(rank, (len(scaled) - 1) // 2)]
+
+    def _witness(
+        self,
+        values: np.ndarray,
+        combinations: np.ndarray,
+        law: np.ndarray,
+        modes: np.ndarray | None = None,
+    ) -> _Witness:
+        """What is left of `combinations` (M, C) of values (N, M) less their mean over frames, the
+        courses `modes` (N, K) and coherent modes of their own."""
+        weight = combinations**2
+        level = weight.T @ self.squared
+        scale = np.sqrt(law[0] + law[1] * level)
+        known = np.ones((len(values), 1))
+        if modes is not None:
+            known = np.column_stack([known, modes])
+        complement = np.linalg.qr(known, mode="complete")[0][:, known.shape[1] :]
+        rows = complement.T @ (values @ combinations) / scale
+        left, sizes, right = np.linalg.svd(rows, full_matrices=False)
+        rank = _rank(sizes, rows.shape)
+        left_over = (left[:, rank:] * sizes[rank:]) @ right[rank:] * scale
+        dof = (len(rows) - rank) * (1.0 - rank / rows.shape[1]) * (1.0 - weight.T @ self.share)
+        return _Witness(np.sum(left_over**2, axis=0) / dof, dof, level)
+
+
+def estimate(recording: Recording) -> Noise:
+    """The noise of a recording with readings.
+
+    sd_k² = a² + b² v_k², v the mean untouched |value|, with b = 0 unless the readings ask for it.
+    """
+    absolute = recording.metadata["values"] == "absolute"
+    touch = recording.frames["touch"].to_numpy(bool)
+    voltage = recording.voltage
+    size = float(np.nanmedian(np.abs(voltage)))
+    level = np.zeros(voltage.shape[1])
+    if absolute:
+        lost = np.isnan(voltage[~touch]).all(axis=0)
+        level[~lost] = np.abs(np.nanmean(voltage[~touch][:, ~lost], axis=0))
+        level[lost] = np.median(level[~lost]) if not lost.all() else 0.0
+    usable, kept, filled, share = _filled(voltage)
+    signs = recording.metadata["voltage"] == "signed"
+    odd, even = parity(recording.channels[usable], signs)
+    squared = level[usable] ** 2
+    still = ~touch[kept]
+    if len(filled) < 2:
+        return _one_frame(filled, odd, size, len(level))
+    seen = _Seen(filled, still, odd, even, squared, share)
+    # Under a wrong law noisy channels look like modes: the start that leaves the most is right.
+    starts = [np.array([1.0, 0.0]), np.array([np.median(squared), 1.0])]
+    runs = [seen.witnesses(start) for start in (starts if squared.any() else starts[:1])]
+    witnesses, law = max(runs, key=lambda run: sum(w.dof.sum() for w in run[0].values()))
+    told, law, said = _combined(witnesses, law)
+    words = {
+        "odd": f"the odd half of {odd.shape[1]} reciprocal contrasts over {len(filled)} frames",
+        "repeats": f"{still.sum()} untouched frames",
+        "bulk": f"what is incoherent in {len(filled)} frames",
+    }
+    sd = np.sqrt(law[0] + law[1] * level**2)
+    source = " and ".join(words[name] for name in told) + said
+    source += "; it grows with the reading" if law[1] > 0 else "; alike in all channels"
+    floor = FLOOR * size
+    if (sd < floor).any():
+        sd = np.maximum(sd, floor)
+        source += f"; raised to {FLOOR:g} of the median reading, below which no noise is told"
+    return Noise(sd, float(sum(witnesses[name].dof.sum() for name in told)), source)
+
+
+def parity(channels: np.ndarray, signed: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    """Orthonormal combinations of channels (M, 4): odd (M, P), which a passive, linear skin leaves
+    at 0 whatever its state, and the rest (M, M - P).
+
+    Channels that reciprocity ties to one value (up to sign; all alike where not `signed`) give
+    their mean to the rest and their contrasts (Helmert) to the odd half.
+    """
+    pairs, signs = reciprocal_channels(channels)
+    count = len(channels)
+    group, sign = np.arange(count), np.ones(count)
+    for (first, second), turned in zip(pairs, signs, strict=True):
+        if group[first] != group[second]:
+            flip = turned * sign[first] * sign[second]
+            members = group == group[second]
+            sign[members] *= flip
+            group[members] = group[first]
+    if not signed:
+        sign[:] = 1.0
+    odd, even = [], []
+    for label in np.unique(group):
+        members = np.flatnonzero(group == label)
+        mean = np.zeros(count)
+        mean[members] = sign[members] / np.sqrt(len(members))
+        even.append(mean)
+        for k in range(1, len(members)):
+            contrast = np.zeros(count)
+            contrast[members[:k]] = sign[members[:k]]
+            contrast[members[k]] = -k * sign[members[k]]
+            odd.append(contrast / np.sqrt(k * (k + 1)))
+    return np.array(odd).reshape(-1, count).T, np.array(even).reshape(-1, count).T
+
+
+def _filled(voltage: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Channels and frames that are not mostly lost, their readings with the lost ones filled from
+    the coherent modes, and the share (M',) of each channel that was filled."""
+    lost = np.isnan(voltage)
+    usable = np.flatnonzero(lost.mean(axis=0) <= MOST_LOST)
+    if len(usable) == 0:
+        usable = np.flatnonzero(~lost.all(axis=0))
+    kept = np.flatnonzero(lost[:, usable].mean(axis=1) <= MOST_LOST)
+    values, gaps = voltage[np.ix_(kept, usable)], lost[np.ix_(kept, usable)]
+    empty = gaps.all(axis=0)
+    usable, values, gaps = usable[~empty], values[:, ~empty], gaps[:, ~empty]
+    if gaps.any():
+        mean = np.nanmean(values, axis=0)
+        values = np.where(gaps, mean, values)
+        # One mode more at a time: modes that the gaps themselves make are never fitted.
+        for rank in range(min(values.shape) - 1):
+            for _ in range(FILLS):
+                mean = values.mean(axis=0)
+                left, sizes, right = np.linalg.svd(values - mean, full_matrices=False)
+                fit = mean + (left[:, :rank] * sizes[:rank]) @ right[:rank]
+                change = np.sqrt(np.mean((fit - values)[gaps] ** 2))
+                values = np.where(gaps, fit, values)
+                if change <= FILLED * np.sqrt(np.mean((fit - values) ** 2)):
+                    break
+            if _rank(sizes, (len(values) - 1, values.shape[1])) <= rank:
+                break
+    return usable, kept, values, gaps.mean(axis=0)
+
+
+def _rank(sizes: np.ndarray, shape: tuple[int, int]) -> int:
+    """How many singular values, largest first, stand above those of white noise (rows, columns)
+    whose sd is that at which the median of the others is the Marchenko-Pastur median."""
+    rows, columns = shape
+    sizes = sizes[: min(shape)]
+    rank = 0
+    while len(sizes) - rank >= LEAST_ROWS and rank < len(sizes) // 2 + 1:
+        low, high = sorted((rows - rank, columns - rank))
+        variance = np.median(sizes[rank:]) ** 2 / (high * _marchenko_pastur_median(low / high))
+        root = np.sqrt(low - 0.5) + np.sqrt(high - 0.5)
+        spread = root * (1.0 / np.sqrt(low - 0.5) + 1.0 / np.sqrt(high - 0.5)) ** (1.0 / 3.0)
+        if sizes[rank] ** 2 <= variance * (root**2 + TRACY_WIDOM * spread):
+            break
+        rank += 1
+    return rank
+
+
+@lru_cache(maxsize=4096)
+def _marchenko_pastur_median(ratio: float) -> float:
+    """Median eigenvalue of X Xᵀ / n, X (p, n) of unit variance, ratio = p / n in (0, 1]."""
+    angle = np.linspace(0.0, np.pi, 4001)
+    value = 1.0 + ratio + 2.0 * np.sqrt(ratio) * np.cos(angle[::-1])
+    density = np.sin(angle) ** 2 / np.maximum(value, 1e-12)
+    mass = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
+    return float(np.interp(0.5 * mass[-1], mass, value))
+
+
+def _law(witnesses: list[_Witness]) -> np.ndarray:
+    """(a², b²) of sd² = a² + b² v² by maximum likelihood (Fisher scoring, not negative); b = 0
+    unless the likelihood ratio refuses it."""
+    variance, dof, level = (
+        np.concatenate([getattr(witness, key) for witness in witnesses])
+        for key in ("variance", "dof", "level")
+    )
+    constant = np.sum(dof * variance) / np.sum(dof)
+    if constant == 0.0 or level.max() == 0.0:
+        return np.array([constant or 1e-300, 0.0])
+    unit = np.mean(level)
+    terms = np.column_stack([np.ones(len(level)), level / unit])
+    found = np.array([constant, 0.0])
+    for _ in range(50):
+        predicted = terms @ found
+        weight = np.sqrt(dof) / predicted
+        found = nnls(terms * weight[:, None], variance * weight)[0]
+        found = np.maximum(found, 1e-9 * constant)
+    free = _deviance(terms @ found, variance, dof)
+    same = _deviance(np.full(len(level), constant), variance, dof)
+    if chi2.sf(same - free, 1) > ALPHA:
+        return np.array([constant, 0.0])
+    return found / np.array([1.0, unit])
+
+
+def _deviance(predicted: np.ndarray, variance: np.ndarray, dof: np.ndarray) -> float:
+    return float(np.sum(dof * (np.log(predicted) + variance / predicted)))
+
+
+def _combined(witnesses: dict[str, _Witness], law: np.ndarray) -> tuple[list[str], np.ndarray, str]:
+    """The witnesses that are believed, the law by them, and what to say of it."""
+    names = list(witnesses)
+    if len(names) == 1:
+        return names, law, ""
+    scale, dof = {}, {}
+    for name, witness in witnesses.items():
+        predicted = law[0] + law[1] * witness.level
+        dof[name] = witness.dof.sum()
+        scale[name] = np.sum(witness.dof * witness.variance / predicted) / dof[name]
+    larger, smaller = sorted(names, key=lambda name: -scale[name])
+    if scale[smaller] == 0.0:
+        return names, law, ""
+    ratio = scale[larger] / scale[smaller]
+    p_value = 2.0 * min(0.5, f.sf(ratio, dof[larger], dof[smaller]))
+    if p_value > ALPHA:
+        return names, law, f" agree (p = {p_value:.2g})"
+    other = {"odd": "the odd half of reciprocity", "repeats": "the untouched frames"}[larger]
+    said = f"; {other} would say {np.sqrt(ratio):.3g} times as much, so it holds more than noise"
+    return [smaller], _law([witnesses[smaller]]), said
+
+
+def _one_frame(filled: np.ndarray, odd: np.ndarray, size: float, count: int) -> Noise:
+    """Of one frame: the odd half by its median, which bounds the noise from above; else assumed."""
+    if odd.shape[1]:
+        spread = np.median(np.abs(filled[0] @ odd)) / 0.6745
+        source = (
+            f"the odd half of {odd.shape[1]} reciprocal contrasts in the only frame, an upper "
+            "bound: one frame cannot tell noise from what drive and measurement do differently"
+        )
+        # The median absolute deviation has 0.37 of the variance's efficiency.
+        sd, dof = max(spread, FLOOR * size), 0.37 * odd.shape[1]
+    else:
+        source = (
+            f"assumed, {ASSUMED:g} of the median reading: one frame without reciprocal pairs "
+            "shows no noise"
+        )
+        sd, dof = ASSUMED * size, 1.0
+    return Noise(np.full(count, sd), dof, source)
