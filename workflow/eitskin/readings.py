@@ -230,6 +230,8 @@ class _Solver:
         forward, result = self.near, None
         skins = self._skins()
         shown = self.progress and sys.stderr.isatty()
+        places = self.touches[["x_mm", "y_mm", "radius_mm"]].to_numpy()
+        contrast = self.touches["contrast"].to_numpy()
         for rows in tqdm(skins, unit="skin", disable=not shown):
             geometry = apply_skin(self.base, self.chosen, self._moment(rows[0]))
             forward = forward_model(geometry, self.accuracy, forward)
@@ -237,11 +239,10 @@ class _Solver:
             if result is None:
                 result = np.empty((len(self.touches), *value.shape))
             result[rows] = value
-            pressed = self.touches.iloc[rows[self.touched[rows]]]
-            for place, touch in pressed.groupby(["x_mm", "y_mm", "radius_mm"], sort=False):
-                contrast = touch["contrast"].to_numpy()
-                if contrast.any() and forward.meets(*place):
-                    result[touch.index] += forward.place(*place).transfer_change(contrast)
+            for place, at in _places(places[rows], self.touched[rows]):
+                force = contrast[rows[at]]
+                if force.any() and forward.meets(*place):
+                    result[rows[at]] += forward.place(*place).transfer_change(force)
         return result
 
     def _skins(self) -> list[np.ndarray]:
@@ -259,6 +260,14 @@ class _Solver:
         touch = self.touches.iloc[row]
         force = touch["force_N"] if self.touched[row] else 0.0
         return Moment(self.minutes[row], force, touch["x_mm"], touch["y_mm"])
+
+
+def _places(places: np.ndarray, touched: np.ndarray) -> list[tuple[tuple, list[int]]]:
+    """Places (x, y, radius) of touched rows, in order of appearance, with the rows of each."""
+    found: dict[tuple, list[int]] = {}
+    for row in np.flatnonzero(touched):
+        found.setdefault(tuple(places[row].tolist()), []).append(row)
+    return list(found.items())
 
 
 def _drives(channels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from eitskin.effects.effect import Frames, InstrumentEffect, Parameter, Setting
+from eitskin.skin import Skin
 
 
 class AdcNonlinearity(InstrumentEffect):
@@ -12,12 +13,17 @@ class AdcNonlinearity(InstrumentEffect):
     order = "converter"
     driver = "amplitude"
     parameters = {
-        "cubic": Parameter("1/V²", 0.0, -1e6, 1e6, scale=5.0, dense=False, optional=True),
+        "cubic": Parameter("1/V²", 0.0, -1e6, 1e6, scale=0.02, dense=False, optional=True),
         "limit_V": Parameter("V", None, 1e-9, 1e3, scale=0.1, dense=False, optional=True),
     }
     source = "third-order term and full scale of a converter's data sheet"
     mend = "lower the current until every channel stays within the converter's range"
     confusable = ("crosstalk",)
+
+    def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
+        """A bend, or a limit below the largest readings."""
+        largest = np.nanmax(np.abs(recorded_V))
+        return [{}, *({"cubic": 0.0, "limit_V": share * largest} for share in (0.98, 0.85))]
 
     def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:
         """Readings (N, M) of `voltage` (N, M)."""

@@ -13,6 +13,7 @@ class Anisotropy(SkinEffect):
         "ratio": Parameter("1", 1.0, 1.0, 10.0, scale=0.05, dense=False),
         "angle_deg": Parameter("°", 0.0, -360.0, 360.0, scale=90.0, dense=False),
     }
+    polar = ("ratio", "angle_deg", 2)
     source = "Lionheart 1997"
     mend = "cut the gel so that it was not drawn or cast in one direction"
     confusable = ("domain-shape", "ellipse")

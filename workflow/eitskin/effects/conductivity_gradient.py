@@ -15,6 +15,7 @@ class ConductivityGradient(SkinEffect):
         "relative_across": Parameter("1", 0.0, 0.0, 1.5, scale=0.05, dense=False),
         "angle_deg": Parameter("°", 0.0, -360.0, 360.0, scale=90.0, dense=False),
     }
+    polar = ("relative_across", "angle_deg", 1)
     source = "Lionheart 2004"
     mend = "level the skin while it sets, and keep it evenly moist"
 

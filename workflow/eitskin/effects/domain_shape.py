@@ -4,6 +4,7 @@ import numpy as np
 
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
+from eitskin.skin import Skin
 
 
 class DomainShape(SkinEffect):
@@ -15,13 +16,18 @@ class DomainShape(SkinEffect):
     name = "domain-shape"
     driver = "static"
     parameters = {
-        "harmonic": Parameter("1", None, 0, 16, dense=False),
+        "harmonic": Parameter("1", None, 0, 16, dense=False, whole=True),
         "amplitude": Parameter("1", 0.0, 0.0, 0.3, scale=0.02, dense=False),
         "phase_deg": Parameter("°", 0.0, -360.0, 360.0, scale=90.0, dense=False),
     }
+    polar = ("amplitude", "phase_deg", 1)
     source = "Nissinen, Kolehmainen, Kaipio 2011"
     mend = "measure the rim"
     confusable = ("anisotropy", "ellipse", "electrode-position")
+
+    def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
+        """Every harmonic that half as many electrodes can tell from another."""
+        return [{"harmonic": k} for k in range(len(skin.electrode_deg) // 2 + 1)]
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with this harmonic added to its rim."""

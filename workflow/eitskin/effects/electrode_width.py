@@ -2,6 +2,7 @@
 
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
+from eitskin.skin import Skin
 
 
 class ElectrodeWidth(SkinEffect):
@@ -14,6 +15,10 @@ class ElectrodeWidth(SkinEffect):
     source = "Boyle, Adler 2011"
     mend = "measure the width of electrode {site}"
     confusable = ("contact-impedance", "third-dimension")
+
+    def neutral(self, key: str, skin: Skin) -> float | None:
+        """The width believed."""
+        return skin.electrode_width_mm
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with widths replaced."""

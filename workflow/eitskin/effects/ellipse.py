@@ -16,6 +16,7 @@ class Ellipse(SkinEffect):
         "sx": Parameter("1", 1.0, 0.5, 2.0, scale=0.03, dense=False),
         "sy": Parameter("1", 1.0, 0.5, 2.0, scale=0.03, dense=False),
     }
+    composite = True
     source = "Touch with Insight, § II-D"
     mend = "measure the rim"
     confusable = ("domain-shape", "anisotropy", "electrode-position")

@@ -4,6 +4,7 @@ import numpy as np
 
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
+from eitskin.skin import Skin
 
 
 class ForceDependentImpedance(SkinEffect):
@@ -23,6 +24,10 @@ class ForceDependentImpedance(SkinEffect):
     source = "Touch with Insight, § II-D"
     mend = "re-seat electrode {site} so that pressing does not move it"
     confusable = ("force-dependent-gain",)
+
+    def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
+        """Everywhere alike, or within a range of the touch."""
+        return [{}, *({"range_mm": share * skin.radius_mm} for share in (0.2, 0.4, 0.8))]
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with contacts as the force has them; untouched, as they were."""

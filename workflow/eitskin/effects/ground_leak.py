@@ -18,7 +18,7 @@ class GroundLeak(WiringEffect):
     order = "leak"
     driver = "static"
     sites = ("electrodes",)
-    parameters = {"siemens": Parameter("S", 0.0, 0.0, 1.0, scale=1e-4)}
+    parameters = {"siemens": Parameter("S", 0.0, 0.0, 1.0, scale=0.02)}
     source = "Zhang, Li 2014"
     mend = "dry and insulate the lead of electrode {site}"
     confusable = ("offset",)

@@ -14,9 +14,10 @@ class MainsInterference(InstrumentEffect):
     driver = "time"
     parameters = {
         "frequency_Hz": Parameter("Hz", None, 1e-3, 1e6, scale=1.0, dense=False),
-        "volt": Parameter("V", 0.0, 0.0, 10.0, scale=1e-4, dense=False),
+        "volt": Parameter("V", 0.0, 0.0, 10.0, scale=0.02, dense=False),
         "phase_deg": Parameter("°", 0.0, -360.0, 360.0, scale=90.0, dense=False, optional=True),
     }
+    polar = ("volt", "phase_deg", 1)
     source = "a steady tone, sampled channel by channel"
     mend = "shield the leads, or let a frame last whole periods of the mains"
 

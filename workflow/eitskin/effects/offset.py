@@ -13,7 +13,7 @@ class Offset(InstrumentEffect):
     order = "offset"
     driver = "static"
     sites = ("measures", "channels")
-    parameters = {"volt": Parameter("V", 0.0, -10.0, 10.0, scale=1e-4)}
+    parameters = {"volt": Parameter("V", 0.0, -10.0, 10.0, scale=0.02)}
     source = "Hahn, Just, Dittmar, Hellige 2008"
     mend = "zero the amplifier at {site} with its inputs shorted"
     confusable = ("common-mode", "ground-leak")

@@ -1,8 +1,10 @@
 """A gel that gives way under a force that is held."""
 
+import numpy as np
 import pandas as pd
 
 from eitskin.effects.effect import Frames, Parameter, Setting, TouchEffect
+from eitskin.skin import Skin
 
 
 class Relaxation(TouchEffect):
@@ -18,6 +20,10 @@ class Relaxation(TouchEffect):
     source = "standard linear solid; Johnson 1985, § 6.5"
     mend = "read every frame equally long after the force is reached"
     confusable = ("hysteresis", "force-lag")
+
+    def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
+        """Time constants from that of a gel's skin to that of its bulk."""
+        return [{"tau_s": tau} for tau in (0.3, 1.0, 3.0, 10.0, 30.0)]
 
     def change(self, touches: pd.DataFrame, setting: Setting, frames: Frames) -> pd.DataFrame:
         """Touches, the force felt less what has relaxed."""

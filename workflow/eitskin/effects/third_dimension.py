@@ -1,7 +1,10 @@
 """A skin so thick, or a tank so deep, that current spreads in depth too."""
 
+import numpy as np
+
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
+from eitskin.skin import Skin
 
 
 class ThirdDimension(SkinEffect):
@@ -18,6 +21,12 @@ class ThirdDimension(SkinEffect):
     source = "Vauhkonen, Vauhkonen, Savolainen, Kaipio 1999"
     mend = "use electrodes that reach through the whole depth"
     confusable = ("electrode-width",)
+
+    def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
+        """The thickness given, else depths from that of a skin to that of a tank."""
+        if skin.thickness_mm is not None:
+            return [{}]
+        return [{"depth_mm": share * skin.radius_mm} for share in (0.1, 0.3, 1.0)]
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry as a body."""

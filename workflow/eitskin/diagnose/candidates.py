@@ -1,0 +1,197 @@
+"""What may have been left out: every effect of the catalogue at every site it may have.
+
+A candidate has coordinates that are 0 where it does nothing (or where its start has it) and 1 at
+a change of typical size: additive, logarithmic where a parameter stays above 0, Cartesian where
+two parameters are a size and an angle.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from eitskin.effects import EFFECTS
+from eitskin.effects.effect import Effect, Parameter, Setting
+from eitskin.skin import Skin
+
+OF_READINGS = {"V": 1.0, "1/V²": -2.0, "S": -1.0}
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Sizes that turn an effect's own scale into the recording's: median |v| and current."""
+
+    reading_V: float
+    current_A: float
+
+    def of(self, parameter: Parameter) -> float:
+        """A typical change of the parameter, in its unit; of its logarithm where low > 0."""
+        if parameter.unit == "S":
+            return parameter.scale * self.current_A / self.reading_V
+        power = OF_READINGS.get(parameter.unit, 0.0)
+        return parameter.scale * self.reading_V**power
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect at definite sites, its coordinates to be fitted.
+
+    scope: sparse (the sites, each with its value), dense (all sites, each its own), common (all
+    sites, one value). start: values of parameters without a neutral one, and of those held.
+    """
+
+    effect: Effect
+    kind: str | None
+    sites: tuple[int, ...] | None
+    scope: str
+    start: dict[str, float]
+    skin: Skin
+    scales: Scales
+    looks: int = 1
+    names: list[tuple[str, int | None]] = field(init=False)
+
+    def __post_init__(self):
+        object.__setattr__(self, "names", list(self._coordinates()))
+
+    @property
+    def name(self) -> str:
+        """The effect's name."""
+        return self.effect.name
+
+    @property
+    def size(self) -> int:
+        """How many coordinates there are."""
+        return len(self.names)
+
+    @property
+    def linear(self) -> np.ndarray:
+        """(size,): whether the coordinate changes readings at the neutral values; the others say
+        how, once it does."""
+        return np.array([key not in self.start for key, _ in self.names], dtype=bool)
+
+    @property
+    def key(self) -> tuple:
+        """What tells it from other candidates."""
+        return self.name, self.kind, self.sites, self.scope, tuple(sorted(self.start.items()))
+
+    def _coordinates(self):
+        for key, parameter in self.effect.parameters.items():
+            if parameter.whole or (self.effect.polar and key == self.effect.polar[1]):
+                continue
+            neutral = self.effect.neutral(key, self.skin)
+            if key in self.start:
+                if self.start[key] != neutral:
+                    yield key, None
+            elif neutral is not None:
+                if self.effect.polar and key == self.effect.polar[0]:
+                    yield key, 0
+                    yield key, 1
+                elif self.scope in ("sparse", "dense") and parameter.dense:
+                    for place in range(len(self.sites)):
+                        yield key, place
+                else:
+                    yield key, None
+
+    def setting(self, coordinates: np.ndarray) -> Setting:
+        """The effect at coordinates (size,), kept within its parameters' bounds."""
+        values: dict = {}
+        sites = None if self.sites is None else np.array(self.sites)
+        for key, parameter in self.effect.parameters.items():
+            neutral = self.start.get(key, self.effect.neutral(key, self.skin))
+            at = [i for i, (name, _) in enumerate(self.names) if name == key]
+            scale = self.scales.of(parameter)
+            moved = scale * np.asarray(coordinates)[at]
+            if not at:
+                if key not in values:
+                    values[key] = neutral
+            elif self.effect.polar and key == self.effect.polar[0]:
+                size, angle = np.hypot(*moved), np.arctan2(moved[1], moved[0])
+                value = neutral * np.exp(size) if parameter.low > 0 else neutral + size
+                values[key] = float(np.clip(value, parameter.low, parameter.high))
+                _, other, multiple = self.effect.polar
+                values[other] = float(np.degrees(angle) / multiple)
+            else:
+                value = neutral * np.exp(moved) if _logarithmic(parameter) else neutral + moved
+                value = np.clip(value, parameter.low, parameter.high)
+                per_site = self.scope in ("sparse", "dense") and parameter.dense
+                values[key] = value if per_site and sites is not None else float(value[0])
+        return Setting(self.effect, sites, values, self.kind)
+
+    def item(self, coordinates: np.ndarray) -> dict:
+        """The effect as the configuration writes it."""
+        setting = self.setting(coordinates)
+        item: dict = {"name": self.name}
+        if self.kind is not None and self.scope != "common":
+            item[self.kind] = [int(site) for site in self.sites]
+        values = {
+            key: np.asarray(value).tolist()
+            for key, value in setting.values.items()
+            if value is not None
+        }
+        if values:
+            item["parameters"] = values
+        return item
+
+
+def _logarithmic(parameter: Parameter) -> bool:
+    return parameter.low > 0
+
+
+# Sites that all have one value are another name's: a common gain is the conductivity's, a common
+# shift of angle the registration's.
+NOT_COMMON = ("drive-gain", "measurement-gain", "channel-gain", "electrode-position", "offset")
+
+
+def catalogue(
+    skin: Skin, recorded_V: np.ndarray, counts: dict[str, int], scales: Scales, floating: bool
+) -> list[Candidate]:
+    """Every candidate: single sites, pairs where an effect needs two, all alike, each its own.
+
+    recorded_V (N, M); counts: how many sites of each kind. Effects on the contacts of point
+    electrodes are left out. Single channels stand in their dense form alone: `channels` takes it
+    apart.
+    """
+    found = []
+    for effect in EFFECTS.values():
+        if effect.composite or (getattr(effect, "on_contacts", False) and not skin_has_width(skin)):
+            continue
+        for start in effect.starts(skin, recorded_V):
+            for kind, sites, scope in _sites(effect, counts, floating):
+                candidate = Candidate(effect, kind, sites, scope, start, skin, scales)
+                found.append(candidate)
+    looks: dict[str, int] = {}
+    for candidate in found:
+        looks[candidate.name] = looks.get(candidate.name, 0) + 1
+    return [
+        Candidate(c.effect, c.kind, c.sites, c.scope, c.start, skin, scales, looks[c.name])
+        for c in found
+    ]
+
+
+def skin_has_width(skin: Skin) -> bool:
+    """Whether the electrodes are believed to be more than points."""
+    return skin.electrode_width_mm > 0
+
+
+def _sites(effect: Effect, counts: dict[str, int], floating: bool):
+    if not effect.sites:
+        yield None, None, ""
+        return
+    if effect.site_number == 2 or (effect.name == "ground-leak" and floating):
+        n = counts[effect.sites[0]]
+        for i in range(n):
+            for j in range(i + 1, n):
+                yield effect.sites[0], (i, j), "sparse"
+        kinds = effect.sites[:1]
+    else:
+        kinds = effect.sites
+        for kind in kinds:
+            if kind != "channels":
+                for site in range(counts[kind]):
+                    yield kind, (site,), "sparse"
+    if not effect.parameters:
+        return
+    for kind in kinds:
+        everywhere = tuple(range(counts[kind]))
+        yield kind, everywhere, "dense"
+        if effect.name not in NOT_COMMON:
+            yield kind, everywhere, "common"

@@ -1,0 +1,183 @@
+"""Calibrations and effects fitted together: nonlinear least squares on whitened residuals."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.model import Model
+from eitskin.diagnose.whitening import Whitening
+from eitskin.effects.effect import Setting
+from eitskin.errors import InputError
+
+STEP = 1e-3
+MOST_ROUNDS = 30
+ENOUGH = 0.02  # of chi squared; intervals are 1
+HOPE = 2.0  # times the decrease that a linear model promises
+WIDE = 30.0  # sd of an effect's coordinate while it is fitted: a guard, no opinion
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is fitted: recorded readings (N, M), their simulator, their covariance."""
+
+    model: Model
+    recorded: np.ndarray
+    whitening: Whitening
+
+    def residual(self, theta: np.ndarray, effects: list[Candidate]) -> np.ndarray:
+        """(N, M) whitened recording minus simulation; InputError where the physics has none."""
+        knobs, chosen = self.split(theta, effects)
+        with np.errstate(invalid="ignore"):
+            return self.whitening(self.recorded - self.model.voltage(knobs, chosen))
+
+    def split(self, theta: np.ndarray, effects: list[Candidate]) -> tuple[np.ndarray, list]:
+        """Calibration coordinates (P,), and the effects' settings."""
+        start = len(self.model.calibrations)
+        knobs, settings = theta[:start], []
+        for candidate in effects:
+            settings.append(candidate.setting(theta[start : start + candidate.size]))
+            start += candidate.size
+        return knobs, settings
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A set of effects fitted: theta (P,) the calibrations' coordinates, then each effect's;
+    residual (N, M) whitened; jacobian (P, N, M), minus the residual's derivative."""
+
+    problem: Problem
+    effects: list[Candidate]
+    theta: np.ndarray
+    residual: np.ndarray
+    jacobian: np.ndarray
+    chi2: float = field(init=False)
+
+    def __post_init__(self):
+        object.__setattr__(self, "chi2", float((self.residual**2).sum()))
+
+    @property
+    def prior(self) -> np.ndarray:
+        """(P,): the prior's precision of each coordinate."""
+        return _prior(self.problem, len(self.theta))
+
+    @property
+    def information(self) -> np.ndarray:
+        """(P, P): the data's, without the prior's."""
+        flat = self.jacobian.reshape(len(self.theta), -1)
+        return flat @ flat.T
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(P, P) of theta."""
+        return np.linalg.inv(self.information + np.diag(self.prior))
+
+    def place(self, index: int) -> slice:
+        """Where the coordinates of effect `index` stand in theta."""
+        start = len(self.problem.model.calibrations)
+        start += sum(candidate.size for candidate in self.effects[:index])
+        return slice(start, start + self.effects[index].size)
+
+    def settings(self) -> list[Setting]:
+        """The effects at their fitted values."""
+        return self.problem.split(self.theta, self.effects)[1]
+
+    def voltage(self) -> np.ndarray:
+        """(N, M): what the fit has for the recording."""
+        knobs, chosen = self.problem.split(self.theta, self.effects)
+        return self.problem.model.voltage(knobs, chosen)
+
+
+def _prior(problem: Problem, size: int) -> np.ndarray:
+    knobs = len(problem.model.calibrations)
+    return np.r_[np.ones(knobs), np.full(size - knobs, WIDE**-2)]
+
+
+def derivative(
+    problem: Problem, theta: np.ndarray, effects: list[Candidate], residual: np.ndarray, index: int
+) -> np.ndarray:
+    """(N, M): minus the residual's derivative by coordinate `index`, by a forward difference."""
+    moved = theta.copy()
+    moved[index] += STEP
+    try:
+        return (residual - problem.residual(moved, effects)) / STEP
+    except InputError:
+        moved[index] -= 2 * STEP
+        return (problem.residual(moved, effects) - residual) / STEP
+
+
+def fit(
+    problem: Problem,
+    effects: list[Candidate],
+    start: np.ndarray,
+    jacobian: np.ndarray | None = None,
+    polish: bool = False,
+    enough: float = np.inf,
+) -> Fit:
+    """Levenberg (1944) and Marquardt's (1963) method, the Jacobian kept up by Broyden's (1965).
+
+    start (P,); jacobian (P, N, M) at the start, where it is known, NaN columns where it is not;
+    polish: end with a fresh Jacobian; enough: give up where no cost below it is in sight. A step into physics that has no solution is refused like
+    one that does not help.
+    """
+    theta, prior = np.array(start, float), _prior(problem, len(start))
+    residual = problem.residual(theta, effects)
+    fresh = jacobian is None
+    if jacobian is None:
+        jacobian = np.full((len(theta), *residual.shape), np.nan)
+    jacobian = _filled(problem, theta, effects, residual, np.array(jacobian))
+    cost = (residual**2).sum() + prior @ theta**2
+    damping, failed = 1e-6, 0
+    for _ in range(MOST_ROUNDS):
+        flat = jacobian.reshape(len(theta), -1)
+        information = flat @ flat.T + np.diag(prior)
+        slope = flat @ residual.ravel() - prior * theta
+        lift = np.diag(damping * np.maximum(np.diag(information), 1e-12))
+        step = np.linalg.solve(information + lift, slope)
+        expected = float(2 * step @ slope - step @ information @ step)
+        if cost - HOPE * max(expected, 0.0) > enough:
+            break
+        if expected < ENOUGH:
+            if fresh or expected < 0 or failed == 0:
+                break
+            jacobian = _fresh(problem, theta, effects, residual)
+            fresh, failed = True, 0
+            continue
+        step = np.clip(step, -3.0, 3.0)
+        try:
+            moved = problem.residual(theta + step, effects)
+        except InputError:
+            moved = np.full_like(residual, np.inf)
+        new_cost = (moved**2).sum() + prior @ (theta + step) ** 2
+        if new_cost < cost:
+            change = (residual - moved) - np.tensordot(step, jacobian, 1)
+            jacobian = jacobian + np.multiply.outer(step / (step @ step), change)
+            useful = cost - new_cost > 0.25 * expected
+            theta, residual, cost = theta + step, moved, new_cost
+            damping = damping * (0.1 if useful else 3.0)
+            fresh, failed = False, 0 if useful else failed + 1
+        else:
+            failed += 1
+            if fresh:
+                damping = max(damping * 30.0, 1e-3)
+                if damping > 1e6:
+                    break
+            else:
+                jacobian = _fresh(problem, theta, effects, residual)
+                fresh = True
+    if polish and not fresh:
+        jacobian = _fresh(problem, theta, effects, residual)
+    return Fit(problem, list(effects), theta, residual, jacobian)
+
+
+def _fresh(problem, theta, effects, residual) -> np.ndarray:
+    return np.array(
+        [derivative(problem, theta, effects, residual, i) for i in range(len(theta))]
+    ).reshape(len(theta), *residual.shape)
+
+
+def _filled(problem, theta, effects, residual, jacobian) -> np.ndarray:
+    """The Jacobian, its unknown columns by differences."""
+    for i in np.flatnonzero(np.isnan(jacobian).any(axis=(1, 2))):
+        jacobian[i] = derivative(problem, theta, effects, residual, i)
+    return jacobian

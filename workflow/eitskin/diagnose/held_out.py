@@ -1,0 +1,78 @@
+"""Frames that a fit has not seen: whole presses left out, their predictive density."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eitskin.diagnose.fit import Fit
+
+FOLDS = 5
+
+
+def folds(touched: np.ndarray, press: np.ndarray, seed: int) -> np.ndarray:
+    """(N,): the fold of each frame. Whole presses stay together, untouched frames go with the
+    press that follows; without presses, folds are stretches of time."""
+    count = int(press.max(initial=-1)) + 1
+    if count < 2:
+        return np.arange(len(press)) * FOLDS // len(press)
+    order = np.random.default_rng(seed).permutation(count)
+    of_press = np.empty(count, int)
+    of_press[order] = np.arange(count) % FOLDS
+    following = np.full(len(press), -1)
+    latest = -1
+    for row in range(len(press) - 1, -1, -1):
+        latest = press[row] if touched[row] and press[row] >= 0 else latest
+        following[row] = latest
+    following[following < 0] = press.max()
+    found = of_press[following]
+    first = np.flatnonzero(touched)[0]
+    found[:first] = np.arange(first) % FOLDS
+    return found
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """What frames cost when they are left out: chi2 (N,) and log density (N,) in nats, up to a
+    constant; readings: how many there are."""
+
+    chi2: np.ndarray
+    density: np.ndarray
+    readings: int
+
+    @property
+    def chi2_per_dof(self) -> float:
+        """Chi squared over the readings."""
+        return float(self.chi2.sum() / max(self.readings, 1))
+
+    def gain(self, other: "HeldOut") -> tuple[float, float]:
+        """Log density above `other`'s and its standard error over frames."""
+        difference = self.density - other.density
+        error = np.sqrt(len(difference)) * difference.std(ddof=1) if len(difference) > 1 else np.inf
+        return float(difference.sum()), float(error)
+
+
+def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
+    """Every frame predicted from the folds (N,) it does not belong to, to first order about the
+    fit; the coordinates' own uncertainty is in the density."""
+    size = len(fit.theta)
+    residual, jacobian = fit.residual, fit.jacobian
+    total = fit.information + np.diag(fit.prior)
+    density, chi2 = np.zeros(len(residual)), np.zeros(len(residual))
+    for b in np.unique(fold):
+        rows = fold == b
+        own = jacobian[:, rows].reshape(size, -1)
+        rest = np.linalg.inv(total - own @ own.T + 1e-12 * np.diag(np.diag(total)))
+        error = residual[rows] + np.tensordot(
+            rest @ (own @ residual[rows].ravel()), jacobian[:, rows], 1
+        )
+        root = np.linalg.cholesky(0.5 * (rest + rest.T) + 1e-15 * np.eye(size))
+        spread = np.einsum("pq,pnm->qnm", root, jacobian[:, rows])
+        chi2[rows] = (error**2).sum(axis=1)
+        gram = np.einsum("pnm,qnm->npq", spread, spread) + np.eye(size)
+        slope = np.einsum("pnm,nm->np", spread, error)
+        solved = np.linalg.solve(gram, slope[..., None])[..., 0]
+        density[rows] = -0.5 * (
+            chi2[rows] - (slope * solved).sum(axis=1) + np.linalg.slogdet(gram)[1]
+        )
+    readings = int(fit.problem.whitening.mask.sum())
+    return HeldOut(chi2, density, readings)

@@ -1,0 +1,200 @@
+"""A recording's simulator: beliefs, calibrations and effects in, readings as recorded out."""
+
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from eitskin import alignment, recording
+from eitskin.depth import forward_model
+from eitskin.effects.effect import Setting
+from eitskin.geometry import Geometry
+from eitskin.readings import Sensed, of_stage, read, sense
+from eitskin.recording import Recording
+from eitskin.skin import Skin
+
+KEPT = 96
+CURRENT_A = 1e-3  # where nobody knows it; the factor is calibrated then
+# Where fits start from, and the prior's sd of the logarithm, of what nobody knows.
+UNKNOWN = {
+    "radius_mm": (80.0, 0.5),
+    "thickness_mm": (3.0, 1.0),
+    "contact_impedivity_ohm_m2": (2e-3, 3.0),
+    "contrast_per_N": (0.5, 2.0),
+}
+CONDUCTIVITY = (0.5, 0.2)
+FACTOR_SD = 10.0
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """One value that is fitted and never an effect: start, and the prior's sd about it.
+
+    log: fitted by its logarithm, whose sd it is.
+    """
+
+    name: str
+    unit: str
+    start: float
+    sd: float
+    log: bool = True
+
+    def value(self, coordinate: float) -> float:
+        """The value at a coordinate, 0 being the start, 1 one sd away."""
+        if self.log:
+            return self.start * float(np.exp(self.sd * coordinate))
+        return self.start + self.sd * coordinate
+
+
+class Model:
+    """Readings (N, M) of the frames of one recording, in its own form and unit, by `voltage`.
+
+    `states` are another query's frames; the recording's by default. Frames whose touch is not
+    known well enough to be simulated are not `known` (N,).
+    """
+
+    def __init__(self, recorded: Recording, query: Recording | None = None):
+        frames = recorded if query is None else query
+        metadata = recorded.metadata
+        self.channels = recorded.channels
+        self.touched = frames.frames["touch"].to_numpy(bool)
+        self.difference = metadata["values"] == "difference"
+        self.magnitude = metadata["voltage"] == "magnitude"
+        self.unit = metadata["unit"]
+        self.frame_s = metadata["frame_s"]
+        self.sink_grounded = metadata["source_reference"] == "sink-grounded"
+        self.press = recording.presses(frames)
+        self.force_max_N = float(np.nanmax(recorded.frames["force_N"].fillna(0.0).to_numpy()))
+        self.states = _states(frames.frames)
+        self.known = ~self.touched | self.states.notna().all(axis=1).to_numpy()
+        self.states.loc[~self.known, "touch"] = False
+        self.believed, self.calibrations = _beliefs(recorded)
+        self._sensed: OrderedDict[tuple, Sensed] = OrderedDict()
+        self._near = None
+
+    def calibrated(self, coordinates: np.ndarray) -> dict[str, float]:
+        """Values of the calibrations at coordinates (P,)."""
+        return {c.name: c.value(u) for c, u in zip(self.calibrations, coordinates, strict=True)}
+
+    def skin(self, coordinates: np.ndarray) -> Skin:
+        """The skin at coordinates (P,) of the calibrations."""
+        values = self.calibrated(coordinates)
+        known = {k: v for k, v in values.items() if hasattr(self.believed, k)}
+        if "electrode_rotation_deg" in values:
+            turned = np.array(self.believed.electrode_deg) + values["electrode_rotation_deg"]
+            known["electrode_deg"] = tuple(turned.tolist())
+        return replace(self.believed, **known)
+
+    def voltage(self, coordinates: np.ndarray, chosen: list[Setting]) -> np.ndarray:
+        """(N, M) at coordinates (P,) of the calibrations, with effects at definite values."""
+        values = self.calibrated(coordinates)
+        skin = self.skin(coordinates)
+        current = 1.0 if self.unit == "ohm" else skin.current_A
+        sensed = self._sense(coordinates, skin, chosen, True)
+        signed = read(sensed, current, chosen, self.sink_grounded)
+        if self.difference:
+            untouched = read(
+                self._sense(coordinates, skin, chosen, False), current, chosen, self.sink_grounded
+            )
+            signed = signed - untouched
+            if self.magnitude:
+                signed = signed * np.sign(untouched)
+        elif self.magnitude:
+            signed = np.abs(signed)
+        return values.get("factor", 1.0) * signed
+
+    def _sense(
+        self, coordinates: np.ndarray, skin: Skin, chosen: list[Setting], touched: bool
+    ) -> Sensed:
+        stages = [s for stage in ("touch", "skin", "clock") for s in of_stage(chosen, stage)]
+        key = (touched, *np.asarray(coordinates).tolist(), *map(_key, stages))
+        if key in self._sensed:
+            self._sensed.move_to_end(key)
+            return self._sensed[key]
+        states = self.states if touched else self.states.assign(touch=False)
+        states = _aligned(states, self.calibrated(coordinates))
+        if self._near is None:
+            self._near = forward_model(Geometry.from_skin(skin), "diagnose")
+        sensed = sense(
+            states,
+            self.press,
+            skin,
+            self.channels,
+            stages,
+            frame_s=self.frame_s,
+            force_max_N=self.force_max_N,
+            near=self._near,
+        )
+        self._sensed[key] = sensed
+        while len(self._sensed) > KEPT:
+            self._sensed.popitem(last=False)
+        return sensed
+
+
+def _key(setting: Setting) -> tuple:
+    values = tuple(
+        (k, None if v is None else np.asarray(v).tobytes()) for k, v in setting.values.items()
+    )
+    sites = None if setting.sites is None else setting.sites.tobytes()
+    return setting.effect.name, setting.kind, sites, values
+
+
+def _states(frames: pd.DataFrame) -> pd.DataFrame:
+    """Columns that a simulation needs; force 0 and the rest NaN where untouched."""
+    columns = ["time_s", "touch", "x_mm", "y_mm", "force_N", "probe_mm"]
+    states = frames[columns].copy()
+    untouched = ~states["touch"].to_numpy(bool)
+    states.loc[untouched, "force_N"] = 0.0
+    return states.astype({c: float for c in columns if c != "touch"})
+
+
+def _beliefs(recorded: Recording) -> tuple[Skin, list[Calibration]]:
+    """The skin with a start for what is unknown, and what is calibrated."""
+    skin, metadata = recorded.skin, recorded.metadata
+    n = recorded.n_electrodes
+    start, sd = CONDUCTIVITY
+    found = [Calibration("conductivity_S_per_m", "S/m", skin.conductivity_S_per_m or start, sd)]
+    values = {"conductivity_S_per_m": found[0].start}
+    for key, (value, width) in UNKNOWN.items():
+        if getattr(skin, key) is None:
+            unit = {"radius_mm": "mm", "thickness_mm": "mm", "contrast_per_N": "1/N"}
+            values[key] = value
+            unneeded = key == "contact_impedivity_ohm_m2" and skin.electrode_width_mm == 0
+            if not unneeded and not (key == "contrast_per_N" and not recorded.frames.touch.any()):
+                found.append(Calibration(key, unit.get(key, "Ω·m²"), value, width))
+    radius = skin.radius_mm or values["radius_mm"]
+    if skin.electrode_deg is None:
+        values["electrode_deg"] = tuple((np.arange(n) * 360.0 / n).tolist())
+        found.append(Calibration("electrode_rotation_deg", "°", 0.0, 180.0 / n, log=False))
+    if skin.electrode_width_mm is None:
+        values["electrode_width_mm"] = 0.5 * np.pi * radius / n
+        found.append(Calibration("electrode_width_mm", "mm", values["electrode_width_mm"], 0.3))
+    if skin.current_A is None:
+        values["current_A"] = CURRENT_A
+        if metadata["unit"] == "V":
+            found.append(Calibration("current_A", "A", CURRENT_A, FACTOR_SD))
+    if metadata["unit"] == "arbitrary":
+        found.append(Calibration("factor", "1", 1.0, FACTOR_SD))
+    if metadata["position_frame"] == "robot" and recorded.frames.touch.any():
+        similarity = alignment.fit(recorded)
+        scale = similarity.scale * (1.0 if skin.radius_mm else radius)
+        shift = np.array(similarity.shift) * (1.0 if skin.radius_mm else radius)
+        found += [
+            Calibration("robot_scale", "1", -scale if similarity.mirrored else scale, 0.1),
+            Calibration("robot_rotation_deg", "°", similarity.rotation_deg, 10.0, log=False),
+            Calibration("robot_x_mm", "mm", float(shift[0]), 0.1 * radius, log=False),
+            Calibration("robot_y_mm", "mm", float(shift[1]), 0.1 * radius, log=False),
+        ]
+    return replace(skin, **values), found
+
+
+def _aligned(states: pd.DataFrame, values: dict[str, float]) -> pd.DataFrame:
+    """States in the skin's frame, where they were the robot's."""
+    if "robot_scale" not in values:
+        return states
+    scale = values["robot_scale"]
+    robot = states["x_mm"].to_numpy() + 1j * np.sign(scale) * states["y_mm"].to_numpy()
+    turn = abs(scale) * np.exp(1j * np.radians(values["robot_rotation_deg"]))
+    skin = turn * robot + complex(values["robot_x_mm"], values["robot_y_mm"])
+    return states.assign(x_mm=skin.real, y_mm=skin.imag)

@@ -1,0 +1,169 @@
+"""Score tests of every candidate, and how surprising the best of so many would be by chance."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtrc
+
+from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.tangents import Tangents
+
+NULL_DRAWS = 40_000
+BATCH = 4_000
+AMPLITUDES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # prior sd of a coordinate, the best of them taken
+MOST_SITES = 5
+
+
+def log_evidence(slope: np.ndarray, information: np.ndarray) -> float:
+    """Log evidence, relative to none, of coordinates with a normal prior about 0 whose likelihood's
+    score is `slope` (k,) and information (k, k); the prior's sd is the best of AMPLITUDES.
+    """
+    if not len(slope):
+        return -np.inf
+    return max(_evidence(slope, information, amplitude) for amplitude in AMPLITUDES) - np.log(
+        len(AMPLITUDES)
+    )
+
+
+def _evidence(slope: np.ndarray, information: np.ndarray, amplitude: float) -> float:
+    spread = np.eye(len(slope)) + amplitude**2 * information
+    gain = 0.5 * slope @ np.linalg.solve(information + np.eye(len(slope)) / amplitude**2, slope)
+    return float(gain - 0.5 * np.linalg.slogdet(spread)[1])
+
+
+@dataclass(frozen=True)
+class Score:
+    """A candidate's score test: `gain` of chi squared and degrees of freedom, p-value, and the
+    linear log evidence with the prior over sites."""
+
+    candidate: Candidate
+    gain: float
+    dof: int
+    p_value: float
+    log_evidence: float
+
+
+def score(tangents: Tangents, candidate: Candidate) -> Score | None:
+    """Rao's (1948) score test of one candidate; None where it changes nothing to first order."""
+    columns = tangents.of(candidate)
+    if not len(columns):
+        return None
+    slope, information = columns @ tangents.residual, columns @ columns.T
+    size, turn = np.linalg.eigh(information)
+    kept = size > 1e-9 * size[-1]
+    gain = float(((slope @ turn[:, kept]) ** 2 / size[kept]).sum())
+    dof = int(kept.sum())
+    evidence = log_evidence(slope, information) - np.log(candidate.looks)
+    return Score(candidate, gain, dof, float(chdtrc(dof, gain)), evidence)
+
+
+def subset(tangents: Tangents, dense: Candidate) -> Candidate | None:
+    """The sparse candidate of two or more sites that a forward selection finds among the sites of a
+    dense one: as long as the evidence, with the prior over subsets, grows."""
+    singles = [tangents.of(_sparse(dense, (site,))) for site in dense.sites]
+    usable = [i for i, column in enumerate(singles) if len(column) == 1]
+    if len(usable) < 3:
+        return None
+    columns = np.concatenate([singles[i] for i in usable])
+    slope, information = columns @ tangents.residual, columns @ columns.T
+    chosen: list[int] = []
+    best = -np.inf
+    while len(chosen) < min(MOST_SITES, len(usable) - 1):
+        trials = [
+            (_subset_evidence(slope, information, [*chosen, i], len(usable)), i)
+            for i in range(len(usable))
+            if i not in chosen
+        ]
+        evidence, i = max(trials)
+        if evidence <= best:
+            break
+        best = evidence
+        chosen.append(i)
+    if len(chosen) < 2:
+        return None
+    return _sparse(dense, tuple(sorted(dense.sites[usable[i]] for i in chosen)))
+
+
+def _subset_evidence(slope, information, chosen: list[int], count: int) -> float:
+    at = np.array(chosen)
+    ways = np.log([(count - i) / (i + 1) for i in range(len(chosen))]).sum()
+    return log_evidence(slope[at], information[np.ix_(at, at)]) - ways
+
+
+def _sparse(dense: Candidate, sites: tuple[int, ...]) -> Candidate:
+    count = len(dense.sites)
+    ways = np.exp(np.log([(count - i) / (i + 1) for i in range(len(sites))]).sum())
+    return Candidate(
+        dense.effect,
+        dense.kind,
+        sites,
+        "sparse",
+        dense.start,
+        dense.skin,
+        dense.scales,
+        int(round(ways)),
+    )
+
+
+@dataclass(frozen=True)
+class Null:
+    """The least p-value of the whole catalogue where nothing is missing, by simulation.
+
+    least (draws,), sorted: of the candidates' score tests on whitened noise through their own
+    tangents; free: how many further independent looks there are.
+    """
+
+    least: np.ndarray
+    free: int
+
+    def p_value(self, p: float) -> float:
+        """How often chance alone gives a least p-value of p or less; never under 1 / (draws + 1)."""
+        below = np.searchsorted(self.least, p, side="right")
+        share = (1.0 + below) / (1.0 + len(self.least))
+        return float(1.0 - (1.0 - share) * (1.0 - min(p, 1.0)) ** self.free)
+
+
+def null(tangents: Tangents, candidates: list[Candidate], free: int, seed: int) -> Null:
+    """Draw NULL_DRAWS recordings without any effect, as far as the score tests see them."""
+    groups, columns, at = [], [], {}
+    rng = np.random.default_rng(seed)
+    mark = rng.standard_normal(tangents.residual.size)  # one number tells a column from another
+    for candidate in candidates:
+        own = tangents.of(candidate)
+        if not len(own):
+            continue
+        place = []
+        for column, key in zip(own, own @ mark, strict=True):
+            if key not in at:
+                at[key] = len(columns)
+                columns.append(column / np.linalg.norm(column))
+            place.append(at[key])
+        groups.append(np.array(place))
+    if not groups:
+        return Null(np.ones(1), free)
+    bank = np.array(columns)
+    size, turn = np.linalg.eigh(bank @ bank.T)
+    root = (turn * np.sqrt(np.maximum(size, 0.0))).astype(np.float32)
+    root[np.abs(root) < np.finfo(np.float32).eps] = 0.0  # denormal numbers take a hundredfold time
+    gram = (turn * np.maximum(size, 0.0)) @ turn.T
+    whiten = []
+    for group in groups:
+        if len(group) > 1:
+            value, vector = np.linalg.eigh(gram[np.ix_(group, group)])
+            kept = value > 1e-9 * value[-1]
+            whiten.append((group, (vector[:, kept] / np.sqrt(value[kept])).astype(np.float32)))
+    least = []
+    for _ in range(NULL_DRAWS // BATCH):
+        normal = rng.standard_normal((BATCH, len(bank)), dtype=np.float32) @ root.T
+        worst = chdtrc(1, (normal**2).max(axis=1))
+        for group, turned in whiten:
+            gain = ((normal[:, group] @ turned) ** 2).sum(axis=1)
+            worst = np.minimum(worst, _tail(turned.shape[1], gain))
+        least.append(worst)
+    return Null(np.sort(np.concatenate(least)), free)
+
+
+def _tail(dof: int, gain: np.ndarray) -> np.ndarray:
+    """chi2_dof's upper tail, off a table: the function itself takes microseconds a value."""
+    grid = np.linspace(0.0, dof + 60.0 + 12.0 * np.sqrt(dof), 3000)
+    return np.exp(np.interp(gain, grid, np.log(chdtrc(dof, grid))))

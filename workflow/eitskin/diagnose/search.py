@@ -1,0 +1,381 @@
+"""The smallest set of effects that explains a recording: forward, backward, and rivals in place.
+
+Score tests screen every candidate; the best of every name are fitted on the nonlinear model,
+jointly with all that is there. An effect enters if chance alone gives so good a score, over all
+that is looked at, less than once in a thousand recordings, and if held-out frames are better
+predicted by more than two standard errors. After every step each effect must stand against its
+own absence; at the end against every other name in its place.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.special import chdtrc
+
+from eitskin.diagnose import channels, tones
+from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.fit import Fit, Problem, fit
+from eitskin.diagnose.held_out import HeldOut, held_out
+from eitskin.diagnose.screen import AMPLITUDES, Null, Score, null, score, subset
+from eitskin.diagnose.tangents import Tangents
+from eitskin.effects import EFFECTS
+from eitskin.errors import InputError
+
+SIGNIFICANT = 1e-3
+STANDARD_ERRORS = 2.0
+MOST_EFFECTS = 6
+LEAST_EVIDENCE = 3.0  # nats by which an effect must raise the evidence
+WITHIN = 20.0  # nats of linear evidence below the best, or this share of its gain ...
+SHARE = 0.3
+MOST_NAMES = 12
+RACE = 10.0  # nats behind the best trial at which another is given up
+SEVERAL = ("domain-shape",)  # one entry each: harmonics
+
+
+@dataclass
+class State:
+    """A set of effects fitted, with what it predicts for frames left out."""
+
+    fit: Fit
+    fold: np.ndarray
+    log_evidence: float
+    p_values: dict[tuple, float] = field(default_factory=dict)
+
+    @cached_property
+    def held_out(self) -> HeldOut:
+        """What it predicts for frames left out."""
+        return held_out(self.fit, self.fold)
+
+    @property
+    def effects(self) -> list[Candidate]:
+        """The effects, in the order in which they came in."""
+        return self.fit.effects
+
+
+@dataclass
+class Search:
+    """One recording's search. `path`: what was done, a row a step; report: called with words."""
+
+    problem: Problem
+    candidates: list[Candidate]
+    fold: np.ndarray
+    seed: int
+    report: Callable[[str], None]
+    path: list[dict] = field(default_factory=list)
+    null: Null | None = None
+    tangents: dict[tuple, Tangents] = field(default_factory=dict)
+    trials: dict[tuple, list[State]] = field(default_factory=dict)
+
+    def state(self, fitted: Fit, p_values: dict | None = None) -> State:
+        """A fit with its evidence and held-out density."""
+        return State(fitted, self.fold, set_evidence(fitted), dict(p_values or {}))
+
+    def calibrated(self) -> State:
+        """The owner's beliefs with their calibrations fitted, no effect."""
+        start = np.zeros(len(self.problem.model.calibrations))
+        best = fit(self.problem, [], start, polish=True)
+        for i, calibration in enumerate(self.problem.model.calibrations):
+            if calibration.name in ("contact_impedivity_ohm_m2", "contrast_per_N", "robot_scale"):
+                for shift in (-1.0, 1.0):
+                    other = start.copy()
+                    other[i] = shift
+                    try:
+                        trial = fit(self.problem, [], other, polish=True)
+                    except InputError:
+                        continue
+                    if trial.chi2 < best.chi2 - 1.0:
+                        best = trial
+        return self.state(best)
+
+    def run(self) -> tuple[State, State]:
+        """The state before and the state found."""
+        before = state = self.calibrated()
+        self._step("calibrate", None, state, None)
+        while len(state.effects) < MOST_EFFECTS:
+            better = self._add(state)
+            if better is None:
+                break
+            state = self._drop(better)
+        return before, self._stand(state)
+
+    def linearised(self, state: State) -> Tangents:
+        """Tangents about a state, kept."""
+        key = tuple(c.key for c in state.effects)
+        if key not in self.tangents:
+            self.tangents[key] = Tangents(state.fit)
+        return self.tangents[key]
+
+    def scores(self, state: State) -> list[Score]:
+        """Every candidate's score about a state, the best evidence first."""
+        tangents = self.linearised(state)
+        taken = {c.key for c in state.effects}
+        found = []
+        for candidate in self.candidates:
+            if candidate.key in taken:
+                continue
+            if _of_channels(candidate):
+                if candidate.scope == "dense":
+                    found += channels.scores(tangents, candidate)
+            elif candidate.name == "mains-interference":
+                found.append(
+                    tones.score(tangents, candidate.effect, candidate.skin, candidate.scales)
+                )
+            elif discrete(candidate):
+                found.append(self._tried(tangents, candidate))
+            else:
+                found.append(score(tangents, candidate))
+                if candidate.scope == "dense":
+                    few = subset(tangents, candidate)
+                    found.append(few and score(tangents, few))
+        found = [s for s in found if s is not None]
+        if self.null is None:
+            linear = [
+                c
+                for c in self.candidates
+                if not (_of_channels(c) or discrete(c) or c.name == "mains-interference")
+            ]
+            free = sum(discrete(c) for c in self.candidates)
+            free += 2 * len(self.problem.whitening.sd)
+            self.report("drawing recordings in which nothing is missing")
+            self.null = null(tangents, linear, free, self.seed)
+        return sorted(found, key=lambda s: -s.log_evidence)
+
+    def _tried(self, tangents: Tangents, candidate: Candidate) -> Score | None:
+        """A candidate without tangents, by trying it: the calibrations follow to first order."""
+        try:
+            moved = self.problem.model.voltage(
+                tangents.knobs, [*tangents.chosen, candidate.setting(np.zeros(candidate.size))]
+            )
+        except InputError:
+            return None
+        change = tangents.away(self.problem.whitening(moved - tangents.voltage).ravel())
+        length = float(change @ change)
+        if length == 0.0:
+            return None
+        gain = 2.0 * float(change @ tangents.residual) - length
+        surprise = float(change @ tangents.residual) ** 2 / length
+        p = float(chdtrc(1, surprise)) if gain > 0 else 1.0
+        return Score(candidate, gain, 1, p, 0.5 * gain - np.log(candidate.looks))
+
+    def _add(self, state: State) -> State | None:
+        """The state with one more effect, None where none is warranted."""
+        scores = self.scores(state)
+        if not scores:
+            return None
+        p_value = self.null.p_value(min(s.p_value for s in scores))
+        self.report(
+            f"{len(state.effects)} effects, chi2/dof {_per_dof(state):.3f}: best score "
+            f"{scores[0].candidate.name}, p = {p_value:.2g}"
+        )
+        if p_value >= SIGNIFICANT:
+            return None
+        for trial in self.tried(state, scores):
+            gain, error = trial.held_out.gain(state.held_out)
+            if trial.log_evidence < state.log_evidence + LEAST_EVIDENCE:
+                break
+            if gain > STANDARD_ERRORS * error:
+                entered = {c.key for c in trial.effects} - set(state.p_values)
+                trial.p_values = {**state.p_values, **dict.fromkeys(entered, p_value)}
+                self._step("add", trial.effects[-1], trial, p_value)
+                return trial
+        return None
+
+    def tried(self, state: State, scores: list[Score]) -> list[State]:
+        """States with one more effect, the best of every name fitted, best first."""
+        key = tuple(c.key for c in state.effects)
+        if key not in self.trials:
+            found: list[State] = []
+            for candidate in shortlist(scores):
+                best = max((s.log_evidence for s in found), default=-np.inf)
+                trial = self.with_effect(state, candidate, 2.0 * (RACE - best))
+                if trial is not None:
+                    found.append(trial)
+            found.sort(key=lambda s: -s.log_evidence)
+            self.trials[key] = found
+        return self.trials[key]
+
+    def with_effect(
+        self, state: State, candidate: Candidate, enough: float = np.inf
+    ) -> State | None:
+        """`state` with a candidate fitted beside what is there; joined to a sparse effect of the
+        same name. None where it cannot be; enough: as of `fit`."""
+        effects, theta, jacobian = list(state.effects), state.fit.theta, state.fit.jacobian
+        for index, other in enumerate(effects):
+            if other.name != candidate.name or other.kind != candidate.kind:
+                continue
+            both = {other.scope, candidate.scope}
+            if (
+                both == {"sparse"}
+                and other.start == candidate.start
+                and candidate.effect.parameters
+            ):
+                joined = _joined(other, candidate)
+                if joined is None:
+                    return None
+                place = state.fit.place(index)
+                values = np.zeros(joined.size)
+                for i, name in enumerate(joined.names):
+                    site = joined.sites[name[1]] if name[1] is not None else None
+                    if site in other.sites:
+                        old = (name[0], other.sites.index(site))
+                        values[i] = theta[place][other.names.index(old)]
+                    elif name[1] is None:
+                        values[i] = theta[place][other.names.index(name)]
+                start = np.r_[theta[: place.start], values, theta[place.stop :]]
+                effects[index] = joined
+                return self._fitted(effects, start, None, state, enough)
+            if other.name not in SEVERAL or other.start == candidate.start:
+                return None
+        start = np.r_[theta, np.zeros(candidate.size)]
+        columns = self.linearised(state).jacobian(candidate)
+        return self._fitted(
+            [*effects, candidate], start, np.concatenate([jacobian, columns]), state, enough
+        )
+
+    def _fitted(self, effects, start, jacobian, state: State, enough: float) -> State | None:
+        try:
+            fitted = fit(self.problem, effects, start, jacobian, enough=enough)
+            if discrete(effects[-1]):
+                knobs = len(self.problem.model.calibrations)
+                again = fit(self.problem, effects, np.r_[np.zeros(knobs), start[knobs:]])
+                fitted = min(fitted, again, key=lambda f: f.chi2)
+            return self.state(fitted, state.p_values)
+        except (InputError, np.linalg.LinAlgError):
+            return None
+
+    def without(self, state: State, index: int) -> State:
+        """`state` less one effect, the rest fitted anew."""
+        place = state.fit.place(index)
+        effects = [c for i, c in enumerate(state.effects) if i != index]
+        theta = np.delete(state.fit.theta, np.arange(place.start, place.stop))
+        jacobian = np.delete(state.fit.jacobian, np.arange(place.start, place.stop), axis=0)
+        return self.state(fit(self.problem, effects, theta, jacobian), state.p_values)
+
+    def _drop(self, state: State) -> State:
+        """Effects that no longer earn their place, taken out one by one; the rest polished."""
+        dropped = True
+        while dropped and len(state.effects) > 1:
+            dropped = False
+            for index in range(len(state.effects) - 1):
+                less = self.without(state, index)
+                if less.log_evidence > state.log_evidence - LEAST_EVIDENCE:
+                    self._step("drop", state.effects[index], less, None)
+                    state, dropped = less, True
+                    break
+        polished = fit(self.problem, state.effects, state.fit.theta, polish=True)
+        return self.state(polished, state.p_values)
+
+    def _stand(self, state: State) -> State:
+        """Every effect against every other name in its place, until none gives way."""
+        for _ in range(MOST_EFFECTS):
+            for index, effect in enumerate(state.effects):
+                less = self.less(state, index)
+                rivals = self.tried(less, self.scores(less))
+                if rivals and rivals[0].log_evidence > state.log_evidence + 1.0:
+                    better = rivals[0]
+                    entered = {c.key for c in better.effects} - set(state.p_values)
+                    p = state.p_values.get(effect.key, 1.0)
+                    better.p_values = {**state.p_values, **dict.fromkeys(entered, p)}
+                    self._step("swap", better.effects[-1], better, p)
+                    state = self._drop(better)
+                    while len(state.effects) < MOST_EFFECTS:
+                        more = self._add(state)
+                        if more is None:
+                            break
+                        state = self._drop(more)
+                    break
+            else:
+                return state
+        return state
+
+    def less(self, state: State, index: int) -> State:
+        """`state` less one effect, polished, kept with its tangents where the set was met before."""
+        less = self.without(state, index)
+        key = tuple(c.key for c in less.effects)
+        if key in self.tangents:
+            return self.state(self.tangents[key].fit, state.p_values)
+        return self.state(
+            fit(self.problem, less.effects, less.fit.theta, polish=True), state.p_values
+        )
+
+    def _step(self, action: str, effect: Candidate | None, state: State, p: float | None) -> None:
+        self.path.append(
+            {
+                "step": len(self.path),
+                "action": action,
+                "effect": effect.name if effect else "",
+                "sites": " ".join(map(str, effect.sites)) if effect and effect.sites else "",
+                "chi2": state.fit.chi2,
+                "log_evidence": state.log_evidence,
+                "p_value": p,
+            }
+        )
+
+
+def discrete(candidate: Candidate) -> bool:
+    """Whether a candidate is there or not: it has no coordinate about which it starts."""
+    return not candidate.linear.any() and candidate.name != "mains-interference"
+
+
+def _of_channels(candidate: Candidate) -> bool:
+    return candidate.kind == "channels"
+
+
+def _per_dof(state: State) -> float:
+    return state.fit.chi2 / max(state.fit.problem.whitening.size - len(state.fit.theta), 1)
+
+
+def _joined(a: Candidate, b: Candidate) -> Candidate | None:
+    sites = tuple(sorted({*a.sites, *b.sites}))
+    if len(sites) == len(a.sites):
+        return None
+    return Candidate(
+        a.effect, a.kind, sites, "sparse", a.start, a.skin, a.scales, a.looks * b.looks
+    )
+
+
+def shortlist(scores: list[Score]) -> list[Candidate]:
+    """Candidates worth a nonlinear fit: of every name the best two forms, names in order of
+    evidence; those far from the best only while little else explains as much."""
+    if not scores:
+        return []
+    top, gain = scores[0].log_evidence, max(s.gain for s in scores)
+    names: dict[str, list[Score]] = {}
+    for s in scores:
+        own = names.setdefault(s.candidate.name, [])
+        scopes = {(o.candidate.scope, len(o.candidate.sites or ())) for o in own}
+        new = (s.candidate.scope, len(s.candidate.sites or ())) not in scopes
+        if len(own) < 2 and (not own or new or s.log_evidence > own[0].log_evidence - 5.0):
+            own.append(s)
+    chosen = []
+    for name, own in list(names.items())[:MOST_NAMES]:
+        for s in own:
+            near = s.log_evidence > top - WITHIN or s.gain > SHARE * gain
+            tried = EFFECTS[name].name == "adc-nonlinearity" and s.gain > 0
+            if near or tried:
+                chosen.append(s.candidate)
+    return chosen
+
+
+def set_evidence(fitted: Fit) -> float:
+    """Laplace's log evidence of a set, up to a constant: fit, Occam factors, prior over names and
+    sites. Each effect's coordinates have a normal prior about 0 with the best sd of AMPLITUDES.
+    """
+    covariance = fitted.covariance
+    total = -0.5 * fitted.chi2
+    for index, effect in enumerate(fitted.effects):
+        place = fitted.place(index)
+        total -= np.log(effect.looks) + np.log(len(EFFECTS))
+        if effect.size:
+            information = np.linalg.inv(covariance[place, place])
+            value = fitted.theta[place]
+            total += max(_occam(value, information, a) for a in AMPLITUDES)
+            total -= np.log(len(AMPLITUDES))
+    return float(total)
+
+
+def _occam(value: np.ndarray, information: np.ndarray, amplitude: float) -> float:
+    spread = np.eye(len(value)) + amplitude**2 * information
+    return float(-0.5 * (value @ value) / amplitude**2 - 0.5 * np.linalg.slogdet(spread)[1])

@@ -1,0 +1,165 @@
+"""What every candidate would change, to first order, about a fit.
+
+Sites are differentiated once; the same columns serve a site alone, all sites with one value and
+each with its own. An effect of the skin that follows force or time is, to first order, its site's
+column times the law: the derivative by contact impedance or conductivity, frame by frame.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.fit import STEP, Fit
+from eitskin.effects import EFFECTS
+from eitskin.effects.effect import Moment, SkinEffect
+from eitskin.errors import InputError
+from eitskin.geometry import Geometry
+
+
+class Tangents:
+    """Whitened columns (N M,) of candidates about `fit`, the fitted ones projected out.
+
+    `of(candidate)` gives (k, N M), k at most its size: coordinates that change nothing to first
+    order have none.
+    """
+
+    def __init__(self, fit: Fit):
+        self.fit = fit
+        self.problem = fit.problem
+        self.knobs, self.chosen = self.problem.split(fit.theta, fit.effects)
+        self.voltage = self.problem.model.voltage(self.knobs, self.chosen)
+        flat = fit.jacobian.reshape(len(fit.theta), -1)
+        left, size, right = np.linalg.svd(flat, full_matrices=False)
+        self.fitted = right[size > 1e-9 * size.max(initial=0.0)]
+        self.residual = self.away(fit.residual.ravel())
+        self._columns: dict[tuple, np.ndarray | None] = {}
+        self._changes: dict[tuple, np.ndarray] = {}
+
+    def away(self, columns: np.ndarray) -> np.ndarray:
+        """(..., N M): columns less what the fitted coordinates can do."""
+        return columns - (columns @ self.fitted.T) @ self.fitted
+
+    def of(self, candidate: Candidate) -> np.ndarray:
+        """(k, N M) of a candidate, by its sites."""
+        singles = self._singles(candidate)
+        if candidate.scope == "common":
+            per_key = len(singles) // len(candidate.sites)
+            total = sum(s for s in singles[::per_key] if s is not None)
+            singles = [total] if np.any(total) else []
+        kept = [column for column in singles if column is not None]
+        return np.array(kept).reshape(len(kept), self.residual.size)
+
+    def jacobian(self, candidate: Candidate) -> np.ndarray:
+        """(size, N, M): whitened derivatives by every coordinate, NaN for those without."""
+        found = np.full((candidate.size, *self.voltage.shape), np.nan)
+        columns = self.of(candidate)
+        linear = np.flatnonzero(candidate.linear)
+        if len(columns) == len(linear):
+            found[linear] = columns.reshape(-1, *self.voltage.shape)
+        return found
+
+    def _singles(self, candidate: Candidate) -> list[np.ndarray | None]:
+        """One column a coordinate; of a candidate with sites, one a site."""
+        if candidate.sites is None or self._together(candidate):
+            return [self._column(candidate, i) for i in np.flatnonzero(candidate.linear)]
+        return [self._column(_alone(candidate, site), 0) for site in candidate.sites]
+
+    @staticmethod
+    def _together(candidate: Candidate) -> bool:
+        """Whether the sites act only together."""
+        return candidate.effect.stage == "wiring" and candidate.scope == "sparse"
+
+    def _column(self, candidate: Candidate, index: int) -> np.ndarray | None:
+        key = (*candidate.key, index)
+        if key not in self._columns:
+            try:
+                change = self._change(candidate, index)
+            except InputError:
+                change = None
+            if change is not None:
+                change = self.away(self.problem.whitening(change).ravel())
+                if not change @ change > 0.0:
+                    change = None
+            self._columns[key] = change
+        return self._columns[key]
+
+    def _change(self, candidate: Candidate, index: int) -> np.ndarray:
+        """(N, M): derivative of the readings by one coordinate."""
+        if isinstance(candidate.effect, SkinEffect) and candidate.effect.driver != "static":
+            return self._driven(candidate, index)
+        step = np.zeros(candidate.size)
+        step[index] = STEP
+        if self._together(candidate):
+            step[:] = STEP
+        moved = self.problem.model.voltage(self.knobs, [*self.chosen, candidate.setting(step)])
+        return (moved - self.voltage) / STEP
+
+    def _driven(self, candidate: Candidate, index: int) -> np.ndarray:
+        """An effect of the skin that varies from frame to frame, by the chain rule."""
+        impedivity, conductivity = self._laws(candidate, index)
+        total = np.zeros_like(self.voltage)
+        for site in np.flatnonzero(np.abs(impedivity).max(axis=0)):
+            if candidate.sites is None or site in candidate.sites:
+                total += impedivity[:, [site]] * self._by_impedance(int(site), candidate)
+        if conductivity.any():
+            total += conductivity[:, None] * self._by_conductivity()
+        return total
+
+    def _laws(self, candidate: Candidate, index: int) -> tuple[np.ndarray, np.ndarray]:
+        """(N, n) and (N,): relative change of contact impedivities and conductivity by one
+        coordinate, all sites together, frame by frame."""
+        key = ("laws", candidate.name, tuple(candidate.start.items()), index)
+        if key in self._changes:
+            return self._changes[key]
+        model = self.problem.model
+        base = Geometry.from_skin(model.skin(self.knobs))
+        whole = candidate
+        if candidate.sites is not None:
+            everywhere = tuple(range(len(base.electrode_deg)))
+            whole = replace(candidate, sites=everywhere, scope="common")
+        step = np.zeros(whole.size)
+        step[index] = STEP
+        setting = whole.setting(step)
+        states = model.states
+        impedivity = np.zeros((len(states), len(base.electrode_deg)))
+        conductivity = np.zeros(len(states))
+        columns = (states[k] for k in ("time_s", "touch", "x_mm", "y_mm", "force_N"))
+        for row, (time, touch, x, y, force) in enumerate(zip(*columns, strict=True)):
+            moment = Moment(time / 60.0, force if touch else 0.0, x, y)
+            moved = candidate.effect.change(base, setting, moment)
+            impedivity[row] = moved.contact_impedivity_ohm_m2 / base.contact_impedivity_ohm_m2 - 1
+            conductivity[row] = moved.conductivity_S_per_m / base.conductivity_S_per_m - 1
+        self._changes[key] = impedivity / STEP, conductivity / STEP
+        return self._changes[key]
+
+    def _by_impedance(self, site: int, like: Candidate) -> np.ndarray:
+        """(N, M): derivative by the logarithm of one electrode's contact impedance."""
+        key = ("impedance", site)
+        if key not in self._changes:
+            contact = Candidate(
+                EFFECTS["contact-impedance"],
+                "electrodes",
+                (site,),
+                "sparse",
+                {},
+                like.skin,
+                like.scales,
+            )
+            self._changes[key] = self._change(contact, 0)
+        return self._changes[key]
+
+    def _by_conductivity(self) -> np.ndarray:
+        """(N, M): derivative by the logarithm of the conductivity."""
+        key = ("conductivity",)
+        if key not in self._changes:
+            model = self.problem.model
+            moved = self.knobs.copy()
+            moved[0] += STEP
+            changed = model.voltage(moved, self.chosen) - self.voltage
+            self._changes[key] = changed / (STEP * model.calibrations[0].sd)
+        return self._changes[key]
+
+
+def _alone(candidate: Candidate, site: int) -> Candidate:
+    return replace(candidate, sites=(site,), scope="sparse", looks=1)
