@@ -1,0 +1,257 @@
+"""Folders as a diagnosis leaves them, of simulated recordings: to test and to look at the report.
+
+The recordings, their residuals and the electrodes' rows of the atlas are computed; intervals,
+evidence, gaps, rivals and the next experiment are made up, so that the report has them to show.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import yaml
+from scipy.stats import chi2
+
+from eitskin import recording
+from eitskin.effects import EFFECTS
+from eitskin.effects.settings import settings, site_counts
+from eitskin.forward import Forward
+from eitskin.geometry import Geometry
+from eitskin.protocol import channel_table
+from eitskin.readings import simulate
+from eitskin.recording import Recording, frames_table
+from eitskin.skin import Skin
+
+SKIN = Skin(80.0, 3.0, 0.5, tuple(22.5 * np.arange(16)), 5.0, 2e-3, 1e-3, 0.9)
+CHANNELS = channel_table(16)
+SCHEMA = Path(__file__).parents[1] / "workflow" / "schemas" / "diagnosis.schema.yaml"
+CONTACT = {"name": "contact-impedance", "electrodes": [7], "parameters": {"ratio": 2.1}}
+GAINS = {
+    "name": "channel-gain",
+    "parameters": {"gain": (1 + 0.001 * np.sin(np.arange(208))).tolist()},
+}
+KINDS = ("explained", "consistent", "untouched", "unexplained", "partly-explained")
+NOISE = 2e-4  # over the median reading
+
+
+def diagnosed(folder: Path, kind: str = "explained") -> tuple[Path, Path]:
+    """Write the folder of a diagnosis of `kind`, one of KINDS; its path and its recording's."""
+    folder.mkdir(parents=True, exist_ok=True)
+    draw = np.random.default_rng(7)
+    frames, press = _frames(0 if kind == "untouched" else 12, draw)
+    truth = {"explained": [CONTACT], "partly-explained": [CONTACT, GAINS], "unexplained": [GAINS]}
+    named = {"explained": [CONTACT], "partly-explained": [CONTACT]}
+    near = Forward(Geometry.from_skin(SKIN), "train")
+
+    def voltage(items: list[dict]) -> np.ndarray:
+        chosen = settings(items, site_counts(CHANNELS), (0, 0))
+        return simulate(frames, press, SKIN, CHANNELS, chosen, "train", near=near)
+
+    clean = voltage(truth.get(kind, []))
+    noise_V = np.full(len(CHANNELS), NOISE * np.median(np.abs(clean)))
+    recorded = clean + noise_V * draw.normal(size=clean.shape)
+    recorded[3, 17] = np.nan
+    before, after = voltage([]), voltage(named.get(kind, []))
+    metadata = {
+        "format": "eit-recording",
+        "version": 1,
+        "channels": CHANNELS.tolist(),
+        "voltage": "signed",
+        "values": "absolute",
+        "unit": "V",
+        "frame_s": 0.2,
+        "clock": "measured",
+        "position_frame": "skin",
+        "source_reference": "floating",
+        "source": "simulation",
+        "skin": SKIN.metadata(),
+    }
+    path = folder / "recording.parquet"
+    recording.write(Recording(frames, recorded, None, None, metadata), path)
+    residuals = {
+        name: (recorded - v) / noise_V for name, v in (("before", before), ("after", after))
+    }
+    evidence = folder / "evidence"
+    evidence.mkdir(exist_ok=True)
+    np.savez(
+        evidence / "residuals.npz",
+        **residuals,
+        noise_V=noise_V,
+        noise_source="the odd half of reciprocal pairs, and repeats of untouched frames",
+        noise_dof=412.0,
+        channels=CHANNELS,
+        held_out=np.maximum(press, 0) % 4,
+        **{
+            name: frames[name]
+            for name in ("time_s", "touch", "x_mm", "y_mm", "force_N", "probe_mm")
+        },
+        press=press,
+        recorded_V=recorded,
+        before_V=before,
+        after_V=after,
+    )
+    for name, residual in residuals.items():
+        _atlas(residual).to_csv(evidence / f"atlas_{name}.csv", index=False)
+    effects = [_contact_effect()] if kind in named else []
+    rms = [float(np.sqrt(np.nanmean(residuals[name] ** 2))) for name in ("before", "after")]
+    result = {
+        "format": "eit-diagnosis",
+        "version": 1,
+        "recording": kind,
+        "verdict": "consistent" if kind == "untouched" else kind,
+        "calibration": {"conductivity_S_per_m": _estimate(0.4991, 0.4987, 0.4996, "S/m")},
+        "noise_V": float(np.median(noise_V)),
+        "effects": effects,
+        "other": _other(kind),
+        "unobservable": ["frame-skew", "mains-interference"],
+        "fit": {
+            "held_out": {
+                "frames": len(frames),
+                "chi2_per_dof_before": rms[0] ** 2,
+                "chi2_per_dof_after": rms[1] ** 2,
+                "rms_before_V": rms[0] * noise_V[0],
+                "rms_after_V": rms[1] * noise_V[0],
+            }
+        },
+    }
+    _write_json(folder / "diagnosis.json", result)
+    if kind == "explained":
+        _predicted(after[:20], noise_V).to_parquet(folder / "predicted.parquet")
+    (folder / "effects.yaml").write_text(yaml.safe_dump({"effects": named.get(kind, [])}))
+    _rivals(effects, rms).to_csv(evidence / "rivals.csv", index=False)
+    _identifiability(draw, kind).to_csv(evidence / "identifiability.csv", index=False)
+    _search(effects, rms).to_csv(evidence / "search.csv", index=False)
+    _write_json(evidence / "experiment.json", _experiment(effects))
+    return folder, path
+
+
+def _frames(presses: int, draw: np.random.Generator) -> tuple[pd.DataFrame, np.ndarray]:
+    """Six untouched frames, then presses of an untouched frame and six that load and unload."""
+    force = np.concatenate([np.zeros(6), np.tile([0.0, 1.0, 3.0, 6.0, 9.0, 5.0, 2.0], presses)])
+    press = np.concatenate([np.full(6, -1), np.repeat(np.arange(presses), 7)])
+    press[force == 0] = -1
+    radius, angle = 65.0 * np.sqrt(draw.uniform(0.05, 1, presses)), draw.uniform(0, 6.3, presses)
+    at = np.where(press >= 0, press, 0)
+    place = (radius * np.exp(1j * angle))[at] if presses else np.zeros(len(force), complex)
+    frames = frames_table(
+        0.5 * np.arange(len(force)), force > 0, place.real, place.imag, force, probe_mm=10.0
+    )
+    return frames, press
+
+
+def _predicted(voltage: np.ndarray, noise_V: np.ndarray) -> pd.DataFrame:
+    columns = {"voltage_V": list(voltage), "std_V": [0.1 * noise_V] * len(voltage)}
+    return pd.DataFrame({"time_s": 0.5 * np.arange(len(voltage)), **columns})
+
+
+def _estimate(value: float, low: float, high: float, unit: str) -> dict:
+    return {"value": value, "low": low, "high": high, "unit": unit}
+
+
+def _contact_effect() -> dict:
+    return {
+        "name": "contact-impedance",
+        "alternatives": ["electrode-width"],
+        "scope": "sparse",
+        "electrodes": [7],
+        "drives": [],
+        "measures": [],
+        "channels": [],
+        "driver": "static",
+        "parameters": {"ratio": _estimate(2.104, 2.087, 2.121, "1")},
+        "share": 0.997,
+        "evidence": {"elpd_gain": 4120.0, "elpd_se": 61.3, "p_value": 1e-5},
+        "gap": 11.2,
+        "sentence": "Electrode 7 touches the gel through 2.1 times the contact impedance that the"
+        " simulation assumes.",
+    }
+
+
+def _other(kind: str) -> dict:
+    likely = kind in ("unexplained", "partly-explained")
+    return {
+        "probability": 0.98 if likely else 0.02,
+        "electrodes": [],
+        "drives": [3, 4] if likely else [],
+        "measures": [],
+        "driver": "static" if likely else None,
+        "law": "proportional to the reading" if likely else None,
+        "sentence": "Something static scales single channels by up to 0.1 %." if likely else None,
+    }
+
+
+def _atlas(residual: np.ndarray) -> pd.DataFrame:
+    """Chi2 of each electrode's channels, of their mean over frames; q by Benjamini, Hochberg."""
+    square = np.nanmean(residual, axis=0) ** 2 * np.isfinite(residual).sum(axis=0)
+    uses = [(electrode == CHANNELS).any(axis=1) for electrode in range(16)]
+    dof = np.array([use.sum() for use in uses])
+    value = np.array([square[use].sum() for use in uses])
+    p = chi2.sf(value, dof)
+    order = np.argsort(p)
+    q = np.empty(16)
+    q[order] = np.minimum.accumulate((p[order] * 16 / np.arange(1, 17))[::-1])[::-1]
+    return pd.DataFrame(
+        {
+            "statistic": "electrode",
+            "site": [f"electrode {k}" for k in range(16)],
+            "value": value,
+            "dof": dof,
+            "p": p,
+            "q": q,
+            "sentence": [
+                f"Channels that use electrode {k} are off the same way." for k in range(16)
+            ],
+        }
+    )
+
+
+def _rivals(effects: list[dict], rms: list[float]) -> pd.DataFrame:
+    rows = [
+        ("contact-impedance", "nothing", rms[0] ** 2, -4120.0, np.nan),
+        ("contact-impedance", "electrode-width", 1.01 * rms[1] ** 2, -1.3, 2.1),
+        ("contact-impedance", "electrode-position", 0.4 * rms[0] ** 2, -1650.0, 11.2),
+        ("contact-impedance", "electrode-open", 80.0 * rms[0] ** 2, -9e4, np.nan),
+    ]
+    columns = ["effect", "instead", "chi2_per_dof", "elpd_difference", "gap"]
+    return pd.DataFrame(rows if effects else [], columns=columns)
+
+
+def _identifiability(draw: np.random.Generator, kind: str) -> pd.DataFrame:
+    rows = []
+    for name, effect in sorted(EFFECTS.items()):
+        hidden = name in ("frame-skew", "mains-interference") or (
+            kind == "untouched" and effect.stage in ("touch", "clock")
+        )
+        rival = effect.confusable[0] if effect.confusable and not hidden else ""
+        gap = float(draw.choice([1.4, 4.2, 9.0, 60.0])) if rival else np.nan
+        words = "Press at one place with slow and fast loading." if hidden or gap < 5 else ""
+        rows.append((name, 0.0 if hidden else 80.0 * draw.random(), rival, gap, not hidden, words))
+    columns = ["name", "snr", "nearest", "gap", "observable", "experiment"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _search(effects: list[dict], rms: list[float]) -> pd.DataFrame:
+    rows = [
+        (1, "add", "electrode-width", "electrodes 7", 1.2e4, -6150.0, 1e-5),
+        (2, "swap", "contact-impedance", "electrodes 7", 1.1e4, -6149.0, 1e-5),
+    ]
+    columns = ["step", "action", "effect", "sites", "chi2", "log_evidence", "p_value"]
+    return pd.DataFrame(rows if effects else [], columns=columns)
+
+
+def _experiment(effects: list[dict]) -> dict:
+    if not effects:
+        return {"sentence": "No two names need to be told apart.", "pairs": []}
+    pair = {
+        "a": "contact-impedance",
+        "b": "electrode-width",
+        "gap_now": 2.1,
+        "gap_then": 14.6,
+        "recipe": "Record 20 frames that also read the voltages of the driven electrodes.",
+    }
+    sentence = "Reading the driven electrodes' own voltages tells width from impedance."
+    return {"sentence": sentence, "pairs": [pair]}
+
+
+def _write_json(path: Path, content: dict) -> None:
+    path.write_text(json.dumps(content, indent=1), encoding="utf-8")

@@ -1,0 +1,482 @@
+"""The figures of a diagnosis: 85 mm wide, one style, before in one colour and after in another."""
+
+import contextlib
+import io
+from collections.abc import Iterator
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+
+from eitskin.diagnose.evidence import Evidence
+from eitskin.diagnose.verdict import LIKELY
+from eitskin.diagnose.words import MINUS, number, power, sites, where
+from eitskin.importers.description import even_angles
+
+BEFORE, AFTER = "#d55e00", "#0072b2"  # Okabe & Ito: told apart by everyone, and in print
+CULPRIT, QUIET = "#8b1a6b", "#767676"
+DIVERGING, SEQUENTIAL, STEPS = "PuOr_r", "cividis", 41
+WIDTH_IN = 85 / 25.4
+DPI = 220
+MOST_VECTORS = 3000  # dots of a figure; more are drawn as an image
+MOST_CHORDS = 8  # drives or measuring pairs of one effect that are drawn
+TAG_STEP = 0.14  # between numbers at one electrode, in radii of the skin
+MOST_RIVALS = 5  # of one effect
+BINS = 10
+SHOWN = 0.97  # of the channels lie within the colours of the residual matrix
+CENTRED = {"ha": "center", "va": "center"}
+TOLD_APART = 3.0  # gap below which two names are one class
+STYLE = {
+    "figure.dpi": DPI,
+    "figure.constrained_layout.use": True,
+    "figure.constrained_layout.w_pad": 0.02,
+    "figure.constrained_layout.h_pad": 0.02,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "eitskin",
+    "font.family": "DejaVu Sans",
+    "font.size": 7.0,
+    "axes.titlesize": 7.5,
+    "axes.labelsize": 7.0,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.labelsize": 6.5,
+    "ytick.labelsize": 6.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.minor.width": 0.4,
+    "ytick.minor.width": 0.4,
+    "legend.fontsize": 6.5,
+    "legend.frameon": False,
+    "lines.linewidth": 1.2,
+}
+
+
+@contextlib.contextmanager
+def style() -> Iterator[None]:
+    """Matplotlib's settings for every figure of a diagnosis."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(STYLE)
+        yield
+
+
+def draw(evidence: Evidence) -> dict[str, Figure | str]:
+    """Every figure by name, or the sentence that says why there is none.
+
+    To be saved within `style`, as `svg` and `png` do.
+    """
+    with style():
+        return {name: function(evidence) for name, function in FIGURES.items()}
+
+
+def svg(figure: Figure | str) -> str:
+    """The figure as SVG, the same text for the same figure; of a sentence, the sentence."""
+    stream = io.StringIO()
+    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    with style():
+        _of(figure).savefig(stream, format="svg", metadata=nothing)
+    return stream.getvalue()
+
+
+def png(figure: Figure | str) -> bytes:
+    """The figure as PNG, the same bytes for the same figure; of a sentence, the sentence."""
+    stream = io.BytesIO()
+    with style():
+        _of(figure).savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
+    return stream.getvalue()
+
+
+def _of(figure: Figure | str) -> Figure:
+    if isinstance(figure, Figure):
+        return figure
+    page = _figure(12)
+    page.text(0.5, 0.5, figure, ha="center", va="center", wrap=True)
+    return page
+
+
+def _figure(height_mm: float) -> Figure:
+    figure = Figure(figsize=(WIDTH_IN, height_mm / 25.4))
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def electrodes(evidence: Evidence) -> Figure:
+    """The ring of electrodes, seen from the touched side; culprits marked, touches as dots."""
+    angle, radius = layout(evidence)
+    diagnosis = evidence.diagnosis
+    effects = list(enumerate(diagnosis["effects"], start=1))
+    other = diagnosis["other"]
+    labels = [f"{k}  {effect['name']}: {where(effect)}" for k, effect in effects]
+    if other["probability"] >= LIKELY:
+        effects.append(("?", other | {"channels": []}))
+        labels.append(f"?  no name: {sites(other) or 'no single site'}")
+    most = max(sum(e in effect["electrodes"] for _, effect in effects) for e in range(len(angle)))
+    outer = 1.2 + TAG_STEP * most
+    text_mm = 4.0 * (1 + len(labels))
+    figure = _figure(76 + text_mm)
+    figure.set_layout_engine("none")
+    axes = figure.add_axes((0, text_mm / (76 + text_mm), 1, 76 / (76 + text_mm)))
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    axes.set(xlim=(-outer, outer), ylim=(-outer, outer))
+    axes.add_patch(Circle((0, 0), 1, facecolor="#f6f6f6", edgecolor="#404040", linewidth=0.8))
+    for _, effect in effects:
+        if effect.get("name") == "conductivity-patch":
+            _draw_patch(axes, effect["parameters"], radius)
+    frames = evidence.frames[evidence.frames["touch"]]
+    places = frames[["x_mm", "y_mm"]].drop_duplicates() / radius
+    many = len(places) > MOST_VECTORS
+    axes.scatter(places["x_mm"], places["y_mm"], s=5, color=QUIET, linewidths=0, rasterized=many)
+    named = {e for _, effect in effects for e in effect["electrodes"]}
+    rim = np.exp(1j * np.radians(angle))
+    for electrode, z in enumerate(rim):
+        culprit = electrode in named
+        colour = CULPRIT if culprit else "#202020"
+        arc = z * np.exp(1j * np.linspace(-1, 1, 9) * min(0.07, 1.2 / len(rim)))
+        axes.plot(arc.real, arc.imag, color=colour, linewidth=5 if culprit else 3.2)
+        weight = "bold" if culprit else "normal"
+        at = 1.13 * z
+        axes.text(at.real, at.imag, str(electrode), color=colour, weight=weight, **CENTRED)
+    _draw_marks(axes, effects, rim, evidence.channels)
+    notes = ["seen from the touched side", "dots: touches" if len(places) else "no touches"]
+    if evidence.recording.skin.electrode_deg is None:
+        notes.append("angles unknown, drawn evenly")
+    line = 4.0 / (76 + text_mm)
+    figure.text(0.5, line * (len(labels) + 0.5), "; ".join(notes), color=QUIET, **CENTRED)
+    for k, label in enumerate(reversed(labels)):
+        figure.text(0.03, line * (k + 0.5), label, color=CULPRIT, va="center")
+    return figure
+
+
+def layout(evidence: Evidence) -> tuple[np.ndarray, float]:
+    """Angles (n,) deg of the electrodes, evenly where unknown, and the skin's radius, mm; where
+    that is unknown, one that holds every touch."""
+    skin, calibrated = evidence.recording.skin, evidence.diagnosis["calibration"]
+    angle = skin.electrode_deg
+    if angle is None:
+        angle = even_angles(evidence.recording.n_electrodes)
+    radius = skin.radius_mm or calibrated.get("radius_mm", {}).get("value")
+    if radius is None:
+        reach = np.hypot(evidence.frames["x_mm"], evidence.frames["y_mm"]).max()
+        radius = 1.2 * reach if reach > 0 else 1.0
+    return np.asarray(angle, float), float(radius)
+
+
+def _draw_patch(axes: Axes, parameters: dict, radius: float) -> None:
+    x, y, size = (parameters[key]["value"] / radius for key in ("x_mm", "y_mm", "radius_mm"))
+    axes.add_patch(Circle((x, y), size, facecolor=CULPRIT, alpha=0.25, linewidth=0))
+
+
+def _draw_marks(axes: Axes, effects: list, rim: np.ndarray, channels: np.ndarray) -> None:
+    """The number of each effect at its electrodes, and the pairs it is on as chords."""
+    height = np.full(len(rim), 1.15 + TAG_STEP)
+    for k, effect in effects:
+        for electrode in effect["electrodes"]:
+            at = height[electrode] * rim[electrode]
+            _tag(axes, at, k)
+            height[electrode] += TAG_STEP
+        pairs = []
+        for kind, ends in (("drives", (0, 1)), ("measures", (2, 3))):
+            chosen = np.isin(channels[:, ends[0]], effect[kind])
+            if len(effect[kind]) <= MOST_CHORDS:
+                pairs += [(kind, *p) for p in np.unique(channels[chosen][:, ends], axis=0)]
+        if len(effect["channels"]) <= MOST_CHORDS // 2:
+            for source, sink, plus, minus in channels[effect["channels"]]:
+                pairs += [("drives", source, sink), ("measures", plus, minus)]
+        for kind, first, last in pairs:
+            a, b = 0.93 * rim[first], 0.93 * rim[last]
+            dash = "-|>" if kind == "drives" else "-"
+            line = {"arrowstyle": dash, "color": CULPRIT, "linewidth": 1.2, "shrinkA": 0}
+            line |= {"shrinkB": 0, "linestyle": "-" if kind == "drives" else (0, (2, 1))}
+            axes.annotate("", (b.real, b.imag), (a.real, a.imag), arrowprops=line)
+            _tag(axes, 0.43 * (rim[first] + rim[last]) if abs(a + b) > 0.5 else 0.25 * a, k)
+
+
+def _tag(axes: Axes, at: complex, text: object) -> None:
+    box = {"boxstyle": "circle,pad=0.2", "facecolor": CULPRIT, "edgecolor": "white"}
+    white = {"color": "white", "weight": "bold", "fontsize": 6}
+    axes.text(at.real, at.imag, str(text), bbox=box | {"linewidth": 0.5}, **white, **CENTRED)
+
+
+def residual_matrix(evidence: Evidence) -> Figure:
+    """Mean residual of every channel over the frames, in noise units, before and after."""
+    panels = [_matrix(evidence.channels, _mean(r)) for r in (evidence.before, evidence.after)]
+    drives, pairs = (_pairs(evidence.channels, ends)[0] for ends in ((0, 1), (2, 3)))
+    quiet = 10 / np.sqrt(len(evidence.frames))  # noise alone stays in the palest third
+    limit = max(quiet, *(np.nanquantile(np.abs(panel), SHOWN) for panel in panels))
+    colours = matplotlib.colormaps[DIVERGING].resampled(STEPS).with_extremes(bad="#c8c8c8")
+    figure = _figure(58)
+    row = figure.subplots(1, 2, sharey=True)
+    for axes, panel, (title, colour) in zip(row, panels, TITLES, strict=True):
+        cells = np.arange(panel.shape[1] + 1) - 0.5, np.arange(panel.shape[0] + 1) - 0.5
+        norm = Normalize(-limit, limit)
+        image = axes.pcolormesh(
+            *cells, np.ma.masked_invalid(panel), cmap=colours, norm=norm, edgecolor="face", lw=0.1
+        )
+        axes.set_aspect("equal")
+        axes.spines[:].set_visible(True)
+        residual = evidence.before if title == "before" else evidence.after
+        rms = number(float(np.sqrt(np.nanmean(residual**2))))
+        axes.set_title(f"{title}: rms {rms}", color=colour)
+        axes.set_xlabel("measuring pair, + electrode")
+        _pair_ticks(axes.xaxis, pairs)
+        _pair_ticks(axes.yaxis, drives)
+    row[0].set_ylabel("drive, source electrode")
+    row[0].invert_yaxis()
+    bar = figure.colorbar(
+        image, ax=row, location="bottom", aspect=40, shrink=0.8, pad=0.03, extend="both"
+    )
+    bar.set_ticks([-limit, -limit / 2, 0, limit / 2, limit])
+    bar.ax.set_xticklabels([number(v, 2) for v in (-limit, -limit / 2, 0.0, limit / 2, limit)])
+    bar.set_label(
+        f"recording {MINUS} simulation, mean over the frames,\nin units of the noise of a reading"
+    )
+    bar.outline.set_linewidth(0.4)
+    return figure
+
+
+TITLES = (("before", BEFORE), ("after", AFTER))
+
+
+def _mean(residual: np.ndarray) -> np.ndarray:
+    """(M,): mean over the frames; NaN for a channel that was always lost."""
+    count = np.isfinite(residual).sum(axis=0)
+    return np.nansum(residual, axis=0) / np.where(count, count, np.nan)
+
+
+def _pairs(channels: np.ndarray, ends: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    pairs, index = np.unique(channels[:, ends], axis=0, return_inverse=True)
+    return pairs, index.ravel()
+
+
+def _matrix(channels: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """(drives, measuring pairs): a value (M,) of each channel, NaN where there is none."""
+    drives, row = _pairs(channels, (0, 1))
+    pairs, column = _pairs(channels, (2, 3))
+    known = np.isfinite(value)
+    total, count = np.zeros((2, len(drives), len(pairs)))
+    np.add.at(total, (row[known], column[known]), value[known])
+    np.add.at(count, (row[known], column[known]), 1)
+    return total / np.where(count, count, np.nan)
+
+
+def _pair_ticks(axis: matplotlib.axis.Axis, pairs: np.ndarray) -> None:
+    step = -(-len(pairs) // 5) if len(pairs) != 16 else 4
+    at = np.arange(0, len(pairs), step)
+    unique = len(np.unique(pairs[:, 0])) == len(pairs)
+    axis.set_ticks(at, [str(a) if unique else f"{a}, {b}" for a, b in pairs[at]])
+
+
+def misfit_force(evidence: Evidence) -> Figure | str:
+    """Chi2 per reading of each frame against the force."""
+    force = evidence.frames["force_N"].to_numpy(float)
+    if not evidence.frames["touch"].any():
+        return "No frame was touched: there is no misfit against force."
+    if np.isnan(force[evidence.frames["touch"]]).all():
+        return "Nobody measured the force: there is no misfit against it."
+    return _misfit(evidence, force, "force, N (0: untouched)")
+
+
+def misfit_time(evidence: Evidence) -> Figure:
+    """Chi2 per reading of each frame against time."""
+    if evidence.recording.metadata["clock"] == "index":
+        return _misfit(evidence, np.arange(len(evidence.frames), dtype=float), "frame")
+    return _misfit(evidence, evidence.frames["time_s"].to_numpy(float), "time, s")
+
+
+def misfit_place(evidence: Evidence) -> Figure | str:
+    """Chi2 per reading of the touches at each place, a map over the skin."""
+    known = evidence.frames[["x_mm", "y_mm"]].notna().all(axis=1)
+    touch = (evidence.frames["touch"] & known).to_numpy()
+    if not touch.any():
+        return "No frame was touched at a known place: there is no map of the misfit."
+    angle, radius = layout(evidence)
+    table = evidence.frames.loc[touch, ["x_mm", "y_mm"]]
+    table = table.assign(**{t: c[touch] for (t, _), c in zip(TITLES, _chi2(evidence), strict=True)})
+    places = table.groupby(["x_mm", "y_mm"], as_index=False).mean()
+    low = np.nanmin(places[["before", "after"]].to_numpy())
+    high = np.nanmax(places[["before", "after"]].to_numpy())
+    norm = LogNorm(min(0.5, 0.9 * max(low, 1e-3)), max(2.0, 1.1 * high))
+    figure = _figure(56)
+    row = figure.subplots(1, 2, sharey=True)
+    rim = radius * np.exp(1j * np.radians(angle))
+    circle = radius * np.exp(2j * np.pi * np.linspace(0, 1, 181))
+    size = float(np.clip(2500 / len(places), 3, 28))
+    for axes, (title, colour) in zip(row, TITLES, strict=True):
+        axes.plot(circle.real, circle.imag, color="#404040", linewidth=0.6)
+        axes.plot(rim.real, rim.imag, "s", color="#202020", markersize=2)
+        image = axes.scatter(
+            places["x_mm"],
+            places["y_mm"],
+            s=size,
+            c=places[title],
+            norm=norm,
+            cmap=matplotlib.colormaps[SEQUENTIAL].resampled(STEPS),
+            linewidths=0.2,
+            edgecolors="#404040",
+            rasterized=len(places) > MOST_VECTORS,
+        )
+        axes.set_aspect("equal")
+        axes.set_title(title, color=colour)
+        axes.set_xlabel("x, mm")
+    row[0].set_ylabel("y, mm")
+    bar = figure.colorbar(image, ax=row, location="bottom", aspect=40, shrink=0.8, pad=0.03)
+    _log_ticks(bar.ax.xaxis, norm.vmin, norm.vmax)
+    bar.set_label("χ² per reading, mean over a place's touches; noise alone: 1")
+    bar.outline.set_linewidth(0.4)
+    return figure
+
+
+def _chi2(evidence: Evidence) -> list[np.ndarray]:
+    """Before and after (N,): mean square of each frame's residuals in noise units, NaN where all
+    are lost."""
+    found = []
+    for residual in (evidence.before, evidence.after):
+        count = np.isfinite(residual).sum(axis=1)
+        found.append(np.nansum(residual**2, axis=1) / np.where(count, count, np.nan))
+    return found
+
+
+def _misfit(evidence: Evidence, x: np.ndarray, label: str) -> Figure:
+    figure = _figure(48)
+    axes = figure.add_subplot()
+    values = _chi2(evidence)
+    for y, (title, colour) in zip(values, TITLES, strict=True):
+        many = len(x) > MOST_VECTORS
+        axes.plot(x, y, ".", color=colour, markersize=3.4, alpha=0.4, mew=0, rasterized=many)
+        centre, mean = _binned(x, y)
+        axes.plot(centre, mean, "-o", color=colour, markersize=2.5, label=title)
+    axes.axhline(1, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)), label="noise alone")
+    axes.set_xlabel(label)
+    axes.set_ylabel("χ² per reading")
+    axes.set_yscale("log")
+    _log_limits(axes.yaxis, np.concatenate(values))
+    figure.legend(loc="outside upper center", ncols=3, borderpad=0.1, columnspacing=1.5)
+    return figure
+
+
+def _binned(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean x and y of as many frames each; of each x by itself where there are few different."""
+    known = np.isfinite(x) & np.isfinite(y)
+    x, y = x[known], y[known]
+    values, label = np.unique(x, return_inverse=True)
+    if len(values) > BINS:
+        label = np.empty(len(x), int)
+        label[np.argsort(x, kind="stable")] = np.arange(len(x)) * BINS // len(x)
+    count = np.bincount(label)
+    return np.bincount(label, x) / count, np.bincount(label, y) / count
+
+
+def held_out(evidence: Evidence) -> Figure:
+    """Chi2 per degree of freedom of the frames held out, before and after; noise gives 1."""
+    fit = evidence.diagnosis["fit"]["held_out"]
+    values = [fit[f"chi2_per_dof_{title}"] for title, _ in TITLES]
+    figure = _figure(26)
+    axes = figure.add_subplot()
+    axes.axvline(1, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)))
+    axes.plot(values, [1, 0], color=QUIET, linewidth=0.8, zorder=1)
+    for y, value, (_, colour) in zip((1, 0), values, TITLES, strict=True):
+        axes.plot(value, y, "o", color=colour, markersize=6)
+        beside = {"xytext": (6, 0), "textcoords": "offset points", "va": "center"}
+        box = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
+        text = number(value)
+        axes.annotate(text, (value, y), color=colour, weight="bold", bbox=box, **beside)
+    axes.set_xscale("log")
+    _log_limits(axes.xaxis, np.array(values), room=1.8)
+    axes.set(ylim=(-0.6, 1.6), yticks=[1, 0], yticklabels=[title for title, _ in TITLES])
+    axes.set_xlabel("held-out χ² per degree of freedom; noise alone: 1")
+    for tick, (_, colour) in zip(axes.get_yticklabels(), TITLES, strict=True):
+        tick.set_color(colour)
+    return figure
+
+
+def rivals(evidence: Evidence) -> Figure | str:
+    """Held-out chi2 with an effect taken out again, or with another name in its place."""
+    table = evidence.tables["rivals"]
+    if table.empty:
+        return "No effect was named: there is none to take out or to replace."
+    after = evidence.diagnosis["fit"]["held_out"]["chi2_per_dof_after"]
+    rows = [("all that is named", after, None, AFTER)]
+    for effect, group in table.groupby("effect", sort=False):
+        out = group["instead"] == "nothing"
+        for _, row in group[out].iterrows():
+            rows.append((f"without {effect}", row["chi2_per_dof"], row["elpd_difference"], BEFORE))
+        best = group[~out].sort_values("elpd_difference", ascending=False, kind="stable")
+        for _, row in best.head(MOST_RIVALS).iterrows():
+            name = f"   {row['instead']} instead"
+            rows.append((name, row["chi2_per_dof"], row["elpd_difference"], QUIET))
+    figure = _figure(16 + 4.6 * len(rows))
+    axes = figure.add_subplot()
+    axes.axvline(1, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)))
+    for y, (_, value, elpd, colour) in enumerate(rows):
+        axes.plot([after, value], [y, y], color=colour, linewidth=0.8, alpha=0.6)
+        axes.plot(value, y, "o", color=colour, markersize=4)
+        text = number(value) if elpd is None else f"{number(value)}  ({number(elpd)} nats)"
+        at = {"xytext": (1.01, y), "textcoords": ("axes fraction", "data"), "va": "center"}
+        axes.annotate(text, (value, y), color=colour, fontsize=6, annotation_clip=False, **at)
+    axes.set_xscale("log")
+    _log_limits(axes.xaxis, np.array([value for _, value, *_ in rows]), room=1.5)
+    axes.set(ylim=(len(rows) - 0.5, -0.5), yticks=range(len(rows)))
+    axes.set_yticklabels([name for name, *_ in rows], ha="left")
+    longest = max(len(name) for name, *_ in rows)
+    axes.tick_params(axis="y", length=0, pad=3.1 * longest + 2)
+    axes.set_xlabel("held-out χ² per degree of freedom")
+    return figure
+
+
+def next_experiment(evidence: Evidence) -> Figure | str:
+    """The gap between names now, and after the experiment proposed."""
+    pairs = evidence.experiment["pairs"]
+    if not pairs:
+        return "No pair of names is left to be told apart."
+    figure = _figure(20 + 8 * len(pairs))
+    axes = figure.add_subplot()
+    axes.axvspan(0, TOLD_APART, color="#e4e4e4", linewidth=0)
+    top = 1.25 * max(TOLD_APART, *(max(pair["gap_now"], pair["gap_then"]) for pair in pairs))
+    for y, pair in enumerate(pairs):
+        ends = pair["gap_now"], pair["gap_then"]
+        arrow = {"arrowstyle": "-|>", "color": "#202020", "linewidth": 1, "shrinkA": 3}
+        axes.annotate("", (ends[1], y), (ends[0], y), arrowprops=arrow | {"shrinkB": 3})
+        axes.plot(ends[0], y, "o", color="#202020", markersize=5, markerfacecolor="white")
+        axes.plot(ends[1], y, "o", color="#202020", markersize=5)
+        for word, value in zip(("now", "then"), ends, strict=True):
+            above = {"xytext": (0, 5), "textcoords": "offset points", "ha": "center"}
+            axes.annotate(f"{word} {number(value, 2)}", (value, y), fontsize=6.5, **above)
+    axes.set(xlim=(0, top), ylim=(len(pairs) - 0.4, -0.7), yticks=range(len(pairs)))
+    axes.set_yticklabels([f"{pair['a']}\nor {pair['b']}" for pair in pairs])
+    axes.set_xlabel("gap, in noise units; shaded: not told apart")
+    return figure
+
+
+def _log_limits(axis: matplotlib.axis.Axis, values: np.ndarray, room: float = 1.15) -> None:
+    """A logarithmic axis over `values` and the noise, at least from a half to two."""
+    values = values[np.isfinite(values) & (values > 0)]
+    low, high = min(0.5, values.min(initial=1.0) / 1.15), max(2.0, values.max(initial=1.0) * room)
+    (axis.axes.set_xlim if axis.axis_name == "x" else axis.axes.set_ylim)(low, high)
+    _log_ticks(axis, low, high)
+
+
+def _log_ticks(axis: matplotlib.axis.Axis, low: float, high: float) -> None:
+    few = high / low < 300
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,), numticks=8 if few else 5))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: power(value)))
+    axis.set_minor_locator(NullLocator())
+    axis.set_minor_formatter(NullFormatter())
+
+
+FIGURES = {
+    "electrodes": electrodes,
+    "residual_matrix": residual_matrix,
+    "misfit_force": misfit_force,
+    "misfit_time": misfit_time,
+    "misfit_place": misfit_place,
+    "held_out": held_out,
+    "rivals": rivals,
+    "next_experiment": next_experiment,
+}

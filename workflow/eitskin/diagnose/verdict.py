@@ -1,0 +1,24 @@
+"""The verdict of a diagnosis: what follows from its effects, its fit and what is left."""
+
+from collections.abc import Sequence
+
+ACCEPTABLE_P = 0.01  # of the held-out chi2, above which the fit is accepted
+LIKELY = 0.5  # probability of something outside the catalogue, from which on it counts
+
+
+def verdict(effects: Sequence, held_out_p: float, other_probability: float) -> str:
+    """consistent, explained, partly-explained or unexplained.
+
+    effects: those found; held_out_p: probability of a held-out chi2 at least as large as the one
+    after the fit, if the corrected simulator is right; other_probability: that something outside
+    the catalogue is present. Raises ValueError for what is no probability.
+    """
+    for value in (held_out_p, other_probability):
+        if not 0.0 <= value <= 1.0:
+            raise ValueError(f"{value} is no probability")
+    likely = other_probability >= LIKELY
+    if not effects:
+        return "unexplained" if likely else "consistent"
+    if likely or held_out_p <= ACCEPTABLE_P:
+        return "partly-explained"
+    return "explained"
