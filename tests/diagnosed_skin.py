@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import yaml
 from scipy.stats import chi2
 
@@ -116,7 +118,7 @@ def diagnosed(folder: Path, kind: str = "explained") -> tuple[Path, Path]:
     }
     _write_json(folder / "diagnosis.json", result)
     if kind == "explained":
-        _predicted(after[:20], noise_V).to_parquet(folder / "predicted.parquet")
+        pq.write_table(_predicted(after[:20], noise_V), folder / "predicted.parquet")
     (folder / "effects.yaml").write_text(yaml.safe_dump({"effects": named.get(kind, [])}))
     _rivals(effects, rms).to_csv(evidence / "rivals.csv", index=False)
     _identifiability(draw, kind).to_csv(evidence / "identifiability.csv", index=False)
@@ -139,9 +141,13 @@ def _frames(presses: int, draw: np.random.Generator) -> tuple[pd.DataFrame, np.n
     return frames, press
 
 
-def _predicted(voltage: np.ndarray, noise_V: np.ndarray) -> pd.DataFrame:
-    columns = {"voltage_V": list(voltage), "std_V": [0.1 * noise_V] * len(voltage)}
-    return pd.DataFrame({"time_s": 0.5 * np.arange(len(voltage)), **columns})
+def _predicted(voltage: np.ndarray, noise_V: np.ndarray) -> pa.Table:
+    columns = {"voltage_V": voltage, "std_V": np.tile(0.1 * noise_V, (len(voltage), 1))}
+    lists = {
+        name: pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+        for name, values in columns.items()
+    }
+    return pa.table({"time_s": 0.5 * np.arange(len(voltage)), **lists})
 
 
 def _estimate(value: float, low: float, high: float, unit: str) -> dict:

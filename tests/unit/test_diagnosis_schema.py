@@ -7,11 +7,13 @@ import pytest
 import yaml
 
 from diagnosed_skin import KINDS, SCHEMA, diagnosed
+from eitskin.configuration import Validator
 from eitskin.diagnose.evidence import validate
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 
 RULES = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
+BY_SCHEMA = Validator(RULES)
 NAMES = RULES["$defs"]["name"]["enum"]
 UNITS = {
     name: rule["properties"]["unit"]["const"]
@@ -95,9 +97,14 @@ def test_every_key_is_needed_and_no_other_is_known(valid):
         for part in path[:-1]:
             node = node[part]
         del node[path[-1]]
-        refused(missing, str(path[-1]))
+        assert not BY_SCHEMA.is_valid(missing), path
+
+        extra = copy.deepcopy(valid["explained"])
+        node = extra
+        for part in path[:-1]:
+            node = node[part]
         node["extra"] = 1
-        refused(missing, "diagnosis.json")
+        assert not BY_SCHEMA.is_valid(extra), path
     refused(valid["explained"] | {"extra": 1}, "extra: found an unknown key")
 
 

@@ -263,6 +263,14 @@ def test_an_unfinished_folder_is_refused(tmp_path):
     assert not (folder / "report.html").exists()
 
 
+def test_a_prediction_without_its_spread_is_refused(tmp_path):
+    folder, _ = diagnosed(tmp_path, "explained")
+    table = pd.read_parquet(folder / "predicted.parquet")
+    table.drop(columns="std_V").to_parquet(folder / "predicted.parquet")
+    with pytest.raises(InputError, match=r"predicted.parquet: column std_V: found nothing"):
+        rewritten(folder)
+
+
 def test_residuals_of_another_shape_are_refused(tmp_path):
     folder, _ = diagnosed(tmp_path, "consistent")
     path = folder / "evidence" / "residuals.npz"

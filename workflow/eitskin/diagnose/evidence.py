@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import yaml
 
@@ -229,10 +229,14 @@ def _check_experiment(experiment: dict, path: Path) -> None:
 
 def _predicted(path: Path) -> pd.DataFrame:
     """One row a frame: time_s, the median |v| and the median of its standard deviation, V."""
-    table = pq.read_table(path, columns=["time_s", "voltage_V", "std_V"])
+    wanted = ["time_s", "voltage_V", "std_V"]
+    table = pq.read_table(path, columns=wanted)
+    for name in wanted:
+        if name not in table.column_names:
+            raise InputError(path, f"column {name}", "nothing", "it in a prediction")
     columns = {"time_s": table["time_s"].to_numpy()}
     for name in ("voltage_V", "std_V"):
-        flat = pa.compute.list_flatten(table[name].combine_chunks()).to_numpy(zero_copy_only=False)
+        flat = pc.list_flatten(table[name].combine_chunks()).to_numpy(zero_copy_only=False)
         size = np.abs(flat.reshape(table.num_rows, -1))
         columns[name] = np.nanmedian(size, axis=1)
     return pd.DataFrame(columns)

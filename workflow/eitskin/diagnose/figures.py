@@ -29,6 +29,7 @@ TAG_STEP = 0.14  # between numbers at one electrode, in radii of the skin
 MOST_RIVALS = 5  # of one effect
 BINS = 10
 SHOWN = 0.97  # of the channels lie within the colours of the residual matrix
+PLAIN = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}  # behind a text on a line
 CENTRED = {"ha": "center", "va": "center"}
 TOLD_APART = 3.0  # gap below which two names are one class
 STYLE = {
@@ -116,7 +117,12 @@ def electrodes(evidence: Evidence) -> Figure:
     if other["probability"] >= LIKELY:
         effects.append(("?", other | {"channels": []}))
         labels.append(f"?  no name: {sites(other) or 'no single site'}")
-    most = max(sum(e in effect["electrodes"] for _, effect in effects) for e in range(len(angle)))
+    marked = {
+        k: effect["electrodes"] if 2 * len(effect["electrodes"]) <= len(angle) else []
+        for k, effect in effects
+    }
+    named = [e for chosen in marked.values() for e in chosen]
+    most = max(map(named.count, named), default=0)
     outer = 1.2 + TAG_STEP * most
     text_mm = 4.0 * (1 + len(labels))
     figure = _figure(76 + text_mm)
@@ -133,7 +139,6 @@ def electrodes(evidence: Evidence) -> Figure:
     places = frames[["x_mm", "y_mm"]].drop_duplicates() / radius
     many = len(places) > MOST_VECTORS
     axes.scatter(places["x_mm"], places["y_mm"], s=5, color=QUIET, linewidths=0, rasterized=many)
-    named = {e for _, effect in effects for e in effect["electrodes"]}
     rim = np.exp(1j * np.radians(angle))
     for electrode, z in enumerate(rim):
         culprit = electrode in named
@@ -143,7 +148,11 @@ def electrodes(evidence: Evidence) -> Figure:
         weight = "bold" if culprit else "normal"
         at = 1.13 * z
         axes.text(at.real, at.imag, str(electrode), color=colour, weight=weight, **CENTRED)
-    _draw_marks(axes, effects, rim, evidence.channels)
+    for electrode in set(named):
+        at = [k for k, chosen in marked.items() if electrode in chosen]
+        for level, k in enumerate(at, start=1):
+            _tag(axes, (1.15 + TAG_STEP * level) * rim[electrode], k)
+    _draw_pairs(axes, effects, rim, evidence.channels)
     notes = ["seen from the touched side", "dots: touches" if len(places) else "no touches"]
     if evidence.recording.skin.electrode_deg is None:
         notes.append("angles unknown, drawn evenly")
@@ -173,14 +182,11 @@ def _draw_patch(axes: Axes, parameters: dict, radius: float) -> None:
     axes.add_patch(Circle((x, y), size, facecolor=CULPRIT, alpha=0.25, linewidth=0))
 
 
-def _draw_marks(axes: Axes, effects: list, rim: np.ndarray, channels: np.ndarray) -> None:
-    """The number of each effect at its electrodes, and the pairs it is on as chords."""
-    height = np.full(len(rim), 1.15 + TAG_STEP)
+def _draw_pairs(axes: Axes, effects: list, rim: np.ndarray, channels: np.ndarray) -> None:
+    """The pairs that an effect is on as chords with its number: drives as arrows, measuring pairs
+    dashed; none for an effect on many."""
+    taken: dict[tuple[int, int], int] = {}
     for k, effect in effects:
-        for electrode in effect["electrodes"]:
-            at = height[electrode] * rim[electrode]
-            _tag(axes, at, k)
-            height[electrode] += TAG_STEP
         pairs = []
         for kind, ends in (("drives", (0, 1)), ("measures", (2, 3))):
             chosen = np.isin(channels[:, ends[0]], effect[kind])
@@ -191,11 +197,14 @@ def _draw_marks(axes: Axes, effects: list, rim: np.ndarray, channels: np.ndarray
                 pairs += [("drives", source, sink), ("measures", plus, minus)]
         for kind, first, last in pairs:
             a, b = 0.93 * rim[first], 0.93 * rim[last]
-            dash = "-|>" if kind == "drives" else "-"
-            line = {"arrowstyle": dash, "color": CULPRIT, "linewidth": 1.2, "shrinkA": 0}
-            line |= {"shrinkB": 0, "linestyle": "-" if kind == "drives" else (0, (2, 1))}
+            drive = kind == "drives"
+            line = {"color": CULPRIT, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
+            line |= {"arrowstyle": "-|>" if drive else "-", "linestyle": "-" if drive else ":"}
             axes.annotate("", (b.real, b.imag), (a.real, a.imag), arrowprops=line)
-            _tag(axes, 0.43 * (rim[first] + rim[last]) if abs(a + b) > 0.5 else 0.25 * a, k)
+            level = taken.get((first, last), 0)
+            taken[first, last] = level + 1
+            middle = 0.5 * (a + b) if abs(a + b) > 0.5 else 0.3 * a
+            _tag(axes, middle * (0.93 - TAG_STEP * level), k)
 
 
 def _tag(axes: Axes, at: complex, text: object) -> None:
@@ -384,9 +393,8 @@ def held_out(evidence: Evidence) -> Figure:
     for y, value, (_, colour) in zip((1, 0), values, TITLES, strict=True):
         axes.plot(value, y, "o", color=colour, markersize=6)
         beside = {"xytext": (6, 0), "textcoords": "offset points", "va": "center"}
-        box = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
         text = number(value)
-        axes.annotate(text, (value, y), color=colour, weight="bold", bbox=box, **beside)
+        axes.annotate(text, (value, y), color=colour, weight="bold", bbox=PLAIN, **beside)
     axes.set_xscale("log")
     _log_limits(axes.xaxis, np.array(values), room=1.8)
     axes.set(ylim=(-0.6, 1.6), yticks=[1, 0], yticklabels=[title for title, _ in TITLES])
@@ -409,23 +417,22 @@ def rivals(evidence: Evidence) -> Figure | str:
             rows.append((f"without {effect}", row["chi2_per_dof"], row["elpd_difference"], BEFORE))
         best = group[~out].sort_values("elpd_difference", ascending=False, kind="stable")
         for _, row in best.head(MOST_RIVALS).iterrows():
-            name = f"   {row['instead']} instead"
+            name = f"{row['instead']} instead"
             rows.append((name, row["chi2_per_dof"], row["elpd_difference"], QUIET))
-    figure = _figure(16 + 4.6 * len(rows))
+    figure = _figure(12 + 6.5 * len(rows))
     axes = figure.add_subplot()
+    axes.spines["left"].set_visible(False)
     axes.axvline(1, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)))
-    for y, (_, value, elpd, colour) in enumerate(rows):
+    for y, (name, value, elpd, colour) in enumerate(rows):
         axes.plot([after, value], [y, y], color=colour, linewidth=0.8, alpha=0.6)
         axes.plot(value, y, "o", color=colour, markersize=4)
-        text = number(value) if elpd is None else f"{number(value)}  ({number(elpd)} nats)"
-        at = {"xytext": (1.01, y), "textcoords": ("axes fraction", "data"), "va": "center"}
-        axes.annotate(text, (value, y), color=colour, fontsize=6, annotation_clip=False, **at)
+        text = number(value) if elpd is None else f"{number(value)} ({number(elpd)} nats)"
+        above = {"textcoords": ("axes fraction", "data"), "va": "center", "color": colour}
+        axes.annotate(name, (value, y), xytext=(0, y - 0.45), ha="left", bbox=PLAIN, **above)
+        axes.annotate(text, (value, y), xytext=(1, y - 0.45), ha="right", bbox=PLAIN, **above)
     axes.set_xscale("log")
-    _log_limits(axes.xaxis, np.array([value for _, value, *_ in rows]), room=1.5)
-    axes.set(ylim=(len(rows) - 0.5, -0.5), yticks=range(len(rows)))
-    axes.set_yticklabels([name for name, *_ in rows], ha="left")
-    longest = max(len(name) for name, *_ in rows)
-    axes.tick_params(axis="y", length=0, pad=3.1 * longest + 2)
+    _log_limits(axes.xaxis, np.array([value for _, value, *_ in rows]))
+    axes.set(ylim=(len(rows) - 0.6, -0.8), yticks=[])
     axes.set_xlabel("held-out χ² per degree of freedom")
     return figure
 
@@ -445,12 +452,12 @@ def next_experiment(evidence: Evidence) -> Figure | str:
         axes.annotate("", (ends[1], y), (ends[0], y), arrowprops=arrow | {"shrinkB": 3})
         axes.plot(ends[0], y, "o", color="#202020", markersize=5, markerfacecolor="white")
         axes.plot(ends[1], y, "o", color="#202020", markersize=5)
-        for word, value in zip(("now", "then"), ends, strict=True):
-            above = {"xytext": (0, 5), "textcoords": "offset points", "ha": "center"}
-            axes.annotate(f"{word} {number(value, 2)}", (value, y), fontsize=6.5, **above)
-    axes.set(xlim=(0, top), ylim=(len(pairs) - 0.4, -0.7), yticks=range(len(pairs)))
+        for word, value, height in zip(("now", "then"), ends, (5, -11), strict=True):
+            at = {"xytext": (0, height), "textcoords": "offset points", "ha": "center"}
+            axes.annotate(f"{word} {number(value, 2)}", (value, y), fontsize=6.5, **at)
+    axes.set(xlim=(0, top), ylim=(len(pairs) - 0.3, -0.7), yticks=range(len(pairs)))
     axes.set_yticklabels([f"{pair['a']}\nor {pair['b']}" for pair in pairs])
-    axes.set_xlabel("gap, in noise units; shaded: not told apart")
+    axes.set_xlabel("gap, in noise units")
     return figure
 
 

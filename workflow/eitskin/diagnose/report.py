@@ -35,7 +35,7 @@ PACKAGES = ("eitskin", "numpy", "scipy", "pandas", "matplotlib")
 UNITS = {"V": "V", "ohm": "Ω", "arbitrary": "arbitrary units"}
 CAPTIONS = {
     "electrodes": "The ring of electrodes, numbered from 0. Numbers in discs mark what is named"
-    " above, at its electrodes; arrows are drives, dashed lines measuring pairs.",
+    " above, at its electrodes; arrows are drives, dotted lines measuring pairs.",
     "residual_matrix": "Every channel: what the simulation leaves, one colour scale for both."
     " Grey: channels that are not read. An electrode's fault shows as its two rows and columns, a"
     " gain as one row or column.",
@@ -45,7 +45,8 @@ CAPTIONS = {
     "held_out": "Held-out frames.",
     "rivals": "Each name taken out again, and others in its place. In brackets: the difference in"
     " held-out log predictive density to all that is named; below 0 is worse.",
-    "next_experiment": "What the next experiment would tell apart.",
+    "next_experiment": "What the next experiment would tell apart. Shaded: a gap under 3, where"
+    " names are one class.",
 }
 CSS = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff; margin: 0 auto;

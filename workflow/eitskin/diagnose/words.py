@@ -20,6 +20,13 @@ COUNTED = {
     "measures": "measuring pairs",
     "channels": "channels",
 }
+PARTS = {
+    "touch": "the touches",
+    "skin": "the skin",
+    "wiring": "the wiring",
+    "instrument": "the instrument",
+    "clock": "the scan",
+}
 PREFIXED = ("V", "S", "S/N", "A", "Ω")
 PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M"}
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -44,8 +51,7 @@ def number(value: float | None, digits: int = 3) -> str:
     exponent = math.floor(math.log10(abs(value)))
     if -4 < exponent < 6:
         return _signed(f"{value:.{max(0, digits - 1 - exponent)}f}")
-    mantissa, _, tens = f"{value:.{digits - 1}e}".partition("e")
-    return f"{_signed(mantissa)}·10{str(int(tens)).translate(SUPERSCRIPT)}"
+    return _by_ten(value, digits)
 
 
 def chance(p: float) -> str:
@@ -54,10 +60,10 @@ def chance(p: float) -> str:
 
 
 def power(value: float) -> str:
-    """A round number of an axis: 0.5, 20, 10⁴."""
-    if 1e-3 < value < 9999:
+    """A round number of an axis: 0.5, 20, 10³."""
+    if 1e-3 < value < 999:
         return f"{value:.6g}"
-    return number(value, 1).replace("1·", "", 1)
+    return _by_ten(value, 1).removeprefix("1·")
 
 
 def quantity(value: float, unit: str, digits: int = 3) -> str:
@@ -98,8 +104,10 @@ def sites(item: dict) -> str:
 
 
 def where(effect: dict) -> str:
-    """The sites of an effect in words; for scope common, that it is everywhere."""
-    return sites(effect) or "everywhere"
+    """The sites of an effect of diagnosis.json in words, or the part of the rig that it is in."""
+    known = EFFECTS[effect["name"]]
+    everywhere = f"all {COUNTED[known.sites[0]]}" if known.sites else PARTS[known.stage]
+    return sites(effect) or everywhere
 
 
 def mend(effect: dict, channels: np.ndarray) -> str:
@@ -128,6 +136,11 @@ def mend(effect: dict, channels: np.ndarray) -> str:
         site = listed(found)
     text = text.replace("{site}", site)
     return f"{text[0].upper()}{text[1:]}."
+
+
+def _by_ten(value: float, digits: int) -> str:
+    mantissa, _, tens = f"{value:.{digits - 1}e}".partition("e")
+    return f"{_signed(mantissa)}·10{str(int(tens)).translate(SUPERSCRIPT)}"
 
 
 def _rounded(value: float, decimals: int) -> str:
