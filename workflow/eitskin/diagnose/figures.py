@@ -360,9 +360,7 @@ def _misfit(evidence: Evidence, x: np.ndarray, label: str) -> Figure:
         many = len(x) > MOST_VECTORS
         axes.plot(x, y, ".", color=colour, markersize=3.4, alpha=0.4, mew=0, rasterized=many)
         centre, mean = _binned(x, y)
-        axes.plot(
-            centre, mean, "-o", color=colour, linewidth=width, markersize=3, label=title
-        )
+        axes.plot(centre, mean, "-o", color=colour, linewidth=width, markersize=3, label=title)
     axes.axhline(1, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)), label="noise alone")
     axes.set_xlabel(label)
     axes.set_ylabel("χ² per reading")
