@@ -5,7 +5,7 @@ a change of typical size: additive, logarithmic where a parameter stays above 0,
 two parameters are a size and an angle.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -136,40 +136,57 @@ def _logarithmic(parameter: Parameter) -> bool:
     return parameter.low > 0
 
 
+def log_ways(count: int, size: int) -> float:
+    """Logarithm of the number of subsets of `size` among `count` sites."""
+    return float(np.log([(count - i) / (i + 1) for i in range(size)]).sum())
+
+
+def without_site(candidate: Candidate, place: int) -> Candidate:
+    """A sparse candidate less one of its sites."""
+    sites = tuple(s for i, s in enumerate(candidate.sites) if i != place)
+    looks = max(1, round(candidate.looks ** (len(sites) / len(candidate.sites))))
+    return replace(candidate, sites=sites, looks=looks)
+
+
 # Sites that all have one value are another name's: a common gain is the conductivity's, a common
 # shift of angle the registration's.
 NOT_COMMON = ("drive-gain", "measurement-gain", "channel-gain", "electrode-position", "offset")
 
 
 def catalogue(
-    skin: Skin, recorded_V: np.ndarray, counts: dict[str, int], scales: Scales, floating: bool
+    owner: Skin,
+    skin: Skin,
+    recorded_V: np.ndarray,
+    counts: dict[str, int],
+    scales: Scales,
+    floating: bool,
+    timed: bool,
 ) -> list[Candidate]:
     """Every candidate: single sites, pairs where an effect needs two, all alike, each its own.
 
-    recorded_V (N, M); counts: how many sites of each kind. Effects on the contacts of point
+    owner: the skin as its owner believes it, None where unknown; skin: with a start for what is
+    unknown; recorded_V (N, M); counts: how many sites of each kind; floating: the source is tied to
+    nothing; timed: the frames' times are known, else effects of time are left out. Effects on the contacts of point
     electrodes are left out. Single channels stand in their dense form alone: `channels` takes it
     apart.
     """
     found = []
     for effect in EFFECTS.values():
-        if effect.composite or (getattr(effect, "on_contacts", False) and not skin_has_width(skin)):
+        points = skin.electrode_width_mm == 0
+        if effect.composite or (points and getattr(effect, "on_contacts", False)):
             continue
-        for start in effect.starts(skin, recorded_V):
+        if effect.name == "third-dimension" and skin.electrode_height_mm is None:
+            continue
+        if effect.driver == "time" and not timed:
+            continue
+        for start in effect.starts(owner, recorded_V):
             for kind, sites, scope in _sites(effect, counts, floating):
                 candidate = Candidate(effect, kind, sites, scope, start, skin, scales)
                 found.append(candidate)
     looks: dict[str, int] = {}
     for candidate in found:
         looks[candidate.name] = looks.get(candidate.name, 0) + 1
-    return [
-        Candidate(c.effect, c.kind, c.sites, c.scope, c.start, skin, scales, looks[c.name])
-        for c in found
-    ]
-
-
-def skin_has_width(skin: Skin) -> bool:
-    """Whether the electrodes are believed to be more than points."""
-    return skin.electrode_width_mm > 0
+    return [replace(c, looks=looks[c.name]) for c in found]
 
 
 def _sites(effect: Effect, counts: dict[str, int], floating: bool):

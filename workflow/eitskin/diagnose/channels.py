@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.special import chdtrc
 
-from eitskin.diagnose.candidates import Candidate
-from eitskin.diagnose.screen import AMPLITUDES, MOST_SITES, Score, _sparse
+from eitskin.diagnose.candidates import Candidate, log_ways
+from eitskin.diagnose.screen import AMPLITUDES, MOST_SITES, Score, sparse
 from eitskin.diagnose.tangents import Tangents
 
 
@@ -21,16 +21,16 @@ def scores(tangents: Tangents, dense: Candidate) -> list[Score]:
     count = len(slope)
     found = []
     for k in order[:2]:
-        found.append(_score(_sparse(dense, (int(dense.sites[k]),)), gain[k], 1, evidence[k]))
+        found.append(_score(sparse(dense, (int(dense.sites[k]),)), gain[k], 1, evidence[k]))
     best, chosen = -np.inf, []
     for size in range(2, MOST_SITES + 1):
         total = evidence[order[:size]].sum()
-        if total - _log_ways(count, size) <= best:
+        if total - log_ways(count, size) <= best:
             break
-        best, chosen = total - _log_ways(count, size), order[:size]
+        best, chosen = total - log_ways(count, size), order[:size]
     if len(chosen):
         sites = tuple(sorted(int(dense.sites[k]) for k in chosen))
-        found.append(_score(_sparse(dense, sites), gain[chosen].sum(), len(chosen), best, 0.0))
+        found.append(_score(sparse(dense, sites), gain[chosen].sum(), len(chosen), best, 0.0))
     together = max(_evidence(slope, information, a).sum() for a in AMPLITUDES)
     found.append(_score(dense, gain.sum(), count, together - np.log(len(AMPLITUDES)), 0.0))
     return found
@@ -66,7 +66,3 @@ def _evidences(slope, information) -> np.ndarray:
     return np.max([_evidence(slope, information, a) for a in AMPLITUDES], axis=0) - np.log(
         len(AMPLITUDES)
     )
-
-
-def _log_ways(count: int, size: int) -> float:
-    return float(np.log([(count - i) / (i + 1) for i in range(size)]).sum())

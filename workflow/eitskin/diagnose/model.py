@@ -1,5 +1,6 @@
 """A recording's simulator: beliefs, calibrations and effects in, readings as recorded out."""
 
+import math
 from collections import OrderedDict
 from dataclasses import dataclass, replace
 
@@ -20,11 +21,12 @@ CURRENT_A = 1e-3  # where nobody knows it; the factor is calibrated then
 UNKNOWN = {
     "radius_mm": (80.0, 0.5),
     "thickness_mm": (3.0, 1.0),
-    "contact_impedivity_ohm_m2": (2e-3, 3.0),
+    "contact_impedivity_ohm_m2": (2e-3, 1.0),
     "contrast_per_N": (0.5, 2.0),
 }
 CONDUCTIVITY = (0.5, 0.2)
 FACTOR_SD = 10.0
+MOST = 3.0  # sd by which a calibration may be off
 
 
 @dataclass(frozen=True)
@@ -41,9 +43,10 @@ class Calibration:
     log: bool = True
 
     def value(self, coordinate: float) -> float:
-        """The value at a coordinate, 0 being the start, 1 one sd away."""
+        """The value at a coordinate, 0 being the start, 1 about one sd away, never beyond MOST."""
+        coordinate = MOST * math.tanh(coordinate / MOST)
         if self.log:
-            return self.start * float(np.exp(self.sd * coordinate))
+            return self.start * math.exp(self.sd * coordinate)
         return self.start + self.sd * coordinate
 
 

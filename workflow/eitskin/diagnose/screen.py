@@ -1,11 +1,11 @@
 """Score tests of every candidate, and how surprising the best of so many would be by chance."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtrc
 
-from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.candidates import Candidate, log_ways
 from eitskin.diagnose.tangents import Tangents
 
 NULL_DRAWS = 40_000
@@ -20,15 +20,10 @@ def log_evidence(slope: np.ndarray, information: np.ndarray) -> float:
     """
     if not len(slope):
         return -np.inf
-    return max(_evidence(slope, information, amplitude) for amplitude in AMPLITUDES) - np.log(
-        len(AMPLITUDES)
-    )
-
-
-def _evidence(slope: np.ndarray, information: np.ndarray, amplitude: float) -> float:
-    spread = np.eye(len(slope)) + amplitude**2 * information
-    gain = 0.5 * slope @ np.linalg.solve(information + np.eye(len(slope)) / amplitude**2, slope)
-    return float(gain - 0.5 * np.linalg.slogdet(spread)[1])
+    size, turn = np.linalg.eigh(information)
+    size, along = np.maximum(size, 0.0), (slope @ turn) ** 2
+    gains = [0.5 * (along / (size + a**-2) - np.log1p(a**2 * size)).sum() for a in AMPLITUDES]
+    return float(max(gains) - np.log(len(AMPLITUDES)))
 
 
 @dataclass(frozen=True)
@@ -60,7 +55,7 @@ def score(tangents: Tangents, candidate: Candidate) -> Score | None:
 def subset(tangents: Tangents, dense: Candidate) -> Candidate | None:
     """The sparse candidate of two or more sites that a forward selection finds among the sites of a
     dense one: as long as the evidence, with the prior over subsets, grows."""
-    singles = [tangents.of(_sparse(dense, (site,))) for site in dense.sites]
+    singles = [tangents.of(sparse(dense, (site,))) for site in dense.sites]
     usable = [i for i, column in enumerate(singles) if len(column) == 1]
     if len(usable) < 3:
         return None
@@ -81,28 +76,18 @@ def subset(tangents: Tangents, dense: Candidate) -> Candidate | None:
         chosen.append(i)
     if len(chosen) < 2:
         return None
-    return _sparse(dense, tuple(sorted(dense.sites[usable[i]] for i in chosen)))
+    return sparse(dense, tuple(sorted(dense.sites[usable[i]] for i in chosen)))
 
 
 def _subset_evidence(slope, information, chosen: list[int], count: int) -> float:
     at = np.array(chosen)
-    ways = np.log([(count - i) / (i + 1) for i in range(len(chosen))]).sum()
-    return log_evidence(slope[at], information[np.ix_(at, at)]) - ways
+    return log_evidence(slope[at], information[np.ix_(at, at)]) - log_ways(count, len(chosen))
 
 
-def _sparse(dense: Candidate, sites: tuple[int, ...]) -> Candidate:
-    count = len(dense.sites)
-    ways = np.exp(np.log([(count - i) / (i + 1) for i in range(len(sites))]).sum())
-    return Candidate(
-        dense.effect,
-        dense.kind,
-        sites,
-        "sparse",
-        dense.start,
-        dense.skin,
-        dense.scales,
-        int(round(ways)),
-    )
+def sparse(dense: Candidate, sites: tuple[int, ...]) -> Candidate:
+    """The sparse candidate of some of a dense one's sites."""
+    looks = round(np.exp(log_ways(len(dense.sites), len(sites))))
+    return replace(dense, sites=sites, scope="sparse", looks=int(looks))
 
 
 @dataclass(frozen=True)

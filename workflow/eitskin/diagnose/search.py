@@ -15,10 +15,10 @@ import numpy as np
 from scipy.special import chdtrc
 
 from eitskin.diagnose import channels, tones
-from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.candidates import Candidate, without_site
 from eitskin.diagnose.fit import Fit, Problem, fit
 from eitskin.diagnose.held_out import HeldOut, held_out
-from eitskin.diagnose.screen import AMPLITUDES, Null, Score, null, score, subset
+from eitskin.diagnose.screen import AMPLITUDES, NULL_DRAWS, Null, Score, null, score, subset
 from eitskin.diagnose.tangents import Tangents
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
@@ -30,6 +30,8 @@ LEAST_EVIDENCE = 3.0  # nats by which an effect must raise the evidence
 WITHIN = 20.0  # nats of linear evidence below the best, or this share of its gain ...
 SHARE = 0.3
 MOST_NAMES = 12
+GROSS = 30.0  # chi squared over its degrees of freedom above which gross faults are tried first
+PLAIN = 0.5  # of the misfit without it, that a gross fault may leave
 RACE = 10.0  # nats behind the best trial at which another is given up
 SEVERAL = ("domain-shape",)  # one entry each: harmonics
 
@@ -48,6 +50,11 @@ class State:
         """What it predicts for frames left out."""
         return held_out(self.fit, self.fold)
 
+    def p_value(self, candidate: Candidate) -> float:
+        """Global p-value with which an effect, or the first of its sites, came in."""
+        own = [p for key, p in self.p_values.items() if key[:2] == candidate.key[:2]]
+        return self.p_values.get(candidate.key, min(own, default=1.0))
+
     @property
     def effects(self) -> list[Candidate]:
         """The effects, in the order in which they came in."""
@@ -56,13 +63,15 @@ class State:
 
 @dataclass
 class Search:
-    """One recording's search. `path`: what was done, a row a step; report: called with words."""
+    """One recording's search. `path`: what was done, a row a step; report: called with words;
+    catalogue_p: the global p-value of the best candidate that did not enter."""
 
     problem: Problem
     candidates: list[Candidate]
     fold: np.ndarray
     seed: int
     report: Callable[[str], None]
+    catalogue_p: float = 1.0
     path: list[dict] = field(default_factory=list)
     null: Null | None = None
     tangents: dict[tuple, Tangents] = field(default_factory=dict)
@@ -76,23 +85,14 @@ class Search:
         """The owner's beliefs with their calibrations fitted, no effect."""
         start = np.zeros(len(self.problem.model.calibrations))
         best = fit(self.problem, [], start, polish=True)
-        for i, calibration in enumerate(self.problem.model.calibrations):
-            if calibration.name in ("contact_impedivity_ohm_m2", "contrast_per_N", "robot_scale"):
-                for shift in (-1.0, 1.0):
-                    other = start.copy()
-                    other[i] = shift
-                    try:
-                        trial = fit(self.problem, [], other, polish=True)
-                    except InputError:
-                        continue
-                    if trial.chi2 < best.chi2 - 1.0:
-                        best = trial
         return self.state(best)
 
     def run(self) -> tuple[State, State]:
         """The state before and the state found."""
         before = state = self.calibrated()
         self._step("calibrate", None, state, None)
+        while (plain := self._gross(state)) is not None:
+            state = plain
         while len(state.effects) < MOST_EFFECTS:
             better = self._add(state)
             if better is None:
@@ -143,28 +143,62 @@ class Search:
         return sorted(found, key=lambda s: -s.log_evidence)
 
     def _tried(self, tangents: Tangents, candidate: Candidate) -> Score | None:
-        """A candidate without tangents, by trying it: the calibrations follow to first order."""
+        """A candidate without tangents, by trying it; the calibrations follow to first order."""
+        setting = candidate.setting(np.zeros(candidate.size))
         try:
-            moved = self.problem.model.voltage(
-                tangents.knobs, [*tangents.chosen, candidate.setting(np.zeros(candidate.size))]
-            )
+            moved = self.problem.model.voltage(tangents.knobs, [*tangents.chosen, setting])
         except InputError:
             return None
         change = tangents.away(self.problem.whitening(moved - tangents.voltage).ravel())
         length = float(change @ change)
         if length == 0.0:
             return None
-        gain = 2.0 * float(change @ tangents.residual) - length
-        surprise = float(change @ tangents.residual) ** 2 / length
-        p = float(chdtrc(1, surprise)) if gain > 0 else 1.0
+        along = float(change @ tangents.residual)
+        gain = 2.0 * along - length
+        p = float(chdtrc(1, along**2 / length)) if gain > 0 else 1.0
         return Score(candidate, gain, 1, p, 0.5 * gain - np.log(candidate.looks))
+
+    def _gross(self, state: State) -> State | None:
+        """`state` with one gross fault of the wiring, None where none is plain to see.
+
+        Such a fault leads the calibrations astray, and what is linear about them: each is tried
+        with the beliefs as they are, one common factor free.
+        """
+        if _per_dof(state) < GROSS:
+            return None
+        recorded = self.problem.whitening(self.problem.recorded)
+        start = np.zeros(len(self.problem.model.calibrations))
+        chosen = state.fit.settings()
+        taken = {c.key for c in state.effects}
+
+        def left(settings: list) -> float:
+            scaled = self.problem.whitening(self.problem.model.voltage(start, settings))
+            return float((recorded**2).sum() - (scaled * recorded).sum() ** 2 / (scaled**2).sum())
+
+        faults = [c for c in self.candidates if gross(c)]
+        trials = [
+            (left([*chosen, c.setting(np.zeros(c.size))]), i)
+            for i, c in enumerate(faults)
+            if c.key not in taken
+        ]
+        least, best = min(trials)
+        if least > PLAIN * left(chosen):
+            return None
+        effects = [*state.effects, faults[best]]
+        size = sum(c.size for c in effects)
+        found = self.state(fit(self.problem, effects, np.r_[start, np.zeros(size)], polish=True))
+        if found.log_evidence < state.log_evidence + LEAST_EVIDENCE:
+            return None
+        found.p_values = dict.fromkeys((c.key for c in effects), 1.0 / (NULL_DRAWS + 1.0))
+        self._step("add", faults[best], found, 1.0 / (NULL_DRAWS + 1.0))
+        return found
 
     def _add(self, state: State) -> State | None:
         """The state with one more effect, None where none is warranted."""
         scores = self.scores(state)
         if not scores:
             return None
-        p_value = self.null.p_value(min(s.p_value for s in scores))
+        p_value = self.catalogue_p = self.null.p_value(min(s.p_value for s in scores))
         self.report(
             f"{len(state.effects)} effects, chi2/dof {_per_dof(state):.3f}: best score "
             f"{scores[0].candidate.name}, p = {p_value:.2g}"
@@ -237,9 +271,11 @@ class Search:
     def _fitted(self, effects, start, jacobian, state: State, enough: float) -> State | None:
         try:
             fitted = fit(self.problem, effects, start, jacobian, enough=enough)
-            if discrete(effects[-1]):
+            if discrete(effects[-1]) or (jacobian is not None and _per_dof(state) > GROSS):
                 knobs = len(self.problem.model.calibrations)
-                again = fit(self.problem, effects, np.r_[np.zeros(knobs), start[knobs:]])
+                again = fit(
+                    self.problem, effects, np.r_[np.zeros(knobs), start[knobs:]], enough=enough
+                )
                 fitted = min(fitted, again, key=lambda f: f.chi2)
             return self.state(fitted, state.p_values)
         except (InputError, np.linalg.LinAlgError):
@@ -264,13 +300,37 @@ class Search:
                     self._step("drop", state.effects[index], less, None)
                     state, dropped = less, True
                     break
+        state = self._trim(state)
         polished = fit(self.problem, state.effects, state.fit.theta, polish=True)
         return self.state(polished, state.p_values)
+
+    def _trim(self, state: State) -> State:
+        """Sites of sparse effects that do not earn their place, taken out one by one."""
+        for index in range(len(state.effects)):
+            effect = state.effects[index]
+            while effect.scope == "sparse" and effect.size == len(effect.sites) > 1:
+                place = state.fit.place(index)
+                sd = np.sqrt(np.diag(state.fit.covariance)[place])
+                weakest = int(np.argmin(np.abs(state.fit.theta[place]) / sd))
+                fewer = without_site(effect, weakest)
+                effects = [*state.effects[:index], fewer, *state.effects[index + 1 :]]
+                theta = np.delete(state.fit.theta, place.start + weakest)
+                jacobian = np.delete(state.fit.jacobian, place.start + weakest, axis=0)
+                trial = self.state(
+                    fit(self.problem, effects, theta, jacobian), dict(state.p_values)
+                )
+                if trial.log_evidence <= state.log_evidence:
+                    break
+                trial.p_values[fewer.key] = state.p_values.get(effect.key, 1.0)
+                state, effect = trial, fewer
+        return state
 
     def _stand(self, state: State) -> State:
         """Every effect against every other name in its place, until none gives way."""
         for _ in range(MOST_EFFECTS):
             for index, effect in enumerate(state.effects):
+                if gross(effect):
+                    continue
                 less = self.less(state, index)
                 rivals = self.tried(less, self.scores(less))
                 if rivals and rivals[0].log_evidence > state.log_evidence + 1.0:
@@ -319,6 +379,11 @@ def discrete(candidate: Candidate) -> bool:
     return not candidate.linear.any() and candidate.name != "mains-interference"
 
 
+def gross(candidate: Candidate) -> bool:
+    """Whether a candidate is a fault of the wiring that is there or not, far from any tangent."""
+    return candidate.effect.stage == "wiring" and discrete(candidate)
+
+
 def _of_channels(candidate: Candidate) -> bool:
     return candidate.kind == "channels"
 
@@ -337,7 +402,7 @@ def _joined(a: Candidate, b: Candidate) -> Candidate | None:
 
 
 def shortlist(scores: list[Score]) -> list[Candidate]:
-    """Candidates worth a nonlinear fit: of every name the best two forms, names in order of
+    """Candidates worth a nonlinear fit: of every name the best of each form, names in order of
     evidence; those far from the best only while little else explains as much."""
     if not scores:
         return []
@@ -345,9 +410,7 @@ def shortlist(scores: list[Score]) -> list[Candidate]:
     names: dict[str, list[Score]] = {}
     for s in scores:
         own = names.setdefault(s.candidate.name, [])
-        scopes = {(o.candidate.scope, len(o.candidate.sites or ())) for o in own}
-        new = (s.candidate.scope, len(s.candidate.sites or ())) not in scopes
-        if len(own) < 2 and (not own or new or s.log_evidence > own[0].log_evidence - 5.0):
+        if _form(s.candidate) not in {_form(o.candidate) for o in own}:
             own.append(s)
     chosen = []
     for name, own in list(names.items())[:MOST_NAMES]:
@@ -357,6 +420,10 @@ def shortlist(scores: list[Score]) -> list[Candidate]:
             if near or tried:
                 chosen.append(s.candidate)
     return chosen
+
+
+def _form(candidate: Candidate) -> tuple[str, bool]:
+    return candidate.scope, candidate.scope == "sparse" and len(candidate.sites) > 1
 
 
 def set_evidence(fitted: Fit) -> float:

@@ -6,6 +6,8 @@ from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
 from eitskin.skin import Skin
 
+HARMONICS = 6
+
 
 class DomainShape(SkinEffect):
     """r(phi) = R (1 + amplitude cos(harmonic phi - phase)); electrode edges keep their angles.
@@ -26,8 +28,8 @@ class DomainShape(SkinEffect):
     confusable = ("anisotropy", "ellipse", "electrode-position")
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
-        """Every harmonic that half as many electrodes can tell from another."""
-        return [{"harmonic": k} for k in range(len(skin.electrode_deg) // 2 + 1)]
+        """The size and the harmonics that a rim is likely to have."""
+        return [{"harmonic": k} for k in range(HARMONICS + 1)]
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with this harmonic added to its rim."""

@@ -27,7 +27,7 @@ class ForceDependentImpedance(SkinEffect):
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
         """Everywhere alike, or within a range of the touch."""
-        return [{}, *({"range_mm": share * skin.radius_mm} for share in (0.2, 0.4, 0.8))]
+        return [{}, *({"range_mm": range_mm} for range_mm in (15.0, 30.0, 60.0))]
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with contacts as the force has them; untouched, as they were."""

@@ -26,7 +26,7 @@ class ThirdDimension(SkinEffect):
         """The thickness given, else depths from that of a skin to that of a tank."""
         if skin.thickness_mm is not None:
             return [{}]
-        return [{"depth_mm": share * skin.radius_mm} for share in (0.1, 0.3, 1.0)]
+        return [{"depth_mm": depth_mm} for depth_mm in (10.0, 30.0, 100.0)]
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry as a body."""

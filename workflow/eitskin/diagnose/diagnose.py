@@ -1,0 +1,359 @@
+"""A recording diagnosed: noise, calibration, atlas, search, gaps, remainder; and all of it written."""
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import yaml
+from scipy.stats import norm
+
+from eitskin import recording
+from eitskin.accuracy import untouched_error
+from eitskin.atomic import atomic_path
+from eitskin.diagnose import evidence, words
+from eitskin.diagnose.atlas import atlas
+from eitskin.diagnose.candidates import Candidate, Scales, catalogue
+from eitskin.diagnose.estimates import calibration, estimates
+from eitskin.diagnose.fit import STEP, Fit, Problem
+from eitskin.diagnose.gaps import CONFUSED, OBSERVABLE, Gap, gaps, strengths
+from eitskin.diagnose.held_out import folds
+from eitskin.diagnose.model import Model
+from eitskin.diagnose.noise import Noise, estimate
+from eitskin.diagnose.remainder import Other, other
+from eitskin.diagnose.search import Search, State
+from eitskin.diagnose.verdict import verdict
+from eitskin.diagnose.whitening import COHERENT, Whitening
+from eitskin.effects import EFFECTS
+from eitskin.effects.settings import site_counts
+from eitskin.errors import InputError
+from eitskin.geometry import Geometry
+from eitskin.recording import Recording
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found of one recording, and the search that found it."""
+
+    recorded: Recording
+    search: Search
+    noise: Noise
+    before: State
+    after: State
+    atlas_before: pd.DataFrame
+    atlas_after: pd.DataFrame
+    gaps: list[list[Gap]]
+    strengths: dict[str, float]
+    other: Other
+
+
+def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diagnosis:
+    """Diagnose a recording: locate, name and model what its simulation leaves out.
+
+    Equal seeds give equal results, bit for bit. Raises InputError where nothing can be simulated.
+    """
+
+    def report(line: str) -> None:
+        if progress:
+            print(f"  {line}", file=sys.stderr, flush=True)
+
+    noise = estimate(recorded)
+    report(f"noise {np.median(noise.sd):.3g} ({noise.source})")
+    problem, scales = problem_of(recorded, noise)
+    model = problem.model
+    candidates = catalogue(
+        recorded.skin,
+        model.believed,
+        np.where(problem.whitening.mask, recorded.voltage, np.nan),
+        site_counts(recorded.channels),
+        scales,
+        floating=not model.sink_grounded,
+        timed=recorded.metadata["clock"] == "measured",
+    )
+    fold = folds(model.touched, model.press, seed)
+    search = Search(problem, candidates, fold, seed, report)
+    before, after = search.run()
+    report("comparing with every other name")
+    found = [gaps(search, after, i) for i in range(len(after.effects))]
+    atlas_after = _atlas(recorded, noise, after.fit)
+    left = other(atlas_after, search.catalogue_p)
+    return Diagnosis(
+        recorded,
+        search,
+        noise,
+        before,
+        after,
+        _atlas(recorded, noise, before.fit),
+        atlas_after,
+        found,
+        strengths(search, after),
+        left,
+    )
+
+
+def problem_of(recorded: Recording, noise: Noise) -> tuple[Problem, Scales]:
+    """The fitting problem of a recording whose noise is known, and the sizes of its readings."""
+    model = Model(recorded)
+    readings = np.where(model.known[:, None], recorded.voltage, np.nan)
+    median = float(np.nanmedian(np.abs(readings[~model.touched])) or 0.0)
+    if model.difference or not np.isfinite(median):
+        median = float(np.nanmedian(np.abs(readings)))
+    geometry = Geometry.from_skin(model.believed)
+    current = model.believed.current_A if model.unit != "ohm" else 1.0
+    error = np.abs(current * untouched_error(geometry, recorded.channels, "diagnose"))
+    error = np.hypot(error, COHERENT * median)
+    whitening = Whitening.of(readings, noise.sd, model.difference, error)
+    return Problem(model, readings, whitening), Scales(median, current)
+
+
+def _atlas(recorded: Recording, noise: Noise, fit: Fit) -> pd.DataFrame:
+    simulated = np.where(fit.problem.whitening.mask, fit.voltage(), np.nan)
+    fitted = fit.jacobian.reshape(len(fit.theta), -1).T
+    residual = np.where(fit.problem.whitening.mask, fit.residual, np.nan)
+    return atlas(recorded, residual, simulated / noise.sd, fitted)
+
+
+def result(found: Diagnosis, name: str) -> dict:
+    """diagnosis.json of a diagnosis, as an object."""
+    before, after = found.before, found.after
+    entries = [_entry(found, i) for i in range(len(after.effects))]
+    reading_dof = 1.0 / after.held_out.readings + 1.0 / max(found.noise.dof, 1.0)
+    excess = (after.held_out.chi2_per_dof - 1.0) / np.sqrt(2.0 * reading_dof)
+    mask = found.search.problem.whitening.mask
+    unit_rms = [
+        float(np.sqrt(np.mean((found.search.problem.recorded - s.fit.voltage())[mask] ** 2)))
+        for s in (before, after)
+    ]
+    left = found.other
+    return {
+        "format": "eit-diagnosis",
+        "version": 1,
+        "recording": name,
+        "verdict": verdict(entries, float(norm.sf(excess)), left.probability),
+        "calibration": calibration(after.fit),
+        "noise_V": float(np.median(found.noise.sd)),
+        "effects": entries,
+        "other": {
+            "probability": left.probability,
+            "electrodes": left.electrodes,
+            "drives": left.drives,
+            "measures": left.measures,
+            "driver": left.driver,
+            "law": left.law,
+            "sentence": left.sentence,
+        },
+        "unobservable": unobservable(found),
+        "fit": {
+            "held_out": {
+                "frames": int(mask.any(axis=1).sum()),
+                "chi2_per_dof_before": before.held_out.chi2_per_dof,
+                "chi2_per_dof_after": after.held_out.chi2_per_dof,
+                "rms_before_V": unit_rms[0],
+                "rms_after_V": unit_rms[1],
+            }
+        },
+    }
+
+
+def unobservable(found: Diagnosis) -> list[str]:
+    """Names of the catalogue that the recording could not have shown at a typical size."""
+    there = {c.name for c in found.after.effects}
+    return sorted(
+        name
+        for name, effect in EFFECTS.items()
+        if not effect.composite
+        and name not in there
+        and found.strengths.get(name, 0.0) < OBSERVABLE
+    )
+
+
+def _entry(found: Diagnosis, index: int) -> dict:
+    """One effect of diagnosis.json."""
+    state, search = found.after, found.search
+    candidate = state.effects[index]
+    less = search.less(state, index)
+    named = found.gaps[index]
+    alternatives = [g.rival for g in named if g.gap < CONFUSED]
+    before, after = found.before.held_out, state.held_out
+    rivals = search.trials.get(tuple(c.key for c in less.effects), [])
+    outside = [r for r in rivals if r.effects[-1].name != candidate.name]
+    best = max([less, *outside], key=lambda s: s.held_out.density.sum())
+    gain, error = after.gain(best.held_out)
+    share = (less.held_out.chi2.sum() - after.chi2.sum()) / max(
+        before.chi2.sum() - before.readings, 1e-300
+    )
+    entry = {
+        "name": candidate.name,
+        "alternatives": alternatives,
+        "scope": candidate.scope or "common",
+        **{kind: [] for kind in ("electrodes", "drives", "measures", "channels")},
+        "driver": candidate.effect.driver,
+        "parameters": estimates(state.fit, index),
+        "share": float(share),
+        "evidence": {"elpd_gain": gain, "elpd_se": error, "p_value": state.p_value(candidate)},
+        "gap": named[0].gap if named else None,
+    }
+    if candidate.kind is not None and candidate.scope != "common":
+        entry[candidate.kind] = [int(site) for site in candidate.sites]
+    entry["sentence"] = words.finding(entry, EFFECTS[candidate.name])
+    return entry
+
+
+def items(state: State) -> list[dict]:
+    """The effects of a state as the configuration writes them."""
+    return [c.item(state.fit.theta[state.fit.place(i)]) for i, c in enumerate(state.effects)]
+
+
+def corrected(found: Diagnosis, name: str) -> dict:
+    """A configuration's skin, protocol of effects and noise that simulate what was recorded."""
+    fit = found.after.fit
+    knobs = fit.theta[: len(fit.problem.model.calibrations)]
+    skin = fit.problem.model.skin(knobs).metadata()
+    effects = items(found.after)
+    noise = float(np.median(found.noise.sd) / found.search.candidates[0].scales.reading_V)
+    return {
+        "skin": skin,
+        "twin": {"skin": skin, "effects": effects, "noise": noise},
+        "configurations": {name: {"effects": effects, "noise": noise}},
+    }
+
+
+def predict(found: Diagnosis, query: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Voltages (N, M) of a query's states, noise-free, and their standard deviations."""
+    fit = found.after.fit
+    problem = Problem(Model(found.recorded, query), np.zeros(1), fit.problem.whitening)
+    if not problem.model.known.all():
+        row = int(np.flatnonzero(~problem.model.known)[0])
+        raise InputError("query", f"row {row}", "a touch of unknown state", "x, y, force and probe")
+
+    def voltage(theta: np.ndarray) -> np.ndarray:
+        knobs, chosen = problem.split(theta, fit.effects)
+        return problem.model.voltage(knobs, chosen)
+
+    there = voltage(fit.theta)
+    slopes = np.array(
+        [(voltage(fit.theta + STEP * unit) - there) / STEP for unit in np.eye(len(fit.theta))]
+    ).reshape(len(fit.theta), *there.shape)
+    root = np.linalg.cholesky(fit.covariance)
+    spread = np.einsum("pq,pnm->qnm", root, slopes)
+    return there, np.sqrt((spread**2).sum(axis=0))
+
+
+def write(found: Diagnosis, name: str, folder: Path, schema: Path, query_path: Path | None) -> None:
+    """Write a diagnosis into its folder: diagnosis.json, effects.yaml, predicted.parquet where a
+    query is given, and the evidence that the report is made from."""
+    said = result(found, name)
+    evidence.validate(said, schema, folder / "diagnosis.json")
+    (folder / "evidence").mkdir(parents=True, exist_ok=True)
+    if query_path is not None:
+        query = recording.read(query_path)
+        voltage, sd = predict(found, query)
+        _write_predicted(query_path, voltage, sd, folder / "predicted.parquet")
+    _write_evidence(found, folder / "evidence")
+    with atomic_path(folder / "effects.yaml") as path:
+        path.write_text(yaml.safe_dump(corrected(found, name), sort_keys=False), "utf-8")
+    with atomic_path(folder / "diagnosis.json") as path:
+        text = json.dumps(said, indent=2, ensure_ascii=False, allow_nan=False)
+        path.write_text(text + "\n", "utf-8")
+
+
+def _write_predicted(query: Path, voltage: np.ndarray, sd: np.ndarray, out: Path) -> None:
+    table = pq.read_table(query)
+    for key, values in (("voltage_V", voltage), ("std_V", sd)):
+        column = pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+        if key in table.column_names:
+            table = table.drop_columns(key)
+        table = table.append_column(key, column)
+    with atomic_path(out) as path:
+        pq.write_table(table, path)
+
+
+def _write_evidence(found: Diagnosis, folder: Path) -> None:
+    before, after, problem = found.before.fit, found.after.fit, found.search.problem
+    mask = problem.whitening.mask
+    frames = found.recorded.frames
+    with atomic_path(folder / "residuals.npz") as path, path.open("wb") as file:
+        np.savez_compressed(
+            file,
+            before=np.where(mask, before.residual, np.nan),
+            after=np.where(mask, after.residual, np.nan),
+            noise_V=found.noise.sd,
+            noise_source=np.array(found.noise.source),
+            noise_dof=np.array(float(found.noise.dof)),
+            channels=found.recorded.channels,
+            held_out=found.search.fold,
+            press=problem.model.press,
+            recorded_V=problem.recorded,
+            before_V=before.voltage(),
+            after_V=after.voltage(),
+            **{
+                key: frames[key].to_numpy(bool if key == "touch" else float)
+                for key in ("time_s", "touch", "x_mm", "y_mm", "force_N", "probe_mm")
+            },
+        )
+    tables = {
+        "atlas_before": found.atlas_before,
+        "atlas_after": found.atlas_after,
+        "rivals": _rivals(found),
+        "identifiability": _identifiability(found),
+        "search": pd.DataFrame(found.search.path),
+    }
+    for key, table in tables.items():
+        with atomic_path(folder / f"{key}.csv") as path:
+            table.to_csv(path, index=False)
+    with atomic_path(folder / "experiment.json") as path:
+        path.write_text(json.dumps(_experiment(found), ensure_ascii=False) + "\n", "utf-8")
+
+
+def _rivals(found: Diagnosis) -> pd.DataFrame:
+    rows = []
+    state, search = found.after, found.search
+    for index, candidate in enumerate(state.effects):
+        less = search.less(state, index)
+        trials = search.trials.get(tuple(c.key for c in less.effects), [])
+        best = {s.effects[-1].name: s for s in reversed(trials) if s.effects}
+        best.pop(candidate.name, None)
+        gap = {g.rival: g.gap for g in found.gaps[index]}
+        snr = found.gaps[index][0].snr if found.gaps[index] else np.nan
+        for name, rival in [("nothing", less), *best.items()]:
+            difference, _ = rival.held_out.gain(state.held_out)
+            rows.append(
+                {
+                    "effect": candidate.name,
+                    "instead": name,
+                    "chi2_per_dof": rival.held_out.chi2_per_dof,
+                    "elpd_difference": difference,
+                    "gap": snr if name == "nothing" else gap.get(name, np.nan),
+                }
+            )
+    return pd.DataFrame(
+        rows, columns=["effect", "instead", "chi2_per_dof", "elpd_difference", "gap"]
+    )
+
+
+def _identifiability(found: Diagnosis) -> pd.DataFrame:
+    nearest = {c.name: found.gaps[i][0] for i, c in enumerate(found.after.effects) if found.gaps[i]}
+    hidden = set(unobservable(found))
+    rows = []
+    for name in sorted(n for n, e in EFFECTS.items() if not e.composite):
+        gap = nearest.get(name)
+        snr = gap.snr if gap else found.strengths.get(name, 0.0)
+        rows.append(
+            {
+                "name": name,
+                "snr": snr if np.isfinite(snr) else np.nan,
+                "nearest": gap.rival if gap else "",
+                "gap": gap.gap if gap else np.nan,
+                "observable": name not in hidden,
+                "experiment": EFFECTS[name].shown_by if name in hidden else "",
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _experiment(found: Diagnosis) -> dict:
+    return {"sentence": "No experiment is needed to tell names apart.", "pairs": []}

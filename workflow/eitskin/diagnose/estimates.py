@@ -1,0 +1,54 @@
+"""Fitted values with their 90 % intervals."""
+
+import numpy as np
+
+from eitskin.diagnose.fit import Fit
+
+NORMAL_90 = 1.6449
+NUDGE = 1e-4
+
+
+def calibration(fit: Fit) -> dict[str, dict]:
+    """Every calibration: value, low, high, unit."""
+    covariance = fit.covariance
+    found = {}
+    for i, item in enumerate(fit.problem.model.calibrations):
+        half = NORMAL_90 * float(np.sqrt(covariance[i, i]))
+        value, low, high = (item.value(fit.theta[i] + s * half) for s in (0, -1, 1))
+        low, high = min(low, high), max(low, high)
+        found[item.name] = {"value": value, "low": low, "high": high, "unit": item.unit}
+    return found
+
+
+def estimates(fit: Fit, index: int) -> dict[str, dict]:
+    """Every parameter of effect `index`: value, low, high, unit; of several sites as lists
+    parallel to them. By linear propagation, of the logarithm where a parameter stays above 0.
+    """
+    effect, place = fit.effects[index], fit.place(index)
+    covariance, theta = fit.covariance[place, place], fit.theta[place]
+    value = effect.setting(theta).values
+    moved = [
+        [effect.setting(theta + sign * NUDGE * unit).values for sign in (1, -1)]
+        for unit in np.eye(effect.size)
+    ]
+    found = {}
+    for key, parameter in effect.effect.parameters.items():
+        if value[key] is None or (key in effect.start and parameter.neutral == value[key]):
+            continue
+        at = np.asarray(value[key], float)
+        slope = np.array(
+            [(np.asarray(up[key]) - np.asarray(down[key])) / (2 * NUDGE) for up, down in moved]
+        ).reshape(effect.size, *at.shape)
+        variance = np.einsum("p...,pq,q...->...", slope, covariance, slope)
+        half = NORMAL_90 * np.sqrt(np.maximum(variance, 0.0))
+        if parameter.low > 0 and not parameter.whole:
+            low, high = at * np.exp(-half / at), at * np.exp(half / at)
+        else:
+            low, high = at - half, at + half
+        low, high = (np.clip(bound, parameter.low, parameter.high) for bound in (low, high))
+        low, high = np.minimum(low, at), np.maximum(high, at)
+        if effect.scope == "sparse" and at.shape == (1,):
+            at, low, high = at[0], low[0], high[0]
+        numbers = {"value": at.tolist(), "low": low.tolist(), "high": high.tolist()}
+        found[key] = {**numbers, "unit": parameter.unit}
+    return found

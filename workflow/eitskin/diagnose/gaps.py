@@ -1,0 +1,135 @@
+"""What a recording can tell apart: SNR gaps between names, and what it cannot show at all.
+
+The gap of a found effect to another name is the length, in noise units, of what is left of its
+signature once the other has been fitted to it with site and amplitude free, calibrations and the
+other found effects following.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.fit import fit
+from eitskin.diagnose.search import Search, State, discrete, gross
+from eitskin.diagnose.tangents import Tangents
+from eitskin.errors import InputError
+
+CONFUSED = 3.0  # a gap under which two names are one class
+CLOSE = 6.0  # a linear gap, times this, under which the rival is fitted on the nonlinear model
+MOST_FITTED = 5
+OBSERVABLE = 3.0  # SNR at typical size under which a name could not have been shown
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A rival name's distance from a found effect's signature; snr: the signature's own length."""
+
+    rival: str
+    gap: float
+    snr: float
+
+
+def gaps(search: Search, state: State, index: int) -> list[Gap]:
+    """Gap of effect `index` of a state to every other name, the nearest first."""
+    effect = state.effects[index]
+    if gross(effect):
+        return _gross_gaps(search, state, index)
+    less = search.less(state, index)
+    target = replace(search.problem, recorded=state.fit.voltage())
+    bare = fit(target, less.effects, less.fit.theta, polish=True)
+    tangents = Tangents(bare)
+    snr = float(np.sqrt(tangents.residual @ tangents.residual))
+    best: dict[str, tuple[float, Candidate]] = {}
+    for candidate in search.candidates:
+        if candidate.name == effect.name or not _rival(candidate, effect):
+            continue
+        gap = _linear_gap(tangents, candidate)
+        if gap is not None and gap < best.get(candidate.name, (np.inf, None))[0]:
+            best[candidate.name] = gap, candidate
+    ranked = sorted(best.items(), key=lambda pair: pair[1][0])
+    found = []
+    for rank, (name, (gap, candidate)) in enumerate(ranked):
+        strong = snr > 20.0 and gap > 0.2 * snr and rank > 2
+        if rank < MOST_FITTED and gap < CLOSE * CONFUSED and not strong and candidate.size:
+            gap = min(gap, _fitted_gap(target, tangents, less.effects, candidate, snr))
+        found.append(Gap(name, float(gap), snr))
+    return sorted(found, key=lambda g: g.gap)
+
+
+def _rival(candidate: Candidate, effect: Candidate) -> bool:
+    """Rivals have one site, or the effect's own scope: more freedom than the effect has would fit
+    anything."""
+    if candidate.name in ("mains-interference",) or candidate.kind == "channels":
+        return False
+    return candidate.scope != "dense" or effect.scope == "dense"
+
+
+def _linear_gap(tangents: Tangents, candidate: Candidate) -> float | None:
+    total = float(tangents.residual @ tangents.residual)
+    if discrete(candidate):
+        setting = candidate.setting(np.zeros(candidate.size))
+        model, whitening = tangents.problem.model, tangents.problem.whitening
+        try:
+            moved = model.voltage(tangents.knobs, [*tangents.chosen, setting])
+        except InputError:
+            return None
+        left = tangents.residual - tangents.away(whitening(moved - tangents.voltage).ravel())
+        return float(np.sqrt(left @ left))
+    columns = tangents.of(candidate)
+    if not len(columns):
+        return None
+    size, turn = np.linalg.eigh(columns @ columns.T)
+    kept = size > 1e-9 * size[-1]
+    slope = (columns @ tangents.residual) @ turn[:, kept]
+    return float(np.sqrt(max(total - (slope**2 / size[kept]).sum(), 0.0)))
+
+
+def _fitted_gap(target, tangents: Tangents, effects, candidate: Candidate, snr: float) -> float:
+    """The gap with the rival fitted on the nonlinear model to the noise-free signature."""
+    start = np.r_[tangents.fit.theta, np.zeros(candidate.size)]
+    jacobian = np.concatenate([tangents.fit.jacobian, tangents.jacobian(candidate)])
+    try:
+        return float(np.sqrt(fit(target, [*effects, candidate], start, jacobian).chi2))
+    except (InputError, np.linalg.LinAlgError):
+        return snr
+
+
+def _gross_gaps(search: Search, state: State, index: int) -> list[Gap]:
+    """Of a gross fault: to the other gross faults in its place, and to nothing."""
+    model, whitening = search.problem.model, search.problem.whitening
+    knobs = state.fit.theta[: len(model.calibrations)]
+    chosen = state.fit.settings()
+    there = state.fit.voltage()
+    others = [s for i, s in enumerate(chosen) if i != index]
+
+    def apart(settings: list) -> float:
+        change = whitening(model.voltage(knobs, settings) - there)
+        return float(np.sqrt((change**2).sum()))
+
+    snr = apart(others)
+    best: dict[str, float] = {}
+    for candidate in search.candidates:
+        if gross(candidate) and candidate.name != state.effects[index].name:
+            gap = apart([*others, candidate.setting(np.zeros(candidate.size))])
+            best[candidate.name] = min(gap, best.get(candidate.name, np.inf))
+    return sorted((Gap(n, g, snr) for n, g in best.items()), key=lambda g: g.gap)
+
+
+def strengths(search: Search, state: State) -> dict[str, float]:
+    """SNR of every name at a typical size where it shows best, what is fitted projected out; 0 of
+    those that change nothing here."""
+    tangents = search.linearised(state)
+    found: dict[str, float] = {}
+    for candidate in search.candidates:
+        if candidate.name == "mains-interference" or candidate.kind == "channels":
+            snr = np.inf if not search.problem.model.difference else 0.0
+        elif gross(candidate):
+            snr = np.inf
+        elif candidate.scope == "dense" or discrete(candidate):
+            continue
+        else:
+            columns = tangents.of(candidate)
+            snr = float(np.sqrt((columns**2).sum(axis=1).max(initial=0.0)))
+        found[candidate.name] = max(found.get(candidate.name, 0.0), snr)
+    return found

@@ -1,0 +1,83 @@
+"""Whether something is left that no name accounts for, and what it looks like."""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+PRIOR = 0.1  # that physics outside the catalogue is present, before looking
+INDEPENDENT = 0.5  # of the atlas's rows: the rest say what others say
+LAWS = {
+    "time": "time",
+    "order": "time",
+    "session": "time",
+    "dwell": "time",
+    "force": "force",
+    "touched": "force",
+    "probe": "force",
+    "touch signal": "force",
+    "load direction": "load-direction",
+    "position": "position",
+    "press": "position",
+    "scan": "scan-order",
+    "amplitude": "amplitude",
+}
+
+
+@dataclass(frozen=True)
+class Other:
+    """What is left over: probability that it is more than chance; electrodes, drives, measures
+    where it sits; driver and law; a sentence, None below one half."""
+
+    probability: float
+    p_value: float
+    electrodes: list[int]
+    drives: list[int]
+    measures: list[int]
+    driver: str | None
+    law: str | None
+    sentence: str | None
+
+
+def probability(p_value: float) -> float:
+    """Of more than chance: the largest Bayes factor that a p-value can stand for, -1 / (e p ln p)
+    (Sellke, Bayarri, Berger 2001), on the prior odds."""
+    p = min(max(p_value, 1e-300), 1.0)
+    factor = 1.0 if p >= np.exp(-1) else -1.0 / (np.e * p * np.log(p))
+    odds = PRIOR / (1.0 - PRIOR) * factor
+    return float(odds / (1.0 + odds))
+
+
+def other(atlas: pd.DataFrame, catalogue_p: float) -> Other:
+    """What the atlas of the final residual still shows; catalogue_p: the global p-value of the best
+    candidate that did not enter."""
+    rows = atlas[atlas["statistic"] != "everything"]
+    least = float(rows["p"].min()) if len(rows) else 1.0
+    count = max(1.0, INDEPENDENT * len(rows))
+    p = float(-np.expm1(count * np.log1p(-min(least, 1.0 - 1e-16))))
+    p = min(1.0, 2.0 * min(p, catalogue_p))
+    chance = probability(p)
+    if chance < 0.5 or not len(rows):
+        return Other(chance, p, [], [], [], None, None, None)
+    top = rows.iloc[0]
+    statistic, _, where = top["statistic"].partition(": ")
+    driver = LAWS.get(statistic, "static")
+    located = rows[rows["statistic"].str.contains(": (?:electrode|drive|measuring pair)$")]
+    best = located.iloc[0] if len(located) else None
+    sites: dict[str, list[int]] = {"electrodes": [], "drives": [], "measures": []}
+    if best is not None and best["q"] < 0.05:
+        kind = best["statistic"].rpartition(": ")[2]
+        first = int(re.match(r"\d+", best["site"]).group())
+        key = {"electrode": "electrodes", "drive": "drives", "measuring pair": "measures"}[kind]
+        sites[key] = [first]
+    law = {
+        "time": "linear in time",
+        "force": "linear in force",
+        "load-direction": "a step between loading and unloading",
+        "position": "by place",
+        "scan-order": "along the scan",
+        "amplitude": f"{where} of the reading",
+        "static": "constant",
+    }[driver]
+    return Other(chance, p, **sites, driver=driver, law=law, sentence=str(top["sentence"]))
