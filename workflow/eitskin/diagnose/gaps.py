@@ -37,14 +37,15 @@ def gaps(search: Search, state: State, index: int) -> list[Gap]:
         return _gross_gaps(search, state, index)
     less = search.less(state, index)
     target = replace(search.problem, recorded=state.fit.voltage())
-    bare = fit(target, less.effects, less.fit.theta, polish=True)
-    tangents = Tangents(bare)
-    snr = float(np.sqrt(tangents.residual @ tangents.residual))
+    tangents = search.linearised(less)
+    change = search.problem.whitening(target.recorded - tangents.voltage)
+    signature = tangents.away(change.ravel())
+    snr = float(np.sqrt(signature @ signature))
     best: dict[str, tuple[float, Candidate]] = {}
     for candidate in search.candidates:
         if candidate.name == effect.name or not _rival(candidate, effect):
             continue
-        gap = _linear_gap(tangents, candidate)
+        gap = _linear_gap(tangents, signature, candidate)
         if gap is not None and gap < best.get(candidate.name, (np.inf, None))[0]:
             best[candidate.name] = gap, candidate
     ranked = sorted(best.items(), key=lambda pair: pair[1][0])
@@ -65,8 +66,10 @@ def _rival(candidate: Candidate, effect: Candidate) -> bool:
     return candidate.scope != "dense" or effect.scope == "dense"
 
 
-def _linear_gap(tangents: Tangents, candidate: Candidate) -> float | None:
-    total = float(tangents.residual @ tangents.residual)
+def _linear_gap(
+    tangents: Tangents, signature: np.ndarray, candidate: Candidate
+) -> float | None:
+    total = float(signature @ signature)
     if discrete(candidate):
         setting = candidate.setting(np.zeros(candidate.size))
         model, whitening = tangents.problem.model, tangents.problem.whitening
@@ -74,14 +77,14 @@ def _linear_gap(tangents: Tangents, candidate: Candidate) -> float | None:
             moved = model.voltage(tangents.knobs, [*tangents.chosen, setting])
         except InputError:
             return None
-        left = tangents.residual - tangents.away(whitening(moved - tangents.voltage).ravel())
+        left = signature - tangents.away(whitening(moved - tangents.voltage).ravel())
         return float(np.sqrt(left @ left))
     columns = tangents.of(candidate)
     if not len(columns):
         return None
     size, turn = np.linalg.eigh(columns @ columns.T)
     kept = size > 1e-9 * size[-1]
-    slope = (columns @ tangents.residual) @ turn[:, kept]
+    slope = (columns @ signature) @ turn[:, kept]
     return float(np.sqrt(max(total - (slope**2 / size[kept]).sum(), 0.0)))
 
 

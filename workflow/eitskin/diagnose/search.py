@@ -8,7 +8,7 @@ own absence; at the end against every other name in its place.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -30,6 +30,7 @@ LEAST_EVIDENCE = 3.0  # nats by which an effect must raise the evidence
 WITHIN = 20.0  # nats of linear evidence below the best, or this share of its gain ...
 SHARE = 0.3
 MOST_NAMES = 12
+FEW = 6  # coordinates; candidates with more are fitted after the others
 GROSS = 30.0  # chi squared over its degrees of freedom above which gross faults are tried first
 PLAIN = 0.5  # of the misfit without it, that a gross fault may leave
 RACE = 10.0  # nats behind the best trial at which another is given up
@@ -93,12 +94,51 @@ class Search:
         self._step("calibrate", None, state, None)
         while (plain := self._gross(state)) is not None:
             state = plain
+        found = self._alone(state, ("dense",), self._alone(state, ()))
+        return before, self._against_free_channels(state, found)
+
+    def _alone(self, state: State, banned: tuple[str, ...], rival: State | None = None) -> State:
+        """What grows from `state`; with `rival`, again without scopes `banned` of the rival's own
+        names, and the better of the two.
+
+        Many free values take what several plain effects explain better together.
+        """
+        if rival is None:
+            return self._stand(self._grow(state))
+        names = {c.name for c in rival.effects if c.scope in banned}
+        if not names:
+            return rival
+        self.report(f"again without a free value at every site ({', '.join(sorted(names))})")
+        kept = [c for c in self.candidates if c.name not in names or c.scope not in banned]
+        plain = replace(self, candidates=kept, trials={})
+        found = plain._stand(plain._grow(state))
+        if found.log_evidence <= rival.log_evidence:
+            return rival
+        self.trials, self.catalogue_p = plain.trials, plain.catalogue_p
+        return found
+
+    def _against_free_channels(self, state: State, found: State) -> State:
+        """`found`, or every channel with a gain or an offset of its own where that is better."""
+        many = len(found.effects) > 2 or any(_of_channels(c) for c in found.effects)
+        if not (many or self.catalogue_p < SIGNIFICANT):
+            return found
+        for candidate in self.candidates:
+            if _of_channels(candidate):
+                trial = self.with_effect(state, candidate)
+                if trial and trial.log_evidence > found.log_evidence:
+                    trial.p_values = {candidate.key: self.null.p_value(0.0)}
+                    self._step("swap", candidate, trial, None)
+                    found = self._stand(self._grow(self._drop(trial)))
+        return found
+
+    def _grow(self, state: State) -> State:
+        """`state` with effects added until none is warranted."""
         while len(state.effects) < MOST_EFFECTS:
             better = self._add(state)
             if better is None:
                 break
             state = self._drop(better)
-        return before, self._stand(state)
+        return state
 
     def linearised(self, state: State) -> Tangents:
         """Tangents about a state, kept."""
@@ -116,8 +156,8 @@ class Search:
             if candidate.key in taken:
                 continue
             if _of_channels(candidate):
-                if candidate.scope == "dense":
-                    found += channels.scores(tangents, candidate)
+                scored = channels.scores(tangents, candidate)
+                found += [s for s in scored if s.candidate.scope == "sparse"]
             elif candidate.name == "mains-interference":
                 found.append(
                     tones.score(tangents, candidate.effect, candidate.skin, candidate.scales)
@@ -339,12 +379,7 @@ class Search:
                     p = state.p_values.get(effect.key, 1.0)
                     better.p_values = {**state.p_values, **dict.fromkeys(entered, p)}
                     self._step("swap", better.effects[-1], better, p)
-                    state = self._drop(better)
-                    while len(state.effects) < MOST_EFFECTS:
-                        more = self._add(state)
-                        if more is None:
-                            break
-                        state = self._drop(more)
+                    state = self._grow(self._drop(better))
                     break
             else:
                 return state
@@ -419,7 +454,7 @@ def shortlist(scores: list[Score]) -> list[Candidate]:
             tried = EFFECTS[name].name == "adc-nonlinearity" and s.gain > 0
             if near or tried:
                 chosen.append(s.candidate)
-    return chosen
+    return sorted(chosen, key=lambda c: c.size > FEW)
 
 
 def _form(candidate: Candidate) -> tuple[str, bool]:
