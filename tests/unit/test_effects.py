@@ -10,7 +10,7 @@ from eitskin.effects.effect import ORDER, SITES, STAGES, START, Frames, Moment
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.forward import Forward
-from eitskin.geometry import Geometry
+from eitskin.geometry import Geometry, Patch
 from eitskin.protocol import channel_table
 from eitskin.readings import apply_instrument, apply_skin, simulate
 from eitskin.skin import Skin
@@ -35,6 +35,7 @@ PRESS = np.array([-1, 0, 0, 0, -1, 1])
 VOLTAGE = np.random.default_rng(2).normal(1.0, 0.3, (3, 208))
 GIVEN = {
     "domain-shape": {"harmonic": 2},
+    "conductivity-patch": {"x_mm": 25.0, "y_mm": 5.0, "radius_mm": 9.0},
     "electrode-width": {"width_mm": 5.0},
     "relaxation": {"tau_s": 3.0},
     "mains-interference": {"frequency_Hz": 50.0},
@@ -43,6 +44,7 @@ FAULTS = ("electrode-open", "electrode-swap")
 TYPICAL = {
     "anisotropy": {"ratio": 1.05},
     "conductivity-gradient": {"relative_across": 0.1},
+    "conductivity-patch": {"x_mm": 25.0, "y_mm": 5.0, "radius_mm": 9.0, "contrast": 1.3},
     "third-dimension": {"depth_mm": 10.0},
     "contact-impedance": {"ratio": 2.0},
     "electrode-width": {"width_mm": 6.0},
@@ -280,6 +282,14 @@ def test_gradients_add_as_vectors():
     assert found.gradient_deg == pytest.approx(np.degrees(np.arctan2(3, 4)))
     against = settings([gradient(0.03, 90.0), gradient(0.03, 270.0)], COUNTS, (0, 0))
     assert apply_skin(GEOMETRY, against, START).gradient_across == pytest.approx(0.0, abs=1e-15)
+
+
+def test_one_patch():
+    patch = {"name": "conductivity-patch", "parameters": TYPICAL["conductivity-patch"]}
+    chosen = settings([patch], COUNTS, (0, 0))
+    assert apply_skin(GEOMETRY, chosen, START).patch == Patch(25.0, 5.0, 9.0, 1.3)
+    with pytest.raises(InputError, match="two of them, expected one patch"):
+        apply_skin(GEOMETRY, chosen * 2, START)
 
 
 @pytest.mark.parametrize(

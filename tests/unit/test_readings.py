@@ -4,10 +4,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from eitskin.depth import forward_model
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.forward import Forward, channel_values
-from eitskin.geometry import Geometry
+from eitskin.geometry import Geometry, Patch
 from eitskin.protocol import channel_table, reciprocal_channels
 from eitskin.readings import simulate
 from eitskin.skin import Skin
@@ -108,6 +109,15 @@ def test_skewed_channels_see_the_force_of_their_moment(others):
         expected = run(*others, at=states(force=force))
         touch = np.abs(expected[:, k] - expected[0, k]).max()
         assert np.abs(found[:, k] - expected[:, k]).max() < 1e-3 * touch
+
+
+def test_touches_multiply_the_patch():
+    patch = {"x_mm": 28.0, "y_mm": 6.0, "radius_mm": 9.0, "contrast": 0.5}
+    found = run(effect("conductivity-patch", **patch), accuracy="diagnose")
+    forward = forward_model(BASE.with_values(patch=Patch(**patch)))
+    for k in range(6):
+        expected = 1e-3 * forward.voltages(CHANNELS, touches(k))
+        assert np.allclose(found[k], expected, rtol=1e-9)
 
 
 def test_the_common_mode_is_above_the_sink():

@@ -70,6 +70,11 @@ def test_leaks_against_the_network_with_its_ground(electrodes, siemens, grounded
     assert np.allclose(against_first(found), against_first(expected[None]), atol=1e-6)
 
 
+def test_leaks_of_two_entries_act_together():
+    found = potentials(leak([2], 1e-3), leak([9], 2e-3))
+    assert np.allclose(found, potentials(leak([2, 9], [1e-3, 2e-3])), rtol=0, atol=1e-12)
+
+
 def test_one_leak_alone_carries_nothing_unless_the_sink_is_grounded():
     assert np.allclose(potentials(leak([5], 1e-3)), CLEAN, rtol=0, atol=1e-12)
     assert not np.allclose(potentials(leak([5], 1e-3), sink_grounded=True), CLEAN, atol=1e-3)

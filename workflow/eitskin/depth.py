@@ -24,6 +24,7 @@ from eitskin.electrodes import Electrodes
 from eitskin.errors import InputError
 from eitskin.forward import Accuracy, Forward
 from eitskin.geometry import Geometry
+from eitskin.patch import PatchForward
 from eitskin.touch import Touch, graded_panels
 
 PANEL_NODES = 10
@@ -84,7 +85,14 @@ def span(geometry: Geometry) -> Span | None:
 def forward_model(
     geometry: Geometry, accuracy: str | Accuracy = "diagnose", near: Forward | None = None
 ) -> Forward:
-    """The forward model that a geometry asks for: a sheet's, sharing with `near`, or a body's."""
+    """The forward model that a geometry asks for: a sheet's, sharing with `near`, a patched
+    sheet's, or a body's."""
+    if geometry.patch is not None and geometry.patch.contrast != 1.0:
+        bare = near.bare if isinstance(near, PatchForward) else near
+        bare = forward_model(geometry.with_values(patch=None), accuracy, bare)
+        return PatchForward(bare, geometry, near)
+    if isinstance(near, PatchForward):
+        near = near.bare
     heights = span(geometry)
     if heights is None:
         return Forward(geometry, accuracy, near)

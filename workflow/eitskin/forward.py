@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve, eigh
 
 from eitskin.conformal import DiscMap
+from eitskin.contact import EvenCurrent
 from eitskin.electrodes import Electrodes
 from eitskin.errors import InputError
 from eitskin.geometry import Geometry, RimMotion
@@ -111,6 +112,20 @@ class TouchModes:
         return -self.weights(contrast) @ (drive * (self.gains[plus] - self.gains[minus])).T
 
 
+@dataclass(frozen=True)
+class ContactModes(TouchModes):
+    """A touched place with the contact as one more terminal, the last: gains (n + 1, K).
+
+    own (n + 1, n + 1) ohm: its row, column and self term where the touch has no contrast; else 0.
+    """
+
+    own: np.ndarray
+
+    def transfer_change(self, contrast: np.ndarray) -> np.ndarray:
+        """(F, n + 1, n + 1) ohm: R(c), less the untouched skin's R0 of the electrodes."""
+        return self.own + super().transfer_change(contrast)
+
+
 class Forward:
     """A skin of one geometry, ready to be touched. `accuracy`: a name of ACCURACIES, or an
     Accuracy.
@@ -183,13 +198,45 @@ class Forward:
     def place(self, x_mm: float, y_mm: float, radius_mm: float) -> TouchModes:
         """The touch at one place, for every contrast at once."""
         edge, coupling = self._coupling(x_mm, y_mm, radius_mm)
-        gains, response = self._relaxed(edge, coupling)
-        weight, vectors = np.linalg.eigh(edge.mass)
-        kept = weight > 1e-12 * weight[-1]
-        basis = vectors[:, kept] / np.sqrt(weight[kept])
-        poles, turn = eigh(basis.T @ response @ basis)
-        scale = np.sqrt(self.sheet_resistance)
-        return TouchModes(scale * gains @ (basis @ turn), poles)
+        gains, response = self._relaxed(coupling, self._between(edge, edge))
+        turn, poles = _separated(edge.mass, response)
+        return TouchModes(np.sqrt(self.sheet_resistance) * gains @ turn, poles)
+
+    def contact(self, x_mm: float, y_mm: float, radius_mm: float) -> ContactModes:
+        """The touch at one place as `place` has it, with current that enters evenly over it.
+
+        Raises InputError for a touch that the rim clips and where the conductivity rises across
+        the skin.
+        """
+        edge, coupling = self._coupling(x_mm, y_mm, radius_mm)
+        to_electrodes, to_touch, power, inner_power = self._even_current(edge)
+        response = self._between(edge, edge)
+        gains, response = self._relaxed(
+            np.column_stack([coupling, to_electrodes]),
+            np.block([[response, to_touch[:, None]], [to_touch, np.array([[power]])]]),
+        )
+        turn, poles = _separated(edge.mass, response[:-1, :-1])
+        modes = np.vstack([gains[:, :-1], response[-1, :-1]]) @ turn
+        inner = np.append(np.zeros(len(gains)), np.sqrt(inner_power))
+        own = np.zeros((len(gains) + 1, len(gains) + 1))
+        own[-1, :-1] = own[:-1, -1] = gains[:, -1]
+        own[-1, -1] = response[-1, -1]
+        return ContactModes(
+            np.sqrt(self.sheet_resistance) * np.column_stack([modes, inner]),
+            np.append(poles, 1.0),
+            self.sheet_resistance * own,
+        )
+
+    def _even_current(self, edge: TouchEdge) -> tuple[np.ndarray, np.ndarray, float, float]:
+        """What a current entering evenly over the touch makes at the electrodes' modes (n order,)
+        and to the touch's multipoles (2 degree,), its power, and psi's share of it."""
+        if self.bulk:
+            found = "one with conductivity-gradient"
+            raise InputError("effects", "indenter-grounding", found, "one without")
+        current = EvenCurrent(edge)
+        to_electrodes = self.electrodes.project(current.potential(self.electrodes.rim)[:, None])
+        to_touch = current.mean_response(edge)
+        return to_electrodes[:, 0], to_touch, current.power, current.inner_power
 
     def _coupling(self, x_mm: float, y_mm: float, radius_mm: float):
         """The touch's edge and its coupling (n order, 2 degree) to the electrodes' modes."""
@@ -219,12 +266,11 @@ class Forward:
             response = response + a.spread(self.bulk) @ self.bulk.matrix @ b.spread(self.bulk).T
         return response
 
-    def _relaxed(self, edge: TouchEdge, coupling: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gains (n, 2 degree) and response (2 degree, 2 degree), the electrodes' own modes
-        relaxed."""
+    def _relaxed(self, coupling: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gains (n, k) and response (k, k) of what couples to the electrodes' modes by `coupling`
+        (n order, k), the electrodes' own modes relaxed."""
         inner = coupling[self._inner]
         gains = coupling[self._whole] + self._inner_currents.T @ inner
-        response = self._between(edge, edge)
         if len(inner):
             response = response - inner.T @ cho_solve(self._inner_factor, inner)
         return gains, response
@@ -365,6 +411,16 @@ class _Slopes:
                 change += 0.5 * (there + back.T)
             total += change + change.T
         return total
+
+
+def _separated(mass: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Turn (2 degree, K) to multipoles of unit mass that respond to themselves alone, and how much:
+    poles (K,)."""
+    weight, vectors = np.linalg.eigh(mass)
+    kept = weight > 1e-12 * weight[-1]
+    basis = vectors[:, kept] / np.sqrt(weight[kept])
+    poles, turn = eigh(basis.T @ response @ basis)
+    return basis @ turn, poles
 
 
 def _disc_map(geometry: Geometry) -> DiscMap:

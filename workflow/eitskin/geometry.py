@@ -9,6 +9,29 @@ from eitskin.skin import Skin
 
 
 @dataclass(frozen=True)
+class Patch:
+    """A disc of the skin, centre and radius in mm, whose conductivity is multiplied by `contrast`.
+
+    Raises InputError for a radius or a contrast of 0 or less.
+    """
+
+    x_mm: float
+    y_mm: float
+    radius_mm: float
+    contrast: float
+
+    def __post_init__(self):
+        for name in ("radius_mm", "contrast"):
+            if not getattr(self, name) > 0:
+                raise InputError("patch", name, getattr(self, name), "more than 0")
+
+    @property
+    def centre(self) -> complex:
+        """x + i y, mm."""
+        return complex(self.x_mm, self.y_mm)
+
+
+@dataclass(frozen=True)
 class Geometry:
     """A conductive sheet with electrodes on its rim, in the units of its names.
 
@@ -16,8 +39,8 @@ class Geometry:
     stretched by (x, y) -> (stretch_x x, stretch_y y), electrodes and all. An electrode spans the
     angles electrode_deg +- width / (2 radius); width 0 makes it a point. Conductivity along
     `anisotropy_deg` over that across is `anisotropy_ratio`, geometric mean `conductivity_S_per_m`;
-    it rises towards `gradient_deg` by `gradient_across` of itself from rim to rim. Raises
-    InputError for values that make no skin.
+    it rises towards `gradient_deg` by `gradient_across` of itself from rim to rim; a `patch`
+    multiplies it within a disc. Raises InputError for values that make no skin.
     """
 
     radius_mm: float
@@ -37,6 +60,7 @@ class Geometry:
     electrode_height_mm: float | None = None
     electrode_z_mm: float | None = None
     deep: bool = False
+    patch: Patch | None = None
 
     def __post_init__(self):
         angle = np.asarray(self.electrode_deg, dtype=float)

@@ -19,10 +19,17 @@ def rim_potential_slope(angle: np.ndarray) -> np.ndarray:
     return -0.5 / (np.tan(angle / 2.0) * np.pi)
 
 
+def potential(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """N(x, y); x and y apart."""
+    product = (x - y) * (1.0 - x * np.conj(y))
+    return -np.log(product.real**2 + product.imag**2) / (4.0 * np.pi)
+
+
 def flux_kernel(x: np.ndarray, y: np.ndarray, dy: np.ndarray) -> np.ndarray:
     """dN(x, y)/dn_y ds_y for y inside or on the rim; x and y apart."""
     conj = np.conj(x)
-    return -(dy / (y - x) - conj * dy / (1.0 - conj * y)).imag / (2.0 * np.pi)
+    apart, below = y - x, 1.0 - conj * y
+    return ((below - conj * apart) / (apart * below) * (dy / (-2.0 * np.pi))).imag
 
 
 def flux_kernel_diagonal(y: np.ndarray, dy: np.ndarray, turn: np.ndarray) -> np.ndarray:

@@ -6,17 +6,19 @@ of effects.effect.ORDER, else in the list's.
 
 import sys
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
 from eitskin.depth import forward_model
-from eitskin.effects.effect import ORDER, ForceEffect, Frames, Moment, Setting
+from eitskin.effects.effect import ORDER, ForceEffect, Frames, LeakEffect, Moment, Setting
 from eitskin.errors import InputError
 from eitskin.force_history import ForceHistory
 from eitskin.forward import Forward, channel_values, measurable
 from eitskin.geometry import Geometry
+from eitskin.leaks import leaking
 from eitskin.skin import Skin
 
 LEAST_CONDUCTIVITY = 1e-3  # of the background's, inside a touch
@@ -63,18 +65,42 @@ def apply_skin(geometry: Geometry, chosen: list[Setting], moment: Moment) -> Geo
     return geometry
 
 
+def on_contact(chosen: list[Setting]) -> bool:
+    """Whether one of `chosen` needs the touch as one more terminal."""
+    return any(
+        isinstance(s.effect, LeakEffect) and s.effect.on_contact for s in of_stage(chosen, "wiring")
+    )
+
+
 def apply_wiring(
-    transfer: np.ndarray, chosen: list[Setting], drives: np.ndarray, sink_grounded: bool = False
+    transfer: np.ndarray,
+    chosen: list[Setting],
+    drives: np.ndarray,
+    sink_grounded: bool = False,
+    force_N: np.ndarray | None = None,
 ) -> np.ndarray:
     """Potentials (N, D, n) V per A at the board of a skin `transfer` (N, n, n) ohm.
 
-    drives (D, 2): source and sink as the board names them.
+    drives (D, 2): source and sink as the board names them. Where `on_contact(chosen)`, the
+    transfer is (N, n + 1, n + 1), the last terminal the contact, 0 where there is none, and
+    force_N (N,) is the true force.
     """
     wiring = of_stage(chosen, "wiring")
-    for setting in reversed(wiring):
+    leaks = [s for s in wiring if isinstance(s.effect, LeakEffect)]
+    wires = [s for s in wiring if not isinstance(s.effect, LeakEffect)]
+    for setting in reversed(wires):
         drives = setting.effect.driven(drives, setting)
     potential = np.swapaxes(transfer[:, :, drives[:, 0]] - transfer[:, :, drives[:, 1]], 1, 2)
-    for setting in wiring:
+    if leaks:
+        frames, terminals = transfer.shape[:2]
+        force_N = np.zeros(frames) if force_N is None else force_N
+        admittance = sum(s.effect.admittance(s, force_N, terminals) for s in leaks)
+        if on_contact(chosen):
+            admittance[transfer[:, -1, -1] == 0.0, -1] = 0.0
+        potential = leaking(potential, admittance, transfer, drives, sink_grounded)
+    if on_contact(chosen):
+        potential, transfer = potential[:, :, :-1], transfer[:, :-1, :-1]
+    for setting in wires:
         potential = setting.effect.change(potential, setting, drives, transfer, sink_grounded)
     return potential
 
@@ -115,12 +141,27 @@ def simulate(
 
 @dataclass(frozen=True)
 class Sensed:
-    """What a skin answers before the board has it: transfer (K N, n, n) ohm of N frames at each of
-    the K moments `nodes` of a frame."""
+    """What a skin answers before the board has it, of N frames at each of the K moments `nodes` of
+    a frame."""
 
-    transfer: np.ndarray
+    solve: "_Solver"
     nodes: np.ndarray
     frames: Frames
+
+    @cached_property
+    def transfer(self) -> np.ndarray:
+        """(K N, n, n) ohm."""
+        return self.solve()
+
+    @cached_property
+    def with_contact(self) -> np.ndarray:
+        """(K N, n + 1, n + 1) ohm: the contact is the last terminal, 0 where there is none."""
+        return self.solve(contact=True)
+
+    @property
+    def force_N(self) -> np.ndarray:
+        """(K N,): the true force, 0 where untouched."""
+        return np.where(self.solve.touched, self.solve.touches["force_N"], 0.0)
 
 
 def sense(
@@ -135,7 +176,8 @@ def sense(
     near: Forward | None = None,
     progress: bool = False,
 ) -> Sensed:
-    """The stages of touch, skin and clock of `simulate`; arguments and errors as there."""
+    """The stages of touch, skin and clock of `simulate`; arguments and errors as there, but for
+    those of the skin's solve, which waits until it is asked for."""
     for key in ("current_A", "contrast_per_N"):
         if getattr(skin, key) is None:
             raise InputError("skin", key, "null", "a value, to simulate with")
@@ -167,20 +209,21 @@ def sense(
         near,
         progress,
     )
-    return Sensed(solve(), nodes, frames)
+    return Sensed(solve, nodes, frames)
 
 
 def read(
     sensed: Sensed, current_A: float, chosen: list[Setting], sink_grounded: bool = False
 ) -> np.ndarray:
     """The stages of wiring and instrument of `simulate`: readings (N, M) V."""
-    frames, nodes, transfer = sensed.frames, sensed.nodes, sensed.transfer
+    frames, nodes = sensed.frames, sensed.nodes
+    transfer = sensed.with_contact if on_contact(chosen) else sensed.transfer
     channels = frames.channels
     asked = [s for s in of_stage(chosen, "instrument") if not s.effect.on_readings]
     above_sink = None
     if asked or of_stage(chosen, "wiring"):
         drives, drive = _drives(channels)
-        potential = apply_wiring(transfer, chosen, drives, sink_grounded)[:, drive]
+        potential = apply_wiring(transfer, chosen, drives, sink_grounded, sensed.force_N)[:, drive]
         at = np.arange(len(channels))
         sink, plus, minus = (potential[:, at, channels[:, k]] for k in (1, 2, 3))
         voltage = measurable(plus - minus)
@@ -225,8 +268,8 @@ class _Solver:
     near: Forward | None
     progress: bool
 
-    def __call__(self) -> np.ndarray:
-        """(N, n, n) ohm: transfer impedance of every row."""
+    def __call__(self, contact: bool = False) -> np.ndarray:
+        """(N, n, n) ohm: transfer impedance of every row; with `contact`, (N, n + 1, n + 1)."""
         forward, result = self.near, None
         skins = self._skins()
         shown = self.progress and sys.stderr.isatty()
@@ -235,14 +278,15 @@ class _Solver:
         for rows in tqdm(skins, unit="skin", disable=not shown):
             geometry = apply_skin(self.base, self.chosen, self._moment(rows[0]))
             forward = forward_model(geometry, self.accuracy, forward)
-            value = forward.transfer()
+            value = np.pad(forward.transfer(), (0, int(contact)))
             if result is None:
                 result = np.empty((len(self.touches), *value.shape))
             result[rows] = value
             for place, at in _places(places[rows], self.touched[rows]):
                 force = contrast[rows[at]]
-                if force.any() and forward.meets(*place):
-                    result[rows[at]] += forward.place(*place).transfer_change(force)
+                if (contact or force.any()) and forward.meets(*place):
+                    modes = forward.contact(*place) if contact else forward.place(*place)
+                    result[rows[at]] += modes.transfer_change(force)
         return result
 
     def _skins(self) -> list[np.ndarray]:

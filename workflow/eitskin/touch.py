@@ -6,6 +6,7 @@ reaches beyond the rim is clipped by it.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -17,6 +18,12 @@ from eitskin.gradient import GradientBulk
 
 NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 MOST_EVEN_NODES = 128  # against the rim; nearer to it, nodes are graded
+# At a crossing at right angles the shortest panel, in radians, and the nodes of all panels.
+CROSSED_PANEL = 0.03
+CROSSED_NODES = 6
+FLATTEST = 1e-6  # shortest panel, however flat the crossing
+TOUCHING = 1e-5  # squared sine of a crossing so flat that the circles touch
+MOST_PANELS = 150  # from one crossing to the next
 
 
 @dataclass(frozen=True)
@@ -63,36 +70,19 @@ class EdgeMotion:
     curvature: np.ndarray
 
 
-class TouchEdge:
-    """The boundary of a touch in the unit disc, its multipoles, and how they interact with it.
+class Circle:
+    """A circle of the skin, centre (complex) and radius in mm, mapped onto the unit disc."""
 
-    Nodes on the edge are evenly spaced, or graded towards the rim where the touch comes near it; a
-    part of the rim closes a clipped touch. `apart`: distance to the nearest other touch, in radii.
-    Raises InputError for a touch outside the skin or one that the rim cuts more than twice.
-    """
+    def __init__(self, centre: complex, radius: float, geometry: Geometry, disc: DiscMap):
+        self.centre, self.radius = centre, radius
+        self.geometry, self.disc = geometry, disc
 
-    def __init__(
-        self,
-        touch: Touch,
-        geometry: Geometry,
-        disc: DiscMap,
-        accuracy: TouchAccuracy,
-        apart: float = np.inf,
-    ):
-        self.touch, self.geometry, self.disc = touch, geometry, disc
-        self.centre = touch.x_mm + 1j * touch.y_mm
-        self.radius = touch.radius_mm
-        degree = self._place_nodes(accuracy, apart)
-        boundary = np.concatenate([self.zeta, np.exp(1j * self.rim_theta)])
-        self.expansion_centre = 0.5 * complex(
-            boundary.real.min() + boundary.real.max(),
-            boundary.imag.min() + boundary.imag.max(),
-        )
-        self.expansion_radius = float(np.abs(boundary - self.expansion_centre).max())
-        self._build_modes(degree)
+    def place(self, t: np.ndarray) -> np.ndarray:
+        """The skin's points, mm, at angles t."""
+        return self.centre + self.radius * np.exp(1j * t)
 
-    def _mapped(self, t: np.ndarray, order: int) -> list[np.ndarray]:
-        """The edge at angles t: zeta and its derivatives by t up to `order` <= 2."""
+    def mapped(self, t: np.ndarray, order: int) -> list[np.ndarray]:
+        """Points of the unit disc at angles t and their derivatives by t up to `order` <= 2."""
         ray = self.radius * np.exp(1j * t)
         f = self.disc.derivatives(self.geometry.unfold(self.centre + ray), order)
         first = self.geometry.unfold(1j * ray)
@@ -103,10 +93,89 @@ class TouchEdge:
             mapped.append(f[2] * first**2 + f[1] * self.geometry.unfold(-ray))
         return mapped
 
+    def gap(self, other: "Circle") -> float:
+        """Least distance between the two circles, mm; 0 where they cross."""
+        apart = abs(self.centre - other.centre)
+        gap = max(apart - self.radius - other.radius, abs(self.radius - other.radius) - apart)
+        return max(gap, 0.0)
+
+    def angle_sine2(self, other: "Circle") -> float:
+        """Squared sine of the angle at which another circle crosses this one; 0 where none does."""
+        a, b, d = self.radius, other.radius, abs(self.centre - other.centre)
+        return max(1.0 - ((a**2 + b**2 - d**2) / (2.0 * a * b)) ** 2, 0.0)
+
+    def crossings(self, other: "Circle") -> np.ndarray:
+        """The two angles t at which another circle crosses this one; none where they only touch."""
+        if self.angle_sine2(other) < TOUCHING:
+            return np.zeros(0)
+        apart = other.centre - self.centre
+        d = abs(apart)
+        cosine = (d**2 + self.radius**2 - other.radius**2) / (2.0 * d * self.radius)
+        turn = np.arccos(np.clip(cosine, -1.0, 1.0))
+        return (np.angle(apart) + np.array([-turn, turn])) % (2.0 * np.pi)
+
+    def panels(
+        self, start: float, stop: float, other: "Circle | None", clearance, panels: tuple
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes and weights from start to stop by graded_panels with `clearance` and `panels`.
+
+        Panels also keep clear of another circle; where it crosses this one they end, and shrink
+        towards it, the further the flatter it crosses.
+        """
+        if other is None:
+            return graded_panels(start, stop, clearance, *panels)
+        crossings = self.crossings(other)
+        if len(crossings):
+            size = min(other.radius / self.radius, 1.0)
+            shortest = max(CROSSED_PANEL * size * self.angle_sine2(other), FLATTEST)
+            panels = (panels[0] * CROSSED_NODES / panels[2], shortest, CROSSED_NODES)
+
+        def clear(t: np.ndarray) -> np.ndarray:
+            gap = np.abs(np.abs(self.place(t) - other.centre) - other.radius) / self.radius
+            for crossing in crossings:
+                gap = np.minimum(gap, np.abs(np.sin(0.5 * (t - crossing))))
+            return np.minimum(clearance(t), gap)
+
+        between = start + (crossings - start) % (2.0 * np.pi)
+        ends = np.unique([start, *between[between < stop], stop])
+        parts = [graded_panels(*e, clear, *panels, MOST_PANELS) for e in pairwise(ends)]
+        node, weight = zip(*parts, strict=True)
+        return np.concatenate(node), np.concatenate(weight)
+
+
+class TouchEdge(Circle):
+    """The boundary of a touch in the unit disc, its multipoles, and how they interact with it.
+
+    Nodes on the edge are evenly spaced, or graded towards the rim, and towards the circle `beside`
+    (an edge of the conductivity), where the touch comes near it; a part of the rim closes a
+    clipped touch. `apart`: distance to the nearest other touch, in radii. Raises InputError for a
+    touch outside the skin or one that the rim cuts more than twice.
+    """
+
+    def __init__(
+        self,
+        touch: Touch,
+        geometry: Geometry,
+        disc: DiscMap,
+        accuracy: TouchAccuracy,
+        apart: float = np.inf,
+        beside: Circle | None = None,
+    ):
+        super().__init__(touch.x_mm + 1j * touch.y_mm, touch.radius_mm, geometry, disc)
+        self.touch, self.beside = touch, beside
+        degree = self._place_nodes(accuracy, apart)
+        boundary = np.concatenate([self.zeta, np.exp(1j * self.rim_theta)])
+        self.expansion_centre = 0.5 * complex(
+            boundary.real.min() + boundary.real.max(),
+            boundary.imag.min() + boundary.imag.max(),
+        )
+        self.expansion_radius = float(np.abs(boundary - self.expansion_centre).max())
+        self._build_modes(degree)
+
     def _place_nodes(self, accuracy: TouchAccuracy, apart: float) -> int:
         """Choose the nodes; returns the multipoles needed."""
         t = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)
-        zeta = self._mapped(t, 0)[0]
+        zeta = self.mapped(t, 0)[0]
         if not np.abs(zeta).min() < 1:
             place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm"
             raise InputError("touch", "place", place, "a place on the skin")
@@ -118,27 +187,33 @@ class TouchEdge:
         digits = -np.log(accuracy.tolerance)
         for_rim = digits / np.log1p(gap) if gap > 0 else np.inf
         for_touch = min(digits / np.log1p(apart), NODE_COUNTS[-1])
+        longest, even = 2.0 * apart, for_rim <= MOST_EVEN_NODES
+        if self.beside:
+            beside = self.gap(self.beside) / self.radius
+            for_touch = min(digits / np.log1p(max(beside, accuracy.rim_gap)), NODE_COUNTS[-1])
+            even = even and for_touch <= MOST_EVEN_NODES
         degree = int(min(accuracy.degree, max(np.ceil(0.5 * max(for_rim, for_touch)), 3)))
-        longest = min(0.5 * accuracy.panel_nodes / degree, 2.0 * apart)
+        longest = min(0.5 * accuracy.panel_nodes / degree, longest)
         panels = (longest, accuracy.rim_gap, accuracy.panel_nodes)
         self.rim_theta = self.rim_weight = np.zeros(0)
         self.clipped = gap < 0
         if self.clipped:
             self._clip(t, np.abs(zeta) > 1.0, panels)
-        elif for_rim <= MOST_EVEN_NODES:
+        elif even:
             count = next(n for n in NODE_COUNTS if n >= max(for_rim, for_touch, 2 * degree + 4))
             self.t = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
             self.weight = np.full(count, 2.0 * np.pi / count)
         else:
             nearest = t[np.abs(zeta).argmax()]
-            self.t, self.weight = graded_panels(
-                nearest, nearest + 2.0 * np.pi, self._rim_clearance, *panels
+            end = nearest + 2.0 * np.pi
+            self.t, self.weight = self.panels(
+                nearest, end, self.beside, self._rim_clearance, panels
             )
-        self.zeta, self.tangent, self.curvature = self._mapped(self.t, 2)
+        self.zeta, self.tangent, self.curvature = self.mapped(self.t, 2)
         return degree
 
     def _rim_clearance(self, t: np.ndarray) -> np.ndarray:
-        zeta, tangent = self._mapped(t, 1)
+        zeta, tangent = self.mapped(t, 1)
         return np.abs(1.0 - np.abs(zeta)) / np.abs(tangent)
 
     def _clip(self, t: np.ndarray, outside: np.ndarray, panels: tuple) -> None:
@@ -150,8 +225,8 @@ class TouchEdge:
         leave = self._crossing(t[leaves[0]], t[leaves[0]] + t[1])
         enter = self._crossing(t[enters[0]], t[enters[0]] + t[1])
         end = leave if leave > enter else leave + 2.0 * np.pi
-        self.t, self.weight = graded_panels(enter, end, self._rim_clearance, *panels)
-        arc = self._mapped(np.concatenate([[enter, end], self.t]), 0)[0]
+        self.t, self.weight = self.panels(enter, end, self.beside, self._rim_clearance, panels)
+        arc = self.mapped(np.concatenate([[enter, end], self.t]), 0)[0]
         start = np.angle(arc[1])
         stop = start + (np.angle(arc[0]) - start) % (2.0 * np.pi)
 
@@ -164,10 +239,10 @@ class TouchEdge:
         )
 
     def _crossing(self, low: float, high: float) -> float:
-        sign = np.sign(np.abs(self._mapped(np.array([low]), 0)[0][0]) - 1.0)
+        sign = np.sign(np.abs(self.mapped(np.array([low]), 0)[0][0]) - 1.0)
         for _ in range(50):
             middle = 0.5 * (low + high)
-            if np.sign(np.abs(self._mapped(np.array([middle]), 0)[0][0]) - 1.0) == sign:
+            if np.sign(np.abs(self.mapped(np.array([middle]), 0)[0][0]) - 1.0) == sign:
                 low = middle
             else:
                 high = middle
@@ -181,8 +256,8 @@ class TouchEdge:
         self.norm = 1.0 / np.sqrt(order * np.pi)
         self.order = order
         self.values = self.harmonics(self.zeta)
-        self.flux = self._harmonic_flux(self.zeta, dzeta)
-        self.rim_flux = self._harmonic_flux(rim, drim)
+        self.flux = self.harmonic_flux(self.zeta, dzeta)
+        self.rim_flux = self.harmonic_flux(rim, drim)
         self.kernel = neumann.flux_kernel(self.zeta[:, None], self.zeta + _eye(self.zeta), dzeta)
         np.fill_diagonal(self.kernel, self._kernel_diagonal() - 0.5)
         self.rim_kernel = neumann.flux_kernel(rim[:, None], self.zeta, dzeta)
@@ -214,7 +289,8 @@ class TouchEdge:
         powers = self.powers(zeta)
         return np.hstack([powers.real, powers.imag])
 
-    def _harmonic_flux(self, zeta: np.ndarray, dzeta: np.ndarray) -> np.ndarray:
+    def harmonic_flux(self, zeta: np.ndarray, dzeta: np.ndarray) -> np.ndarray:
+        """(points, 2 degree): the harmonics' flux through the line elements `dzeta`."""
         slope = self.powers(zeta, 1) * dzeta[:, None]
         return np.hstack([slope.imag, -slope.real])
 
@@ -223,13 +299,14 @@ class TouchEdge:
         kernel = neumann.rim_flux_kernel(rim[:, None], self.zeta, self.tangent * self.weight)
         response = kernel @ self.values
         if self.clipped:
-            inside = self._inside(np.angle(rim))
+            inside = self.covers(rim)
             response[inside] += self.harmonics(rim[inside])
         return response
 
-    def _inside(self, theta: np.ndarray) -> np.ndarray:
+    def covers(self, rim: np.ndarray) -> np.ndarray:
+        """(points,): whether the touch, clipped, covers these rim points."""
         start = self.rim_theta[0]
-        return (theta - start) % (2.0 * np.pi) < self.rim_theta[-1] - start
+        return (np.angle(rim) - start) % (2.0 * np.pi) < self.rim_theta[-1] - start
 
     def spread(self, bulk: GradientBulk) -> np.ndarray:
         """(2 degree, harmonics): the multipoles' response to the harmonics of `bulk`."""
@@ -370,19 +447,25 @@ class TouchEdge:
 
 
 def graded_panels(
-    start: float, stop: float, clearance, longest: float, shortest: float, panel_nodes: int
+    start: float,
+    stop: float,
+    clearance,
+    longest: float,
+    shortest: float,
+    panel_nodes: int,
+    most: float = np.inf,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Gauss-Legendre nodes and weights on [start, stop], in panels halved until they fit.
 
     A panel fits when it is no longer than `longest` and than twice clearance(its middle), the
     distance (in units of the parameter) to what its points interact with, or when it is below
-    `shortest`.
+    `shortest`. Beyond `most` panels none is halved any more.
     """
     edges = np.linspace(start, stop, int(np.ceil((stop - start) / longest)) + 1)
     while True:
         middle, length = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
         coarse = (length > 2.0 * clearance(middle)) & (length > shortest)
-        if not coarse.any():
+        if not coarse.any() or len(edges) > most:
             break
         edges = np.sort(np.concatenate([edges, middle[coarse]]))
     node, weight = np.polynomial.legendre.leggauss(panel_nodes)

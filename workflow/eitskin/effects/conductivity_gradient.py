@@ -18,6 +18,7 @@ class ConductivityGradient(SkinEffect):
     polar = ("relative_across", "angle_deg", 1)
     source = "Lionheart 2004"
     mend = "level the skin while it sets, and keep it evenly moist"
+    confusable = ("conductivity-patch",)
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with this gradient added to what it has."""

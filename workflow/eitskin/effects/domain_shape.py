@@ -25,7 +25,7 @@ class DomainShape(SkinEffect):
     polar = ("amplitude", "phase_deg", 1)
     source = "Nissinen, Kolehmainen, Kaipio 2011"
     mend = "measure the rim"
-    confusable = ("anisotropy", "ellipse", "electrode-position")
+    confusable = ("anisotropy", "ellipse", "electrode-position", "conductivity-patch")
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
         """The size and the harmonics that a rim is likely to have."""

@@ -192,6 +192,22 @@ class WiringEffect(Effect):
         raise NotImplementedError
 
 
+class LeakEffect(Effect):
+    """An effect that takes current from the skin to ground; all of them act together.
+
+    on_contact: it does so at the touch, as one more terminal.
+    """
+
+    stage = "wiring"
+    order = "leak"
+    on_contact = False
+
+    def admittance(self, setting: Setting, force_N: np.ndarray, terminals: int) -> np.ndarray:
+        """(N, terminals) S to ground at true forces (N,); where `on_contact`, the contact is the
+        last terminal."""
+        raise NotImplementedError
+
+
 class ClockEffect(Effect):
     """An effect on when each channel sees the state."""
 

@@ -2,20 +2,14 @@
 
 import numpy as np
 
-from eitskin.effects.effect import Parameter, Setting, WiringEffect
-from eitskin.errors import InputError
+from eitskin.effects.effect import LeakEffect, Parameter, Setting
 
 
-class GroundLeak(WiringEffect):
-    """An admittance from each named electrode to ground.
-
-    The leaks carry J_l = -Y_l U_l into the skin, U = R (I + J) above ground. Under a floating
-    source the skin's potential floats until they sum to 0, the mean of U weighted with Y being 0:
-    one leak alone carries nothing. A grounded sink is at 0 V and gives what they take.
-    """
+class GroundLeak(LeakEffect):
+    """An admittance from each named electrode to ground, as `leaks` has them: under a floating
+    source one alone carries nothing."""
 
     name = "ground-leak"
-    order = "leak"
     driver = "static"
     sites = ("electrodes",)
     parameters = {"siemens": Parameter("S", 0.0, 0.0, 1.0, scale=0.02)}
@@ -23,34 +17,8 @@ class GroundLeak(WiringEffect):
     mend = "dry and insulate the lead of electrode {site}"
     confusable = ("offset",)
 
-    def change(
-        self,
-        potential: np.ndarray,
-        setting: Setting,
-        drives: np.ndarray,
-        transfer: np.ndarray,
-        sink_grounded: bool,
-    ) -> np.ndarray:
-        """Potentials (N, D, n) with what the leaks carry; InputError for point electrodes."""
-        if np.isnan(transfer).any():
-            where = "points, with ground-leak"
-            raise InputError("skin", "electrode_width_mm", where, "a width above 0")
-        admittance = np.broadcast_to(setting.values["siemens"], len(setting.sites))
-        leaking, admittance = setting.sites[admittance > 0], admittance[admittance > 0]
-        if not len(leaking):
-            return potential
-        changed = np.empty_like(potential)
-        share = np.zeros(potential.shape[2])
-        share[leaking] = admittance / admittance.sum()
-        for sink in np.unique(drives[:, 1]) if sink_grounded else [None]:
-            rows = drives[:, 1] == sink if sink_grounded else slice(None)
-            response = transfer[:, :, leaking]
-            if sink_grounded:
-                response = response - transfer[:, :, [sink]]
-                share = np.eye(len(share))[sink]
-            above = potential[:, rows][:, :, leaking] - (potential[:, rows] @ share)[:, :, None]
-            felt = response[:, leaking] - (share @ response)[:, None]
-            system = np.eye(len(leaking)) + admittance[:, None] * felt
-            current = -np.linalg.solve(system, np.swapaxes(admittance * above, 1, 2))
-            changed[:, rows] = potential[:, rows] + np.swapaxes(response @ current, 1, 2)
-        return changed
+    def admittance(self, setting: Setting, force_N: np.ndarray, terminals: int) -> np.ndarray:
+        """(N, terminals) S, the same in every frame."""
+        admittance = np.zeros((len(force_N), terminals))
+        admittance[:, setting.sites] = setting.values["siemens"]
+        return admittance

@@ -1,0 +1,41 @@
+"""A place where the skin conducts better, or worse, than elsewhere."""
+
+import numpy as np
+
+from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
+from eitskin.errors import InputError
+from eitskin.geometry import Geometry, Patch
+from eitskin.skin import Skin
+
+
+class ConductivityPatch(SkinEffect):
+    """sigma * contrast within a disc; touches multiply what they find there."""
+
+    name = "conductivity-patch"
+    driver = "static"
+    parameters = {
+        "x_mm": Parameter("mm", None, -1e4, 1e4, scale=10.0, dense=False),
+        "y_mm": Parameter("mm", None, -1e4, 1e4, scale=10.0, dense=False),
+        "radius_mm": Parameter("mm", None, 0.1, 1e4, scale=0.3, dense=False),
+        "contrast": Parameter("1", 1.0, 1e-2, 100.0, scale=0.3, dense=False),
+    }
+    source = "Isaacson 1986"
+    mend = "look for a bubble, a crack or a dry spot near the place named, and cast the gel again"
+    confusable = ("conductivity-gradient", "domain-shape")
+
+    def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
+        """Places on the skin, in rings a quarter of its radius apart."""
+        rings = [(0.0, 1), (0.25, 6), (0.5, 12), (0.75, 18)]
+        places = [
+            share * skin.radius_mm * np.exp(2j * np.pi * k / count)
+            for share, count in rings
+            for k in range(count)
+        ]
+        radius_mm = 0.15 * skin.radius_mm
+        return [{"x_mm": p.real, "y_mm": p.imag, "radius_mm": radius_mm} for p in places]
+
+    def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
+        """The geometry with the patch. Raises InputError where it has one."""
+        if geometry.patch is not None:
+            raise InputError("effects", self.name, "two of them", "one patch")
+        return geometry.with_values(patch=Patch(**setting.values))

@@ -1,0 +1,49 @@
+"""Admittances from the skin's terminals to ground, all of them together.
+
+They carry the currents J = -Y U into the skin, U = R (I + J) above ground. Under a floating source
+the skin's potential floats until they sum to 0, the mean of U weighted with Y being 0: one leak
+alone carries nothing. A grounded sink is at 0 V and gives what they take.
+"""
+
+import numpy as np
+
+from eitskin.errors import InputError
+
+
+def leaking(
+    potential: np.ndarray,
+    admittance: np.ndarray,
+    transfer: np.ndarray,
+    drives: np.ndarray,
+    sink_grounded: bool,
+) -> np.ndarray:
+    """Potentials (N, D, n) V per A of the terminals, with what their leaks carry.
+
+    potential (N, D, n) without leaks; admittance (N, n) S; transfer (N, n, n) ohm; drives (D, 2):
+    source and sink. Raises InputError for point electrodes, whose own potential has no bound.
+    """
+    if np.isnan(transfer).any():
+        where = "points, with a leak to ground"
+        raise InputError("skin", "electrode_width_mm", where, "a width above 0")
+    sites = np.flatnonzero((admittance > 0).any(axis=0))
+    if not len(sites):
+        return potential
+    admittance = admittance[:, sites]
+    changed = np.empty_like(potential)
+    total = admittance.sum(axis=1, keepdims=True)
+    mean = np.zeros((len(potential), potential.shape[2]))
+    mean[:, sites] = np.where(total > 0, admittance, 1.0) / np.where(total > 0, total, len(sites))
+    for sink in np.unique(drives[:, 1]) if sink_grounded else [None]:
+        rows = drives[:, 1] == sink if sink_grounded else slice(None)
+        response = transfer[:, :, sites]
+        if sink_grounded:
+            response = response - transfer[:, :, [sink]]
+            mean = np.broadcast_to(np.eye(potential.shape[2])[sink], mean.shape)
+        zero = np.einsum("fdi,fi->fd", potential[:, rows], mean)
+        above = potential[:, rows][:, :, sites] - zero[:, :, None]
+        felt = response[:, sites] - np.einsum("fi,fij->fj", mean, response)[:, None]
+        system = np.eye(len(sites)) + admittance[:, :, None] * felt
+        driven = np.swapaxes(admittance[:, None] * above, 1, 2)
+        current = -np.linalg.solve(system, driven)
+        changed[:, rows] = potential[:, rows] + np.swapaxes(response @ current, 1, 2)
+    return changed
