@@ -1,13 +1,17 @@
 """A diagnosis in words: numbers with their units, sites, what to do at the bench."""
 
 import math
+import re
 
 import numpy as np
 
 from eitskin.effects import EFFECTS
+from eitskin.effects.effect import Effect
 
 MINUS, NONE = "\N{MINUS SIGN}", "\N{EN DASH}"
 MOST_LISTED = 6  # sites; more are counted
+MOST_VALUES = 4  # of one parameter; of more, the least and the largest
+PART, GAP = re.compile(r"\[([^][]*)\]"), re.compile(r"\{([^{}]*)\}")
 NOUNS = {
     "electrodes": ("electrode", "electrodes"),
     "drives": ("the drive from electrode", "the drives from electrodes"),
@@ -110,6 +114,27 @@ def where(effect: dict) -> str:
     return sites(effect) or everywhere
 
 
+def finding(entry: dict, effect: Effect) -> str:
+    """An effect of diagnosis.json in a sentence: its `finding`, sites and values filled in."""
+    given = entry["parameters"]
+    text = effect.finding_at({key: estimate["value"] for key, estimate in given.items()})
+
+    def part(found: re.Match) -> str:
+        keys = (key.partition(":")[0] for key in GAP.findall(found[1]))
+        return found[1] if all(key in given for key in keys) else ""
+
+    def fill(found: re.Match) -> str:
+        if "|" in found[1]:
+            return found[1].split("|")[not _single(entry)]
+        if found[1] == "site":
+            return _all_sites(entry, effect)
+        key, _, form = found[1].partition(":")
+        return _estimate(given[key], effect.parameters[key].whole, form == "%")
+
+    text = GAP.sub(fill, PART.sub(part, text))
+    return f"{text[0].upper()}{text[1:]}"
+
+
 def mend(effect: dict, channels: np.ndarray) -> str:
     """What to do at the bench about an effect of diagnosis.json: its `mend`, the sites filled in.
 
@@ -136,6 +161,32 @@ def mend(effect: dict, channels: np.ndarray) -> str:
         site = listed(found)
     text = text.replace("{site}", site)
     return f"{text[0].upper()}{text[1:]}."
+
+
+def _single(entry: dict) -> bool:
+    return sum(len(entry[kind]) for kind in NOUNS) == 1
+
+
+def _all_sites(entry: dict, effect: Effect) -> str:
+    """The sites of an effect as a noun; of a dense or common one, all of them."""
+    count = max(len(entry[kind]) for kind in NOUNS)
+    if entry["scope"] == "sparse" or count == 1:
+        return sites(entry)
+    kind = next((kind for kind in NOUNS if entry[kind]), effect.sites[0])
+    return f"all {count} {COUNTED[kind]}" if count else f"all {COUNTED[kind]}"
+
+
+def _estimate(estimate: dict, whole: bool, percent: bool) -> str:
+    """A value with its 90 % interval and unit; several in the order of their sites."""
+    factor, unit = (100.0, "%") if percent else (1.0, estimate["unit"])
+    numbers = factor * np.array([np.atleast_1d(estimate[k]) for k in ("value", "low", "high")]).T
+    if whole:
+        return number(numbers[0, 0])
+    if len(numbers) > MOST_VALUES:
+        least, largest = numbers[numbers[:, 0].argmin()], numbers[numbers[:, 0].argmax()]
+        return f"anything from {interval(*least, unit)} to {interval(*largest, unit)}"
+    texts = [interval(*each, unit) for each in numbers]
+    return texts[0] if len(texts) == 1 else f"respectively {listed(texts)}"
 
 
 def _by_ten(value: float, digits: int) -> str:

@@ -18,6 +18,14 @@ class AdcNonlinearity(InstrumentEffect):
     }
     source = "third-order term and full scale of a converter's data sheet"
     mend = "lower the current until every channel stays within the converter's range"
+    finding = (
+        "The converter distorts large readings[; it adds {cubic} times their cube][; beyond"
+        " ±{limit_V} it is full]."
+    )
+    shown_by = (
+        "a recording with absolute values at several currents, the largest near the converter's"
+        " range"
+    )
     confusable = ("crosstalk",)
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:

@@ -16,6 +16,8 @@ class Anisotropy(SkinEffect):
     polar = ("ratio", "angle_deg", 2)
     source = "Lionheart 1997"
     mend = "cut the gel so that it was not drawn or cast in one direction"
+    finding = "The gel conducts {ratio} times as well along {angle_deg} as across."
+    shown_by = "absolute values, with touches at known places all over the skin"
     confusable = ("domain-shape", "ellipse")
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:

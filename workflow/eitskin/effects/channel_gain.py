@@ -10,4 +10,6 @@ class ChannelGain(GainEffect):
     sites = ("channels",)
     source = "Touch with Insight, equation 9"
     mend = "calibrate channel {site} with a resistor phantom"
+    finding = "{site} {reads|read} {gain} times the voltage that is there."
+    shown_by = "a recording with absolute values"
     confusable = ("drive-gain", "measurement-gain")

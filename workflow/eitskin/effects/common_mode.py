@@ -15,6 +15,8 @@ class CommonMode(InstrumentEffect):
     parameters = {"ratio": Parameter("1", 0.0, -1.0, 1.0, scale=1e-3, dense=False)}
     source = "Rosell, Riu 1992"
     mend = "drive symmetrically, or use an amplifier that rejects more of the common mode"
+    finding = "The amplifier adds to each reading {ratio} times what its two inputs have in common."
+    shown_by = "absolute values, with drive and measurement of every channel exchanged too"
     confusable = ("offset",)
 
     def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:

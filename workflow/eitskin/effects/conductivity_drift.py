@@ -12,6 +12,8 @@ class ConductivityDrift(SkinEffect):
     parameters = {"per_minute": Parameter("1/min", 0.0, -0.1, 0.1, scale=1e-3, dense=False)}
     source = "Hardman, Thuruthel, Iida 2025"
     mend = "let the gel settle and keep it from drying"
+    finding = "The gel's conductivity changes by {per_minute:%} per minute."
+    shown_by = "a recording of an hour by a measured clock, with untouched frames throughout"
     confusable = ("contact-drift",)
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:

@@ -18,6 +18,10 @@ class ConductivityGradient(SkinEffect):
     polar = ("relative_across", "angle_deg", 1)
     source = "Lionheart 2004"
     mend = "level the skin while it sets, and keep it evenly moist"
+    finding = (
+        "The gel's conductivity rises by {relative_across:%} across the skin, towards {angle_deg}."
+    )
+    shown_by = "a recording with absolute values"
     confusable = ("conductivity-patch",)
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:

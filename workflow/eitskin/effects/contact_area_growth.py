@@ -13,6 +13,11 @@ class ContactAreaGrowth(TouchEffect):
     parameters = {"exponent": Parameter("1", 0.0, -0.2, 1.0, scale=0.15, dense=False)}
     source = "Hertz 1882; Johnson 1985"
     mend = "press with a flat-ended probe"
+    finding = (
+        "The contact widens with the force: its radius goes as the force to the power of"
+        " {exponent}."
+    )
+    shown_by = "presses from light to hard, with three probes of different size"
     confusable = ("contact-law", "probe-radius")
 
     def change(self, touches: pd.DataFrame, setting: Setting, frames: Frames) -> pd.DataFrame:

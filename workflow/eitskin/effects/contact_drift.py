@@ -14,6 +14,8 @@ class ContactDrift(SkinEffect):
     parameters = {"per_minute": Parameter("1/min", 0.0, -0.1, 0.1, scale=0.01)}
     source = "Hardman, Thuruthel, Iida 2025"
     mend = "wet and re-seat electrode {site}"
+    finding = "The contact impedance of {site} changes by {per_minute:%} per minute."
+    shown_by = "a recording of an hour by a measured clock, with absolute values"
     confusable = ("conductivity-drift",)
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:

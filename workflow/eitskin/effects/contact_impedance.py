@@ -14,6 +14,11 @@ class ContactImpedance(SkinEffect):
     parameters = {"ratio": Parameter("1", 1.0, 1e-3, 1e3)}
     source = "Cheng, Isaacson, Newell, Gisser 1989"
     mend = "re-seat electrode {site}"
+    finding = (
+        "{site} {touches|touch} the gel through {ratio} times the contact impedance that the"
+        " simulation assumes."
+    )
+    shown_by = "absolute values, with the driven electrodes measured too"
     confusable = ("electrode-width", "electrode-open")
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:

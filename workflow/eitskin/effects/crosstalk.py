@@ -14,6 +14,10 @@ class Crosstalk(InstrumentEffect):
     parameters = {"epsilon": Parameter("1", 0.0, -0.25, 0.25, scale=0.02, dense=False)}
     source = "Touch with Insight, § II-D"
     mend = "shield the leads and slow down the multiplexer"
+    finding = (
+        "Neighbouring channels leak into each other: each takes up {epsilon:%} of either neighbour."
+    )
+    shown_by = "a recording with absolute values"
     confusable = ("multiplexer-memory", "adc-nonlinearity")
 
     def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:

@@ -25,11 +25,23 @@ class DomainShape(SkinEffect):
     polar = ("amplitude", "phase_deg", 1)
     source = "Nissinen, Kolehmainen, Kaipio 2011"
     mend = "measure the rim"
+    finding = (
+        "The rim is no circle: harmonic {harmonic} of its radius has an amplitude of"
+        " {amplitude:%} and a phase of {phase_deg}."
+    )
+    shown_by = "absolute values, with touches at known places along the rim"
     confusable = ("anisotropy", "ellipse", "electrode-position", "conductivity-patch")
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
         """The size and the harmonics that a rim is likely to have."""
         return [{"harmonic": k} for k in range(HARMONICS + 1)]
+
+    def finding_at(self, values: dict) -> str:
+        """Harmonic 0 is no shape."""
+        if values["harmonic"] > 0:
+            return self.finding
+        larger = np.cos(np.radians(values["phase_deg"])) > 0
+        return f"The skin is {{amplitude:%}} {'larger' if larger else 'smaller'} than it should be."
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with this harmonic added to its rim."""

@@ -10,4 +10,6 @@ class DriveGain(GainEffect):
     sites = ("drives",)
     source = "Hahn, Just, Dittmar, Hellige 2008"
     mend = "check the current with electrode {site} as source"
+    finding = "{site} {carries|carry} {gain} times the current that the simulation assumes."
+    shown_by = "a recording with absolute values"
     confusable = ("channel-gain",)

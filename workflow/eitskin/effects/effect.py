@@ -47,6 +47,11 @@ class Effect:
     it may be confined to, the first being the usual one; site_number: how many it needs, or None;
     parameters by name; source: who described it; mend: what to do at the bench; confusable: names
     that look alike.
+
+    finding: a diagnosis' sentence, for an experimentalist. Its {site} becomes the sites in words,
+    {key} a parameter with its interval, {key:%} as a percentage; of {one|several} the one that
+    agrees with the number of sites; [a part] is left out where a parameter in it is.
+    shown_by: the recording that would show the effect where another could not, as a noun phrase.
     """
 
     name: str
@@ -58,6 +63,8 @@ class Effect:
     parameters: dict[str, Parameter]
     source: str
     mend: str
+    finding: str
+    shown_by: str
     confusable: tuple[str, ...] = ()
     composite = False
     polar: tuple[str, str, int] | None = None
@@ -72,6 +79,10 @@ class Effect:
         recorded_V (N, M): what the board read.
         """
         return [{}]
+
+    def finding_at(self, values: dict) -> str:
+        """`finding`, or what says it better at these values of the parameters."""
+        return self.finding
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,8 @@ class ElectrodeOpen(WiringEffect):
     parameters = {}
     source = "Asfaw, Adler 2005; Hartinger, Guardo, Adler, Gagnon 2009"
     mend = "mend the wire of electrode {site}"
+    finding = "{site} {is|are} not connected: no current flows through {its|their} {wire|wires}."
+    shown_by = "channels that drive and measure every electrode"
     confusable = ("contact-impedance",)
 
     def change(

@@ -13,6 +13,10 @@ class ElectrodePosition(SkinEffect):
     parameters = {"shift_deg": Parameter("°", 0.0, -20.0, 20.0, scale=0.5)}
     source = "Touch with Insight, § II-D"
     mend = "measure the angle of electrode {site}"
+    finding = (
+        "{site} {sits|sit} {shift_deg} from where the drawing has {it|them}, towards larger angles."
+    )
+    shown_by = "a recording with absolute values"
     confusable = ("domain-shape", "ellipse", "electrode-swap", "registration")
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:

@@ -16,6 +16,8 @@ class ElectrodeSwap(WiringEffect):
     parameters = {}
     source = "pyEIT, issue 95"
     mend = "exchange the wires of electrodes {site}"
+    finding = "The wires of {site} are exchanged."
+    shown_by = "channels that drive and measure every electrode"
     confusable = ("electrode-position",)
 
     def driven(self, drives: np.ndarray, setting: Setting) -> np.ndarray:

@@ -14,6 +14,8 @@ class ElectrodeWidth(SkinEffect):
     parameters = {"width_mm": Parameter("mm", None, 0.1, 100.0, scale=1.0)}
     source = "Boyle, Adler 2011"
     mend = "measure the width of electrode {site}"
+    finding = "{site} {is|are} {width_mm} wide, unlike in the drawing."
+    shown_by = "absolute values, with the driven electrodes measured too"
     confusable = ("contact-impedance", "third-dimension")
 
     def neutral(self, key: str, skin: Skin) -> float | None:

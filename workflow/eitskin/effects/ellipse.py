@@ -19,6 +19,8 @@ class Ellipse(SkinEffect):
     composite = True
     source = "Touch with Insight, § II-D"
     mend = "measure the rim"
+    finding = "The skin is stretched {sx} times along x and {sy} times along y, electrodes and all."
+    shown_by = "absolute values, with touches at known places along the rim"
     confusable = ("domain-shape", "anisotropy", "electrode-position")
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:

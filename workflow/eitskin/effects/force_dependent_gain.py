@@ -20,6 +20,8 @@ class ForceDependentGain(InstrumentEffect):
     }
     source = "Touch with Insight, § II-D"
     mend = "check the amplifier's supply while the skin is pressed"
+    finding = "The gain of all channels changes by {per_N:%} per newton[ away from {F_mid_N}]."
+    shown_by = "a recording with absolute values, with presses from light to hard"
     confusable = ("force-dependent-impedance",)
 
     def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:

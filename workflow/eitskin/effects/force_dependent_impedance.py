@@ -23,6 +23,11 @@ class ForceDependentImpedance(SkinEffect):
     }
     source = "Touch with Insight, § II-D"
     mend = "re-seat electrode {site} so that pressing does not move it"
+    finding = (
+        "The contact impedance of {site} changes by {per_N:%} per newton[, for touches within"
+        " about {range_mm}]."
+    )
+    shown_by = "absolute values, with light and hard presses near every electrode"
     confusable = ("force-dependent-gain",)
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:

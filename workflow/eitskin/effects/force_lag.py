@@ -12,6 +12,8 @@ class ForceLag(ForceEffect):
     parameters = {"lag_s": Parameter("s", 0.0, -5.0, 5.0, scale=0.1, dense=False)}
     source = "clocks of load cell and board"
     mend = "give load cell and board one clock"
+    finding = "The load cell is {lag_s} late."
+    shown_by = "presses whose force rises and falls fast, with several frames in each"
     confusable = ("hysteresis", "relaxation", "frame-skew")
 
     def change(self, history: ForceHistory, setting: Setting) -> ForceHistory:

@@ -12,6 +12,11 @@ class ForceOffset(ForceEffect):
     parameters = {"offset_N": Parameter("N", 0.0, -5.0, 5.0, scale=0.1, dense=False)}
     source = "zero of a load cell"
     mend = "zero the load cell"
+    finding = (
+        "The load cell's zero is off: while the skin is touched, the force is {offset_N} more"
+        " than reported."
+    )
+    shown_by = "presses at many light forces"
     confusable = ("contact-law", "touch-contrast")
 
     def change(self, history: ForceHistory, setting: Setting) -> ForceHistory:

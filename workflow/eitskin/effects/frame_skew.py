@@ -17,6 +17,11 @@ class FrameSkew(ClockEffect):
     parameters = {"fraction": Parameter("1", 0.0, -1.0, 1.0, scale=0.1, dense=False)}
     source = "Yerworth, Bayford 2013"
     mend = "hold the force while a frame is read"
+    finding = (
+        "A frame's channels do not see one force: from its first to its last, {fraction:%} of the"
+        " step from frame to frame goes by."
+    )
+    shown_by = "presses whose force rises and falls fast, with several frames in each"
     confusable = ("hysteresis", "force-lag")
 
     def force_shift(self, setting: Setting, frames: Frames) -> np.ndarray:

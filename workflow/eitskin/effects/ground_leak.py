@@ -15,6 +15,8 @@ class GroundLeak(LeakEffect):
     parameters = {"siemens": Parameter("S", 0.0, 0.0, 1.0, scale=0.02)}
     source = "Zhang, Li 2014"
     mend = "dry and insulate the lead of electrode {site}"
+    finding = "{site} {leaks|leak} to ground through {siemens}."
+    shown_by = "absolute values, with the source's sink at ground"
     confusable = ("offset",)
 
     def admittance(self, setting: Setting, force_N: np.ndarray, terminals: int) -> np.ndarray:

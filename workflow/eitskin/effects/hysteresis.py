@@ -17,6 +17,11 @@ class Hysteresis(TouchEffect):
     parameters = {"fraction": Parameter("1", 0.0, -1.0, 1.0, scale=0.1, dense=False)}
     source = "rate-independent loop between loading and unloading; Mayergoyz 1991"
     mend = "read on the loading branch only"
+    finding = (
+        "The gel remembers how hard it was pressed: as the force goes back, the contrast changes"
+        " by up to {fraction:%}."
+    )
+    shown_by = "an unloading branch in every press"
     confusable = ("relaxation", "force-lag", "frame-skew")
 
     def change(self, touches: pd.DataFrame, setting: Setting, frames: Frames) -> pd.DataFrame:

@@ -10,4 +10,6 @@ class MeasurementGain(GainEffect):
     sites = ("measures",)
     source = "Hahn, Just, Dittmar, Hellige 2008"
     mend = "calibrate the amplifier with electrode {site} at its plus"
+    finding = "{site} {reads|read} {gain} times the voltage that is there."
+    shown_by = "a recording with absolute values"
     confusable = ("channel-gain",)

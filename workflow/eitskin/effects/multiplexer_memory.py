@@ -18,6 +18,8 @@ class MultiplexerMemory(InstrumentEffect):
     parameters = {"mu": Parameter("1", 0.0, -0.9, 0.9, scale=0.02, dense=False)}
     source = "first-order settling of a scanned input"
     mend = "wait longer after the multiplexer switches"
+    finding = "The multiplexer does not settle: {mu:%} of each reading comes from the one before."
+    shown_by = "a recording with absolute values"
     confusable = ("crosstalk",)
 
     def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:

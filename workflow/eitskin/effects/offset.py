@@ -16,6 +16,8 @@ class Offset(InstrumentEffect):
     parameters = {"volt": Parameter("V", 0.0, -10.0, 10.0, scale=0.02)}
     source = "Hahn, Just, Dittmar, Hellige 2008"
     mend = "zero the amplifier at {site} with its inputs shorted"
+    finding = "{site} {reads|read} {volt} too much."
+    shown_by = "a recording with absolute values, some of them at another current"
     confusable = ("common-mode", "ground-leak")
 
     def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:

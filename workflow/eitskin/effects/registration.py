@@ -18,6 +18,11 @@ class Registration(TouchEffect):
     }
     source = "Touch with Insight, § II-B"
     mend = "touch three marks on the skin and fit the robot's frame to them"
+    finding = (
+        "Touches are not where they are reported: they are turned by {rotation_deg} and shifted"
+        " by {dx_mm} along x and {dy_mm} along y."
+    )
+    shown_by = "touches at known places all over the skin"
     confusable = ("electrode-position",)
 
     def change(self, touches: pd.DataFrame, setting: Setting, frames: Frames) -> pd.DataFrame:

@@ -20,6 +20,8 @@ class ThirdDimension(SkinEffect):
     }
     source = "Vauhkonen, Vauhkonen, Savolainen, Kaipio 1999"
     mend = "use electrodes that reach through the whole depth"
+    finding = "Current spreads in depth too[, through {depth_mm}]."
+    shown_by = "absolute values, with electrodes of known height"
     confusable = ("electrode-width",)
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:

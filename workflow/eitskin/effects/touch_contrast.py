@@ -13,6 +13,8 @@ class TouchContrast(TouchEffect):
     parameters = {"ratio": Parameter("1", 1.0, 0.0, 100.0, scale=0.3, dense=False)}
     source = "Touch with Insight, § II-D"
     mend = "press once more with a known force"
+    finding = "A touch changes the conductivity {ratio} times as much as the simulation assumes."
+    shown_by = "presses of known force"
     confusable = ("probe-radius", "contact-law", "force-offset", "indenter-grounding")
 
     def change(self, touches: pd.DataFrame, setting: Setting, frames: Frames) -> pd.DataFrame:

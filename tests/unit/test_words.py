@@ -1,0 +1,133 @@
+"""A diagnosis in words: every effect's sentence, for one site, several, all alike, each its own."""
+
+import re
+
+import numpy as np
+import pytest
+
+from eitskin.diagnose import words
+from eitskin.effects import EFFECTS
+
+COUNTS = {"electrodes": 16, "drives": 16, "measures": 16, "channels": 208}
+
+
+def entry(name: str, kind: str | None = None, count: int = 0, scope: str = "common") -> dict:
+    """An effect of diagnosis.json with made-up values, all of its parameters given."""
+    effect = EFFECTS[name]
+    parameters = {}
+    for key, parameter in effect.parameters.items():
+        value = 2.0 if parameter.whole else 0.5 + 0.01 * np.arange(max(count, 1))
+        if np.ndim(value) and not (parameter.dense and count):
+            value = value[0]
+        margin = 0.0 if parameter.whole else 0.02
+        parameters[key] = {
+            "value": np.asarray(value).tolist(),
+            "low": (value - np.float64(margin)).tolist(),
+            "high": (value + np.float64(margin)).tolist(),
+            "unit": parameter.unit,
+        }
+    sites = {each: [] for each in words.NOUNS}
+    if kind is not None:
+        sites[kind] = list(range(3, 3 + count)) if scope == "sparse" else list(range(count))
+    return {"name": name, "scope": scope, **sites, "parameters": parameters}
+
+
+def entries(name: str):
+    """An effect at one, two and five of its sites, at all alike, and at each its own way."""
+    effect = EFFECTS[name]
+    for kind in effect.sites:
+        for count in (effect.site_number,) if effect.site_number else (1, 2, 5, 9):
+            yield entry(name, kind, count, "sparse")
+        if effect.site_number is None:
+            yield entry(name, kind, COUNTS[kind], "dense")
+    if effect.site_number is None:
+        yield entry(name)
+
+
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_every_placeholder_is_a_parameter_and_every_parameter_has_one(name):
+    effect = EFFECTS[name]
+    gaps = {gap.partition(":")[0] for gap in words.GAP.findall(effect.finding) if "|" not in gap}
+    assert gaps == {*effect.parameters, *(["site"] if effect.sites else [])}
+    optional = {key for key, parameter in effect.parameters.items() if parameter.optional}
+    parts = {
+        g.partition(":")[0]
+        for p in words.PART.findall(effect.finding)
+        for g in words.GAP.findall(p)
+    }
+    assert parts == optional
+    assert effect.shown_by and not re.search(r"[{}\[\]]|\.$", effect.shown_by)
+
+
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_every_sentence_is_whole(name):
+    for each in entries(name):
+        text = words.finding(each, EFFECTS[name])
+        assert not re.search(r"[{}|\[\]]|None|nan|  ", text), text
+        assert (text[0].isupper() or text[0].isdigit()) and text.endswith("."), text
+        measured = [key for key, p in EFFECTS[name].parameters.items() if not p.whole]
+        assert text.count("90 %: ") >= len(measured), text
+
+
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_what_is_not_given_is_not_said(name):
+    effect = EFFECTS[name]
+    optional = [key for key, parameter in effect.parameters.items() if parameter.optional]
+    for key in optional:
+        full = entry(name)
+        some = {**full, "parameters": {k: v for k, v in full["parameters"].items() if k != key}}
+        shorter, longer = words.finding(some, effect), words.finding(full, effect)
+        assert len(shorter) < len(longer) and shorter.endswith(".") and "[" not in shorter
+
+
+def said(name: str, *arguments, **values) -> str:
+    made = entry(name, *arguments)
+    for key, (value, low, high) in values.items():
+        made["parameters"][key] |= {"value": value, "low": low, "high": high}
+    return words.finding(made, EFFECTS[name])
+
+
+def test_one_site():
+    assert said(
+        "contact-impedance", "electrodes", 1, "sparse", ratio=([2.104], [2.087], [2.121])
+    ) == (
+        "Electrode 3 touches the gel through 2.104 (90 %: 2.087 to 2.121) times the contact"
+        " impedance that the simulation assumes."
+    )
+
+
+def test_two_sites_in_their_order():
+    text = said("drive-gain", "drives", 2, "sparse", gain=([1.1, 0.9], [1.0, 0.8], [1.2, 1.0]))
+    assert text == (
+        "The drives from electrodes 3 and 4 carry respectively 1.10 (90 %: 1.00 to 1.20) and 0.90"
+        " (90 %: 0.80 to 1.00) times the current that the simulation assumes."
+    )
+
+
+def test_all_alike():
+    text = said("contact-drift", per_minute=(-0.02, -0.03, -0.01))
+    assert text == (
+        "The contact impedance of all electrodes changes by -2.0 (90 %: -3.0 to -1.0)\xa0% per"
+        " minute.".replace("-", words.MINUS)
+    )
+
+
+def test_each_its_own():
+    gain = np.linspace(0.9, 1.1, 16)[np.random.default_rng(1).permutation(16)]
+    text = said("measurement-gain", "measures", 16, "dense", gain=(gain, gain - 0.01, gain + 0.01))
+    assert text == (
+        "All 16 measuring pairs read anything from 0.900 (90 %: 0.890 to 0.910) to 1.100 (90 %:"
+        " 1.090 to 1.110) times the voltage that is there."
+    )
+
+
+def test_a_rim_of_another_size_is_no_shape():
+    for phase, word in ((0.0, "larger"), (180.0, "smaller")):
+        text = said(
+            "domain-shape",
+            harmonic=(0.0, 0.0, 0.0),
+            amplitude=(0.02, 0.01, 0.03),
+            phase_deg=(phase, -360.0, 360.0),
+        )
+        assert text == f"The skin is 2.0 (90 %: 1.0 to 3.0)\xa0% {word} than it should be."
+    assert "harmonic 3 of" in said("domain-shape", harmonic=(3.0, 3.0, 3.0))
