@@ -21,6 +21,11 @@ class ConductivityPatch(SkinEffect):
     }
     source = "Isaacson 1986"
     mend = "look for a bubble, a crack or a dry spot near the place named, and cast the gel again"
+    finding = (
+        "The gel conducts {contrast} times as well within {radius_mm} of the place x = {x_mm}, y"
+        " = {y_mm} as elsewhere."
+    )
+    shown_by = "absolute values, with touches all over the skin"
     confusable = ("conductivity-gradient", "domain-shape")
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:

@@ -18,6 +18,8 @@ class IndenterGrounding(LeakEffect):
     parameters = {"siemens_per_N": Parameter("S/N", 0.0, 0.0, 1.0, scale=5e-3, dense=False)}
     source = "Zimmerman, Smith, Paradiso, Allport, Gershenfeld 1995"
     mend = "insulate the probe's tip, or let it float"
+    finding = "The probe takes current out of the skin: it leaks to ground through {siemens_per_N}."
+    shown_by = "presses with the source's sink at ground, from light to hard"
     confusable = ("touch-contrast",)
 
     def admittance(self, setting: Setting, force_N: np.ndarray, terminals: int) -> np.ndarray:
