@@ -6,6 +6,7 @@ The density crowds at the ends within beta of them, so that it is kept on graded
 from elsewhere only through its moments against a few Lagrange polynomials.
 """
 
+import itertools
 from functools import lru_cache
 
 import numpy as np
@@ -66,7 +67,7 @@ def segment_operator(halvings: int = HALVINGS) -> tuple[np.ndarray, np.ndarray, 
     np.fill_diagonal(apart, 1.0)
     operator = np.log(apart) * weights
     for row, place in enumerate(nodes):
-        for panel, (a, b) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
+        for panel, (a, b) in enumerate(itertools.pairwise(ends)):
             if max(a - place, place - b) < 1.5 * (b - a):
                 columns = slice(panel * PANEL_NODES, (panel + 1) * PANEL_NODES)
                 operator[row, columns] = log_weights(place, a, b, PANEL_NODES)

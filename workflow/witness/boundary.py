@@ -68,14 +68,14 @@ class Body:
         deg: np.ndarray,
         width_mm: np.ndarray,
         clearance_mm: float | None = None,
-        resolution: Resolution = Resolution(),
+        resolution: Resolution | None = None,
     ):
-        self.shape, self.resolution, self.n = shape, resolution, len(deg)
+        self.shape, self.resolution, self.n = shape, resolution or Resolution(), len(deg)
         self.medium = Tilted(shape.slope()) if shape.tilt else Plane()
         self._arcs(np.radians(deg), np.asarray(width_mm, float) / (2.0 * shape.radius_mm))
         gap = np.inf if clearance_mm is None else clearance_mm / shape.radius_mm
         self.order = self._arc_order(gap)
-        count = int(np.clip(2.0 * resolution.digits / gap, resolution.rim, 2048))
+        count = int(np.clip(2.0 * self.resolution.digits / gap, self.resolution.rim, 2048))
         self.edge = rim_edge(shape, count + count % 2)
         self._nodes()
         self._solve_rim()

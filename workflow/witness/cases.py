@@ -13,17 +13,19 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+
 from eitskin import recording
 from eitskin.atomic import atomic_path
 from eitskin.errors import InputError
 from eitskin.protocol import channel_table
 from eitskin.skin import Skin
-
 from witness import outside, strengths
 from witness.plan import query_frames, recording_frames
 from witness.world import World
 
 N_ELECTRODES = 16
+LEAST_LEVEL, MOST_LEVEL = 3e-4, 2e-2  # noise over the median |v|
+SINGLE_SNR, SET_SNR, OUTSIDE_SNR = (10.0, 60.0), (15.0, 80.0), (20.0, 100.0)
 APART_MM = 1.5  # from the edge of a patch to that of any touch
 # Two of a group would need what the witness does not solve, or be one effect.
 APART_NAMES = (
@@ -160,7 +162,8 @@ def draw(kind: str, seed: int) -> Case:
 
     Skin: radius 50 to 90 mm, thickness 2 to 4 mm, contacts 4 to 9 mm wide of 5e-4 to 1e-2 ohm m2;
     100 to 150 frames; noise 0.03 % to 2 % of the median |v|; conductivity up to 15 % off. SNR 10 to
-    60 for single effects, 15 to 80 in sets, capped by what is physical. Raises InputError for an
+    60 for single effects, 15 to 80 in sets, 20 to 100 outside the catalogue; where no physical
+    strength shows that much, the noise falls to 0.03 % at the least. Raises InputError for an
     unknown kind.
     """
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
@@ -182,30 +185,50 @@ def draw(kind: str, seed: int) -> Case:
     world = World(true, channels, frame_s, grounded)
     plain = world.readings(states, [])
     median = float(np.median(np.abs(plain[0])))
-    level = float(f"{np.exp(rng.uniform(np.log(3e-4), np.log(2e-2))):.3g}")
+    level = float(f"{np.exp(rng.uniform(*np.log((LEAST_LEVEL, MOST_LEVEL)))):.3g}")
     mixed = rng.uniform(0.2, 0.8) if rng.uniform() < 0.3 else 0.0
     noise = level * ((1.0 - mixed) * median + mixed * np.abs(plain[0]))
 
     scene = strengths.Scene(skin, channels, plain[0], free, grounded)
-    band = (10.0, 60.0) if len(names) + (law is not None) == 1 else (15.0, 80.0)
-    effects, scopes, snr = [], [], []
-    for name in names:
-        drawn = strengths.DRAWN[name](rng, scene)
-        wanted = float(np.exp(rng.uniform(*np.log(band))))
-
-        def shown(a: float, drawn=drawn) -> float:
-            return signature(world.readings(states, [drawn.at(a)]), plain, noise)
-
-        a, reached = (0.0, shown(0.0)) if drawn.unit is None else scaled(
-            shown, drawn.unit, drawn.most, wanted
-        )
-        effects.append(drawn.at(a))
-        scopes.append(drawn.scope)
-        snr.append(reached)
-    other, hidden = None, None
+    drawn = [strengths.DRAWN[name](rng, scene) for name in names]
+    scopes = [one.scope for one in drawn]
+    growing = [one for one in drawn if one.unit is not None]
+    makers = [(one.at, one.unit, one.most) for one in growing]
+    hidden = None
     if law is not None:
-        wanted = float(np.exp(rng.uniform(*np.log(band))))
-        hidden, reached = _outside(rng, law, world, states, plain, noise, skin, free, wanted)
+        hidden = _outside(rng, law, states, plain[0], skin, free)
+        makers = [(lambda a: replace(hidden, amount=a), 0.1 * hidden.most, hidden.most)]
+    band = OUTSIDE_SNR if law else SINGLE_SNR if len(names) < 2 else SET_SNR
+    wanted = np.exp(rng.uniform(*np.log(band), len(makers)))
+
+    def show(one, a: float) -> float:
+        made = one(a)
+        shown = (
+            world.readings(states, [made])
+            if isinstance(made, dict)
+            else world.readings(states, [], made)
+        )
+        return signature(shown, plain, noise)
+
+    found = _strengths(show, makers, wanted)
+    lack = min(
+        (reached / want for (_, reached), want in zip(found, wanted, strict=True)), default=1
+    )
+    if lack < 0.9:
+        # What is physical is too weak in this noise: there is less of it then.
+        quieter = max(lack, LEAST_LEVEL / level)
+        level, noise = level * quieter, noise * quieter
+        found = _strengths(show, makers, wanted)
+    amounts = iter(found)
+    effects, snr, other = [], [], None
+    for one in drawn:
+        a, reached = (0.0, None) if one.unit is None else next(amounts)
+        effects.append(one.at(a))
+        shown = signature(world.readings(states, effects[-1:]), plain, noise)
+        snr.append(shown if reached is None else reached)
+    if law is not None:
+        a, reached = next(amounts)
+        hidden = replace(hidden, amount=a)
         other = {"law": law, "parameters": hidden.parameters(), "snr": reached}
     clean = world.readings(states, effects, hidden)
     given = list(snr)
@@ -246,20 +269,22 @@ def draw(kind: str, seed: int) -> Case:
     )
 
 
-def _outside(rng, law, world, states, plain, noise, skin, free, wanted):
+def _strengths(show, makers: list[tuple], wanted: np.ndarray) -> list[tuple[float, float]]:
+    """Strength and SNR of each maker (at, unit, most), as `scaled`."""
+    return [
+        scaled(lambda a, at=at: show(at, a), unit, most, want)
+        for (at, unit, most), want in zip(makers, wanted, strict=True)
+    ]
+
+
+def _outside(rng, law: str, states, untouched_V, skin, free) -> outside.Outside:
     presses = states["contact"].dropna().unique().astype(int)
     end = float(states["time_s"].iloc[-1])
-    scene = outside.Scene(N_ELECTRODES, presses, end, skin.radius_mm, free, plain[0])
+    scene = outside.Scene(N_ELECTRODES, presses, end, skin.radius_mm, free, untouched_V)
     drawn = outside.OUTSIDE[law].draw(rng, scene)
     if law == "palm":
         drawn = replace(drawn, radius_mm=round(float(rng.uniform(4.0, 8.0)), 2))
-
-    def shown(amount: float) -> float:
-        changed = world.readings(states, [], replace(drawn, amount=amount))
-        return signature(changed, plain, noise)
-
-    amount, reached = scaled(shown, 0.1 * drawn.most, drawn.most, wanted)
-    return replace(drawn, amount=amount), reached
+    return drawn
 
 
 def write(case: Case, folder: str | Path) -> None:

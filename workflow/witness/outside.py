@@ -131,7 +131,8 @@ class SmoothDent(Outside):
 
 @dataclass(frozen=True)
 class Palm(Outside):
-    """A second contact that nobody reports, of contrast amount, rests on the skin in some presses."""
+    """A second contact, of contrast amount, that nobody reports, lies on the skin in some
+    presses."""
 
     x_mm: float = 0.0
     y_mm: float = 0.0
@@ -348,19 +349,22 @@ class WanderingGain(Outside):
 
 
 @dataclass(frozen=True)
-class Quantised(Outside):
-    """Readings are rounded to steps of amount v0, v0 the largest untouched reading."""
+class LateGain(Outside):
+    """From one moment on one measuring pair reads (1 + amount) times as much: a loose plug."""
 
-    reference_V: float = 1.0
-    most: ClassVar[float] = 0.3
+    measure: int = 0
+    minutes: float = 0.0
+    most: ClassVar[float] = 0.5
 
     @classmethod
     def draw(cls, rng, scene):
-        return cls(cls.most, float(np.abs(scene.untouched_V).max()))
+        measure = int(rng.integers(scene.n_electrodes))
+        return cls(cls.most, measure, float(scene.end_s / 60.0 * rng.uniform(0.3, 0.7)))
 
     def converted(self, volt, rows, world):
-        step = max(self.amount, 1e-12) * self.reference_V
-        return step * np.round(volt / step)
+        mine = world.channels[:, 2] == self.measure
+        late = (rows.minutes > self.minutes)[:, None] & mine
+        return volt * np.where(late, 1.0 + self.amount, 1.0)
 
 
 @dataclass(frozen=True)
@@ -405,6 +409,6 @@ OUTSIDE = {
     "slow-settling": SlowSettling,
     "contact-threshold": ContactThreshold,
     "wandering-gain": WanderingGain,
-    "quantised": Quantised,
+    "late-gain": LateGain,
     "lasting-dent": LastingDent,
 }

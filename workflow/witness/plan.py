@@ -2,6 +2,7 @@
 
 import numpy as np
 import pandas as pd
+
 from eitskin.recording import frames_table
 
 REACH = 0.93  # discs lie within this share of the radius
@@ -19,7 +20,10 @@ def _place(
         phi = rng.uniform(0.0, 2.0 * np.pi)
         x, y = r * np.cos(phi), r * np.sin(phi)
         apart = [
-            max(np.hypot(x - a, y - b) - c - 0.5 * probe_mm, c - 0.5 * probe_mm - np.hypot(x - a, y - b))
+            max(
+                np.hypot(x - a, y - b) - c - 0.5 * probe_mm,
+                c - 0.5 * probe_mm - np.hypot(x - a, y - b),
+            )
             for a, b, c in kept_off
         ]
         if all(gap > apart_mm for gap in apart):

@@ -93,9 +93,7 @@ def _plain(name: str, unit: float, most: float, parameters, signed: bool = True)
     def draw(rng: np.random.Generator, scene: Scene) -> Strength:
         sign = _sign(rng) if signed else 1.0
         of = parameters(rng, scene)
-        return Strength(
-            lambda a: {"name": name, "parameters": of(sign * a)}, unit, most, "common"
-        )
+        return Strength(lambda a: {"name": name, "parameters": of(sign * a)}, unit, most, "common")
 
     return draw
 
@@ -171,9 +169,7 @@ def _impedance_with_force(rng: np.random.Generator, scene: Scene) -> Strength:
 
 
 def _drift(rng: np.random.Generator, scene: Scene) -> Strength:
-    draw = _sited(
-        "contact-drift", "electrodes", "per_minute", 0.02, 0.1, lambda x, s: x, True
-    )
+    draw = _sited("contact-drift", "electrodes", "per_minute", 0.02, 0.1, lambda x, s: x, True)
     return draw(rng, scene)
 
 
@@ -226,9 +222,7 @@ DRAWN = {
     "electrode-open": _fixed("electrode-open", 1),
     "electrode-swap": _fixed("electrode-swap", 2),
     "domain-shape": _plain("domain-shape", 0.01, 0.12, _shape, signed=False),
-    "anisotropy": _plain(
-        "anisotropy", 0.05, 1.0, _directed("ratio", 1.0, 180.0), signed=False
-    ),
+    "anisotropy": _plain("anisotropy", 0.05, 1.0, _directed("ratio", 1.0, 180.0), signed=False),
     "conductivity-gradient": _plain(
         "conductivity-gradient",
         0.05,

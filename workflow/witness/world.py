@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
-from eitskin.skin import Skin
 
+from eitskin.skin import Skin
 from witness import laws as known
 from witness.boundary import Body, Contact, Disc, Place, Radial, Resolution
 from witness.outside import Outside
@@ -52,10 +52,10 @@ class World:
         channels: np.ndarray,
         frame_s: float,
         sink_grounded: bool = False,
-        resolution: Resolution = Resolution(),
+        resolution: Resolution | None = None,
     ):
         self.skin, self.channels, self.frame_s = skin, channels, frame_s
-        self.sink_grounded, self.resolution = sink_grounded, resolution
+        self.sink_grounded, self.resolution = sink_grounded, resolution or Resolution()
         self._bodies: OrderedDict = OrderedDict()
         self.drives, self.drive = np.unique(channels[:, :2], axis=0, return_inverse=True)
 
@@ -136,9 +136,7 @@ class World:
         )
         sigma = known.conductivity(laws, skin.conductivity_S_per_m, minutes)
         siemens = np.where(touched, known.grounding(laws, force), 0.0)
-        return Touches(
-            touched, place, radius, contrast, force, minutes, press, z, sigma, siemens
-        )
+        return Touches(touched, place, radius, contrast, force, minutes, press, z, sigma, siemens)
 
     def electrodes(self, laws: list[dict]) -> tuple[np.ndarray, np.ndarray]:
         """True angles, degrees, and widths, mm, (n,)."""
@@ -231,7 +229,8 @@ class _Kept(Body):
 
     def contact(self, length: np.ndarray) -> Contact:
         """As Body.contact."""
-        return self._latest(self._contacts, length.tobytes(), lambda: Body.contact(self, length), 2)
+        key = length.tobytes()
+        return self._latest(self._contacts, key, lambda: Body.contact(self, length), 2)
 
     def place(self, discs: tuple[Disc, ...]) -> Place:
         """As Body.place."""
