@@ -1,0 +1,108 @@
+"""The current density under one contact: a log kernel on a segment with a Robin condition.
+
+On a segment t in [-1, 1], (beta + C) q = f with (C q)(t) = -1/pi int log|t - t'| q(t') dt': the
+contact's own part of the complete electrode model, beta its length z sigma over half the arc.
+The density crowds at the ends within beta of them, so that it is kept on graded panels, and seen
+from elsewhere only through its moments against a few Lagrange polynomials.
+"""
+
+import itertools
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial.legendre import leggauss, legvander
+
+PANEL_NODES = 10
+HALVINGS = 11
+LOG_LEVELS = 36
+
+
+def segment_panels(halvings: int = HALVINGS) -> np.ndarray:
+    """Panel ends on [-1, 1], halved `halvings` times towards both ends."""
+    inner = 1.0 - 0.5 ** np.arange(halvings + 1)
+    return np.concatenate([[-1.0], -inner[::-1], inner[1:], [1.0]])
+
+
+def panel_nodes(ends: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss nodes and weights (panels, order) on the panels between `ends`."""
+    node, weight = leggauss(order)
+    half = 0.5 * np.diff(ends)[:, None]
+    middle = 0.5 * (ends[1:] + ends[:-1])[:, None]
+    return middle + half * node, half * weight
+
+
+def lagrange(at: np.ndarray, order: int) -> np.ndarray:
+    """(len(at), order): values at `at` of the polynomials that are 1 at one Gauss node each."""
+    node, weight = leggauss(order)
+    degree = np.arange(order)
+    project = (degree + 0.5)[:, None] * legvander(node, order - 1).T * weight
+    return legvander(at, order - 1) @ project
+
+
+def log_weights(place: float, a: float, b: float, order: int) -> np.ndarray:
+    """(order,): int_a^b log|place - t| f(t) dt as weights of f at the Gauss nodes of [a, b].
+
+    Exact for polynomials of `order - 1`: dyadic panels towards the point of [a, b] nearest to
+    `place`.
+    """
+    nearest = min(max(place, a), b)
+    fractions = np.append(0.0, 0.5 ** np.arange(LOG_LEVELS - 1, -1, -1))
+    total = np.zeros(order)
+    for end in (a, b):
+        if end != nearest:
+            u, w = (v.ravel() for v in panel_nodes(fractions, 16))
+            t, w = nearest + (end - nearest) * u, np.abs(end - nearest) * w
+            local = lagrange((2.0 * t - a - b) / (b - a), order)
+            total += (w * np.log(np.abs(place - nearest - (end - nearest) * u))) @ local
+    return total
+
+
+@lru_cache(maxsize=4)
+def segment_operator(halvings: int = HALVINGS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes t (N,), weights (N,) and C (N, N) on the graded panels."""
+    ends = segment_panels(halvings)
+    t, w = panel_nodes(ends, PANEL_NODES)
+    nodes, weights = t.ravel(), w.ravel()
+    apart = np.abs(nodes[:, None] - nodes)
+    np.fill_diagonal(apart, 1.0)
+    operator = np.log(apart) * weights
+    for row, place in enumerate(nodes):
+        for panel, (a, b) in enumerate(itertools.pairwise(ends)):
+            if max(a - place, place - b) < 1.5 * (b - a):
+                columns = slice(panel * PANEL_NODES, (panel + 1) * PANEL_NODES)
+                operator[row, columns] = log_weights(place, a, b, PANEL_NODES)
+    return nodes, weights, -operator / np.pi
+
+
+@lru_cache(maxsize=4)
+def _spectrum(halvings: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    operator = segment_operator(halvings)[2]
+    values, vectors = np.linalg.eig(operator)
+    return values, vectors, np.linalg.inv(vectors)
+
+
+@lru_cache(maxsize=64)
+def _moment_factors(order: int, halvings: int):
+    nodes, weights, _ = segment_operator(halvings)
+    values, vectors, inverse = _spectrum(halvings)
+    local = lagrange(nodes, order)
+    return values, (local * weights[:, None]).T @ vectors, inverse @ local
+
+
+def moment_response(beta: np.ndarray, order: int, halvings: int = HALVINGS) -> np.ndarray:
+    """(len(beta), order, order): moments of q for unit values of f at the Gauss nodes.
+
+    Moment j is int q(t) L_j(t) dt, L_j the Lagrange polynomial of node j of `order` Gauss nodes.
+    """
+    values, left, right = _moment_factors(order, halvings)
+    scaled = left[None] / (np.asarray(beta, float)[:, None, None] + values)
+    return (scaled @ right).real
+
+
+def segment_response(beta: np.ndarray, order: int, halvings: int = HALVINGS) -> np.ndarray:
+    """(order, order): as `moment_response`, for one segment whose beta (p,) varies along it, given
+    at p Gauss nodes."""
+    nodes, weights, operator = segment_operator(halvings)
+    local = lagrange(nodes, order)
+    along = lagrange(nodes, len(beta)) @ beta
+    return (local * weights[:, None]).T @ np.linalg.solve(np.diag(along) + operator, local)

@@ -1,0 +1,373 @@
+"""The complete electrode model by boundary integral equations, in physical space.
+
+The potential is a single layer on the rim and on every inclusion's edge. On the rim its density is
+twice the electrodes' current density plus what is smooth, psi, so that even nodes with the
+logarithm's Fourier weights resolve psi, and graded panels (`arc`) the currents:
+
+    psi / 2 + K psi = -2 K q - (flux of the inclusions),    zeta q + u = U on an electrode,
+    (1 / c + 1 / 2) rho + (flux of all else at the edge) = 0 on an edge of contrast c,
+
+zeta = z sigma, K the normal derivative of the kernel. Factored once are the rim and the contacts;
+each place adds a small system, and all forces at a place share it (Kress, Linear Integral
+Equations, ch. 7 and 12; Somersalo, Cheney, Isaacson 1992).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.polynomial.legendre import leggauss
+from scipy.linalg import lu_factor, lu_solve
+from scipy.special import ive
+
+from witness.arc import HALVINGS, moment_response, segment_response
+from witness.curves import (
+    Edge,
+    Shape,
+    disc_edge,
+    own_flux,
+    rim_edge,
+    same_curve_log,
+)
+from witness.medium import Plane, Tilted, flux, potential
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """Nodes: rim nodes and the Gauss nodes an electrode is seen through, at least and per gap.
+
+    digits: what expansions are cut off at, natural logarithm.
+    """
+
+    rim: int = 320
+    arc: int = 14
+    digits: float = 18.0
+    halvings: int = HALVINGS
+
+
+@dataclass(frozen=True)
+class Disc:
+    """A circular inclusion: centre and radius, mm."""
+
+    x_mm: float
+    y_mm: float
+    radius_mm: float
+
+
+class Body:
+    """A skin with electrodes, its contacts still open.
+
+    shape: rim, direction, tilt; deg, width_mm (n,): electrodes, an edge at deg +- width / 2 radius;
+    clearance_mm: the least distance of an inclusion's edge from the rim that is to be resolved.
+    """
+
+    def __init__(
+        self,
+        shape: Shape,
+        deg: np.ndarray,
+        width_mm: np.ndarray,
+        clearance_mm: float | None = None,
+        resolution: Resolution | None = None,
+    ):
+        self.shape, self.resolution, self.n = shape, resolution or Resolution(), len(deg)
+        self.medium = Tilted(shape.slope()) if shape.tilt else Plane()
+        self._arcs(np.radians(deg), np.asarray(width_mm, float) / (2.0 * shape.radius_mm))
+        gap = np.inf if clearance_mm is None else clearance_mm / shape.radius_mm
+        self.order = self._arc_order(gap)
+        count = int(np.clip(2.0 * self.resolution.digits / gap, self.resolution.rim, 2048))
+        self.edge = rim_edge(shape, count + count % 2)
+        self._nodes()
+        self._solve_rim()
+
+    def _arcs(self, centre: np.ndarray, half: np.ndarray) -> None:
+        """Physical half arc lengths of the electrodes, in radii, and their ends' angles."""
+        self.first, self.last = centre - half, centre + half
+        node, weight = leggauss(40)
+        phi = centre[:, None] + half[:, None] * node
+        self.half_arc = 0.5 * half * (np.abs(self.shape.rim(phi, 1)) @ weight)
+
+    def _arc_order(self, gap: float) -> int:
+        """Gauss nodes by what comes nearest to an electrode: its neighbour, or an inclusion."""
+        mean = 0.5 * (self.first + self.last)
+        order = np.argsort(mean % (2.0 * np.pi))
+        start, stop = self.first[order], self.last[order]
+        apart = (np.roll(start, -1) - stop) % (2.0 * np.pi)
+        half = 0.5 * (stop - start)
+        beside = 1.0 + apart / np.maximum(half, np.roll(half, -1))
+        rho = (beside + np.sqrt(beside**2 - 1.0)).min()
+        over = gap / half.max()
+        if np.isfinite(over):
+            rho = min(rho, over + np.sqrt(over**2 + 1.0))
+        return int(np.clip(np.ceil(self.resolution.digits / np.log(rho)), self.resolution.arc, 48))
+
+    def _nodes(self) -> None:
+        """The Gauss nodes of every electrode, even in physical arc length."""
+        node = leggauss(self.order)[0]
+        phi = 0.5 * (self.first + self.last)[:, None] + np.outer(self.last - self.first, node) / 2.0
+        wanted = self.half_arc[:, None] * (1.0 + node)
+        for _ in range(8):
+            length = self._length(phi)
+            phi = phi - (length - wanted) / np.abs(self.shape.rim(phi, 1))
+        slope = self.shape.rim(phi, 1)
+        stretch = self.half_arc[:, None] / np.abs(slope)
+        self.arc_angle = phi.ravel()
+        self.arc_place = self.shape.unfold(self.shape.rim(phi)).ravel()
+        unfolded = np.abs(self.shape.unfold(slope))
+        self.arc_speed, self.arc_stretch = unfolded.ravel(), (unfolded * stretch).ravel()
+
+    def _length(self, phi: np.ndarray) -> np.ndarray:
+        """Arc length from an electrode's first edge to each angle."""
+        node, weight = leggauss(40)
+        half = 0.5 * (phi - self.first[:, None])
+        at = self.first[:, None, None] + half[..., None] * (1.0 + node)
+        return half * (np.abs(self.shape.rim(at, 1)) @ weight)
+
+    def _among_arcs(self) -> np.ndarray:
+        """Potential at the electrodes' nodes of their moments, without the segment's own log."""
+        n, p, place = self.n, self.order, self.arc_place
+        apart = np.abs(place[:, None] - place).reshape(n, p, n, p)
+        t = leggauss(p)[0]
+        distance = np.abs(t[:, None] - t)
+        np.fill_diagonal(distance, 1.0)
+        for i in range(n):
+            own = apart[i, :, i]
+            np.fill_diagonal(own, self.arc_stretch[i * p : (i + 1) * p])
+            apart[i, :, i] = own / distance
+        value = -np.log(apart.reshape(n * p, n * p)) / (2.0 * np.pi)
+        return 2.0 * (value + self.medium.rest(place, place))
+
+    def _solve_rim(self) -> None:
+        edge, medium = self.edge, self.medium
+        weight = edge.weight
+        root, self.arc_root = medium.root(edge.place), medium.root(self.arc_place)
+        length = weight.sum()
+
+        def sink(other_root: np.ndarray) -> np.ndarray:
+            """What makes currents that do not sum to zero leave evenly."""
+            return np.outer(1.0 / root, other_root) / length
+
+        self.sink = sink
+        matrix = 0.5 * np.eye(len(weight)) + (own_flux(medium, edge) + sink(root)) * weight
+        self.factored = lu_factor(matrix)
+        to_arcs = same_curve_log(
+            self.arc_place, self.arc_angle, self.arc_speed, edge, len(weight) // 2 - 1
+        )
+        to_arcs = to_arcs + medium.rest(self.arc_place, edge.place)
+        self.arcs_from_rim = lu_solve(self.factored, (to_arcs * weight).T, trans=1).T
+        onto_rim = self._rim_from_arcs(to_arcs)
+        self.rim_from_arcs = lu_solve(self.factored, -2.0 * (onto_rim + sink(self.arc_root)))
+        self.among_arcs = self._among_arcs() + (to_arcs * weight) @ self.rim_from_arcs
+
+    def _rim_from_arcs(self, to_arcs: np.ndarray) -> np.ndarray:
+        """Flux at the rim's nodes of moments; the log part as what the rim's waves see of it."""
+        edge, medium = self.edge, self.medium
+        apart = edge.place[:, None] - self.arc_place
+        close = np.abs(apart) < 1e-9
+        apart[close] = 1.0
+        value = -(edge.normal[:, None] / apart).real / (2.0 * np.pi)
+        bend = np.broadcast_to(-edge.curvature[:, None] / (4.0 * np.pi), value.shape)
+        value[close] = bend[close]
+        if isinstance(medium, Plane):
+            return value
+        value = value + medium.normal_rest(edge.place, edge.normal, self.arc_place)
+        return value - medium.bend(edge.place, edge.normal)[:, None] * to_arcs.T
+
+    def contact(self, length: np.ndarray) -> "Contact":
+        """The contacts closed: length (n,) = z sigma, in radii."""
+        return Contact(self, np.asarray(length, float))
+
+    def place(self, discs: Sequence[Disc]) -> "Place":
+        """Inclusions at definite places, whatever their contrasts."""
+        return Place(self, tuple(discs))
+
+
+class Contact:
+    """The electrodes' own response: moments Y (sqrt(s) U - v) for outer potentials v."""
+
+    def __init__(self, body: Body, length: np.ndarray):
+        n, p = body.n, body.order
+        beta = length / body.half_arc
+        halvings = body.resolution.halvings
+        if isinstance(body.medium, Plane):
+            blocks = moment_response(beta, p, halvings)
+        else:
+            square = (body.arc_root**2).reshape(n, p)
+            blocks = np.array(
+                [segment_response(b * s, p, halvings) for b, s in zip(beta, square, strict=True)]
+            )
+        coupled = np.einsum("ijk,ikl->ijl", blocks, body.among_arcs.reshape(n, p, n * p))
+        system = np.eye(n * p) + coupled.reshape(n * p, n * p)
+        block = np.zeros((n, p, n, p))
+        block[range(n), :, range(n)] = blocks
+        self.response = np.linalg.solve(system, block.reshape(n * p, n * p))
+
+
+class Place:
+    """Inclusions at definite places on a body: what they feel and what the electrodes feel."""
+
+    def __init__(self, body: Body, discs: tuple[Disc, ...]):
+        self.body, self.discs = body, discs
+        self.edges = [self._edge(disc, k) for k, disc in enumerate(discs)]
+        self.sizes = [len(edge.place) for edge in self.edges]
+
+    def _edge(self, disc: Disc, index: int) -> Edge:
+        body, r = self.body, self.body.shape.radius_mm
+        centre, radius = complex(disc.x_mm, disc.y_mm) / r, disc.radius_mm / r
+        phi = 2.0 * np.pi * np.arange(512) / 512
+        gap = np.abs(centre - body.shape.rim(phi)).min() - radius
+        if gap <= 0:
+            raise ValueError(f"inclusion {index} leaves the skin by {-gap * r:g} mm")
+        for k, other in enumerate(self.discs):
+            if k != index:
+                apart = abs(centre - complex(other.x_mm, other.y_mm) / r)
+                far = other.radius_mm / r
+                between = max(apart - radius - far, abs(radius - far) - apart)
+                if between <= 0:
+                    raise ValueError(f"inclusions {index} and {k} cross")
+                gap = min(gap, between)
+        count = int(np.clip(2.0 * body.resolution.digits / np.log1p(gap / radius), 24, 1024))
+        count += count % 2
+        angle = 2.0 * np.pi * np.arange(count) / count
+        return disc_edge(body.shape, centre, radius, angle, np.full(count, 2.0 * np.pi / count))
+
+    @cached_property
+    def _joined(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Places, normals and weights of all edges' nodes, and what the rim answers to them."""
+        place, normal, weight = (
+            np.concatenate([getattr(edge, name) for edge in self.edges])
+            for name in ("place", "normal", "weight")
+        )
+        body, rim = self.body, self.body.edge
+        on_rim = flux(body.medium, rim.place, rim.normal, place)
+        on_rim = -(on_rim + body.sink(body.medium.root(place))) * weight
+        return place, normal, weight, on_rim
+
+    @cached_property
+    def fluxes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Flux among edges (C, C), at edges from moments (C, E), potential at electrodes from
+        edges (E, C)."""
+        body, medium = self.body, self.body.medium
+        place, normal, weight, on_rim = self._joined
+        from_rim = flux(medium, place, normal, body.edge.place) * body.edge.weight
+        rows = []
+        for i, a in enumerate(self.edges):
+            row = [
+                own_flux(medium, a) if i == j else flux(medium, a.place, a.normal, b.place)
+                for j, b in enumerate(self.edges)
+            ]
+            rows.append(np.hstack(row))
+        among = np.vstack(rows) * weight + from_rim @ lu_solve(body.factored, on_rim)
+        felt = 2.0 * flux(medium, place, normal, body.arc_place) + from_rim @ body.rim_from_arcs
+        seen = potential(medium, body.arc_place, place) * weight + body.arcs_from_rim @ on_rim
+        return among, felt, seen
+
+    @cached_property
+    def _levels(self) -> tuple[np.ndarray, np.ndarray]:
+        """Potential at edges from edges (C, C) and from moments (C, E)."""
+        body, medium = self.body, self.body.medium
+        place, _, weight, on_rim = self._joined
+        from_rim = potential(medium, place, body.edge.place) * body.edge.weight
+        rows = []
+        for i, a in enumerate(self.edges):
+            speed = a.weight / a.span
+            own = same_curve_log(a.place, a.angle, speed, a, len(a.place) // 2 - 1)
+            own = own + medium.rest(a.place, a.place)
+            row = [
+                own if i == j else potential(medium, a.place, b.place)
+                for j, b in enumerate(self.edges)
+            ]
+            rows.append(np.hstack(row))
+        among = np.vstack(rows) * weight + from_rim @ lu_solve(body.factored, on_rim)
+        felt = 2.0 * potential(medium, place, body.arc_place) + from_rim @ body.rim_from_arcs
+        return among, felt
+
+    def admittance(
+        self, contact: Contact, contrast: Sequence[float], radial: "Radial | None" = None
+    ) -> np.ndarray:
+        """(n, n): currents for the electrodes' potentials above ground, in units of the sheet's
+        conductance.
+
+        contrast: of each disc; radial: what the first disc is inside, in place of its contrast.
+        """
+        body = self.body
+        n, p = body.n, body.order
+        root = body.arc_root
+        unit = np.zeros((n * p, n + 1))
+        unit[np.arange(n * p), np.repeat(np.arange(n), p)] = root
+        unit[:, n] = -root
+        moments = contact.response @ unit
+        sinks = np.zeros(n + 1)
+        active = [c != 0.0 or (radial is not None and k == 0) for k, c in enumerate(contrast)]
+        if any(active):
+            keep = np.repeat(active, self.sizes)
+            among, felt, seen = self.fluxes
+            among, felt, seen = among[np.ix_(keep, keep)], felt[keep], seen[:, keep]
+            own = np.repeat(contrast, self.sizes)[keep]
+            jump = 0.5 + np.divide(1.0, own, out=np.zeros(len(own)), where=own != 0.0)
+            rows = felt @ moments
+            if radial is not None:
+                inside = slice(0, self.sizes[0])
+                jump[inside] = -0.5
+                taken = radial.operator(self.sizes[0], self.discs[0].radius_mm, body)
+                level, level_felt = (part[keep][inside] for part in self._levels)
+                among, felt, rows = among.copy(), felt.copy(), rows.copy()
+                among[inside] -= taken @ level[:, keep]
+                felt[inside] -= taken @ level_felt
+                rows = felt @ moments
+                rows[inside, n] -= taken.sum(axis=1)
+            back = contact.response @ seen
+            system = among - felt @ back
+            system[np.diag_indices(len(own))] += jump
+            density = -np.linalg.solve(system, rows)
+            moments = moments - back @ density
+            place, _, weight, _ = self._joined
+            sinks = (body.medium.root(place) * weight)[keep] @ density
+        return _levelled((root[:, None] * moments).reshape(n, p, n + 1).sum(axis=1), sinks)
+
+
+@dataclass(frozen=True)
+class Radial:
+    """What the inside of a round inclusion draws: flux over potential at its edge for each wave
+    cos k theta, in units of the conductance around it, 1/mm."""
+
+    waves: np.ndarray
+
+    @classmethod
+    def leaking(cls, radius_mm: float, contrast: float, siemens: float, sheet: float) -> "Radial":
+        """A disc of `contrast` that leaks `siemens`, spread evenly, to ground; sheet: the
+        conductance around it, S. Modified Bessel functions: lap u = kappa^2 u inside."""
+        k = np.arange(513)
+        inside = 1.0 + contrast
+        x = np.sqrt(siemens / (np.pi * sheet * inside))
+        small, above = ive(k, x), ive(k + 1, x)
+        ratio = np.where(small > 1e-200, above / np.maximum(small, 1e-300), x / (2.0 * k + 2.0))
+        return cls(inside * (k + x * ratio) / radius_mm)
+
+    @classmethod
+    def layered(cls, radii_mm: np.ndarray, relative: np.ndarray) -> "Radial":
+        """Rings from the centre out, each with its conductivity over that around; radii
+        ascending."""
+        k = np.arange(1, 513)
+        drawn = relative[0] * np.ones(len(k))
+        for inner, outer, value in zip(radii_mm[:-1], radii_mm[1:], relative[1:], strict=True):
+            fade = (inner / outer) ** (2 * k) * (value - drawn) / (value + drawn)
+            drawn = value * (1.0 - fade) / (1.0 + fade)
+        return cls(np.append(0.0, k * drawn / radii_mm[-1]))
+
+    def operator(self, count: int, radius_mm: float, body: Body) -> np.ndarray:
+        """(count, count) on even nodes, 1 / skin radii. Raises ValueError where the disc is none
+        in unfolded coordinates."""
+        if body.shape.anisotropy[0] != 1.0 or not isinstance(body.medium, Plane):
+            raise ValueError("round inclusions need a conductivity without direction or tilt")
+        k = np.minimum(np.arange(count), count - np.arange(count))
+        column = np.fft.ifft(self.waves[k] * body.shape.radius_mm).real
+        index = np.arange(count)
+        return column[(index[:, None] - index) % count]
+
+
+def _levelled(current: np.ndarray, sinks: np.ndarray) -> np.ndarray:
+    """(n, n): admittance of currents (n, n + 1), the last column a level that all share; it is
+    such that what the electrodes give, the inclusions (`sinks`, (n + 1,)) take."""
+    total = current.sum(axis=0) + sinks
+    return current[:, :-1] - np.outer(current[:, -1], total[:-1] / total[-1])

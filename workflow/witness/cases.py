@@ -1,0 +1,315 @@
+"""Recordings in which one knows what is concealed.
+
+    draw("single:contact-impedance", 7), draw("null", 1), draw("pair", 3), draw("outside:palm", 2)
+
+Sixteen electrodes, adjacent drives and pairs; what is drawn is in `draw`. Equal kinds and seeds
+give the same case bit for bit.
+"""
+
+import json
+import zlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from eitskin import recording
+from eitskin.atomic import atomic_path
+from eitskin.errors import InputError
+from eitskin.protocol import channel_table
+from eitskin.skin import Skin
+from witness import outside, strengths
+from witness.plan import query_frames, recording_frames
+from witness.world import World
+
+N_ELECTRODES = 16
+LEAST_LEVEL, MOST_LEVEL = 3e-4, 2e-2  # noise over the median |v|
+SINGLE_SNR, SET_SNR, OUTSIDE_SNR = (10.0, 60.0), (15.0, 80.0), (20.0, 100.0)
+APART_MM = 1.5  # from the edge of a patch to that of any touch
+# Two of a group would need what the witness does not solve, or be one effect.
+APART_NAMES = (
+    ("anisotropy", "conductivity-gradient", "indenter-grounding"),
+    ("electrode-open", "electrode-swap"),
+)
+NEEDS = {"contact-impedance": "contact_impedivity_ohm_m2", "touch-contrast": "contrast_per_N"}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One recording with its truth.
+
+    believed, true: the skin; effects: in the configuration's form, with their scopes and snr (of
+    the signature that is left after an overall factor; `snr`: alone, `snr_given_others`: in its
+    set); outside: {law, parameters, snr} or None; states, query: frames as the recording format has
+    them; clean, voltage (N, M), query_clean (Q, M) V; noise_V (M,): sd; level: of the median |v|.
+    """
+
+    kind: str
+    seed: int
+    believed: Skin
+    true: Skin
+    effects: list[dict]
+    scopes: list[str]
+    snr: list[float]
+    snr_given_others: list[float]
+    outside: dict | None
+    metadata: dict
+    states: pd.DataFrame
+    clean: np.ndarray
+    voltage: np.ndarray
+    noise_V: np.ndarray
+    level: float
+    query: pd.DataFrame
+    query_clean: np.ndarray
+
+
+def names_of(kind: str, rng: np.random.Generator) -> tuple[list[str], str | None]:
+    """The effects of a kind, drawn where it leaves them open, and the law outside the catalogue.
+
+    Raises InputError for an unknown kind.
+    """
+    word, _, name = kind.partition(":")
+    if kind == "null":
+        return [], None
+    if word == "single" and name in strengths.DRAWN:
+        return [name], None
+    if word == "outside" and name in outside.OUTSIDE:
+        return [], name
+    if kind in ("pair", "triple"):
+        while True:
+            size = 2 if kind == "pair" else 3
+            chosen = rng.choice(sorted(strengths.DRAWN), size, replace=False).tolist()
+            if all(len(set(group) & set(chosen)) < 2 for group in APART_NAMES):
+                return chosen, None
+    expected = "null, single:<name>, pair, triple or outside:<law>"
+    raise InputError("case", "kind", repr(kind), expected)
+
+
+def _draw_skin(rng: np.random.Generator) -> Skin:
+    def between(low: float, high: float, digits: int) -> float:
+        return round(float(rng.uniform(low, high)), digits)
+
+    def scale(low: float, high: float) -> float:
+        return float(f"{np.exp(rng.uniform(np.log(low), np.log(high))):.3g}")
+
+    return Skin(
+        radius_mm=between(50.0, 90.0, 1),
+        thickness_mm=between(2.0, 4.0, 2),
+        conductivity_S_per_m=between(0.2, 1.0, 3),
+        electrode_deg=tuple((360.0 / N_ELECTRODES * np.arange(N_ELECTRODES)).tolist()),
+        electrode_width_mm=between(4.0, 9.0, 1),
+        contact_impedivity_ohm_m2=scale(5e-4, 1e-2),
+        current_A=scale(1e-4, 5e-3),
+        contrast_per_N=between(0.2, 1.0, 3),
+    )
+
+
+def _forgotten(rng: np.random.Generator, skin: Skin, names: list[str]) -> Skin:
+    """In a third of the cases the owner does not know the contacts, or the contrast, or both."""
+    unknown = rng.uniform() < 1 / 3
+    which = int(rng.integers(3))
+    if not unknown:
+        return skin
+    keys = ("contact_impedivity_ohm_m2", "contrast_per_N")
+    keys = keys if which == 2 else keys[which : which + 1]
+    kept = {NEEDS[name] for name in names if name in NEEDS}
+    return replace(skin, **{key: None for key in keys if key not in kept})
+
+
+def _free_disc(rng: np.random.Generator, radius_mm: float, low: float, high: float) -> tuple:
+    r = radius_mm * np.sqrt(rng.uniform(0.0, 0.5))
+    phi = rng.uniform(0.0, 2.0 * np.pi)
+    place = r * np.exp(1j * phi)
+    values = (place.real, place.imag, rng.uniform(low, high))
+    return tuple(round(float(value), 2) for value in values)
+
+
+def signature(changed: np.ndarray, plain: np.ndarray, noise_V: np.ndarray) -> float:
+    """SNR of changed - plain (N, M) V in noise (M,) V, without what an overall factor explains."""
+    white = ((changed - plain) / noise_V).ravel()
+    factor = (plain / noise_V).ravel()
+    left = white - factor * (factor @ white) / (factor @ factor)
+    return float(np.linalg.norm(left))
+
+
+def scaled(shown, unit: float, most: float, wanted: float) -> tuple[float, float]:
+    """The strength at which shown(strength), an SNR, is the wanted one to 5 %, or the largest
+    that is possible; and what it shows. shown raises ValueError where the world has no such state.
+    """
+    strength, best = min(unit, most), (0.0, 0.0)
+    for _ in range(12):
+        strength = float(f"{strength:.4g}")
+        try:
+            snr = shown(strength)
+        except ValueError:
+            most = 0.9 * strength
+            strength = 0.5 * (best[0] + most) if best[0] < most else 0.5 * most
+            continue
+        if abs(np.log(max(snr, 1e-9) / wanted)) < abs(np.log(max(best[1], 1e-9) / wanted)):
+            best = strength, snr
+        if abs(snr / wanted - 1.0) < 0.05:
+            break
+        step = float(np.clip(wanted / max(snr, 1e-9), 0.1, 10.0))
+        if step > 1.0 and strength >= 0.999 * most:
+            break
+        strength = min(strength * step, most)
+    return best
+
+
+def draw(kind: str, seed: int) -> Case:
+    """One case. kind: null, single:<name>, pair, triple or outside:<law>.
+
+    Skin: radius 50 to 90 mm, thickness 2 to 4 mm, contacts 4 to 9 mm wide of 5e-4 to 1e-2 ohm m2;
+    100 to 150 frames; noise 0.03 % to 2 % of the median |v|; conductivity up to 15 % off. SNR 10 to
+    60 for single effects, 15 to 80 in sets, 20 to 100 outside the catalogue; where no physical
+    strength shows that much, the noise falls to 0.03 % at the least. Raises InputError for an
+    unknown kind.
+    """
+    rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
+    names, law = names_of(kind, rng)
+    skin = _draw_skin(rng)
+    believed = _forgotten(rng, skin, names)
+    off = 1.0 + rng.uniform(-0.15, 0.15)
+    true = replace(skin, conductivity_S_per_m=float(skin.conductivity_S_per_m * off))
+    frame_s = round(float(rng.uniform(0.2, 0.4)), 3)
+    grounded = bool(rng.uniform() < 0.5) and bool({"ground-leak", "indenter-grounding"} & {*names})
+    free = _free_disc(rng, skin.radius_mm, 6.0, 13.0)
+    if law in ("palm", "slit"):
+        free = (*free[:2], 8.0)
+    kept_off = [free] if "conductivity-patch" in names or law in ("palm", "slit") else []
+    apart = APART_MM
+    channels = channel_table(N_ELECTRODES)
+    states = recording_frames(rng, skin.radius_mm, frame_s, kept_off, apart)
+    query = query_frames(rng, states, skin.radius_mm, frame_s, kept_off, apart)
+    world = World(true, channels, frame_s, grounded)
+    plain = world.readings(states, [])
+    median = float(np.median(np.abs(plain[0])))
+    level = float(f"{np.exp(rng.uniform(*np.log((LEAST_LEVEL, MOST_LEVEL)))):.3g}")
+    mixed = rng.uniform(0.2, 0.8) if rng.uniform() < 0.3 else 0.0
+    noise = level * ((1.0 - mixed) * median + mixed * np.abs(plain[0]))
+
+    scene = strengths.Scene(skin, channels, plain[0], free, grounded)
+    drawn = [strengths.DRAWN[name](rng, scene) for name in names]
+    scopes = [one.scope for one in drawn]
+    growing = [one for one in drawn if one.unit is not None]
+    makers = [(one.at, one.unit, one.most) for one in growing]
+    hidden = None
+    if law is not None:
+        hidden = _outside(rng, law, states, plain[0], skin, free)
+        makers = [(lambda a: replace(hidden, amount=a), 0.1 * hidden.most, hidden.most)]
+    band = OUTSIDE_SNR if law else SINGLE_SNR if len(names) < 2 else SET_SNR
+    wanted = np.exp(rng.uniform(*np.log(band), len(makers)))
+
+    def show(one, a: float) -> float:
+        made = one(a)
+        shown = (
+            world.readings(states, [made])
+            if isinstance(made, dict)
+            else world.readings(states, [], made)
+        )
+        return signature(shown, plain, noise)
+
+    found = _strengths(show, makers, wanted)
+    lack = min(
+        (reached / want for (_, reached), want in zip(found, wanted, strict=True)), default=1
+    )
+    if lack < 0.9:
+        # What is physical is too weak in this noise: there is less of it then.
+        quieter = max(lack, LEAST_LEVEL / level)
+        level, noise = level * quieter, noise * quieter
+        found = _strengths(show, makers, wanted)
+    amounts = iter(found)
+    effects, snr, other = [], [], None
+    for one in drawn:
+        a, reached = (0.0, None) if one.unit is None else next(amounts)
+        effects.append(one.at(a))
+        shown = signature(world.readings(states, effects[-1:]), plain, noise)
+        snr.append(shown if reached is None else reached)
+    if law is not None:
+        a, reached = next(amounts)
+        hidden = replace(hidden, amount=a)
+        other = {"law": law, "parameters": hidden.parameters(), "snr": reached}
+    clean = world.readings(states, effects, hidden)
+    given = list(snr)
+    if len(effects) > 1:
+        rest = [[e for e in effects if e is not one] for one in effects]
+        given = [signature(clean, world.readings(states, r), noise) for r in rest]
+    largest = float(states["force_N"].max())
+    metadata = {
+        **recording.DEFAULTS,
+        "format": "eit-recording",
+        "version": 1,
+        "channels": channels.tolist(),
+        "voltage": "signed",
+        "frame_s": frame_s,
+        "position_frame": "skin",
+        "source_reference": "sink-grounded" if grounded else "floating",
+        "source": "simulation",
+        "skin": believed.metadata(),
+    }
+    return Case(
+        kind=kind,
+        seed=seed,
+        believed=believed,
+        true=true,
+        effects=effects,
+        scopes=scopes,
+        snr=snr,
+        snr_given_others=given,
+        outside=other,
+        metadata=metadata,
+        states=states,
+        clean=clean,
+        voltage=clean + noise * rng.standard_normal(clean.shape),
+        noise_V=noise,
+        level=level,
+        query=query,
+        query_clean=world.readings(query, effects, hidden, largest),
+    )
+
+
+def _strengths(show, makers: list[tuple], wanted: np.ndarray) -> list[tuple[float, float]]:
+    """Strength and SNR of each maker (at, unit, most), as `scaled`."""
+    return [
+        scaled(lambda a, at=at: show(at, a), unit, most, want)
+        for (at, unit, most), want in zip(makers, wanted, strict=True)
+    ]
+
+
+def _outside(rng, law: str, states, untouched_V, skin, free) -> outside.Outside:
+    presses = states["contact"].dropna().unique().astype(int)
+    end = float(states["time_s"].iloc[-1])
+    scene = outside.Scene(N_ELECTRODES, presses, end, skin.radius_mm, free, untouched_V)
+    drawn = outside.OUTSIDE[law].draw(rng, scene)
+    if law == "palm":
+        drawn = replace(drawn, radius_mm=round(float(rng.uniform(4.0, 8.0)), 2))
+    return drawn
+
+
+def write(case: Case, folder: str | Path) -> None:
+    """recording.parquet, query.parquet and truth.json in a folder.
+
+    truth.json: {kind, seed, effects, scopes, snr, snr_given_others, outside, true (the skin),
+    noise_V (M), level, query_voltage_V (Q x M, noise-free)}.
+    """
+    folder = Path(folder)
+    parts = {"recording": (case.states, case.voltage), "query": (case.query, None)}
+    for name, (frames, voltage) in parts.items():
+        made = recording.Recording(frames, voltage, None, None, case.metadata)
+        recording.write(made, folder / f"{name}.parquet")
+    truth = {
+        "kind": case.kind,
+        "seed": case.seed,
+        "effects": case.effects,
+        "scopes": case.scopes,
+        "snr": case.snr,
+        "snr_given_others": case.snr_given_others,
+        "outside": case.outside,
+        "true": case.true.metadata(),
+        "noise_V": case.noise_V.tolist(),
+        "level": case.level,
+        "query_voltage_V": case.query_clean.tolist(),
+    }
+    with atomic_path(folder / "truth.json") as path:
+        path.write_text(json.dumps(truth, indent=1), encoding="utf-8")

@@ -1,0 +1,128 @@
+"""Closed curves in the plane: the rim of a skin and the edges of inclusions.
+
+Complex places in units of the skin's radius, unfolded: in coordinates, equal in area, in which an
+anisotropic conductivity is the same in all directions.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from witness.medium import Plane
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What the skin looks like: harmonics of its rim {k: complex amplitude exp(i phase)}, the
+    conductivity's direction (ratio, deg) and tilt (relative_across, deg)."""
+
+    radius_mm: float
+    harmonics: dict[int, complex] = field(default_factory=dict)
+    anisotropy: tuple[float, float] = (1.0, 0.0)
+    tilt: complex = 0.0
+
+    def rim(self, phi: np.ndarray, derivative: int = 0) -> np.ndarray:
+        """Physical rim over the radius, or a derivative (1 or 2) by phi."""
+        r = [np.ones(phi.shape), np.zeros(phi.shape), np.zeros(phi.shape)]
+        for k, amplitude in self.harmonics.items():
+            wave = np.conj(amplitude) * np.exp(1j * k * phi)
+            r = [part + ((1j * k) ** d * wave).real for d, part in enumerate(r)]
+        turn = np.exp(1j * phi)
+        if derivative == 0:
+            return r[0] * turn
+        if derivative == 1:
+            return (r[1] + 1j * r[0]) * turn
+        return (r[2] + 2j * r[1] - r[0]) * turn
+
+    def unfold(self, z: np.ndarray) -> np.ndarray:
+        """Places, or directions, in coordinates in which the conductivity has none."""
+        ratio, angle = self.anisotropy
+        if ratio == 1.0:
+            return z
+        turn = np.exp(1j * np.radians(angle))
+        local = z / turn
+        return turn * (local.real * ratio**-0.25 + 1j * local.imag * ratio**0.25)
+
+    def slope(self) -> complex:
+        """Gradient of the relative conductivity in unfolded places."""
+        ratio, angle = self.anisotropy
+        return complex(Shape(1.0, anisotropy=(1.0 / ratio, angle)).unfold(0.5 * self.tilt))
+
+
+@dataclass(frozen=True)
+class Edge:
+    """Nodes of a closed curve: places, outward normals, weights (arc length), angles, curvature.
+
+    gap: the nodes' parameter weights, weight over speed.
+    """
+
+    place: np.ndarray
+    normal: np.ndarray
+    weight: np.ndarray
+    angle: np.ndarray
+    curvature: np.ndarray
+    span: np.ndarray
+
+    @classmethod
+    def of(cls, shape: Shape, z, dz, ddz, angle: np.ndarray, span: np.ndarray) -> "Edge":
+        """From a physical curve and its two derivatives by the angle."""
+        z, dz, ddz = (shape.unfold(part) for part in (z, dz, ddz))
+        speed = np.abs(dz)
+        curvature = (np.conj(dz) * ddz).imag / speed**3
+        return cls(z, -1j * dz / speed, speed * span, angle, curvature, span)
+
+
+def rim_edge(shape: Shape, count: int) -> Edge:
+    """`count` even nodes of the rim."""
+    phi = 2.0 * np.pi * np.arange(count) / count
+    parts = (shape.rim(phi, derivative) for derivative in range(3))
+    return Edge.of(shape, *parts, phi, np.full(count, 2.0 * np.pi / count))
+
+
+def disc_edge(
+    shape: Shape, centre: complex, radius: float, angle: np.ndarray, span: np.ndarray
+) -> Edge:
+    """Nodes at `angle` of a physical circle."""
+    turn = np.exp(1j * angle)
+    return Edge.of(shape, centre + radius * turn, 1j * radius * turn, -radius * turn, angle, span)
+
+
+def wave_log(a: np.ndarray, b: np.ndarray, modes: int) -> np.ndarray:
+    """-log(4 sin^2((a - b) / 2)) / 2 up to `modes`: sum of cos k (a - b) / k."""
+    k = np.arange(1, modes + 1)
+    first, second = np.outer(a, k), np.outer(b, k)
+    return (np.cos(first) / k) @ np.cos(second).T + (np.sin(first) / k) @ np.sin(second).T
+
+
+def same_curve_log(
+    x: np.ndarray, at: np.ndarray, speed: np.ndarray, edge: Edge, modes: int
+) -> np.ndarray:
+    """-log|x - y| / 2 pi for x on the curve of `edge` at angles `at`, exact against smooth
+    densities at its nodes."""
+    chord = np.abs(2.0 * np.sin(0.5 * (at[:, None] - edge.angle)))
+    apart = np.abs(x[:, None] - edge.place)
+    near = chord < 1e-7
+    ratio = np.where(near, speed[:, None], apart / np.where(near, 1.0, chord))
+    return (wave_log(at, edge.angle, modes) - np.log(ratio)) / (2.0 * np.pi)
+
+
+def same_curve_normal(edge: Edge) -> np.ndarray:
+    """Normal derivative at the nodes of the log kernel from the nodes; on it, -curvature / 4 pi."""
+    apart = edge.place[:, None] - edge.place
+    np.fill_diagonal(apart, 1.0)
+    value = -(edge.normal[:, None] / apart).real / (2.0 * np.pi)
+    np.fill_diagonal(value, -edge.curvature / (4.0 * np.pi))
+    return value
+
+
+def own_flux(medium, edge: Edge) -> np.ndarray:
+    """dg/dn - b g among the nodes of one curve, without weights."""
+    value = same_curve_normal(edge)
+    if isinstance(medium, Plane):
+        return value
+    speed = edge.weight / edge.span
+    modes = len(edge.place) // 2 - 1
+    own = same_curve_log(edge.place, edge.angle, speed, edge, modes)
+    own = own + medium.rest(edge.place, edge.place)
+    bend = medium.bend(edge.place, edge.normal)[:, None]
+    return value + medium.normal_rest(edge.place, edge.normal, edge.place) - bend * own

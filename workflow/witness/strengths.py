@@ -1,0 +1,265 @@
+"""Effects as they are drawn: where they sit, and how they grow with one strength.
+
+`DRAWN[name](rng, scene)` returns a Strength: `at(a)` is the law at strength a, which does nothing
+at 0, `unit` a typical strength and `most` the largest that is physical (None: it has no strength).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Strength:
+    """One drawn effect; scope: sparse, common or dense."""
+
+    at: Callable[[float], dict]
+    unit: float | None
+    most: float | None
+    scope: str
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What effects may be drawn for: the believed skin, its untouched frame (M,) V,
+    channels (M, 4), where a patch may lie (x, y, radius, mm), whether the sink is grounded."""
+
+    skin: object
+    channels: np.ndarray
+    untouched_V: np.ndarray
+    patch: tuple[float, float, float] | None
+    sink_grounded: bool
+
+    @property
+    def n(self) -> int:
+        """Electrodes."""
+        return len(self.skin.electrode_deg)
+
+    @property
+    def median_V(self) -> float:
+        """Median of the untouched frame's readings."""
+        return float(np.median(np.abs(self.untouched_V)))
+
+
+def _spread(rng: np.random.Generator, size: int) -> np.ndarray:
+    """Standard normal values, none lost to rounding."""
+    return np.round(rng.standard_normal(size), 3)
+
+
+def _sign(rng: np.random.Generator) -> float:
+    return float(rng.choice([-1.0, 1.0]))
+
+
+def _scope(rng: np.random.Generator, common: bool, dense: bool = True) -> str:
+    u = rng.uniform()
+    if common and u < 0.15:
+        return "common"
+    return "dense" if dense and u > 0.85 else "sparse"
+
+
+def _sited(name: str, kind: str, key: str, unit: float, most: float, value, common: bool):
+    """A drawer for an effect with sites: value(x) of the parameter at x = strength times sign or
+    normal value."""
+
+    def draw(rng: np.random.Generator, scene: Scene) -> Strength:
+        count = len(scene.channels) if kind == "channels" else scene.n
+        scope = _scope(rng, common)
+        if scope == "dense":
+            direction = _spread(rng, count)
+            sites = {kind: list(range(count))}
+            top = most / np.abs(direction).max()
+        else:
+            size = int(rng.integers(1, 4)) if kind == "channels" else 1 + (rng.uniform() < 0.2)
+            chosen = sorted(rng.choice(count, size, replace=False).tolist())
+            sites = {kind: chosen} if scope == "sparse" else {}
+            direction = np.array([_sign(rng)] * (len(chosen) if sites else 1))
+            if len(chosen) > 1 and sites:
+                direction[1:] *= np.round(rng.uniform(0.5, 1.0, len(chosen) - 1), 3)
+            top = most
+
+        def at(a: float) -> dict:
+            values = [float(value(x, scene)) for x in a * direction]
+            return {"name": name, **sites, "parameters": {key: values if sites else values[0]}}
+
+        return Strength(at, unit, float(top), scope)
+
+    return draw
+
+
+def _plain(name: str, unit: float, most: float, parameters, signed: bool = True):
+    """A drawer for an effect without sites: parameters(rng, scene) gives a -> its parameters."""
+
+    def draw(rng: np.random.Generator, scene: Scene) -> Strength:
+        sign = _sign(rng) if signed else 1.0
+        of = parameters(rng, scene)
+        return Strength(lambda a: {"name": name, "parameters": of(sign * a)}, unit, most, "common")
+
+    return draw
+
+
+def _one(key: str, neutral: float = 0.0):
+    return lambda rng, scene: lambda a: {key: neutral + a}
+
+
+def _ratio(key: str):
+    return lambda rng, scene: lambda a: {key: float(np.exp(a))}
+
+
+def _directed(key: str, neutral: float, turn: float):
+    def parameters(rng, scene):
+        angle = round(float(rng.uniform(0.0, turn)), 2)
+        return lambda a: {key: neutral + a, "angle_deg": angle}
+
+    return parameters
+
+
+def _shape(rng, scene):
+    harmonic = int(rng.choice([0, 2, 2, 3, 4, 5]))
+    phase = 0.0 if harmonic == 0 else round(float(rng.uniform(0.0, 360.0)), 2)
+    return lambda a: {"harmonic": harmonic, "amplitude": a, "phase_deg": phase}
+
+
+def _patch(rng, scene):
+    x, y, radius = scene.patch
+    return lambda a: {"x_mm": x, "y_mm": y, "radius_mm": radius, "contrast": float(np.exp(a))}
+
+
+def _mains(rng, scene):
+    tone = float(rng.choice([50.0, 60.0])) + round(float(rng.uniform(-0.05, 0.05)), 3)
+    phase = round(float(rng.uniform(0.0, 360.0)), 2)
+    median = scene.median_V
+    return lambda a: {"frequency_Hz": tone, "volt": a * median, "phase_deg": phase}
+
+
+def _converter(rng, scene):
+    largest = float(np.abs(scene.untouched_V).max())
+    if rng.uniform() < 0.3:
+        return lambda a: {"limit_V": largest * (1.0 - abs(a))}
+    return lambda a: {"cubic": a / largest**2}
+
+
+def _registration(rng, scene):
+    direction = rng.uniform(0.0, 2.0 * np.pi)
+    x, y = float(np.cos(direction)), float(np.sin(direction))
+    kind = rng.integers(3)
+    turn = _sign(rng) if kind else 0.0
+    shift = 0.0 if kind == 2 else 1.0
+    return lambda a: {"dx_mm": shift * a * x, "dy_mm": shift * a * y, "rotation_deg": turn * a}
+
+
+def _relaxation(rng, scene):
+    tau = round(float(np.exp(rng.uniform(np.log(0.7), np.log(15.0)))), 3)
+    return lambda a: {"fraction": a, "tau_s": tau}
+
+
+def _impedance_with_force(rng: np.random.Generator, scene: Scene) -> Strength:
+    draw = _sited(
+        "force-dependent-impedance", "electrodes", "per_N", 0.1, 5.0, lambda x, s: abs(x), True
+    )
+    strength = draw(rng, scene)
+    radius = scene.skin.radius_mm
+    range_mm = round(radius * rng.uniform(0.3, 0.8), 1) if strength.scope != "sparse" else None
+
+    def at(a: float) -> dict:
+        law = strength.at(a)
+        return {**law, "parameters": {**law["parameters"], "range_mm": range_mm}}
+
+    return Strength(at, strength.unit, strength.most, strength.scope)
+
+
+def _drift(rng: np.random.Generator, scene: Scene) -> Strength:
+    draw = _sited("contact-drift", "electrodes", "per_minute", 0.02, 0.1, lambda x, s: x, True)
+    return draw(rng, scene)
+
+
+def _leak(rng: np.random.Generator, scene: Scene) -> Strength:
+    size = 1 if scene.sink_grounded and rng.uniform() < 0.5 else 2
+    sites = sorted(rng.choice(scene.n, size, replace=False).tolist())
+    share = [1.0, round(float(rng.uniform(0.5, 1.0)), 3)][:size]
+    return Strength(
+        lambda a: {
+            "name": "ground-leak",
+            "electrodes": sites,
+            "parameters": {"siemens": [a * s for s in share]},
+        },
+        1e-4,
+        1e-1,
+        "sparse",
+    )
+
+
+def _fixed(name: str, size: int):
+    def draw(rng: np.random.Generator, scene: Scene) -> Strength:
+        sites = sorted(rng.choice(scene.n, size, replace=False).tolist())
+        return Strength(lambda a: {"name": name, "electrodes": sites}, None, None, "sparse")
+
+    return draw
+
+
+def _offset(rng: np.random.Generator, scene: Scene) -> Strength:
+    kind = "measures" if rng.uniform() < 0.7 else "channels"
+    median = scene.median_V
+    return _sited("offset", kind, "volt", 0.05, 3.0, lambda x, s: x * median, False)(rng, scene)
+
+
+DRAWN = {
+    "contact-impedance": _sited(
+        "contact-impedance", "electrodes", "ratio", 0.3, 1.6, lambda x, s: np.exp(x), True
+    ),
+    "electrode-width": _sited(
+        "electrode-width",
+        "electrodes",
+        "width_mm",
+        0.1,
+        0.6,
+        lambda x, s: s.skin.electrode_width_mm * (1.0 + x),
+        True,
+    ),
+    "electrode-position": _sited(
+        "electrode-position", "electrodes", "shift_deg", 0.3, 5.0, lambda x, s: x, False
+    ),
+    "electrode-open": _fixed("electrode-open", 1),
+    "electrode-swap": _fixed("electrode-swap", 2),
+    "domain-shape": _plain("domain-shape", 0.01, 0.12, _shape, signed=False),
+    "anisotropy": _plain("anisotropy", 0.05, 1.0, _directed("ratio", 1.0, 180.0), signed=False),
+    "conductivity-gradient": _plain(
+        "conductivity-gradient",
+        0.05,
+        0.9,
+        _directed("relative_across", 0.0, 360.0),
+        signed=False,
+    ),
+    "conductivity-patch": _plain("conductivity-patch", 0.2, 1.6, _patch),
+    "ground-leak": _leak,
+    "drive-gain": _sited("drive-gain", "drives", "gain", 0.02, 0.5, lambda x, s: 1 + x, False),
+    "measurement-gain": _sited(
+        "measurement-gain", "measures", "gain", 0.02, 0.5, lambda x, s: 1 + x, False
+    ),
+    "channel-gain": _sited(
+        "channel-gain", "channels", "gain", 0.05, 0.9, lambda x, s: 1 + x, False
+    ),
+    "offset": _offset,
+    "crosstalk": _plain("crosstalk", 0.01, 0.24, _one("epsilon")),
+    "common-mode": _plain("common-mode", 0.01, 0.5, _one("ratio")),
+    "multiplexer-memory": _plain("multiplexer-memory", 0.01, 0.5, _one("mu"), signed=False),
+    "frame-skew": _plain("frame-skew", 0.1, 1.0, _one("fraction")),
+    "adc-nonlinearity": _plain("adc-nonlinearity", 0.02, 0.5, _converter),
+    "mains-interference": _plain("mains-interference", 0.03, 3.0, _mains, signed=False),
+    "touch-contrast": _plain("touch-contrast", 0.2, 1.6, _ratio("ratio")),
+    "contact-law": _plain("contact-law", 0.1, 0.6, _one("exponent", 1.0)),
+    "contact-area-growth": _plain("contact-area-growth", 0.05, 0.35, _one("exponent"), False),
+    "probe-radius": _plain("probe-radius", 0.05, 0.5, _ratio("ratio")),
+    "indenter-grounding": _plain(
+        "indenter-grounding", 1e-4, 0.1, _one("siemens_per_N"), signed=False
+    ),
+    "force-dependent-impedance": _impedance_with_force,
+    "force-dependent-gain": _plain("force-dependent-gain", 0.003, 0.09, _one("per_N")),
+    "force-lag": _plain("force-lag", 0.2, 3.0, _one("lag_s")),
+    "force-offset": _plain("force-offset", 0.2, 2.0, _one("offset_N")),
+    "registration": _plain("registration", 0.5, 6.0, _registration, signed=False),
+    "relaxation": _plain("relaxation", 0.1, 0.95, _relaxation, signed=False),
+    "hysteresis": _plain("hysteresis", 0.1, 0.95, _one("fraction")),
+    "conductivity-drift": _plain("conductivity-drift", 0.005, 0.1, _one("per_minute")),
+    "contact-drift": _drift,
+}

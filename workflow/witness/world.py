@@ -1,0 +1,256 @@
+"""What a skin with laws on it makes an instrument read."""
+
+from collections import OrderedDict
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+
+from eitskin.skin import Skin
+from witness import laws as known
+from witness.boundary import Body, Contact, Disc, Place, Radial, Resolution
+from witness.outside import Outside
+from witness.press import Press
+
+LEAST_CONDUCTIVITY = 1e-3  # of the background's, inside a touch: contrast is kept above -1
+SKEW_MOMENTS = 0.5 * np.cos(np.pi * (2 * np.arange(6) + 1) / 12)
+
+
+@dataclass
+class Touches:
+    """Rows of states: what the skin meets in each. All (R,); z (R, n) ohm m2; sigma (R,) S/m.
+
+    more: {row: [(Disc, contrast)]}: inclusions beside the touch; layers: {row: (radii mm, relative
+    conductivities)}: a touch that is not sharp.
+    """
+
+    touched: np.ndarray
+    place: np.ndarray
+    radius_mm: np.ndarray
+    contrast: np.ndarray
+    force: np.ndarray
+    minutes: np.ndarray
+    press: np.ndarray
+    z: np.ndarray
+    sigma: np.ndarray
+    siemens: np.ndarray
+    more: dict[int, list] = field(default_factory=dict)
+    layers: dict[int, tuple] = field(default_factory=dict)
+
+
+class World:
+    """A skin of true values `skin`, with its laws; solved bodies are kept for the next question.
+
+    channels (M, 4); frame_s: how long a frame takes; sink_grounded: what the source is tied to.
+    """
+
+    KEPT = 6
+
+    def __init__(
+        self,
+        skin: Skin,
+        channels: np.ndarray,
+        frame_s: float,
+        sink_grounded: bool = False,
+        resolution: Resolution | None = None,
+    ):
+        self.skin, self.channels, self.frame_s = skin, channels, frame_s
+        self.sink_grounded, self.resolution = sink_grounded, resolution or Resolution()
+        self._bodies: OrderedDict = OrderedDict()
+        self.drives, self.drive = np.unique(channels[:, :2], axis=0, return_inverse=True)
+
+    def readings(
+        self,
+        states: pd.DataFrame,
+        laws: list[dict],
+        outside: Outside | None = None,
+        force_max_N: float | None = None,
+    ) -> np.ndarray:
+        """(N, M) V, noise-free, of states as the recording format has them, with `contact`.
+
+        force_max_N: the recording's largest force where the states are a query's. Raises
+        ValueError where an inclusion leaves the skin.
+        """
+        outside = outside or Outside()
+        time = states["time_s"].to_numpy(float)
+        touched = states["touch"].to_numpy(bool)
+        press = np.where(touched, states["contact"].fillna(-1).to_numpy(int), -1)
+        reported = states["force_N"].to_numpy(float)
+        largest = float(reported.max()) if force_max_N is None else force_max_N
+        offset, lag = known.force_change(laws)
+        history = {
+            label: Press.of(time[press == label], reported[press == label], offset, lag)
+            for label in np.unique(press[touched])
+        }
+
+        def along(value) -> np.ndarray:
+            at = zip(press, time, strict=True)
+            return np.array([value(history[p], t) if p >= 0 else 0.0 for p, t in at])
+
+        force = along(Press.force)
+        peak = along(Press.peak)
+        shift = known.skew_fraction(laws) * known.steps(force, press)
+        moments = SKEW_MOMENTS if shift.any() else np.zeros(1)
+        current = self.skin.current_A
+        volts, sinks = [], []
+        for moment in moments:
+            now = np.maximum(force + shift * moment, 0.0)
+            rows = self._touches(states, laws, now, np.maximum(peak, now), along, press)
+            outside.touch(rows, self)
+            admittance = self._solve(rows, laws)
+            admittance = outside.network(admittance, rows, self)
+            potential = known.potentials(laws, admittance, self.drives, self.sink_grounded)
+            potential = outside.board(potential, rows, self)
+            at = np.arange(len(self.channels))
+            potential = potential[:, self.drive]
+            sink, plus, minus = (potential[:, at, self.channels[:, k]] for k in (1, 2, 3))
+            volt = outside.pairs(plus - minus, admittance, rows, self)
+            volts.append(current * volt)
+            sinks.append(current * (0.5 * (plus + minus) - sink))
+        zeta = np.arange(len(self.channels)) / (len(self.channels) - 1.0)
+        volt, above_sink = (_at_moments(np.array(v), moments, zeta - 0.5) for v in (volts, sinks))
+        seen = force[:, None] + shift[:, None] * (zeta - 0.5)
+        volt = known.instrument(
+            laws, volt, above_sink, seen, time, self.channels, self.frame_s, largest
+        )
+        return outside.converted(volt, rows, self)
+
+    def _touches(self, states, laws, force, peak, along, press) -> Touches:
+        skin = self.skin
+        touched = states["touch"].to_numpy(bool)
+        place = states["x_mm"].to_numpy(float) + 1j * states["y_mm"].to_numpy(float)
+        place = known.true_place(laws, np.where(touched, place, 0.0))
+        felt = known.felt_force(laws, force, lambda tau: along(lambda p, t: p.followed(t, tau)))
+        contrast = skin.contrast_per_N * felt * known.contrast_factor(laws, force, peak)
+        contrast = np.where(touched, np.maximum(contrast, LEAST_CONDUCTIVITY - 1.0), 0.0)
+        radius = 0.5 * states["probe_mm"].to_numpy(float) * known.radius_factor(laws, force)
+        minutes = states["time_s"].to_numpy(float) / 60.0
+        deg, _ = self.electrodes(laws)
+        rim = skin.radius_mm * known.outline(laws, skin.radius_mm).rim(np.radians(deg))
+        z = known.impedivity(
+            laws,
+            np.full(len(deg), skin.contact_impedivity_ohm_m2),
+            minutes,
+            np.where(touched, force, 0.0),
+            np.abs(rim - place[:, None]),
+        )
+        sigma = known.conductivity(laws, skin.conductivity_S_per_m, minutes)
+        siemens = np.where(touched, known.grounding(laws, force), 0.0)
+        return Touches(touched, place, radius, contrast, force, minutes, press, z, sigma, siemens)
+
+    def electrodes(self, laws: list[dict]) -> tuple[np.ndarray, np.ndarray]:
+        """True angles, degrees, and widths, mm, (n,)."""
+        deg = np.array(self.skin.electrode_deg)
+        return known.electrodes(laws, deg, np.full(len(deg), self.skin.electrode_width_mm))
+
+    def _solve(self, rows: Touches, laws: list[dict]) -> np.ndarray:
+        """(R, n, n) S: admittance of the skin in every row."""
+        skin = self.skin
+        shape = known.outline(laws, skin.radius_mm)
+        deg, width = self.electrodes(laws)
+        always = [(Disc(*patch[:3]), patch[3]) for patch in known.patches(laws)]
+        found = [self._inclusions(rows, row) + always for row in range(len(rows.touched))]
+        rim = skin.radius_mm * shape.rim(2.0 * np.pi * np.arange(512) / 512)
+        gaps = [
+            np.abs(complex(d.x_mm, d.y_mm) - rim).min() - d.radius_mm
+            for d in {disc for inclusions in found for disc, _ in inclusions}
+        ]
+        body = self._body(shape, deg, width, min(gaps, default=np.inf))
+        sheet = rows.sigma * skin.thickness_mm * 1e-3
+        solved: dict = {}
+        result = np.empty((len(rows.touched), len(deg), len(deg)))
+        for row, inclusions in enumerate(found):
+            length = 1e3 * rows.z[row] * rows.sigma[row] / skin.radius_mm
+            leaks = rows.siemens[row] / sheet[row]
+            contact = body.contact(length)
+            contrasts = tuple(contrast for _, contrast in inclusions)
+            layers = rows.layers.get(row)
+            key = (length.tobytes(), tuple(inclusions), leaks, row if layers else None)
+            if key not in solved:
+                place = body.place(tuple(disc for disc, _ in inclusions))
+                radial = None
+                if layers is not None:
+                    radial = Radial.layered(*layers)
+                elif leaks > 0:
+                    first = inclusions[0]
+                    around = self._around(first[0], inclusions[1:])
+                    radial = Radial.leaking(first[0].radius_mm, first[1], leaks / around, 1.0)
+                solved[key] = place.admittance(contact, contrasts, radial)
+            result[row] = solved[key] * sheet[row]
+        return 0.5 * (result + np.swapaxes(result, 1, 2))
+
+    @staticmethod
+    def _inclusions(rows: Touches, row: int) -> list[tuple[Disc, float]]:
+        own = []
+        acts = rows.contrast[row] != 0 or rows.siemens[row] > 0 or row in rows.layers
+        if rows.touched[row] and acts:
+            place, radius = rows.place[row], rows.radius_mm[row]
+            if row in rows.layers:
+                radius = rows.layers[row][0][-1]
+            disc = Disc(float(place.real), float(place.imag), float(radius))
+            own = [(disc, float(rows.contrast[row]))]
+        return own + rows.more.get(row, [])
+
+    @staticmethod
+    def _around(disc: Disc, others: list[tuple[Disc, float]]) -> float:
+        """Relative conductivity around a disc inside others."""
+        value = 1.0
+        for other, contrast in others:
+            if np.hypot(disc.x_mm - other.x_mm, disc.y_mm - other.y_mm) < other.radius_mm:
+                value *= 1.0 + contrast
+        return value
+
+    def _body(self, shape, deg, width, gap_mm: float) -> Body:
+        """A body fit for a gap, rounded down so that near ones share it."""
+        fit = None
+        if np.isfinite(gap_mm):
+            if gap_mm <= 0:
+                raise ValueError(f"an inclusion leaves the skin by {-gap_mm:g} mm")
+            fit = float(2.0 ** (np.floor(2.0 * np.log2(gap_mm)) / 2.0))
+        key = (repr(shape), deg.tobytes(), width.tobytes(), fit)
+        if key in self._bodies:
+            self._bodies.move_to_end(key)
+        else:
+            self._bodies[key] = _Kept(shape, deg, width, fit, self.resolution)
+            if len(self._bodies) > self.KEPT:
+                self._bodies.popitem(last=False)
+        return self._bodies[key]
+
+
+class _Kept(Body):
+    """A body that keeps its latest contacts and places."""
+
+    LATEST = 160
+
+    def __init__(self, *values):
+        super().__init__(*values)
+        self._contacts: OrderedDict = OrderedDict()
+        self._places: OrderedDict = OrderedDict()
+
+    def contact(self, length: np.ndarray) -> Contact:
+        """As Body.contact."""
+        key = length.tobytes()
+        return self._latest(self._contacts, key, lambda: Body.contact(self, length), 2)
+
+    def place(self, discs: tuple[Disc, ...]) -> Place:
+        """As Body.place."""
+        return self._latest(self._places, discs, lambda: Body.place(self, discs), self.LATEST)
+
+    @staticmethod
+    def _latest(kept: OrderedDict, key, make, size: int):
+        if key in kept:
+            kept.move_to_end(key)
+        else:
+            kept[key] = make()
+            if len(kept) > size:
+                kept.popitem(last=False)
+        return kept[key]
+
+
+def _at_moments(values: np.ndarray, moments: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """(N, M): polynomials through (K, N, M) at the moments (K,), each channel's at its own."""
+    if len(moments) == 1:
+        return values[0]
+    inverse = np.linalg.inv(np.vander(moments, increasing=True))
+    weights = np.vander(wanted, len(moments), increasing=True) @ inverse
+    return np.einsum("mk,knm->nm", weights, values)
