@@ -42,7 +42,7 @@ def test_shares_no_solving_code():
 
 
 def test_draws_every_name_of_the_catalogue():
-    assert set(DRAWN) == set(EFFECTS) - {"ellipse", "third-dimension"}
+    assert set(DRAWN) == set(EFFECTS) - {"ellipse"}
 
 
 @pytest.mark.parametrize("kind", ["null", "single:crosstalk", "outside:texture"])

@@ -58,10 +58,12 @@ def log_weights(place: float, a: float, b: float, order: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=4)
-def segment_operator(halvings: int = HALVINGS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes t (N,), weights (N,) and C (N, N) on the graded panels."""
+def segment_operator(
+    halvings: int = HALVINGS, order: int = PANEL_NODES
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes t (N,), weights (N,) and C (N, N) on the graded panels of `order` nodes each."""
     ends = segment_panels(halvings)
-    t, w = panel_nodes(ends, PANEL_NODES)
+    t, w = panel_nodes(ends, order)
     nodes, weights = t.ravel(), w.ravel()
     apart = np.abs(nodes[:, None] - nodes)
     np.fill_diagonal(apart, 1.0)
@@ -69,8 +71,8 @@ def segment_operator(halvings: int = HALVINGS) -> tuple[np.ndarray, np.ndarray, 
     for row, place in enumerate(nodes):
         for panel, (a, b) in enumerate(itertools.pairwise(ends)):
             if max(a - place, place - b) < 1.5 * (b - a):
-                columns = slice(panel * PANEL_NODES, (panel + 1) * PANEL_NODES)
-                operator[row, columns] = log_weights(place, a, b, PANEL_NODES)
+                columns = slice(panel * order, (panel + 1) * order)
+                operator[row, columns] = log_weights(place, a, b, order)
     return nodes, weights, -operator / np.pi
 
 

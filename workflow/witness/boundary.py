@@ -82,6 +82,7 @@ class Body:
         self.edge = rim_edge(shape, count + count % 2)
         self._nodes()
         self._solve_rim()
+        self._tilted: dict[tuple[int, float], np.ndarray] = {}
 
     def _arcs(self, centre: np.ndarray, half: np.ndarray) -> None:
         """Physical half arc lengths of the electrodes, in radii, and their ends' angles."""
@@ -174,6 +175,15 @@ class Body:
         value = value + medium.normal_rest(edge.place, edge.normal, self.arc_place)
         return value - medium.bend(edge.place, edge.normal)[:, None] * to_arcs.T
 
+    def tilted_response(self, electrode: int, beta: float) -> np.ndarray:
+        """(order, order): `segment_response` of an electrode on a tilted conductivity; kept."""
+        key = electrode, beta
+        if key not in self._tilted:
+            square = self.arc_root.reshape(self.n, -1)[electrode] ** 2
+            halvings = self.resolution.halvings
+            self._tilted[key] = segment_response(beta * square, self.order, halvings)
+        return self._tilted[key]
+
     def contact(self, length: np.ndarray) -> "Contact":
         """The contacts closed: length (n,) = z sigma, in radii."""
         return Contact(self, np.asarray(length, float))
@@ -193,10 +203,7 @@ class Contact:
         if isinstance(body.medium, Plane):
             blocks = moment_response(beta, p, halvings)
         else:
-            square = (body.arc_root**2).reshape(n, p)
-            blocks = np.array(
-                [segment_response(b * s, p, halvings) for b, s in zip(beta, square, strict=True)]
-            )
+            blocks = np.array([body.tilted_response(i, b) for i, b in enumerate(beta.tolist())])
         coupled = np.einsum("ijk,ikl->ijl", blocks, body.among_arcs.reshape(n, p, n * p))
         system = np.eye(n * p) + coupled.reshape(n * p, n * p)
         block = np.zeros((n, p, n, p))
@@ -332,7 +339,7 @@ class Place:
             moments = moments - back @ density
             place, _, weight, _ = self._joined
             sinks = (body.medium.root(place) * weight)[keep] @ density
-        return _levelled((root[:, None] * moments).reshape(n, p, n + 1).sum(axis=1), sinks)
+        return levelled((root[:, None] * moments).reshape(n, p, n + 1).sum(axis=1), sinks)
 
 
 @dataclass(frozen=True)
@@ -375,7 +382,7 @@ class Radial:
         return column[(index[:, None] - index) % count]
 
 
-def _levelled(current: np.ndarray, sinks: np.ndarray) -> np.ndarray:
+def levelled(current: np.ndarray, sinks: np.ndarray) -> np.ndarray:
     """(n, n): admittance of currents (n, n + 1), the last column a level that all share; it is
     such that what the electrodes give, the inclusions (`sinks`, (n + 1,)) take."""
     total = current.sum(axis=0) + sinks

@@ -27,8 +27,21 @@ N_ELECTRODES = 16
 LEAST_LEVEL, MOST_LEVEL = 3e-4, 2e-2  # noise over the median |v|
 SINGLE_SNR, SET_SNR, OUTSIDE_SNR = (10.0, 60.0), (15.0, 80.0), (20.0, 100.0)
 APART_MM, NO_TANGENT_MM = 1.5, 0.5  # from an edge to that of any touch; where they may cross
-# Two of a group would need what the witness does not solve, or be one effect.
+# Two of a group would need what the witness does not solve, or not soon, or be one effect.
 APART_NAMES = (
+    *(
+        ("third-dimension", name)
+        for name in (
+            "domain-shape",
+            "anisotropy",
+            "conductivity-gradient",
+            "conductivity-patch",
+            "indenter-grounding",
+            "conductivity-drift",
+            "contact-drift",
+            "force-dependent-impedance",
+        )
+    ),
     ("anisotropy", "conductivity-gradient", "indenter-grounding"),
     ("electrode-open", "electrode-swap"),
 )
@@ -62,6 +75,21 @@ class Case:
     level: float
     query: pd.DataFrame
     query_clean: np.ndarray
+
+
+class _Shown:
+    """What a world makes of some states; of laws asked for before, the same again."""
+
+    def __init__(self, world: World, states: pd.DataFrame):
+        self.world, self.states = world, states
+        self._known: dict = {}
+
+    def readings(self, laws: list[dict], hidden: outside.Outside | None = None) -> np.ndarray:
+        """(N, M) V, noise-free."""
+        key = repr((laws, hidden))
+        if key not in self._known:
+            self._known[key] = self.world.readings(self.states, laws, hidden)
+        return self._known[key]
 
 
 def names_of(kind: str, rng: np.random.Generator) -> tuple[list[str], str | None]:
@@ -102,6 +130,16 @@ def _draw_skin(rng: np.random.Generator) -> Skin:
         contact_impedivity_ohm_m2=scale(5e-4, 1e-2),
         current_A=scale(1e-4, 5e-3),
         contrast_per_N=between(0.2, 1.0, 3),
+    )
+
+
+def _deepened(rng: np.random.Generator, skin: Skin) -> Skin:
+    """A skin 10 to 25 mm thick, its electrodes 3 to 8 mm high."""
+    depth = round(float(rng.uniform(10.0, 25.0)), 1)
+    height = round(float(rng.uniform(3.0, 8.0)), 1)
+    z = round(float(rng.uniform(0.5 * height, depth - 0.5 * height)), 2)
+    return replace(
+        skin, thickness_mm=depth, electrode_height_mm=height, electrode_z_mm=max(z, 0.5 * height)
     )
 
 
@@ -160,16 +198,20 @@ def scaled(shown, unit: float, most: float, wanted: float) -> tuple[float, float
 def draw(kind: str, seed: int) -> Case:
     """One case. kind: null, single:<name>, pair, triple or outside:<law>.
 
-    Skin: radius 50 to 90 mm, thickness 2 to 4 mm, contacts 4 to 9 mm wide of 5e-4 to 1e-2 ohm m2;
-    100 to 150 frames; noise 0.03 % to 2 % of the median |v|; conductivity up to 15 % off. SNR 10 to
-    60 for single effects, 15 to 80 in sets, 20 to 100 outside the catalogue; where no physical
-    strength shows that much, the noise falls to 0.03 % at the least. Raises InputError for an
-    unknown kind.
+    Skin: radius 50 to 90 mm, thickness 2 to 4 mm (10 to 25 as a body), contacts 4 to 9 mm wide
+    of 5e-4 to 1e-2 ohm m2, conductivity up to 15 % off; 100 to 150 frames; noise 0.03 % to 2 % of
+    the median |v|. SNR 10 to 60 for single effects, 15 to 80 in sets, 20 to 100 outside the
+    catalogue; where no physical strength shows that much, the noise falls to 0.03 % at the least.
+    Raises InputError for an unknown kind.
     """
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
     names, law = names_of(kind, rng)
     skin = _draw_skin(rng)
+    if "third-dimension" in names:
+        skin = _deepened(rng, skin)
     believed = _forgotten(rng, skin, names)
+    if "third-dimension" in names and rng.uniform() < 0.5:
+        believed = replace(believed, thickness_mm=None)
     off = 1.0 + rng.uniform(-0.15, 0.15)
     true = replace(skin, conductivity_S_per_m=float(skin.conductivity_S_per_m * off))
     frame_s = round(float(rng.uniform(0.2, 0.4)), 3)
@@ -187,13 +229,14 @@ def draw(kind: str, seed: int) -> Case:
     states = recording_frames(rng, skin.radius_mm, frame_s, keep)
     query = query_frames(rng, states, skin.radius_mm, frame_s, keep)
     world = World(true, channels, frame_s, grounded)
-    plain = world.readings(states, [])
+    shown = _Shown(world, states)
+    plain = shown.readings([])
     median = float(np.median(np.abs(plain[0])))
     level = float(f"{np.exp(rng.uniform(*np.log((LEAST_LEVEL, MOST_LEVEL)))):.3g}")
     mixed = rng.uniform(0.2, 0.8) if rng.uniform() < 0.3 else 0.0
     noise = level * ((1.0 - mixed) * median + mixed * np.abs(plain[0]))
 
-    scene = strengths.Scene(skin, channels, plain[0], free, grounded)
+    scene = strengths.Scene(believed, channels, plain[0], free, grounded, skin.thickness_mm)
     drawn = [strengths.DRAWN[name](rng, scene) for name in names]
     scopes = [one.scope for one in drawn]
     growing = [one for one in drawn if one.unit is not None]
@@ -205,14 +248,10 @@ def draw(kind: str, seed: int) -> Case:
     band = OUTSIDE_SNR if law else SINGLE_SNR if len(names) < 2 else SET_SNR
     wanted = np.exp(rng.uniform(*np.log(band), len(makers)))
 
-    def show(one, a: float) -> float:
-        made = one(a)
-        shown = (
-            world.readings(states, [made])
-            if isinstance(made, dict)
-            else world.readings(states, [], made)
-        )
-        return signature(shown, plain, noise)
+    def show(at, a: float) -> float:
+        made = at(a)
+        law_or_hidden = ([made], None) if isinstance(made, dict) else ([], made)
+        return signature(shown.readings(*law_or_hidden), plain, noise)
 
     found = _strengths(show, makers, wanted)
     lack = min(
@@ -226,19 +265,19 @@ def draw(kind: str, seed: int) -> Case:
     amounts = iter(found)
     effects, snr, other = [], [], None
     for one in drawn:
-        a, reached = (0.0, None) if one.unit is None else next(amounts)
+        fixed = one.unit is None
+        a, reached = (0.0, show(one.at, 0.0)) if fixed else next(amounts)
         effects.append(one.at(a))
-        shown = signature(world.readings(states, effects[-1:]), plain, noise)
-        snr.append(shown if reached is None else reached)
+        snr.append(reached)
     if law is not None:
         a, reached = next(amounts)
         hidden = replace(hidden, amount=a)
         other = {"law": law, "parameters": hidden.parameters(), "snr": reached}
-    clean = world.readings(states, effects, hidden)
+    clean = shown.readings(effects, hidden)
     given = list(snr)
     if len(effects) > 1:
         rest = [[e for e in effects if e is not one] for one in effects]
-        given = [signature(clean, world.readings(states, r), noise) for r in rest]
+        given = [signature(clean, shown.readings(r), noise) for r in rest]
     largest = float(states["force_N"].max())
     metadata = {
         **recording.DEFAULTS,

@@ -23,13 +23,15 @@ class Strength:
 @dataclass(frozen=True)
 class Scene:
     """What effects may be drawn for: the believed skin, its untouched frame (M,) V,
-    channels (M, 4), where a patch may lie (x, y, radius, mm), whether the sink is grounded."""
+    channels (M, 4), where a patch may lie (x, y, radius, mm), whether the sink is grounded, how
+    thick the skin is."""
 
     skin: object
     channels: np.ndarray
     untouched_V: np.ndarray
     patch: tuple[float, float, float] | None
     sink_grounded: bool
+    depth_mm: float
 
     @property
     def n(self) -> int:
@@ -197,6 +199,13 @@ def _fixed(name: str, size: int):
     return draw
 
 
+def _deep(rng: np.random.Generator, scene: Scene) -> Strength:
+    given = scene.skin.thickness_mm is not None
+    law = {"name": "third-dimension"}
+    law["parameters"] = {} if given else {"depth_mm": scene.depth_mm}
+    return Strength(lambda a: law, None, None, "common")
+
+
 def _offset(rng: np.random.Generator, scene: Scene) -> Strength:
     kind = "measures" if rng.uniform() < 0.7 else "channels"
     median = scene.median_V
@@ -231,6 +240,7 @@ DRAWN = {
         signed=False,
     ),
     "conductivity-patch": _plain("conductivity-patch", 0.2, 1.6, _patch),
+    "third-dimension": _deep,
     "ground-leak": _leak,
     "drive-gain": _sited("drive-gain", "drives", "gain", 0.02, 0.5, lambda x, s: 1 + x, False),
     "measurement-gain": _sited(

@@ -8,7 +8,8 @@ import pandas as pd
 
 from eitskin.skin import Skin
 from witness import laws as known
-from witness.boundary import Body, Contact, Disc, Place, Radial, Resolution
+from witness.boundary import Body, Disc, Radial, Resolution
+from witness.deep import DeepBody, Depth
 from witness.outside import Outside
 from witness.press import Press
 
@@ -44,8 +45,6 @@ class World:
 
     channels (M, 4); frame_s: how long a frame takes; sink_grounded: what the source is tied to.
     """
-
-    KEPT = 6
 
     def __init__(
         self,
@@ -148,6 +147,16 @@ class World:
         deg = np.array(self.skin.electrode_deg)
         return known.electrodes(laws, deg, np.full(len(deg), self.skin.electrode_width_mm))
 
+    def _depth(self, laws: list[dict]) -> Depth | None:
+        """third-dimension: the body, or None for a sheet."""
+        for parameters in known.named(laws, "third-dimension"):
+            skin = self.skin
+            deep = parameters.get("depth_mm") or skin.thickness_mm
+            height = skin.electrode_height_mm or deep
+            z = 0.5 * deep if skin.electrode_z_mm is None else skin.electrode_z_mm
+            return Depth(deep, height, z)
+        return None
+
     def _solve(self, rows: Touches, laws: list[dict]) -> np.ndarray:
         """(R, n, n) S: admittance of the skin in every row."""
         skin = self.skin
@@ -160,8 +169,10 @@ class World:
             np.abs(complex(d.x_mm, d.y_mm) - rim).min() - d.radius_mm
             for d in {disc for inclusions in found for disc, _ in inclusions}
         ]
-        body = self._body(shape, deg, width, min(gaps, default=np.inf))
-        sheet = rows.sigma * skin.thickness_mm * 1e-3
+        depth = self._depth(laws)
+        body = self._body(shape, deg, width, depth, min(gaps, default=np.inf))
+        thick_mm = skin.thickness_mm if depth is None else depth.depth_mm
+        sheet = rows.sigma * thick_mm * 1e-3
         solved: dict = {}
         result = np.empty((len(rows.touched), len(deg), len(deg)))
         for row, inclusions in enumerate(found):
@@ -205,51 +216,49 @@ class World:
                 value *= 1.0 + contrast
         return value
 
-    def _body(self, shape, deg, width, gap_mm: float) -> Body:
+    def _body(self, shape, deg, width, depth: Depth | None, gap_mm: float) -> "_Kept":
         """A body fit for a gap, rounded down so that near ones share it."""
         fit = None
         if np.isfinite(gap_mm):
             if gap_mm <= 0:
                 raise ValueError(f"an inclusion leaves the skin by {-gap_mm:g} mm")
             fit = float(2.0 ** (np.floor(2.0 * np.log2(gap_mm)) / 2.0))
-        key = (repr(shape), deg.tobytes(), width.tobytes(), fit)
-        if key in self._bodies:
-            self._bodies.move_to_end(key)
-        else:
-            self._bodies[key] = _Kept(shape, deg, width, fit, self.resolution)
-            if len(self._bodies) > self.KEPT:
-                self._bodies.popitem(last=False)
-        return self._bodies[key]
+        key = (repr(shape), deg.tobytes(), width.tobytes(), depth, fit)
+
+        def make() -> _Kept:
+            if depth is None:
+                return _Kept(Body(shape, deg, width, fit, self.resolution))
+            return _Kept(DeepBody(shape, deg, width, depth, fit, self.resolution))
+
+        return _latest(self._bodies, key, make, 6)
 
 
-class _Kept(Body):
-    """A body that keeps its latest contacts and places."""
+class _Kept:
+    """A body with its latest contacts and places."""
 
-    LATEST = 160
-
-    def __init__(self, *values):
-        super().__init__(*values)
+    def __init__(self, body: Body | DeepBody):
+        self.body = body
         self._contacts: OrderedDict = OrderedDict()
         self._places: OrderedDict = OrderedDict()
 
-    def contact(self, length: np.ndarray) -> Contact:
+    def contact(self, length: np.ndarray):
         """As Body.contact."""
-        key = length.tobytes()
-        return self._latest(self._contacts, key, lambda: Body.contact(self, length), 2)
+        return _latest(self._contacts, length.tobytes(), lambda: self.body.contact(length), 2)
 
-    def place(self, discs: tuple[Disc, ...]) -> Place:
+    def place(self, discs: tuple[Disc, ...]):
         """As Body.place."""
-        return self._latest(self._places, discs, lambda: Body.place(self, discs), self.LATEST)
+        return _latest(self._places, discs, lambda: self.body.place(discs), 160)
 
-    @staticmethod
-    def _latest(kept: OrderedDict, key, make, size: int):
-        if key in kept:
-            kept.move_to_end(key)
-        else:
-            kept[key] = make()
-            if len(kept) > size:
-                kept.popitem(last=False)
-        return kept[key]
+
+def _latest(kept: OrderedDict, key, make, size: int):
+    """What stands under a key, made where nothing does; the `size` latest are kept."""
+    if key in kept:
+        kept.move_to_end(key)
+    else:
+        kept[key] = make()
+        if len(kept) > size:
+            kept.popitem(last=False)
+    return kept[key]
 
 
 def _between(values: np.ndarray, nodes: np.ndarray, where: np.ndarray) -> np.ndarray:
