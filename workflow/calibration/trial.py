@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration import black_box
 from eitskin.atomic import atomic_path
 from eitskin.diagnose import diagnose
 from eitskin.diagnose.candidates import Candidate
@@ -33,6 +34,9 @@ def trial(kind: str, seed: int) -> dict:
     voltage, sd = diagnose.predict(found, query)
     plain, _ = diagnose.predict(found, query, found.before)
     error = voltage - case.query_clean
+    rmse = {"rmse_V": _rms(error), "rmse_before_V": _rms(plain - case.query_clean)}
+    for name, misfit in _black_boxes(found, case, seed).items():
+        rmse[f"rmse_{name}_V"] = _rms(plain + misfit - case.query_clean)
     return {
         "kind": kind,
         "seed": seed,
@@ -43,15 +47,37 @@ def trial(kind: str, seed: int) -> dict:
         "snr": case.snr,
         "snr_given_others": case.snr_given_others,
         "outside": case.outside,
+        "snr_left": snr_left(found, case.clean),
         "true_gaps": true_gaps(found, case.effects, case.scopes),
         "said": said,
         "hidden": {
-            "rmse_V": float(np.sqrt((error**2).mean())),
-            "rmse_before_V": float(np.sqrt(((plain - case.query_clean) ** 2).mean())),
+            **rmse,
             "chi2_per_dof": float(1.0 + ((error / case.noise_V) ** 2).mean()),
             "within_90": float((np.abs(error) <= 1.6449 * sd).mean()),
         },
     }
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+def _black_boxes(found: diagnose.Diagnosis, case: cases.Case, seed: int) -> dict[str, np.ndarray]:
+    """What black boxes add to the owner's simulation of the query, (Q, M) V each."""
+    sd = found.noise.sd
+    misfit = (case.voltage - found.before.fit.voltage()) / sd
+    known, asked = black_box.features(case.states), black_box.features(case.query)
+    learned = black_box.predictions(known, misfit, asked, seed)
+    return {name: values * sd for name, values in learned.items()}
+
+
+def snr_left(found: diagnose.Diagnosis, clean: np.ndarray) -> float:
+    """Length, in noise units, of what the noise-free recording (N, M) V has beyond the best fit,
+    all that was fitted projected out."""
+    fitted = found.after.fit
+    left = fitted.problem.whitening(clean - fitted.voltage()).ravel()
+    slopes = fitted.jacobian.reshape(len(fitted.theta), -1).T
+    return float(np.linalg.norm(left - slopes @ np.linalg.lstsq(slopes, left)[0]))
 
 
 def true_gaps(
