@@ -130,8 +130,10 @@ def strengths(search: Search, state: State) -> dict[str, float]:
     tangents = search.linearised(state)
     found: dict[str, float] = {}
     for candidate in search.candidates:
-        if candidate.name == "mains-interference" or candidate.kind == "channels":
-            snr = np.inf if not search.problem.model.difference else 0.0
+        if candidate.name == "mains-interference":
+            snr = np.inf if search.problem.model.frame_s else 0.0
+        elif candidate.kind == "channels":
+            snr = 0.0 if candidate.name == "offset" else np.inf
         elif gross(candidate):
             snr = np.inf
         elif candidate.scope == "dense" or discrete(candidate):

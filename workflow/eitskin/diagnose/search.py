@@ -26,7 +26,7 @@ from eitskin.errors import InputError
 
 SIGNIFICANT = 1e-3
 STANDARD_ERRORS = 2.0
-MOST_EFFECTS = 6
+MOST_EFFECTS = 5
 LEAST_EVIDENCE = 3.0  # nats by which an effect must raise the evidence
 WITHIN = 20.0  # nats of linear evidence below the best, or this share of its gain ...
 SHARE = 0.3
@@ -469,15 +469,17 @@ def _joined(a: Candidate, b: Candidate) -> Candidate | None:
 
 
 def shortlist(scores: list[Score]) -> list[Candidate]:
-    """Candidates worth a nonlinear fit: of every name the best of each form, names in order of
-    evidence; those far from the best only while little else explains as much."""
+    """Candidates worth a nonlinear fit: of every name the best of each form, of slow ones the
+    best alone, names in order of evidence; those far from the best only while little else explains as much."""
     if not scores:
         return []
     top, gain = scores[0].log_evidence, max(s.gain for s in scores)
     names: dict[str, list[Score]] = {}
     for s in scores:
         own = names.setdefault(s.candidate.name, [])
-        if _form(s.candidate) not in {_form(o.candidate) for o in own}:
+        if not own or (
+            _form(s.candidate) not in {_form(o.candidate) for o in own} and not _slow(s.candidate)
+        ):
             own.append(s)
     chosen = []
     for name, own in list(names.items())[:MOST_NAMES]:
@@ -487,6 +489,11 @@ def shortlist(scores: list[Score]) -> list[Candidate]:
             if near or tried:
                 chosen.append(s.candidate)
     return sorted(chosen, key=lambda c: c.size > FEW)
+
+
+def _slow(candidate: Candidate) -> bool:
+    """Whether every frame has a skin of its own to be solved."""
+    return candidate.effect.stage == "skin" and candidate.effect.driver != "static"
 
 
 def _form(candidate: Candidate) -> tuple[str, bool]:
