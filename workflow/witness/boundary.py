@@ -25,12 +25,15 @@ from witness.arc import HALVINGS, moment_response, segment_response
 from witness.curves import (
     Edge,
     Shape,
+    close_angles,
     disc_edge,
     own_flux,
     rim_edge,
     same_curve_log,
 )
 from witness.medium import Plane, Tilted, flux, potential
+
+CLOSE = 0.15  # inclusions nearer than this share of a radius get panels
 
 
 @dataclass(frozen=True)
@@ -150,9 +153,7 @@ class Body:
         self.sink = sink
         matrix = 0.5 * np.eye(len(weight)) + (own_flux(medium, edge) + sink(root)) * weight
         self.factored = lu_factor(matrix)
-        to_arcs = same_curve_log(
-            self.arc_place, self.arc_angle, self.arc_speed, edge, len(weight) // 2 - 1
-        )
+        to_arcs = same_curve_log(self.arc_place, self.arc_angle, self.arc_speed, edge, edge.modes)
         to_arcs = to_arcs + medium.rest(self.arc_place, edge.place)
         self.arcs_from_rim = lu_solve(self.factored, (to_arcs * weight).T, trans=1).T
         onto_rim = self._rim_from_arcs(to_arcs)
@@ -212,24 +213,30 @@ class Place:
         self.sizes = [len(edge.place) for edge in self.edges]
 
     def _edge(self, disc: Disc, index: int) -> Edge:
+        """Even nodes where the disc is alone; else panels as short as what is near is far."""
         body, r = self.body, self.body.shape.radius_mm
         centre, radius = complex(disc.x_mm, disc.y_mm) / r, disc.radius_mm / r
         phi = 2.0 * np.pi * np.arange(512) / 512
-        gap = np.abs(centre - body.shape.rim(phi)).min() - radius
-        if gap <= 0:
-            raise ValueError(f"inclusion {index} leaves the skin by {-gap * r:g} mm")
-        for k, other in enumerate(self.discs):
-            if k != index:
-                apart = abs(centre - complex(other.x_mm, other.y_mm) / r)
-                far = other.radius_mm / r
-                between = max(apart - radius - far, abs(radius - far) - apart)
-                if between <= 0:
-                    raise ValueError(f"inclusions {index} and {k} cross")
-                gap = min(gap, between)
-        count = int(np.clip(2.0 * body.resolution.digits / np.log1p(gap / radius), 24, 1024))
-        count += count % 2
-        angle = 2.0 * np.pi * np.arange(count) / count
-        return disc_edge(body.shape, centre, radius, angle, np.full(count, 2.0 * np.pi / count))
+        to_rim = np.abs(centre - body.shape.rim(phi)).min() - radius
+        if to_rim <= 0:
+            raise ValueError(f"inclusion {index} leaves the skin by {-to_rim * r:g} mm")
+        others = [
+            (complex(other.x_mm, other.y_mm) / r, other.radius_mm / r)
+            for k, other in enumerate(self.discs)
+            if k != index
+        ]
+        apart = [
+            max(abs(centre - c) - radius - o, abs(radius - o) - abs(centre - c)) for c, o in others
+        ]
+        if min(apart, default=np.inf) < CLOSE * radius:
+            angle, span = close_angles(centre, radius, others, to_rim)
+        else:
+            gap = min(to_rim, *apart) if apart else to_rim
+            count = int(np.clip(2.0 * body.resolution.digits / np.log1p(gap / radius), 24, 1024))
+            count += count % 2
+            angle = 2.0 * np.pi * np.arange(count) / count
+            span = np.full(count, 2.0 * np.pi / count)
+        return disc_edge(body.shape, centre, radius, angle, span)
 
     @cached_property
     def _joined(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -271,7 +278,7 @@ class Place:
         rows = []
         for i, a in enumerate(self.edges):
             speed = a.weight / a.span
-            own = same_curve_log(a.place, a.angle, speed, a, len(a.place) // 2 - 1)
+            own = same_curve_log(a.place, a.angle, speed, a, a.modes)
             own = own + medium.rest(a.place, a.place)
             row = [
                 own if i == j else potential(medium, a.place, b.place)
@@ -309,7 +316,9 @@ class Place:
             if radial is not None:
                 inside = slice(0, self.sizes[0])
                 jump[inside] = -0.5
-                taken = radial.operator(self.sizes[0], self.discs[0].radius_mm, body)
+                if not self.edges[0].even:
+                    raise ValueError("a round inclusion that another one meets")
+                taken = radial.operator(self.sizes[0], body)
                 level, level_felt = (part[keep][inside] for part in self._levels)
                 among, felt, rows = among.copy(), felt.copy(), rows.copy()
                 among[inside] -= taken @ level[:, keep]
@@ -355,7 +364,7 @@ class Radial:
             drawn = value * (1.0 - fade) / (1.0 + fade)
         return cls(np.append(0.0, k * drawn / radii_mm[-1]))
 
-    def operator(self, count: int, radius_mm: float, body: Body) -> np.ndarray:
+    def operator(self, count: int, body: Body) -> np.ndarray:
         """(count, count) on even nodes, 1 / skin radii. Raises ValueError where the disc is none
         in unfolded coordinates."""
         if body.shape.anisotropy[0] != 1.0 or not isinstance(body.medium, Plane):

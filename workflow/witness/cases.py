@@ -20,13 +20,13 @@ from eitskin.errors import InputError
 from eitskin.protocol import channel_table
 from eitskin.skin import Skin
 from witness import outside, strengths
-from witness.plan import query_frames, recording_frames
+from witness.plan import Keep, query_frames, recording_frames
 from witness.world import World
 
 N_ELECTRODES = 16
 LEAST_LEVEL, MOST_LEVEL = 3e-4, 2e-2  # noise over the median |v|
 SINGLE_SNR, SET_SNR, OUTSIDE_SNR = (10.0, 60.0), (15.0, 80.0), (20.0, 100.0)
-APART_MM = 1.5  # from the edge of a patch to that of any touch
+APART_MM, NO_TANGENT_MM = 1.5, 0.5  # from an edge to that of any touch; where they may cross
 # Two of a group would need what the witness does not solve, or be one effect.
 APART_NAMES = (
     ("anisotropy", "conductivity-gradient", "indenter-grounding"),
@@ -173,15 +173,19 @@ def draw(kind: str, seed: int) -> Case:
     off = 1.0 + rng.uniform(-0.15, 0.15)
     true = replace(skin, conductivity_S_per_m=float(skin.conductivity_S_per_m * off))
     frame_s = round(float(rng.uniform(0.2, 0.4)), 3)
-    grounded = bool(rng.uniform() < 0.5) and bool({"ground-leak", "indenter-grounding"} & {*names})
+    grounded = "indenter-grounding" in names or ("ground-leak" in names and rng.uniform() < 0.5)
     free = _free_disc(rng, skin.radius_mm, 6.0, 13.0)
     if law in ("palm", "slit"):
         free = (*free[:2], 8.0)
-    kept_off = [free] if "conductivity-patch" in names or law in ("palm", "slit") else []
-    apart = APART_MM
+    keep = Keep()
+    if law in ("palm", "slit"):
+        keep = Keep((free,), APART_MM)
+    elif "conductivity-patch" in names:
+        crossed = "indenter-grounding" not in names
+        keep = Keep((free,), NO_TANGENT_MM if crossed else APART_MM, crossed)
     channels = channel_table(N_ELECTRODES)
-    states = recording_frames(rng, skin.radius_mm, frame_s, kept_off, apart)
-    query = query_frames(rng, states, skin.radius_mm, frame_s, kept_off, apart)
+    states = recording_frames(rng, skin.radius_mm, frame_s, keep)
+    query = query_frames(rng, states, skin.radius_mm, frame_s, keep)
     world = World(true, channels, frame_s, grounded)
     plain = world.readings(states, [])
     median = float(np.median(np.abs(plain[0])))

@@ -5,10 +5,16 @@ anisotropic conductivity is the same in all directions.
 """
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
+from witness.arc import panel_nodes
 from witness.medium import Plane
+
+PANEL_MODES = 40
+PANEL_NODES = 8
+SHORTEST = 1e-3  # panel towards a crossing, in radians
 
 
 @dataclass(frozen=True)
@@ -53,7 +59,7 @@ class Shape:
 class Edge:
     """Nodes of a closed curve: places, outward normals, weights (arc length), angles, curvature.
 
-    gap: the nodes' parameter weights, weight over speed.
+    span: the nodes' weights in angle, weight over speed.
     """
 
     place: np.ndarray
@@ -62,6 +68,16 @@ class Edge:
     angle: np.ndarray
     curvature: np.ndarray
     span: np.ndarray
+
+    @property
+    def even(self) -> bool:
+        """Whether the nodes are even in angle."""
+        return bool(np.ptp(self.span) < 1e-12)
+
+    @property
+    def modes(self) -> int:
+        """Waves round the curve that the nodes resolve."""
+        return len(self.place) // 2 - 1 if self.even else PANEL_MODES
 
     @classmethod
     def of(cls, shape: Shape, z, dz, ddz, angle: np.ndarray, span: np.ndarray) -> "Edge":
@@ -85,6 +101,35 @@ def disc_edge(
     """Nodes at `angle` of a physical circle."""
     turn = np.exp(1j * angle)
     return Edge.of(shape, centre + radius * turn, 1j * radius * turn, -radius * turn, angle, span)
+
+
+def close_angles(
+    centre: complex, radius: float, others: list[tuple[complex, float]], to_rim: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Angles and their weights on a circle that others (centre, radius) meet or come near.
+
+    Gauss panels from crossing to crossing, halved until none is longer than its distance from
+    the other circles and from the rim; at a crossing down to SHORTEST.
+    """
+    ends = [*np.linspace(0.0, 2.0 * np.pi, 9)]
+    for other, size in others:
+        apart = abs(other - centre)
+        if abs(radius - size) < apart < radius + size:
+            half = np.arccos((apart**2 + radius**2 - size**2) / (2.0 * apart * radius))
+            ends += [(np.angle(other - centre) + s * half) % (2.0 * np.pi) for s in (-1, 1)]
+    pending = list(pairwise(sorted(set(ends))))
+    done = []
+    while pending:
+        a, b = pending.pop()
+        at = centre + radius * np.exp(1j * np.linspace(a, b, 5))
+        far = min(np.abs(np.abs(at - other) - size).min() for other, size in others)
+        if b - a > SHORTEST and radius * (b - a) > min(far, 2.0 * to_rim):
+            pending += [(a, 0.5 * (a + b)), (0.5 * (a + b), b)]
+        else:
+            done.append((a, b))
+    done.sort()
+    angle, span = panel_nodes(np.array([done[0][0], *[b for _, b in done]]), PANEL_NODES)
+    return angle.ravel(), span.ravel()
 
 
 def wave_log(a: np.ndarray, b: np.ndarray, modes: int) -> np.ndarray:
@@ -121,8 +166,7 @@ def own_flux(medium, edge: Edge) -> np.ndarray:
     if isinstance(medium, Plane):
         return value
     speed = edge.weight / edge.span
-    modes = len(edge.place) // 2 - 1
-    own = same_curve_log(edge.place, edge.angle, speed, edge, modes)
+    own = same_curve_log(edge.place, edge.angle, speed, edge, edge.modes)
     own = own + medium.rest(edge.place, edge.place)
     bend = medium.bend(edge.place, edge.normal)[:, None]
     return value + medium.normal_rest(edge.place, edge.normal, edge.place) - bend * own

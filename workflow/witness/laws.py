@@ -177,11 +177,15 @@ def patches(laws: list[dict]) -> list[tuple[float, float, float, float]]:
 
 
 def potentials(
-    laws: list[dict], admittance: np.ndarray, drives: np.ndarray, sink_grounded: bool
+    laws: list[dict],
+    admittance: np.ndarray,
+    leaking: np.ndarray,
+    drives: np.ndarray,
+    sink_grounded: bool,
 ) -> np.ndarray:
     """(N, D, n) V per A at the board, by nodal analysis: ground-leak, electrode-open, -swap.
 
-    admittance (N, n, n) S, of the skin, ground at 0 where something leaks; drives (D, 2).
+    admittance (N, n, n) S, of the skin, ground at 0 where it is leaking (N,); drives (D, 2).
     """
     n = admittance.shape[-1]
     wires = np.arange(n)
@@ -192,22 +196,21 @@ def potentials(
     admittance = admittance.copy()
     for sites, siemens in _at_sites(laws, "ground-leak", "siemens", n):
         admittance[:, sites, sites] += siemens
+        leaking = leaking | bool(np.any(siemens > 0))
+    # Without a leak the level is free, and any conductance between all fixes it.
+    admittance[~leaking] += np.abs(admittance).max() / n
     ends = wires[drives]
     current = np.zeros((n, len(drives)))
     current[ends[:, 0], np.arange(len(drives))] = 1.0
     current[ends[:, 1], np.arange(len(drives))] -= 1.0
-    loose = np.abs(admittance.sum(axis=2)).max() < 1e-9 * np.abs(admittance).max()
-    if sink_grounded and not loose:
-        value = np.zeros((len(admittance), n, len(drives)))
+    value = np.linalg.solve(admittance, current)
+    if sink_grounded and leaking.any():
         for d, (_, sink) in enumerate(ends):
             kept = np.delete(np.arange(n), sink)
-            inner = admittance[:, kept][:, :, kept]
-            value[:, kept, d] = np.linalg.solve(inner, current[kept, d][:, None])[..., 0]
-    elif loose:
-        shift = np.abs(admittance).max() / n
-        value = np.linalg.solve(admittance + shift, current)
-    else:
-        value = np.linalg.solve(admittance, current)
+            inner = admittance[leaking][:, kept][:, :, kept]
+            value[leaking, :, d] = 0.0
+            solved = np.linalg.solve(inner, current[kept, d][:, None])[..., 0]
+            value[np.ix_(leaking, kept, [d])] = solved[..., None]
     value = np.swapaxes(value, 1, 2)
     for law in laws:
         if law["name"] == "electrode-open":

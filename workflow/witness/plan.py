@@ -1,5 +1,7 @@
 """Who presses where, when and how hard: the frames of a recording and of its query."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pandas as pd
 
@@ -10,23 +12,34 @@ PROBES_MM = (7.0, 10.0, 15.0)
 OTHER_PROBE_MM = 12.0
 
 
+@dataclass(frozen=True)
+class Keep:
+    """Discs (x, y, radius), mm, whose edges stay `apart_mm` from the edge of every touch; where
+    they may cross, not nearer to touching each other from within or without."""
+
+    discs: tuple[tuple[float, float, float], ...] = ()
+    apart_mm: float = 1.5
+    crossed: bool = False
+
+    def allows(self, x: float, y: float, radius: float) -> bool:
+        """Whether a touch may be there."""
+        for a, b, other in self.discs:
+            apart = float(np.hypot(x - a, y - b))
+            gap = max(apart - other - radius, abs(other - radius) - apart)
+            if (abs(gap) if self.crossed else gap) < self.apart_mm:
+                return False
+        return True
+
+
 def _place(
-    rng: np.random.Generator, radius_mm: float, probe_mm: float, kept_off: list, apart_mm: float
+    rng: np.random.Generator, radius_mm: float, probe_mm: float, keep: Keep
 ) -> tuple[float, float]:
-    """A random place whose disc lies on the skin, its edge `apart_mm` from the edges in
-    `kept_off`, (x, y, radius), be it outside or inside them."""
+    """A random place whose disc lies on the skin."""
     while True:
         r = np.sqrt(rng.uniform()) * (REACH * radius_mm - 0.5 * probe_mm)
         phi = rng.uniform(0.0, 2.0 * np.pi)
         x, y = r * np.cos(phi), r * np.sin(phi)
-        apart = [
-            max(
-                np.hypot(x - a, y - b) - c - 0.5 * probe_mm,
-                c - 0.5 * probe_mm - np.hypot(x - a, y - b),
-            )
-            for a, b, c in kept_off
-        ]
-        if all(gap > apart_mm for gap in apart):
+        if keep.allows(x, y, 0.5 * probe_mm):
             return float(x), float(y)
 
 
@@ -60,7 +73,7 @@ def _table(rows: list[tuple], presses: list[int]) -> pd.DataFrame:
 
 
 def recording_frames(
-    rng: np.random.Generator, radius_mm: float, frame_s: float, kept_off: list, apart_mm: float
+    rng: np.random.Generator, radius_mm: float, frame_s: float, keep: Keep
 ) -> pd.DataFrame:
     """100 to 150 frames: untouched ones at the start and before each of 10 to 14 presses, that
     load and unload, some held; two or three probes."""
@@ -75,7 +88,7 @@ def recording_frames(
     presses = [-1] * first
     for press in range(count):
         probe = float(probes[press % len(probes)])
-        x, y = _place(rng, radius_mm, probe, kept_off, apart_mm)
+        x, y = _place(rng, radius_mm, probe, keep)
         rows.append((clock.next(), False, np.nan, np.nan, 0.0, np.nan))
         presses.append(-1)
         size = int(touched[press])
@@ -93,8 +106,7 @@ def query_frames(
     recording: pd.DataFrame,
     radius_mm: float,
     frame_s: float,
-    kept_off: list,
-    apart_mm: float,
+    keep: Keep,
 ) -> pd.DataFrame:
     """24 to 40 frames after the recording's, at places not yet seen: within its forces, in a
     higher band, with another probe; loading and unloading, whole presses."""
@@ -106,7 +118,7 @@ def query_frames(
     rows, presses = [], []
     for kind in kinds:
         probe = OTHER_PROBE_MM if kind == "other probe" else float(rng.choice(known))
-        x, y = _place(rng, radius_mm, probe, kept_off, apart_mm)
+        x, y = _place(rng, radius_mm, probe, keep)
         band = (1.05, 1.3) if kind == "higher" else (0.5, 1.0)
         press += 1
         rows.append((clock.next(), False, np.nan, np.nan, 0.0, np.nan))

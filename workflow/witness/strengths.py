@@ -243,7 +243,7 @@ DRAWN = {
     "crosstalk": _plain("crosstalk", 0.01, 0.24, _one("epsilon")),
     "common-mode": _plain("common-mode", 0.01, 0.5, _one("ratio")),
     "multiplexer-memory": _plain("multiplexer-memory", 0.01, 0.5, _one("mu"), signed=False),
-    "frame-skew": _plain("frame-skew", 0.1, 1.0, _one("fraction")),
+    "frame-skew": _plain("frame-skew", 0.1, 0.5, _one("fraction")),
     "adc-nonlinearity": _plain("adc-nonlinearity", 0.02, 0.5, _converter),
     "mains-interference": _plain("mains-interference", 0.03, 3.0, _mains, signed=False),
     "touch-contrast": _plain("touch-contrast", 0.2, 1.6, _ratio("ratio")),

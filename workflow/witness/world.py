@@ -13,7 +13,8 @@ from witness.outside import Outside
 from witness.press import Press
 
 LEAST_CONDUCTIVITY = 1e-3  # of the background's, inside a touch: contrast is kept above -1
-SKEW_MOMENTS = 0.5 * np.cos(np.pi * (2 * np.arange(6) + 1) / 12)
+# Where between a frame's least and largest force, -1 to 1, it is solved if its force changes.
+SKEW_NODES = np.cos(np.pi * (2 * np.arange(9) + 1) / 18)
 
 
 @dataclass
@@ -90,16 +91,21 @@ class World:
         force = along(Press.force)
         peak = along(Press.peak)
         shift = known.skew_fraction(laws) * known.steps(force, press)
-        moments = SKEW_MOMENTS if shift.any() else np.zeros(1)
+        zeta = np.arange(len(self.channels)) / (len(self.channels) - 1.0)
+        seen = np.maximum(force[:, None] + shift[:, None] * (zeta - 0.5), 0.0)
+        middle, half = 0.5 * (seen[:, -1] + seen[:, 0]), 0.5 * np.abs(seen[:, -1] - seen[:, 0])
+        nodes = SKEW_NODES if half.any() else np.zeros(1)
         current = self.skin.current_A
         volts, sinks = [], []
-        for moment in moments:
-            now = np.maximum(force + shift * moment, 0.0)
+        for node in nodes:
+            now = middle + node * half
             rows = self._touches(states, laws, now, np.maximum(peak, now), along, press)
             outside.touch(rows, self)
             admittance = self._solve(rows, laws)
             admittance = outside.network(admittance, rows, self)
-            potential = known.potentials(laws, admittance, self.drives, self.sink_grounded)
+            potential = known.potentials(
+                laws, admittance, rows.siemens > 0, self.drives, self.sink_grounded
+            )
             potential = outside.board(potential, rows, self)
             at = np.arange(len(self.channels))
             potential = potential[:, self.drive]
@@ -107,9 +113,8 @@ class World:
             volt = outside.pairs(plus - minus, admittance, rows, self)
             volts.append(current * volt)
             sinks.append(current * (0.5 * (plus + minus) - sink))
-        zeta = np.arange(len(self.channels)) / (len(self.channels) - 1.0)
-        volt, above_sink = (_at_moments(np.array(v), moments, zeta - 0.5) for v in (volts, sinks))
-        seen = force[:, None] + shift[:, None] * (zeta - 0.5)
+        where = (seen - middle[:, None]) / np.where(half > 0, half, 1.0)[:, None]
+        volt, above_sink = (_between(np.array(v), nodes, where) for v in (volts, sinks))
         volt = known.instrument(
             laws, volt, above_sink, seen, time, self.channels, self.frame_s, largest
         )
@@ -247,10 +252,11 @@ class _Kept(Body):
         return kept[key]
 
 
-def _at_moments(values: np.ndarray, moments: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """(N, M): polynomials through (K, N, M) at the moments (K,), each channel's at its own."""
-    if len(moments) == 1:
+def _between(values: np.ndarray, nodes: np.ndarray, where: np.ndarray) -> np.ndarray:
+    """(N, M): polynomials through (K, N, M) at the nodes (K,), each reading's at its own place
+    (N, M)."""
+    if len(nodes) == 1:
         return values[0]
-    inverse = np.linalg.inv(np.vander(moments, increasing=True))
-    weights = np.vander(wanted, len(moments), increasing=True) @ inverse
-    return np.einsum("mk,knm->nm", weights, values)
+    inverse = np.linalg.inv(np.vander(nodes, increasing=True))
+    coefficient = np.einsum("jk,knm->jnm", inverse, values)
+    return sum(c * where**power for power, c in enumerate(coefficient))

@@ -17,7 +17,7 @@ from eitskin.accuracy import untouched_error
 from eitskin.atomic import atomic_path
 from eitskin.diagnose import evidence, words
 from eitskin.diagnose.atlas import atlas
-from eitskin.diagnose.candidates import Candidate, Scales, catalogue
+from eitskin.diagnose.candidates import Scales, catalogue
 from eitskin.diagnose.estimates import calibration, estimates
 from eitskin.diagnose.fit import STEP, Fit, Problem
 from eitskin.diagnose.gaps import CONFUSED, OBSERVABLE, Gap, gaps, strengths

@@ -66,9 +66,7 @@ def _rival(candidate: Candidate, effect: Candidate) -> bool:
     return candidate.scope != "dense" or effect.scope == "dense"
 
 
-def _linear_gap(
-    tangents: Tangents, signature: np.ndarray, candidate: Candidate
-) -> float | None:
+def _linear_gap(tangents: Tangents, signature: np.ndarray, candidate: Candidate) -> float | None:
     total = float(signature @ signature)
     if discrete(candidate):
         setting = candidate.setting(np.zeros(candidate.size))

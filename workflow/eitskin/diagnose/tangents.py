@@ -9,12 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from eitskin.depth import forward_model
 from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.fit import STEP, Fit
 from eitskin.effects import EFFECTS
-from eitskin.effects.effect import Moment, SkinEffect
+from eitskin.effects.effect import START, Moment, SkinEffect
 from eitskin.errors import InputError
 from eitskin.geometry import Geometry
+from eitskin.readings import apply_skin
 
 
 class Tangents:
@@ -88,6 +90,8 @@ class Tangents:
         """(N, M): derivative of the readings by one coordinate."""
         if isinstance(candidate.effect, SkinEffect) and candidate.effect.driver != "static":
             return self._driven(candidate, index)
+        if candidate.name == "conductivity-patch":
+            return self._patched(candidate)
         step = np.zeros(candidate.size)
         step[index] = STEP
         if self._together(candidate):
@@ -105,6 +109,19 @@ class Tangents:
         if conductivity.any():
             total += conductivity[:, None] * self._by_conductivity()
         return total
+
+    def _patched(self, candidate: Candidate) -> np.ndarray:
+        """A faint patch as the untouched skin has it, in every frame: enough to find its place."""
+        model = self.problem.model
+        if "skin" not in self._changes:
+            base = Geometry.from_skin(model.skin(self.knobs))
+            self._changes["skin"] = forward_model(apply_skin(base, self.chosen, START), "train")
+        forward = self._changes["skin"]
+        place = (candidate.start[key] for key in ("x_mm", "y_mm", "radius_mm"))
+        scale = candidate.scales.of(candidate.effect.parameters["contrast"])
+        change = forward.place(*place).channel_change(model.channels, np.array([STEP]))
+        untouched = forward.voltages(model.channels)
+        return self.voltage * (scale / STEP * change[0] / untouched)
 
     def _laws(self, candidate: Candidate, index: int) -> tuple[np.ndarray, np.ndarray]:
         """(N, n) and (N,): relative change of contact impedivities and conductivity by one
