@@ -31,38 +31,53 @@ from eitskin.skin import Skin
 if TYPE_CHECKING:
     from eitskin.diagnose.diagnose import Diagnosis
 
+MOST_PRESSES = 8  # on which recipes are compared
+MOST_TRIED = 2  # that are then simulated with every press
 WEAK = 5.0  # a gap under which an experiment is sought where no rival is confused
 REPEATS = 4
 HARDER = 1.5  # times the forces
 HOLD_S, LOOK_S = 30.0, 10.0  # of a force held, and between its frames
 STATES = ["time_s", "touch", "x_mm", "y_mm", "force_N", "probe_mm"]
 NOTHING = "No experiment is needed to tell names apart."
+AS_IS = "leave it at that"
 SAME = f"repeat the recording until there are {REPEATS} of it"
+TURN = "turn the connector by one electrode and record the same again"
+DRIVE = "record again, the driven electrodes measured too"
 
 
 def propose(found: Diagnosis) -> dict:
     """The experiment that splits the names which a diagnosis confuses, proved by simulation.
 
     {sentence, pairs: [{a, b, gap_now, gap_then, recipe}]}: a is a name found, b one of its
-    alternatives or, where it has none, the nearest rival with a gap under WEAK.
+    alternatives or, where it has none, the nearest rival with a gap under WEAK. Recipes are
+    compared on some of the presses; what is returned was simulated with all of them.
     """
     pairs = list(_pairs(found))
-    recipes = list(_recipes(found)) if pairs else []
-    told = [_best(found, recipes, *pair) for pair in pairs]
+    if not pairs:
+        return {"sentence": NOTHING, "pairs": []}
+    model = found.search.problem.model
+    every = np.arange(len(model.press))
+    stride = -(-(model.press.max() + 1) // MOST_PRESSES)
+    some = np.where(model.press < 0, every, model.press) % max(stride, 1) == 0
+    whole = _recipes(found, every)
+    few = whole if some.all() else _recipes(found, np.flatnonzero(some))
+    told = [_best(found, few, whole, *pair) for pair in pairs]
     return {"sentence": _sentence(told), "pairs": told}
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """One experiment, set up: what to do, its simulator and covariance, how many frames are new."""
+    """One experiment, set up: its simulator and covariance; more: how many frames there are for
+    one of the recording's."""
 
-    text: str
     model: Model
     whitening: Whitening
-    frames: int
+    more: float
 
     def gap(self, found: Diagnosis, index: int, rival: str) -> float | None:
         """Gap between effect `index` and a rival name in this experiment; None: not to be had."""
+        if rival == "conductivity-patch" and isinstance(self.model, _Turned):
+            return None  # its tangents have every channel where the board's table has it
         effects, theta = found.after.effects, found.after.fit.theta
         candidates = [c for c in found.search.candidates if c.name == rival]
         problem = Problem(self.model, np.zeros(1), self.whitening)
@@ -85,21 +100,36 @@ def _pairs(found: Diagnosis) -> Iterator[tuple[int, str, float]]:
 
 
 def _best(
-    found: Diagnosis, recipes: list[Recipe], index: int, rival: str, gap_now: float
+    found: Diagnosis,
+    few: dict[str, Recipe],
+    whole: dict[str, Recipe],
+    index: int,
+    rival: str,
+    gap_now: float,
 ) -> dict:
-    """The pair with the recipe that splits it best, of those that beat more of the same."""
-    name, recorded = found.after.effects[index].name, len(found.recorded.frames)
-    tried = {}
-    for recipe in recipes:
-        gap = recipe.gap(found, index, rival)
-        same = gap_now * np.sqrt(1.0 + recipe.frames / recorded)
-        if gap is not None and (recipe.text == SAME or gap > same):
-            tried[recipe.text] = gap
-    special = {text: gap for text, gap in tried.items() if text != SAME}
-    if special and max(special.values()) >= CONFUSED:
-        tried = special
-    text, gap = max(tried.items(), key=lambda pair: pair[1], default=(SAME, gap_now))
-    return {"a": name, "b": rival, "gap_now": gap_now, "gap_then": gap, "recipe": text}
+    """The pair with the recipe that splits it best, of those that beat more of the same frame by
+    frame; more of the same where none does."""
+    pair = {"a": found.after.effects[index].name, "b": rival, "gap_now": gap_now}
+
+    def beating(recipes: dict[str, Recipe], now: float) -> dict[str, float]:
+        gap = {text: recipe.gap(found, index, rival) for text, recipe in recipes.items()}
+        return {
+            text: gap[text]
+            for text, recipe in recipes.items()
+            if gap[text] is not None and gap[text] > now * np.sqrt(recipe.more)
+        }
+
+    special = {text: recipe for text, recipe in few.items() if text not in (AS_IS, SAME)}
+    now = gap_now if few is whole else few[AS_IS].gap(found, index, rival)
+    tried = beating(special, now or 0.0)
+    if few is not whole:
+        first = sorted(tried, key=tried.get)[-MOST_TRIED:]
+        tried = beating({text: whole[text] for text in first}, gap_now)
+    if max(tried.values(), default=0.0) < CONFUSED:
+        same = whole[SAME].gap(found, index, rival)
+        tried[SAME] = gap_now if same is None else same
+    best = max(tried, key=tried.get)
+    return {**pair, "gap_then": tried[best], "recipe": best}
 
 
 def _sentence(pairs: list[dict]) -> str:
@@ -120,40 +150,42 @@ def _sentence(pairs: list[dict]) -> str:
     return " ".join(parts) or NOTHING
 
 
-def _recipes(found: Diagnosis) -> Iterator[Recipe]:
-    """Everything that can be tried with the rig of a recording."""
-    recorded, problem = found.recorded, found.search.problem
-    run = _Run(recorded, problem.model)
+def _recipes(found: Diagnosis, rows: np.ndarray) -> dict[str, Recipe]:
+    """Everything that can be tried with the rig of a recording, by what to do; rows (N,): the
+    frames that count as recorded."""
+    problem = found.search.problem
+    run = _Run(found.recorded, problem.model, rows)
+    again = run.again()
     more = pd.concat([run.again(1 + k) for k in range(REPEATS - 1)], ignore_index=True)
-    plans = {SAME: more, **run.presses()}
-    for text, frames in plans.items():
-        joined = run.joined(frames)
-        whitening = _longer(problem.whitening, len(frames))
-        yield Recipe(text, Model(recorded, joined), whitening, len(frames))
-    again = run.again(1)
-    turned = _Turned(recorded, run.joined(again), again)
-    text = "turn the connector by one electrode and record the same again"
-    yield Recipe(text, turned, _longer(problem.whitening, len(again)), len(again))
-    driven = _driven(found)
+    recipes = {}
+    for text, frames in {AS_IS: again[:0], SAME: more, **run.presses()}.items():
+        model = Model(found.recorded, run.joined(frames))
+        recipes[text] = run.recipe(model, problem.whitening, len(frames))
+    turned = _Turned(found.recorded, run, again)
+    recipes[TURN] = run.recipe(turned, problem.whitening, len(again))
+    driven = _driven(found, run)
     if driven is not None:
-        yield driven
+        recipes[DRIVE] = driven
+    return recipes
 
 
 @dataclass(frozen=True)
 class _Run:
-    """A recording's frames that can be simulated, to be recorded anew after its end."""
+    """Frames (N,) of a recording, to be recorded anew after its end as far as they can be
+    simulated."""
 
     recorded: Recording
     model: Model
+    frames: np.ndarray
 
     @cached_property
     def rows(self) -> np.ndarray:
         """(K,) of the frames whose state is known."""
-        return np.flatnonzero(self.model.known)
+        return self.frames[self.model.known[self.frames]]
 
     @cached_property
     def waits_s(self) -> np.ndarray:
-        """(N,) s from the frame before; to the first, and between repeats, the usual one."""
+        """s from the frame before, of all the recording's; to the first the usual one."""
         steps = np.diff(self.recorded.frames["time_s"].to_numpy(float))
         return np.r_[np.median(steps) if len(steps) else 1.0, steps]
 
@@ -164,18 +196,27 @@ class _Run:
     def _timed(self, rows: np.ndarray, waits_s: np.ndarray, times: int = 1) -> pd.DataFrame:
         """Frames (K,) of the recording in a new order, each so long after the one before."""
         time_s = self.recorded.frames["time_s"].to_numpy(float)
-        length = (times - 1) * (time_s[-1] - time_s[0] + self.waits_s[0])
+        start = time_s[-1] + (times - 1) * self.waits_s[self.rows].sum()
         frames = self.recorded.frames[STATES].iloc[rows].reset_index(drop=True)
         press = self.model.press[rows]
         contact = np.where(press < 0, np.nan, press + times * (self.model.press.max() + 1))
-        return frames.assign(time_s=time_s[-1] + length + np.cumsum(waits_s), contact=contact)
+        return frames.assign(time_s=start + np.cumsum(waits_s), contact=contact)
+
+    def query(self, frames: pd.DataFrame) -> Recording:
+        """Frames without readings, of this recording's rig."""
+        return Recording(frames, None, None, None, self.recorded.metadata)
 
     def joined(self, frames: pd.DataFrame) -> Recording:
         """A query: the recording's frames, then others."""
         press = self.model.press
-        first = self.recorded.frames[STATES].assign(contact=np.where(press < 0, np.nan, press))
-        table = pd.concat([first, frames], ignore_index=True)
-        return Recording(table, None, None, None, self.recorded.metadata)
+        own = self.recorded.frames[STATES].assign(contact=np.where(press < 0, np.nan, press))
+        return self.query(pd.concat([own.iloc[self.frames], frames], ignore_index=True))
+
+    def recipe(self, model: Model, whitening: Whitening, new: int) -> Recipe:
+        """A recipe with so many new frames; a channel that was always lost stays lost."""
+        more = np.tile(whitening.mask.any(axis=0), (new, 1))
+        mask = np.concatenate([whitening.mask[self.frames], more])
+        return Recipe(model, replace(whitening, mask=mask), 1.0 + new / len(self.frames))
 
     def presses(self) -> dict[str, pd.DataFrame]:
         """Other presses, by what to do."""
@@ -196,10 +237,10 @@ class _Run:
             ),
         }
         peaks = self._peaks()
-        back = {p: rows[:-1][::-1] for p, rows in peaks.items() if rows[-1] == rows.max()}
-        if any(len(rows) for rows in back.values()):
+        back = {rows[-1]: rows[:-1][::-1] for rows in peaks.values()}
+        if any(map(len, back.values())):
             text = "press again, and read the same forces on the way back"
-            plans[text] = self._inserted({peaks[p][-1]: r for p, r in back.items()}, None)
+            plans[text] = self._inserted(back, None)
         if self.recorded.metadata["clock"] == "measured":
             count = round(HOLD_S / LOOK_S)
             held = {rows[-1]: np.full(count, rows[-1]) for rows in peaks.values()}
@@ -214,9 +255,9 @@ class _Run:
         """Of each press the frames up to its largest force."""
         force = self.recorded.frames["force_N"].to_numpy(float)
         found = {}
-        for press in range(self.model.press.max() + 1):
+        for press in np.unique(self.model.press[self.rows]):
             rows = self.rows[self.model.press[self.rows] == press]
-            if len(rows):
+            if press >= 0:
                 found[press] = rows[: int(np.argmax(force[rows])) + 1]
         return found
 
@@ -241,41 +282,33 @@ class _Run:
         return frames.assign(x_mm=place.real, y_mm=place.imag)
 
 
-def _longer(whitening: Whitening, frames: int) -> Whitening:
-    """The covariance with so many frames more; a channel that was always lost stays lost."""
-    more = np.tile(whitening.mask.any(axis=0), (frames, 1))
-    return replace(whitening, mask=np.concatenate([whitening.mask, more]))
-
-
-def _driven(found: Diagnosis) -> Recipe | None:
+def _driven(found: Diagnosis, run: _Run) -> Recipe | None:
     """The frames again with every measuring pair in every drive, those on driven electrodes too;
     None where all are read, or where an effect stands at channels of the table as it is.
 
     The new frames count alone: those recorded, with another table, can only add to the gap. Noise
     and numerical error grow with the reading where it is larger than the median of those recorded.
     """
-    recorded, problem = found.recorded, found.search.problem
+    recorded, whitening = found.recorded, found.search.problem.whitening
     table = recorded.channels
     drives, pairs = np.unique(table[:, :2], axis=0), np.unique(table[:, 2:], axis=0)
     full = np.array([(*drive, *pair) for drive in drives for pair in pairs])
     if len(full) <= len(table) or any(c.kind == "channels" for c in found.after.effects):
         return None
-    run = _Run(recorded, problem.model)
-    again = run.again(1)
-    model = Model(recorded, replace(run.joined(again), frames=again))
+    again = run.again()
+    model = Model(recorded, run.query(again))
     model.channels = full
     skin = model.skin(found.after.fit.theta[: len(model.calibrations)])
     forward = forward_model(Geometry.from_skin(skin), "diagnose")
-    usual = np.median(np.abs(forward.voltages(table)))
     try:
-        larger = np.maximum(np.abs(forward.voltages(full)) / usual, 1.0)
+        reading = np.abs(forward.voltages(full))
     except InputError:
         return None
-    sd = np.median(problem.whitening.sd) * larger
-    rho = np.full(len(full), np.median(problem.whitening.rho))
-    whitening = Whitening(np.ones((len(again), len(full)), bool), sd, rho)
-    text = "record again, the driven electrodes measured too"
-    return Recipe(text, model, whitening, len(again))
+    larger = np.maximum(reading / np.median(np.abs(forward.voltages(table))), 1.0)
+    rho = np.full(len(full), np.median(whitening.rho))
+    mask = np.ones((len(again), len(full)), bool)
+    covariance = Whitening(mask, np.median(whitening.sd) * larger, rho)
+    return Recipe(model, covariance, 1.0 + len(again) / len(run.frames))
 
 
 class _Rolled(Model):
@@ -291,10 +324,10 @@ class _Turned(Model):
     """A recording's frames, and frames after the connector was turned by one electrode: what is on
     the skin has gone to another terminal, what is in the wiring and the instrument stays."""
 
-    def __init__(self, recorded: Recording, joined: Recording, turned: pd.DataFrame):
-        super().__init__(recorded, joined)
-        self._before = Model(recorded)
-        self._after = _Rolled(recorded, replace(joined, frames=turned))
+    def __init__(self, recorded: Recording, run: _Run, again: pd.DataFrame):
+        super().__init__(recorded, run.joined(again))
+        self._before = Model(recorded, run.joined(again[:0]))
+        self._after = _Rolled(recorded, run.query(again))
 
     def voltage(self, coordinates: np.ndarray, chosen: list[Setting]) -> np.ndarray:
         """(N, M) as of `Model`."""
