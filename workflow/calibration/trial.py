@@ -2,6 +2,7 @@
 
 import json
 import time
+import traceback
 from dataclasses import replace
 from pathlib import Path
 
@@ -56,8 +57,8 @@ def trial(kind: str, seed: int) -> dict:
 def true_gaps(
     found: diagnose.Diagnosis, truth: list[dict], scopes: list[str]
 ) -> list[list[tuple[str, float]] | None]:
-    """Gaps of each true effect to the nearest five names, with the true set fitted; None where it
-    cannot be fitted. Nothing of the diagnosis depends on it."""
+    """Gaps of each true effect to the other names, the nearest first, with the true set fitted;
+    None where it cannot be fitted. Nothing of the diagnosis depends on it."""
     search, state = found.search, found.after
     wanted = [_candidate(search.candidates, *pair) for pair in zip(truth, scopes, strict=True)]
     if not wanted:
@@ -74,7 +75,7 @@ def true_gaps(
     of: dict[str, list[Gap]] = {
         c.name: listed for c, listed in zip(state.effects, own, strict=True)
     }
-    return [[(g.rival, g.gap) for g in of[item["name"]][:5]] for item in truth]
+    return [[(g.rival, g.gap) for g in of[item["name"]]] for item in truth]
 
 
 def _candidate(candidates: list[Candidate], item: dict, scope: str) -> Candidate:
@@ -93,12 +94,24 @@ def _candidate(candidates: list[Candidate], item: dict, scope: str) -> Candidate
     return min(own, key=far)
 
 
+def file_of(folder: Path, kind: str, seed: int) -> Path:
+    """Where a trial's row lies."""
+    return folder / f"{kind.replace(':', '-')}-{seed}.json"
+
+
 def run(trials: list[tuple[str, int]], folder: Path) -> None:
-    """Every trial that has no file in `folder` yet, each written as soon as it is done."""
+    """Every trial that has no file in `folder` yet, each written as soon as it is done.
+
+    A trial that breaks off leaves {kind, seed, failed: why}, for the score to count.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     for kind, seed in trials:
-        path = folder / f"{kind.replace(':', '-')}-{seed}.json"
+        path = file_of(folder, kind, seed)
         if not path.exists():
-            row = trial(kind, seed)
+            try:
+                row = trial(kind, seed)
+            except Exception as error:  # whatever it is, it is a result
+                traceback.print_exc()
+                row = {"kind": kind, "seed": seed, "failed": repr(error)}
             with atomic_path(path) as temporary:
                 temporary.write_text(json.dumps(row, ensure_ascii=False) + "\n", "utf-8")

@@ -222,9 +222,12 @@ def corrected(found: Diagnosis, name: str) -> dict:
     }
 
 
-def predict(found: Diagnosis, query: Recording) -> tuple[np.ndarray, np.ndarray]:
-    """Voltages (N, M) of a query's states, noise-free, and their standard deviations."""
-    fit = found.after.fit
+def predict(
+    found: Diagnosis, query: Recording, state: State | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Voltages (N, M) of a query's states, noise-free, and their standard deviations; by another
+    state than the one found, where that is given. InputError for touches of unknown state."""
+    fit = (state or found.after).fit
     problem = Problem(Model(found.recorded, query), np.zeros(1), fit.problem.whitening)
     if not problem.model.known.all():
         row = int(np.flatnonzero(~problem.model.known)[0])

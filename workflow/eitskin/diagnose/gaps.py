@@ -11,6 +11,7 @@ import numpy as np
 
 from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.fit import fit
+from eitskin.diagnose.screen import sparse
 from eitskin.diagnose.search import Search, State, discrete, gross
 from eitskin.diagnose.tangents import Tangents
 from eitskin.errors import InputError
@@ -42,9 +43,7 @@ def gaps(search: Search, state: State, index: int) -> list[Gap]:
     signature = tangents.away(change.ravel())
     snr = float(np.sqrt(signature @ signature))
     best: dict[str, tuple[float, Candidate]] = {}
-    for candidate in search.candidates:
-        if candidate.name == effect.name or not _rival(candidate, effect):
-            continue
+    for candidate in _rivals(search.candidates, effect):
         gap = _linear_gap(tangents, signature, candidate)
         if gap is not None and gap < best.get(candidate.name, (np.inf, None))[0]:
             best[candidate.name] = gap, candidate
@@ -58,12 +57,20 @@ def gaps(search: Search, state: State, index: int) -> list[Gap]:
     return sorted(found, key=lambda g: g.gap)
 
 
-def _rival(candidate: Candidate, effect: Candidate) -> bool:
-    """Rivals have one site, or the effect's own scope: more freedom than the effect has would fit
-    anything."""
-    if candidate.name in ("mains-interference",) or candidate.kind == "channels":
-        return False
-    return candidate.scope != "dense" or effect.scope == "dense"
+def _rivals(candidates: list[Candidate], effect: Candidate) -> list[Candidate]:
+    """Other names at one site, or with the effect's own scope, or in its own channels: more freedom
+    than the effect has would fit anything."""
+    found = []
+    for candidate in candidates:
+        if candidate.name in (effect.name, "mains-interference"):
+            continue
+        if candidate.kind == "channels":
+            if effect.kind == "channels":
+                same = candidate if effect.scope == "dense" else sparse(candidate, effect.sites)
+                found.append(same)
+        elif candidate.scope != "dense" or effect.scope == "dense":
+            found.append(candidate)
+    return found
 
 
 def _linear_gap(tangents: Tangents, signature: np.ndarray, candidate: Candidate) -> float | None:

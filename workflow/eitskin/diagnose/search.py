@@ -79,6 +79,7 @@ class Search:
     path: list[dict] = field(default_factory=list)
     null: Null | None = None
     tangents: dict[tuple, Tangents] = field(default_factory=dict)
+    scored: dict[tuple, list[Score]] = field(default_factory=dict)
     trials: dict[tuple, list[State]] = field(default_factory=dict)
 
     def state(self, fitted: Fit, p_values: dict | None = None) -> State:
@@ -120,7 +121,7 @@ class Search:
             return rival
         self.report(f"again without a free value at every site ({', '.join(sorted(names))})")
         kept = [c for c in self.candidates if c.name not in names or c.scope not in banned]
-        plain = replace(self, candidates=kept, trials={})
+        plain = replace(self, candidates=kept, scored={}, trials={})
         found = plain._stand(plain._grow(state))
         if found.log_evidence <= rival.log_evidence:
             return rival
@@ -165,7 +166,13 @@ class Search:
         return self.tangents[key]
 
     def scores(self, state: State) -> list[Score]:
-        """Every candidate's score about a state, the best evidence first."""
+        """Every candidate's score about a state, the best evidence first; kept."""
+        key = tuple(c.key for c in state.effects)
+        if key not in self.scored:
+            self.scored[key] = self._scores(state)
+        return self.scored[key]
+
+    def _scores(self, state: State) -> list[Score]:
         tangents = self.linearised(state)
         taken = {c.key for c in state.effects}
         found = []
