@@ -17,7 +17,7 @@ import pandas as pd
 
 from eitskin.depth import forward_model
 from eitskin.diagnose.fit import Problem, fit
-from eitskin.diagnose.gaps import CONFUSED, gaps
+from eitskin.diagnose.gaps import CLOSE, CONFUSED, gaps
 from eitskin.diagnose.model import Model
 from eitskin.diagnose.search import Search
 from eitskin.diagnose.whitening import Whitening
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from eitskin.diagnose.diagnose import Diagnosis
 
 MOST_PRESSES = 8  # on which recipes are compared
-MOST_TRIED = 2  # that are then simulated with every press
+MOST_TRIED = 2  # that are then simulated with every press and fitted
 WEAK = 5.0  # a gap under which an experiment is sought where no rival is confused
 REPEATS = 4
 HARDER = 1.5  # times the forces
@@ -74,8 +74,9 @@ class Recipe:
     whitening: Whitening
     more: float
 
-    def gap(self, found: Diagnosis, index: int, rival: str) -> float | None:
-        """Gap between effect `index` and a rival name in this experiment; None: not to be had."""
+    def gap(self, found: Diagnosis, index: int, rival: str, within: float = np.inf) -> float | None:
+        """Gap between effect `index` and a rival name in this experiment, within as of `gaps`;
+        None: not to be had."""
         if rival == "conductivity-patch" and isinstance(self.model, _Turned):
             return None  # its tangents have every channel where the board's table has it
         effects, theta = found.after.effects, found.after.fit.theta
@@ -85,7 +86,8 @@ class Recipe:
             problem = replace(problem, recorded=self.model.voltage(*problem.split(theta, effects)))
             fold = np.zeros(len(problem.recorded), int)
             search = Search(problem, candidates, fold, found.search.seed, lambda line: None)
-            named = gaps(search, search.state(fit(problem, effects, theta)), index)
+            state = search.state(fit(problem, effects, theta))
+            named = gaps(search, state, index, within)
         except (InputError, np.linalg.LinAlgError):
             return None
         return named[0].gap if named else None
@@ -111,8 +113,8 @@ def _best(
     frame; more of the same where none does."""
     pair = {"a": found.after.effects[index].name, "b": rival, "gap_now": gap_now}
 
-    def beating(recipes: dict[str, Recipe], now: float) -> dict[str, float]:
-        gap = {text: recipe.gap(found, index, rival) for text, recipe in recipes.items()}
+    def beating(recipes: dict[str, Recipe], now: float, within: float) -> dict[str, float]:
+        gap = {text: recipe.gap(found, index, rival, within) for text, recipe in recipes.items()}
         return {
             text: gap[text]
             for text, recipe in recipes.items()
@@ -121,10 +123,9 @@ def _best(
 
     special = {text: recipe for text, recipe in few.items() if text not in (AS_IS, SAME)}
     now = gap_now if few is whole else few[AS_IS].gap(found, index, rival)
-    tried = beating(special, now or 0.0)
-    if few is not whole:
-        first = sorted(tried, key=tried.get)[-MOST_TRIED:]
-        tried = beating({text: whole[text] for text in first}, gap_now)
+    tried = beating(special, now or 0.0, CLOSE * CONFUSED)
+    first = sorted(tried, key=tried.get)[-MOST_TRIED:]
+    tried = beating({text: whole[text] for text in first}, gap_now, np.inf)
     if max(tried.values(), default=0.0) < CONFUSED:
         same = whole[SAME].gap(found, index, rival)
         tried[SAME] = gap_now if same is None else same
