@@ -32,6 +32,7 @@ WITHIN = 20.0  # nats of linear evidence below the best, or this share of its ga
 SHARE = 0.3
 MOST_NAMES = 12
 MOST_JOINED = 8  # sites of an effect that is still called sparse
+FAR = 16.0  # times chi squared: a change of so great a squared length cannot lower it
 FEW = 6  # coordinates; candidates with more are fitted after the others
 GROSS = 30.0  # chi squared over its degrees of freedom above which gross faults are tried first
 PLAIN = 0.5  # of the misfit without it, that a gross fault may leave
@@ -79,6 +80,7 @@ class Search:
     path: list[dict] = field(default_factory=list)
     null: Null | None = None
     tangents: dict[tuple, Tangents] = field(default_factory=dict)
+    lengths: dict[tuple, float] = field(default_factory=dict)
     scored: dict[tuple, list[Score]] = field(default_factory=dict)
     trials: dict[tuple, list[State]] = field(default_factory=dict)
 
@@ -162,7 +164,8 @@ class Search:
         """Tangents about a state, kept."""
         key = tuple(c.key for c in state.effects)
         if key not in self.tangents:
-            self.tangents[key] = Tangents(state.fit)
+            latest = next(reversed(self.tangents.values()), None)
+            self.tangents[key] = Tangents(state.fit, latest)
         return self.tangents[key]
 
     def scores(self, state: State) -> list[Score]:
@@ -208,6 +211,8 @@ class Search:
 
     def _tried(self, tangents: Tangents, candidate: Candidate) -> Score | None:
         """A candidate without tangents, by trying it; the calibrations follow to first order."""
+        if self.lengths.get(candidate.key, 0.0) > FAR * tangents.fit.chi2:
+            return None
         setting = candidate.setting(np.zeros(candidate.size))
         try:
             moved = self.problem.model.voltage(tangents.knobs, [*tangents.chosen, setting])
@@ -215,6 +220,7 @@ class Search:
             return None
         change = tangents.away(self.problem.whitening(moved - tangents.voltage).ravel())
         length = float(change @ change)
+        self.lengths[candidate.key] = length
         if length == 0.0:
             return None
         along = float(change @ tangents.residual)

@@ -18,15 +18,19 @@ from eitskin.errors import InputError
 from eitskin.geometry import Geometry
 from eitskin.readings import apply_skin
 
+NEAR = 0.03  # of the readings, by which two fits may differ and share their derivatives
+LEAST = 1e-12  # of a column's squared length: with less left it is a fitted one
+
 
 class Tangents:
     """Whitened columns (N M,) of candidates about `fit`, the fitted ones projected out.
 
     `of(candidate)` gives (k, N M), k at most its size: coordinates that change nothing to first
-    order have none.
+    order have none. `like`: tangents about another fit, whose derivatives serve where its readings
+    are near enough; any direction makes a valid test, and a fit finds its own way.
     """
 
-    def __init__(self, fit: Fit):
+    def __init__(self, fit: Fit, like: "Tangents | None" = None):
         self.fit = fit
         self.problem = fit.problem
         self.knobs, self.chosen = self.problem.split(fit.theta, fit.effects)
@@ -35,8 +39,15 @@ class Tangents:
         left, size, right = np.linalg.svd(flat, full_matrices=False)
         self.fitted = right[size > 1e-9 * size.max(initial=0.0)]
         self.residual = self.away(fit.residual.ravel())
+        self.source = self
+        if like is not None and self._near(like.source):
+            self.source = like.source
         self._columns: dict[tuple, np.ndarray | None] = {}
         self._changes: dict[tuple, np.ndarray] = {}
+
+    def _near(self, other: "Tangents") -> bool:
+        apart = np.linalg.norm(self.voltage - other.voltage)
+        return bool(apart < NEAR * np.linalg.norm(other.voltage))
 
     def away(self, columns: np.ndarray) -> np.ndarray:
         """(..., N M): columns less what the fitted coordinates can do."""
@@ -73,17 +84,21 @@ class Tangents:
         return candidate.effect.stage == "wiring" and candidate.scope == "sparse"
 
     def _column(self, candidate: Candidate, index: int) -> np.ndarray | None:
+        raw = self.source._raw(candidate, index)
+        if raw is None:
+            return None
+        change = self.away(raw)
+        return change if change @ change > LEAST * (raw @ raw) else None
+
+    def _raw(self, candidate: Candidate, index: int) -> np.ndarray | None:
+        """(N M,) whitened, kept; None where nothing changes."""
         key = (*candidate.key, index)
         if key not in self._columns:
             try:
-                change = self._change(candidate, index)
+                change = self.problem.whitening(self._change(candidate, index)).ravel()
             except InputError:
                 change = None
-            if change is not None:
-                change = self.away(self.problem.whitening(change).ravel())
-                if not change @ change > 0.0:
-                    change = None
-            self._columns[key] = change
+            self._columns[key] = change if change is not None and change.any() else None
         return self._columns[key]
 
     def _change(self, candidate: Candidate, index: int) -> np.ndarray:
