@@ -31,8 +31,11 @@ class Gap:
     snr: float
 
 
-def gaps(search: Search, state: State, index: int) -> list[Gap]:
-    """Gap of effect `index` of a state to every other name, the nearest first."""
+def gaps(search: Search, state: State, index: int, within: float = CLOSE * CONFUSED) -> list[Gap]:
+    """Gap of effect `index` of a state to every other name, the nearest first.
+
+    within: the linear gap under which the nearest are fitted on the nonlinear model.
+    """
     effect = state.effects[index]
     if gross(effect):
         return _gross_gaps(search, state, index)
@@ -51,7 +54,7 @@ def gaps(search: Search, state: State, index: int) -> list[Gap]:
     found = []
     for rank, (name, (gap, candidate)) in enumerate(ranked):
         strong = snr > 20.0 and gap > 0.2 * snr and rank > 2
-        if rank < MOST_FITTED and gap < CLOSE * CONFUSED and not strong and candidate.size:
+        if rank < MOST_FITTED and gap < within and not strong and candidate.size:
             gap = min(gap, _fitted_gap(target, tangents, less.effects, candidate, snr))
         found.append(Gap(name, float(gap), snr))
     return sorted(found, key=lambda g: g.gap)
