@@ -1,4 +1,4 @@
-"""A recording diagnosed: noise, calibration, atlas, search, gaps, remainder; and all of it written."""
+"""A recording diagnosed, from noise and calibration to search and remainder; all of it written."""
 
 import json
 import sys
@@ -19,6 +19,7 @@ from eitskin.diagnose import evidence, words
 from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.candidates import Scales, catalogue
 from eitskin.diagnose.estimates import calibration, estimates
+from eitskin.diagnose.experiment import propose
 from eitskin.diagnose.fit import STEP, Fit, Problem
 from eitskin.diagnose.gaps import CONFUSED, OBSERVABLE, Gap, gaps, strengths
 from eitskin.diagnose.held_out import folds
@@ -344,7 +345,7 @@ def _write_evidence(found: Diagnosis, folder: Path) -> None:
         with atomic_path(folder / f"{key}.csv") as path:
             table.to_csv(path, index=False)
     with atomic_path(folder / "experiment.json") as path:
-        path.write_text(json.dumps(_experiment(found), ensure_ascii=False) + "\n", "utf-8")
+        path.write_text(json.dumps(propose(found), ensure_ascii=False) + "\n", "utf-8")
 
 
 def _rivals(found: Diagnosis) -> pd.DataFrame:
@@ -391,7 +392,3 @@ def _identifiability(found: Diagnosis) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
-
-
-def _experiment(found: Diagnosis) -> dict:
-    return {"sentence": "No experiment is needed to tell names apart.", "pairs": []}
