@@ -1,3 +1,4 @@
+from calibration.plan import batches
 from eitskin.chain import instrument_effects, last_link, link_before, skin_effects
 from eitskin.configuration import validate
 from eitskin.errors import reported
@@ -27,6 +28,7 @@ include: "workflow/rules/record.smk"
 include: "workflow/rules/dataset.smk"
 include: "workflow/rules/train.smk"
 include: "workflow/rules/evaluate.smk"
+include: "workflow/rules/calibrate.smk"
 
 
 rule all:

@@ -15,8 +15,11 @@ from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.fit import fit
 from eitskin.diagnose.gaps import Gap, gaps
 from eitskin.errors import InputError
+from eitskin.fingerprint import fingerprint
 from eitskin.recording import Recording
 from witness import cases
+
+CODE = fingerprint("eitskin.diagnose.diagnose")[:12]  # the diagnosis that this process runs
 
 
 def trial(kind: str, seed: int) -> dict:
@@ -26,9 +29,9 @@ def trial(kind: str, seed: int) -> dict:
     """
     case = cases.draw(kind, seed)
     recorded = Recording(case.states, case.voltage, None, None, dict(case.metadata))
-    began = time.perf_counter()
+    began = time.perf_counter(), time.process_time()
     found = diagnose.diagnose(recorded)
-    seconds = time.perf_counter() - began
+    ended = time.perf_counter(), time.process_time()
     said = diagnose.result(found, f"{kind} {seed}")
     query = Recording(case.query, None, None, None, dict(case.metadata))
     voltage, sd = diagnose.predict(found, query)
@@ -40,7 +43,9 @@ def trial(kind: str, seed: int) -> dict:
     return {
         "kind": kind,
         "seed": seed,
-        "seconds": seconds,
+        "code": CODE,
+        "seconds": ended[0] - began[0],
+        "cpu_seconds": ended[1] - began[1],
         "level": case.level,
         "truth": case.effects,
         "scopes": case.scopes,
@@ -128,7 +133,9 @@ def file_of(folder: Path, kind: str, seed: int) -> Path:
 def run(trials: list[tuple[str, int]], folder: Path) -> None:
     """Every trial that has no file in `folder` yet, each written as soon as it is done.
 
-    A trial that breaks off leaves {kind, seed, failed: why}, for the score to count.
+    A trial that breaks off leaves {kind, seed, failed: why}, for the score to count. A row says by
+    its `code` which diagnosis it is of; it is not made again when the diagnosis changes: delete the
+    folder for that.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for kind, seed in trials:
@@ -138,6 +145,6 @@ def run(trials: list[tuple[str, int]], folder: Path) -> None:
                 row = trial(kind, seed)
             except Exception as error:  # whatever it is, it is a result
                 traceback.print_exc()
-                row = {"kind": kind, "seed": seed, "failed": repr(error)}
+                row = {"kind": kind, "seed": seed, "code": CODE, "failed": repr(error)}
             with atomic_path(path) as temporary:
                 temporary.write_text(json.dumps(row, ensure_ascii=False) + "\n", "utf-8")
