@@ -160,7 +160,9 @@ class Tangents:
         for row, (time, touch, x, y, force) in enumerate(zip(*columns, strict=True)):
             moment = Moment(time / 60.0, force if touch else 0.0, x, y)
             moved = candidate.effect.change(base, setting, moment)
-            impedivity[row] = moved.contact_impedivity_ohm_m2 / base.contact_impedivity_ohm_m2 - 1
+            if not base.points:
+                ratio = moved.contact_impedivity_ohm_m2 / base.contact_impedivity_ohm_m2
+                impedivity[row] = ratio - 1.0
             conductivity[row] = moved.conductivity_S_per_m / base.conductivity_S_per_m - 1
         self._changes[key] = impedivity / STEP, conductivity / STEP
         return self._changes[key]
