@@ -11,6 +11,7 @@ from sklearn.neural_network import MLPRegressor
 
 MOST_COMPONENTS = 8
 NETS = 3
+DECAY = 30.0  # of the weights, at a misfit of the noise's size
 
 
 def features(states: pd.DataFrame) -> np.ndarray:
@@ -63,7 +64,7 @@ def _gaussian_process(known: np.ndarray, scores: np.ndarray, asked: np.ndarray) 
 
 
 def _networks(known: np.ndarray, scores: np.ndarray, asked: np.ndarray, seed: int) -> np.ndarray:
-    scale = scores.std() or 1.0
+    scale = max(scores.std(), 1.0)
     target = (scores if scores.shape[1] > 1 else scores[:, 0]) / scale
     total = np.zeros((len(asked), scores.shape[1]))
     with warnings.catch_warnings():
@@ -73,7 +74,7 @@ def _networks(known: np.ndarray, scores: np.ndarray, asked: np.ndarray, seed: in
                 hidden_layer_sizes=(32, 32),
                 activation="tanh",
                 solver="lbfgs",
-                alpha=5.0,
+                alpha=DECAY / scale**2,
                 max_iter=200,
                 random_state=seed * NETS + net,
             ).fit(known, target)

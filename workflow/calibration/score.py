@@ -18,6 +18,8 @@ from calibration.plan import trials
 from calibration.trial import file_of
 from eitskin.atomic import atomic_path
 from eitskin.diagnose.verdict import LIKELY
+from eitskin.effects import EFFECTS
+from witness.strengths import DRAWN
 
 APART = (
     8.0  # gap from which a name has to be found, SNR from which something else has to be noticed
@@ -349,10 +351,12 @@ def confusion(table: pd.DataFrame) -> pd.DataFrame:
 def markdown(lines: pd.DataFrame, rows: list[dict], planned: int, block: str, size: str) -> str:
     """The summary as a table that says where it comes from."""
     versions = {row.get("code", "unknown") for row in rows}
+    never = sorted(n for n, e in EFFECTS.items() if not e.composite and n not in DRAWN)
     of = f"{len(rows)} of {planned}" if len(rows) < planned else f"{planned}"
     head = [
         f"`{COMMAND}` with `calibration: {{block: {block}, size: {size}}}`: {of} recordings,"
-        f" 95 % intervals; {len(versions)} version{'s' * (len(versions) != 1)} of the diagnosis.",
+        f" 95 % intervals; {len(versions)} version{'s' * (len(versions) != 1)} of the diagnosis;"
+        f" names never drawn: {', '.join(never) or 'none'}.",
         "",
         "| recordings | what | measured | 95 % | n | wanted | met |",
         "|---|---|---|---|---|---|---|",
