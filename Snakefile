@@ -25,6 +25,7 @@ wildcard_constraints:
 include: "workflow/rules/simulate.smk"
 include: "workflow/rules/perturb.smk"
 include: "workflow/rules/record.smk"
+include: "workflow/rules/compare.smk"
 include: "workflow/rules/dataset.smk"
 include: "workflow/rules/train.smk"
 include: "workflow/rules/evaluate.smk"
