@@ -304,6 +304,7 @@ class Joint:
     def fitted(self) -> "Together":
         """The joint fit, from the inverse-covariance weighted mean of the parts' own."""
         information, slope = np.zeros((self.size, self.size)), np.zeros(self.size)
+        least, most = np.full((2, self.size), np.nan)
         rows = np.cumsum([0, *(len(p.fit.residual) for p in self.parts)])
         width = self.parts[0].fit.residual.shape[1]
         jacobian = np.zeros((self.size, rows[-1], width))
@@ -312,7 +313,10 @@ class Joint:
             information[np.ix_(index, index)] += own
             slope[index] += own @ part.fit.theta
             jacobian[index, rows[k] : rows[k + 1]] = part.fit.jacobian
-        start = np.linalg.solve(information, slope)
+            least[index] = np.fmin(least[index], part.fit.theta)
+            most[index] = np.fmax(most[index], part.fit.theta)
+        # Between the parts' own values, where far from linear parts might pull it out of physics.
+        start = np.clip(np.linalg.solve(information, slope), least, most)
         return Together(self, fit(self, [], start, jacobian))
 
 
