@@ -274,6 +274,23 @@ def test_a_false_discovery_is_no_change():
     assert sure[0].q == pytest.approx(5e-6)
 
 
+def test_changes_that_the_joint_fit_does_not_need_are_none(monkeypatch):
+    first, second = parts(recorded([[], []], presses=3)).values()
+    wanted = ("contact-impedance", (3,), "sparse")
+    founds = {"a": named(first, wanted), "b": named(second)}
+    apart = [("a",), ("b",)]
+    monkeypatch.setattr(
+        "eitskin.diagnose.compare._discovered",
+        lambda tested: [replace(test, q=1e-9, groups=apart) for test in tested],
+    )
+    compared = compare(founds)
+    assert changed(compared) == [] and compared.p_value > 0.01
+    assert "no better than noise would" in comparison_page.page(result(compared))
+    second = next(iter(parts(recorded([[CONTACT], []], presses=3)).values()))
+    compared = compare({"a": named(first, wanted), "b": named(second)})
+    assert len(changed(compared)) == 2 and compared.p_value < 1e-6
+
+
 def test_the_figure_has_a_panel_a_value():
     first, second = parts(recorded([[], [CONTACT]])).values()
     wanted = ("contact-impedance", (3,), "sparse")

@@ -25,6 +25,7 @@ from eitskin.diagnose.joint import (
     Together,
     View,
     check,
+    excess,
     fitted,
     union,
 )
@@ -87,11 +88,16 @@ class Tested:
 @dataclass(frozen=True)
 class Comparison:
     """Parts of one skin compared: their names in order, the effects found in any of them, every
-    value tested, and what is predicted for frames left out if all is shared, and as found."""
+    value tested, and what is predicted for frames left out if all is shared, and as found.
+
+    p_value: of the joint fits' likelihood ratio, all shared against the changes that the tests
+    ask for; None where they ask for none.
+    """
 
     names: list[str]
     effects: list[Shared]
     tested: list[Tested]
+    p_value: float | None
     all_shared: HeldOut
     as_found: HeldOut
 
@@ -151,7 +157,9 @@ def compare(founds: Mapping[str, Diagnosis]) -> Comparison:
     Every effect found in any part is fitted in every part. Each parameter and each calibration is
     tested for equality (chi squared of the values with their covariances, widened where a part's
     fit leaves more than noise), false discoveries held by Benjamini & Hochberg (1995). Equal ones
-    get one value in a joint fit, of which the inverse-covariance weighted mean is the start.
+    get one value in a joint fit, of which the inverse-covariance weighted mean is the start. The
+    tests are linear about each part's own fit: no change is kept unless the joint fit with all of
+    them is better than that without any, by its likelihood ratio.
     Raises InputError unless the parts are of one skin, read in one way.
     """
     check(founds)
@@ -179,12 +187,28 @@ def compare(founds: Mapping[str, Diagnosis]) -> Comparison:
     tones = _own_phases(shared, list(founds))
     groups = {label: t.groups for t in tested if t.changed for label in _labels(t, shared)}
     as_found = Joint(own, {**groups, **tones}).fitted()
-    all_shared = as_found
+    all_shared, p_value = as_found, None
     if groups or uniform != there:
         plain = own if uniform == there else fitted(founds, shared, uniform)
         all_shared = Joint(plain, tones).fitted()
+        p_value = _likelihood_ratio(all_shared, as_found)
+        if p_value >= DISCOVERY:
+            tested = [_unchanged(test) for test in tested]
+            as_found, own, there = all_shared, plain, uniform
     told = [_told(test, shared, own, as_found, there) for test in tested]
-    return Comparison(list(founds), shared, told, all_shared.held_out, as_found.held_out)
+    held = all_shared.held_out, as_found.held_out
+    return Comparison(list(founds), shared, told, p_value, *held)
+
+
+def _likelihood_ratio(less: Together, more: Together) -> float:
+    """How often noise alone makes a joint fit so much better than one with fewer values."""
+    dof = max(more.joint.size - less.joint.size, 1)
+    scale = excess(more.fit.chi2, more.joint.whitening.size - more.joint.size)
+    return float(chi2.sf(max(0.0, less.fit.chi2 - more.fit.chi2) / scale, dof))
+
+
+def _unchanged(test: Tested) -> Tested:
+    return replace(test, groups=[tuple(name for run in test.groups for name in run)])
 
 
 def _labels(test: Tested, shared: list[Shared]) -> list[Label]:
@@ -286,8 +310,7 @@ def _discovered(tested: list[Tested]) -> list[Tested]:
     for test in tested:
         own = None if test.p is None else float(next(q))
         changed = own is not None and own < DISCOVERY
-        everyone = tuple(name for run in test.groups for name in run)
-        found.append(replace(test, q=own, groups=test.groups if changed else [everyone]))
+        found.append(replace(test if changed else _unchanged(test), q=own))
     return found
 
 
@@ -494,6 +517,7 @@ def result(compared: Comparison) -> dict:
             for e in compared.effects
         ],
         "tested": tested,
+        "p_value": compared.p_value,
         "held_out": {
             "frames": len(found.chi2),
             "readings": found.readings,

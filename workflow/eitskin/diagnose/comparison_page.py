@@ -36,6 +36,11 @@ def page(said: dict) -> str:
     else:
         lines += [f"<h1>{escape(s)}</h1>" for s in said["sentences"]]
     lines.append(_held_out(said["held_out"], bool(changed)))
+    if not changed and said["p_value"] is not None:
+        lines.append(
+            "<p>Single tests ask for changes, but all of them together make the joint fit no better"
+            f" than noise would (p = {chance(said['p_value'])}).</p>"
+        )
     picture = figure(said)
     if picture is not None:
         data = base64.b64encode(svg(picture).encode()).decode()

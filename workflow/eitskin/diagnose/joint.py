@@ -292,9 +292,11 @@ class Joint:
         self.size = len(places)
         calibrations = [k for k in places if k[0][0] == CALIBRATED]
         self.model = SimpleNamespace(calibrations=calibrations)
-        masks = [p.fit.problem.whitening.mask for p in parts]
-        dof = sum(p.fit.problem.whitening.size for p in parts)
-        self.whitening = SimpleNamespace(mask=np.concatenate(masks), size=dof)
+        own = [p.fit.problem.whitening for p in parts]
+        mask = np.concatenate([w.mask for w in own])
+        # Every part has its own noise: of all together there is none in volts.
+        none = np.full(mask.shape[1], np.nan)
+        self.whitening = SimpleNamespace(mask=mask, size=sum(w.size for w in own), sd=none)
 
     def residual(self, theta: np.ndarray, effects: list) -> np.ndarray:
         """(N, M) whitened residuals of all parts at joint coordinates (P,)."""
