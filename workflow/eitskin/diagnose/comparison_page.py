@@ -91,7 +91,7 @@ def _held_out(held: dict, changed: bool) -> str:
 def _cells(row: dict) -> list[str]:
     name = row["name"] if row["calibration"] else " ".join([row["name"], *row["parameters"]])
     dof = "" if row["dof"] is None else str(row["dof"])
-    shown = ["" if row[k] is None else form(row[k]) for k, form in FORMS.items()]
+    shown = ["" if row[k] is None else escape(form(row[k])) for k, form in FORMS.items()]
     shown.insert(1, dof)
     told = "" if row["p"] is None else "yes" if row["changed"] else "no"
     return [f"<code>{escape(name)}</code>", escape(sites(row)), *shown, told]
@@ -121,8 +121,9 @@ def figure(said: dict) -> Figure | None:
     names = said["parts"]
     ticks = [name.removeprefix("session ") for name in names]
     columns = min(len(rows), 2)
-    level = len(names) * max(map(len, ticks)) <= SHORT * 2
-    height = 31.0 if level else 38.0
+    longest = max(map(len, ticks))
+    level = len(names) * longest <= SHORT * 2
+    height = 34.0 if level else 32.0 + 0.7 * longest
     with style():
         found = Figure(figsize=(WIDTH_IN, (2 + height * -(-len(rows) // columns)) / 25.4))
         FigureCanvasAgg(found)
