@@ -7,7 +7,7 @@ and alike, so all leave at least the floor: what the mean over rotations at fixe
 """
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -31,6 +31,7 @@ BOUNDS = {
     "electrode_height_mm": (0.05, 0.3, 1.0),
     "contact_mm": (1e-2, 3e-2, 0.3),
 }
+SHEET_CONTACT = (1e-4, 0.1, 10.0)  # the whole range: a body's smaller contacts are slow to solve
 ROUNDS = 30
 AGAIN = 6  # evaluations of a fit to one split, begun at that to all pairs
 
@@ -119,6 +120,8 @@ class Family:
             keys += ["depth_mm"] if skin.thickness_mm is None else []
             keys += ["electrode_height_mm"] if skin.electrode_height_mm is None else []
         self.bounds = {key: BOUNDS[key] for key in keys}
+        if not family.body:
+            self.bounds["contact_mm"] = SHEET_CONTACT
         if family.any_width:
             low, start, _ = BOUNDS["electrode_width_mm"]
             self.bounds["electrode_width_mm"] = (low, start, TOUCHING)
@@ -169,17 +172,31 @@ class Family:
             model = self.reading(theta, "train")
             return (recorded - _factor(model, recorded, kept) * model) * kept / unit
 
-        found = least_squares(
-            residual,
-            first if start is None else np.clip(start, low + 1e-6, high - 1e-6),
-            "3-point" if slope is None else lambda theta: slope * kept[:, None],
-            (low, high),
-            diff_step=1e-2 if slope is None else None,
-            max_nfev=ROUNDS if slope is None else AGAIN,
-            xtol=1e-3,
-            ftol=1e-4,
-        )
+        starts = [first] if start is None else [np.clip(start, low + 1e-6, high - 1e-6)]
+        if start is None and self.family.any_width:  # good contacts are a minimum of their own
+            starts.append(np.r_[high[0] - 0.1, low[1] + 1.0])
+        runs = [
+            least_squares(
+                residual,
+                begin,
+                "3-point" if slope is None else lambda theta: slope * kept[:, None],
+                (low, high),
+                diff_step=1e-2 if slope is None else None,
+                max_nfev=ROUNDS if slope is None else AGAIN,
+                xtol=1e-3,
+                ftol=1e-4,
+            )
+            for begin in starts
+        ]
+        found = min(runs, key=lambda run: run.cost)
         return found.x, found.jac
+
+
+def without_drawing(recording: Recording) -> Recording:
+    """The recording of an owner who knows no size of the electrodes and no depth."""
+    sizes = dict.fromkeys(("thickness_mm", "electrode_width_mm"))
+    skin = {k: v for k, v in recording.metadata["skin"].items() if k != "electrode_height_mm"}
+    return replace(recording, metadata=recording.metadata | {"skin": skin | sizes})
 
 
 def _factor(model: np.ndarray, recorded: np.ndarray, kept: np.ndarray) -> float:
@@ -263,3 +280,26 @@ def _held_out(
 def _quantiles(found: list[float]) -> dict[str, float]:
     low, middle, high = np.quantile(found, [0.05, 0.5, 0.95])
     return {"held_out": middle, "low": low, "high": high}
+
+
+def sentence(table: pd.DataFrame) -> str:
+    """What `judge` found, for a person: a sheet, a third dimension, or that they look alike."""
+    rows = table.set_index("geometry")
+    sheet, wide, body = (rows.loc[name] for name in ("sheet", "sheet of any width", "body"))
+    held = (
+        f"On pairs left out a sheet leaves {sheet.held_out:.3f}, one of any electrode width "
+        f"{wide.held_out:.3f}, a body {body.held_out:.3f}, the mean over rotations "
+        f"{rows.loc['floor'].held_out:.3f}."
+    )
+    known = "electrode_width_mm" not in sheet.free
+    if sheet.low <= body.held_out:
+        said = "A sheet with electrodes that are possible does as well."
+    elif known or wide.low > body.high:
+        reason = "the drawing's electrodes" if known else "any width of the electrodes"
+        said = f"third-dimension: no sheet with {reason} does as well."
+    else:
+        said = (
+            "third-dimension or electrode-width, which these readings cannot tell apart; the sizes "
+            "of the electrodes would."
+        )
+    return f"{said} {held}"
