@@ -30,6 +30,7 @@ include: "workflow/rules/dataset.smk"
 include: "workflow/rules/train.smk"
 include: "workflow/rules/evaluate.smk"
 include: "workflow/rules/calibrate.smk"
+include: "workflow/rules/held_out.smk"
 
 
 rule all:
