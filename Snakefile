@@ -25,6 +25,8 @@ wildcard_constraints:
 include: "workflow/rules/simulate.smk"
 include: "workflow/rules/perturb.smk"
 include: "workflow/rules/record.smk"
+include: "workflow/rules/diagnose.smk"
+include: "workflow/rules/diagnosis_report.smk"
 include: "workflow/rules/dataset.smk"
 include: "workflow/rules/train.smk"
 include: "workflow/rules/evaluate.smk"
@@ -37,3 +39,4 @@ rule all:
         "results/simulated/clean.parquet",
         "results/tables/table_1.csv",
         expand("results/recordings/{recording}.check.txt", recording=config["recordings"]),
+        "results/diagnosis/simulated-twin/report.html",
