@@ -39,4 +39,3 @@ rule all:
         "results/simulated/clean.parquet",
         "results/tables/table_1.csv",
         expand("results/recordings/{recording}.check.txt", recording=config["recordings"]),
-        "results/diagnosis/simulated-twin/report.html",

@@ -109,7 +109,9 @@ def linear(seed, frames, channels, size):
     )
     problem = SimpleNamespace(
         model=SimpleNamespace(calibrations=[None] * size),
-        whitening=SimpleNamespace(mask=np.ones((frames, channels), bool)),
+        whitening=SimpleNamespace(
+            mask=np.ones((frames, channels), bool), sd=np.full(channels, 3.0)
+        ),
     )
     flat = slopes.reshape(size, -1)
     theta = np.linalg.solve(flat @ flat.T + np.eye(size), flat @ recorded.ravel())
@@ -136,6 +138,7 @@ def test_held_out_frames_are_those_of_refits(seed):
         density[row] = -0.5 * (error @ np.linalg.solve(covariance, error) + log_size)
     assert np.allclose(by_formula.density, density)
     assert by_formula.readings == 60
+    assert by_formula.rms == pytest.approx(3.0 * np.sqrt(by_formula.chi2.sum() / 60))
     worse = replace(by_formula, density=density - 1.0)
     assert by_formula.gain(worse) == pytest.approx((12.0, 0.0), abs=1e-9)
 
