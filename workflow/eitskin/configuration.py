@@ -138,9 +138,9 @@ def _skin(skin: dict, place: list) -> Geometry:
 
 
 def _channels(protocol: dict, place: list, n_electrodes: int) -> np.ndarray:
-    for key, pattern in protocol.items():
+    for key in ("drive", "measure"):
         with _at_place([*place, key], {}):
-            pattern_step(pattern, n_electrodes)
+            pattern_step(protocol[key], n_electrodes)
     with _at_place(place, {}):
         return channel_table(n_electrodes, **protocol)
 

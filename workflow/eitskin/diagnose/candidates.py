@@ -166,9 +166,9 @@ def catalogue(
 
     owner: the skin as its owner believes it, None where unknown; skin: with a start for what is
     unknown; recorded_V (N, M); counts: how many sites of each kind; floating: the source is tied to
-    nothing; timed: the frames' times are known, else effects of time are left out. Effects on the contacts of point
-    electrodes are left out. Single channels stand in their dense form alone: `channels` takes it
-    apart.
+    nothing; timed: the frames' times are known, else effects of time are left out. Effects on the
+    contacts of point electrodes are left out. Single channels stand in their dense form alone:
+    `channels` takes it apart.
     """
     found = []
     for effect in EFFECTS.values():

@@ -2,23 +2,23 @@
 
 import json
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-import yaml
 from scipy.stats import norm
 
 from eitskin import recording
 from eitskin.accuracy import untouched_error
 from eitskin.atomic import atomic_path
-from eitskin.diagnose import evidence, words
+from eitskin.diagnose import corrected, evidence, words
 from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.candidates import Scales, catalogue
 from eitskin.diagnose.estimates import calibration, estimates
+from eitskin.diagnose.excerpt import excerpt
 from eitskin.diagnose.experiment import propose
 from eitskin.diagnose.fit import STEP, Fit, Problem
 from eitskin.diagnose.gaps import CONFUSED, OBSERVABLE, Gap, gaps, strengths
@@ -34,8 +34,6 @@ from eitskin.effects.settings import site_counts
 from eitskin.errors import InputError
 from eitskin.geometry import Geometry
 from eitskin.recording import Recording
-
-MOST_FRAMES = 500
 
 
 @dataclass(frozen=True)
@@ -57,16 +55,18 @@ class Diagnosis:
 def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diagnosis:
     """Diagnose a recording: locate, name and model what its simulation leaves out.
 
-    A long recording is thinned first. Equal seeds give equal results, bit for bit. Raises InputError where nothing can be simulated.
+    Of a long recording, an excerpt. Equal seeds give equal results, bit for bit. Raises InputError
+    where nothing can be simulated.
     """
 
     def report(line: str) -> None:
         if progress:
             print(f"  {line}", file=sys.stderr, flush=True)
 
+    whole, recorded = len(recorded.frames), excerpt(recorded)
+    if len(recorded.frames) < whole:
+        report(f"an excerpt: {len(recorded.frames)} of {whole} frames")
     noise = estimate(recorded)
-    recorded = thinned(recorded)
-    report(f"{len(recorded.frames)} frames")
     report(f"noise {np.median(noise.sd):.3g} ({noise.source})")
     problem, scales = problem_of(recorded, noise)
     model = problem.model
@@ -98,41 +98,6 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
         strengths(search, after),
         left,
     )
-
-
-def thinned(recorded: Recording) -> Recording:
-    """The recording, of a long one MOST_FRAMES or fewer of its frames: whole presses, evenly over
-    the recording, and as large a share of the untouched frames, so that every law can be seen."""
-    count = len(recorded.frames)
-    if count <= MOST_FRAMES:
-        return recorded
-    press = recording.presses(recorded)
-    share = MOST_FRAMES / count
-    untouched = np.flatnonzero(press < 0)
-    kept = np.zeros(count, bool)
-    kept[untouched[_evenly(len(untouched), max(2, int(share * len(untouched))))]] = True
-    labels, sizes = np.unique(press[press >= 0], return_counts=True)
-    room = MOST_FRAMES - int(kept.sum())
-    if len(labels):
-        wanted = max(1, int(room / max(sizes.mean(), 1.0)))
-        for label in labels[_evenly(len(labels), wanted)]:
-            rows = np.flatnonzero(press == label)
-            kept[rows[_evenly(len(rows), max(3, room // wanted))]] = True
-    frames = recorded.frames[kept].reset_index(drop=True)
-    frames["frame"] = np.arange(len(frames))
-    frames["contact"] = pd.array(np.where(press[kept] < 0, None, press[kept]), dtype="Int64")
-    other = {
-        "quadrature": None if recorded.quadrature is None else recorded.quadrature[kept],
-        "touches": None
-        if recorded.touches is None
-        else [t for t, k in zip(recorded.touches, kept, strict=True) if k],
-    }
-    return replace(recorded, frames=frames, voltage=recorded.voltage[kept], **other)
-
-
-def _evenly(count: int, wanted: int) -> np.ndarray:
-    """Up to `wanted` indices below count, evenly spaced."""
-    return np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int))
 
 
 def problem_of(recorded: Recording, noise: Noise) -> tuple[Problem, Scales]:
@@ -239,25 +204,6 @@ def _entry(found: Diagnosis, index: int) -> dict:
     return entry
 
 
-def items(state: State) -> list[dict]:
-    """The effects of a state as the configuration writes them."""
-    return [c.item(state.fit.theta[state.fit.place(i)]) for i, c in enumerate(state.effects)]
-
-
-def corrected(found: Diagnosis, name: str) -> dict:
-    """A configuration's skin, protocol of effects and noise that simulate what was recorded."""
-    fit = found.after.fit
-    knobs = fit.theta[: len(fit.problem.model.calibrations)]
-    skin = fit.problem.model.skin(knobs).metadata()
-    effects = items(found.after)
-    noise = float(np.median(found.noise.sd) / found.search.candidates[0].scales.reading_V)
-    return {
-        "skin": skin,
-        "twin": {"skin": skin, "effects": effects, "noise": noise},
-        "configurations": {name: {"effects": effects, "noise": noise}},
-    }
-
-
 def predict(
     found: Diagnosis, query: Recording, state: State | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -282,25 +228,42 @@ def predict(
     return there, np.sqrt((spread**2).sum(axis=0))
 
 
-def write(found: Diagnosis, name: str, folder: Path, schema: Path, query_path: Path | None) -> None:
+def write(
+    found: Diagnosis,
+    name: str,
+    folder: str | Path,
+    schema: str | Path,
+    query_path: str | Path | None = None,
+) -> None:
     """Write a diagnosis into its folder: diagnosis.json, effects.yaml, predicted.parquet where a
     query is given, and the evidence that the report is made from."""
+    folder = Path(folder)
     said = result(found, name)
     evidence.validate(said, schema, folder / "diagnosis.json")
     (folder / "evidence").mkdir(parents=True, exist_ok=True)
-    if query_path is not None:
-        query = recording.read(query_path)
-        voltage, sd = predict(found, query)
+    if query_path is None:
+        (folder / "predicted.parquet").unlink(missing_ok=True)
+    else:
+        voltage, sd = predict(found, read_query(query_path, found.recorded))
         _write_predicted(query_path, voltage, sd, folder / "predicted.parquet")
     _write_evidence(found, folder / "evidence")
     with atomic_path(folder / "effects.yaml") as path:
-        path.write_text(yaml.safe_dump(corrected(found, name), sort_keys=False), "utf-8")
+        text = corrected.text(found.after.fit, found.recorded, found.noise.sd, name)
+        path.write_text(text, "utf-8")
     with atomic_path(folder / "diagnosis.json") as path:
         text = json.dumps(said, indent=2, ensure_ascii=False, allow_nan=False)
         path.write_text(text + "\n", "utf-8")
 
 
-def _write_predicted(query: Path, voltage: np.ndarray, sd: np.ndarray, out: Path) -> None:
+def read_query(path: str | Path, recorded: Recording) -> Recording:
+    """The states of a query of a recording; InputError where it is of other channels."""
+    query = recording.read(path)
+    if not np.array_equal(query.channels, recorded.channels):
+        raise InputError(path, "channels", "another table", "the recording's own")
+    return query
+
+
+def _write_predicted(query: str | Path, voltage: np.ndarray, sd: np.ndarray, out: Path) -> None:
     table = pq.read_table(query)
     for key, values in (("voltage_V", voltage), ("std_V", sd)):
         column = pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])

@@ -103,7 +103,7 @@ class Null:
     free: int
 
     def p_value(self, p: float) -> float:
-        """How often chance alone gives a least p-value of p or less; never under 1 / (draws + 1)."""
+        """How often chance alone gives a least p-value of p or less; at least 1 / (draws + 1)."""
         below = np.searchsorted(self.least, p, side="right")
         share = (1.0 + below) / (1.0 + len(self.least))
         return float(1.0 - (1.0 - share) * (1.0 - min(p, 1.0)) ** self.free)

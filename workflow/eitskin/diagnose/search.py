@@ -418,7 +418,7 @@ class Search:
         return state
 
     def less(self, state: State, index: int) -> State:
-        """`state` less one effect, polished, kept with its tangents where the set was met before."""
+        """`state` less one effect, polished; kept with its tangents where the set was met."""
         less = self.without(state, index)
         key = tuple(c.key for c in less.effects)
         if key in self.tangents:
@@ -470,7 +470,8 @@ def _joined(a: Candidate, b: Candidate) -> Candidate | None:
 
 def shortlist(scores: list[Score]) -> list[Candidate]:
     """Candidates worth a nonlinear fit: of every name the best of each form, of slow ones the
-    best alone, names in order of evidence; those far from the best only while little else explains as much."""
+    best alone, names in order of evidence; those far from the best only while little else explains
+    as much."""
     if not scores:
         return []
     top, gain = scores[0].log_evidence, max(s.gain for s in scores)

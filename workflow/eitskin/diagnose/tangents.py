@@ -36,7 +36,7 @@ class Tangents:
         self.knobs, self.chosen = self.problem.split(fit.theta, fit.effects)
         self.voltage = self.problem.model.voltage(self.knobs, self.chosen)
         flat = fit.jacobian.reshape(len(fit.theta), -1)
-        left, size, right = np.linalg.svd(flat, full_matrices=False)
+        _, size, right = np.linalg.svd(flat, full_matrices=False)
         self.fitted = right[size > 1e-9 * size.max(initial=0.0)]
         self.residual = self.away(fit.residual.ravel())
         self.source = self
