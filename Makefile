@@ -8,6 +8,11 @@ SNAKEMAKE := $(BIN)/snakemake --workflow-profile workflow/profiles/default --cor
 # One run at a time; a second waits, and clears the lock that a killed one left behind.
 RUN = flock .venv/run.lock sh -c '$(SNAKEMAKE) --unlock --quiet all && exec $(SNAKEMAKE) "$$@"' make
 
+# What `make real` judges besides Table I, what it says of it, and what must be called unusable.
+REAL := results/diagnosis/tanks.csv results/diagnosis/hydrogel-skin-16/ground_return.csv
+SAID := results/diagnosis/*-tank/held_out_pairs.txt $(lastword $(REAL:.csv=.txt))
+BROKEN = $(EITSKIN_DATA)/pyeidors-tank/measurements/EIT_DEV_Test/2025-09-23-00-01-56_10_10.00_100uA_2000Hz.csv
+
 export EITSKIN_DATA
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
@@ -36,7 +41,8 @@ real: .venv/installed
 	  echo "SKIPPED: no real recordings at $(EITSKIN_DATA); set EITSKIN_DATA"; \
 	else \
 	  echo "eitskin: learning from the real recordings in $(EITSKIN_DATA)"; \
-	  $(RUN) --configfile workflow/config/real.yaml; \
+	  $(RUN) all $(REAL) --configfile workflow/config/real.yaml && cat $(SAID) \
+	    && { $(BIN)/eitskin check "$(BROKEN)"; [ $$? -eq 2 ]; }; \
 	fi
 
 bench: .venv/installed-test

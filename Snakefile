@@ -1,3 +1,4 @@
+from calibration.plan import batches
 from eitskin.chain import instrument_effects, last_link, link_before, skin_effects
 from eitskin.configuration import validate
 from eitskin.errors import reported
@@ -24,9 +25,14 @@ wildcard_constraints:
 include: "workflow/rules/simulate.smk"
 include: "workflow/rules/perturb.smk"
 include: "workflow/rules/record.smk"
+include: "workflow/rules/compare.smk"
+include: "workflow/rules/diagnose.smk"
+include: "workflow/rules/diagnosis_report.smk"
 include: "workflow/rules/dataset.smk"
 include: "workflow/rules/train.smk"
 include: "workflow/rules/evaluate.smk"
+include: "workflow/rules/calibrate.smk"
+include: "workflow/rules/held_out.smk"
 
 
 rule all:

@@ -1,12 +1,15 @@
+import json
 import subprocess
 import sys
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from eitskin import cli, recording
 from eitskin.check import check, text
 from eitskin.order import known_orders
+from small_skin import small_recording, voltage
 
 
 @pytest.fixture
@@ -70,3 +73,40 @@ def test_the_module_runs_as_a_command(path):
     )
     assert run.returncode == 1 and run.stdout == ""
     assert "no such file" in run.stderr and "Traceback" not in run.stderr
+
+
+def test_diagnose_writes_everything_and_says_what_it_found(tmp_path, capsys):
+    recorded = small_recording(
+        {"name": "measurement-gain", "measures": [2], "parameters": {"gain": 1.05}}, places=1
+    )
+    source, query, out = tmp_path / "skin.parquet", tmp_path / "query.parquet", tmp_path / "out"
+    recording.write(recorded, source)
+    asked = small_recording(places=1, seed=1)
+    asked.voltage = None
+    recording.write(asked, query)
+    command = ["diagnose", str(source), "--query", str(query), "--out", str(out)]
+    assert cli.main(command) == 0
+    printed = capsys.readouterr()
+    found = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
+    assert found["recording"] == "skin"
+    assert found["effects"][0]["sentence"] in printed.out
+    assert "noise" in printed.err
+    assert (out / "report.html").is_file() and (out / "figures" / "electrodes.svg").is_file()
+    predicted = pq.read_table(out / "predicted.parquet")
+    assert predicted.num_rows == len(asked.frames)
+    values = np.stack(predicted["voltage_V"].to_pylist())
+    assert np.isfinite(values).all() and (np.stack(predicted["std_V"].to_pylist()) > 0).all()
+    item = {"name": "measurement-gain", "measures": [2], "parameters": {"gain": 1.05}}
+    truth = voltage(asked, [item])
+    assert np.sqrt(np.mean((values - truth) ** 2)) < 1e-3 * np.median(np.abs(truth))
+
+
+def test_a_query_of_other_channels_is_refused(make_recording, path, tmp_path, capsys):
+    query, out = tmp_path / "query.parquet", tmp_path / "out"
+    asked = small_recording(places=1)
+    asked.voltage = None
+    recording.write(asked, query)
+    assert cli.main(["diagnose", str(path), "--query", str(query), "--out", str(out)]) == 1
+    printed = capsys.readouterr().err
+    assert printed == f"{query}: channels: found another table, expected the recording's own\n"
+    assert not out.exists()

@@ -3,11 +3,13 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from eitskin import check, importers, recording
 from eitskin.errors import InputError
 
 UNUSABLE = 2
+SCHEMA = Path(__file__).parents[1] / "schemas" / "diagnosis.schema.yaml"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -39,6 +41,14 @@ def _parser() -> argparse.ArgumentParser:
     importing.add_argument("out", help="the Parquet file to write")
     importing.add_argument("--format", help=formats)
     importing.set_defaults(run=_import)
+    diagnosing = commands.add_parser(
+        "diagnose", help="say what the simulation of a recording leaves out"
+    )
+    diagnosing.add_argument("file", help="a recording in any known format")
+    diagnosing.add_argument("--query", help="states, a recording without voltages, to predict")
+    diagnosing.add_argument("--out", help="the folder to write, by default diagnosis-NAME")
+    diagnosing.add_argument("--format", help=formats)
+    diagnosing.set_defaults(run=_diagnose)
     return parser
 
 
@@ -50,6 +60,28 @@ def _check(arguments: argparse.Namespace) -> int:
 
 def _import(arguments: argparse.Namespace) -> int:
     recording.write(importers.load(arguments.file, arguments.format), arguments.out)
+    return 0
+
+
+def _diagnose(arguments: argparse.Namespace) -> int:
+    from eitskin.diagnose import diagnose, report, words  # seconds, which other commands spare
+
+    recorded = importers.load(arguments.file, arguments.format)
+    if arguments.query is not None:
+        diagnose.read_query(arguments.query, recorded)
+    name = Path(arguments.file).stem
+    folder = Path(arguments.out or f"diagnosis-{name}")
+    folder.mkdir(parents=True, exist_ok=True)
+    source = folder / "recording.parquet"
+    recording.write(recorded, source)
+    found = diagnose.diagnose(recorded, progress=True)
+    diagnose.write(found, name, folder, SCHEMA, arguments.query)
+    report.write(folder, source, SCHEMA, folder / "report.html")
+    said = diagnose.result(found, name)
+    print(words.VERDICTS[said["verdict"]])
+    for effect in said["effects"]:
+        print(effect["sentence"])
+    print(folder / "report.html")
     return 0
 
 

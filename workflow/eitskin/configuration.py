@@ -138,9 +138,9 @@ def _skin(skin: dict, place: list) -> Geometry:
 
 
 def _channels(protocol: dict, place: list, n_electrodes: int) -> np.ndarray:
-    for key, pattern in protocol.items():
+    for key in ("drive", "measure"):
         with _at_place([*place, key], {}):
-            pattern_step(pattern, n_electrodes)
+            pattern_step(protocol[key], n_electrodes)
     with _at_place(place, {}):
         return channel_table(n_electrodes, **protocol)
 
@@ -228,7 +228,7 @@ def _yaml_number(text: str) -> str:
 
 
 def _unknown_name(config: dict) -> tuple[list, str, str] | None:
-    """A name in `table_1` that is not defined elsewhere in the configuration."""
+    """A name in `tanks` or `table_1` that is not defined elsewhere in the configuration."""
     for kind in ("configurations", "recordings"):
         for name, splits in config["table_1"][kind].items():
             if name not in config[kind]:
@@ -237,6 +237,9 @@ def _unknown_name(config: dict) -> tuple[list, str, str] | None:
                 if split not in config["splits"]:
                     place = ["table_1", kind, name, k]
                     return place, repr(split), _names(config["splits"])
+    for k, name in enumerate(config["tanks"]):
+        if name not in config["recordings"]:
+            return ["tanks", k], repr(name), _names(config["recordings"])
     for name in config["configurations"]:
         if f"simulated-{name}" in config["recordings"]:
             return ["recordings", f"simulated-{name}"], "a simulated set's name", "another name"

@@ -29,15 +29,27 @@ def pattern_step(pattern: str, n_electrodes: int) -> int:
 
 
 def channel_table(
-    n_electrodes: int, drive: str = "adjacent", measure: str = "adjacent"
+    n_electrodes: int,
+    drive: str = "adjacent",
+    measure: str = "adjacent",
+    channels: list[list[int]] | None = None,
 ) -> np.ndarray:
     """Channels (M, 4) int: source, sink, plus, minus; drive-major, measurement ascending.
 
     Every electrode is once the source and, in each drive, once the plus; pairs that touch a driven
-    electrode are left out (pyEIT's `std` order for adjacent/adjacent: M = n (n - 3)).
-    Raises InputError for an unknown pattern and where every pair touches a driven electrode.
+    electrode are left out (pyEIT's `std` order for adjacent/adjacent: M = n (n - 3)). `channels`:
+    the table itself, where no patterns make it. Raises InputError for an unknown pattern, where
+    every pair touches a driven electrode, and for a channel of electrodes that are not there or of
+    one with itself.
     """
     n = n_electrodes
+    if channels is not None:
+        for k, (source, sink, plus, minus) in enumerate(channels):
+            there = all(0 <= electrode < n for electrode in channels[k])
+            if not there or source == sink or plus == minus:
+                expected = f"two pairs of different electrodes, 0 to {n - 1}"
+                raise InputError("protocol", f"channels[{k}]", channels[k], expected)
+        return np.array(channels, dtype=int)
     drive_step, measure_step = pattern_step(drive, n), pattern_step(measure, n)
     rows = []
     for source in range(n):

@@ -1,18 +1,28 @@
+# What a diagnosis rests on, for its report.
+EVIDENCE = [
+    "residuals.npz",
+    "atlas_before.csv",
+    "atlas_after.csv",
+    "rivals.csv",
+    "identifiability.csv",
+    "search.csv",
+    "experiment.json",
+]
+WITH_QUERY = {name for name, item in config["recordings"].items() if "query" in item}
+
+
+def one_of(names: set[str]) -> str:
+    """A wildcard's constraint to `names`; to nothing where there are none."""
+    return "|".join(sorted(names)) or "(?!)"
+
+
 rule diagnose:
     input:
-        schema=workflow.source_path("../schemas/diagnosis.schema.yaml"),
+        schema="workflow/schemas/diagnosis.schema.yaml",
         recording=rules.import_recording.output[0],
-        query=branch(
-            lookup(dpath="recordings/{recording}/query", within=config, default=None),
-            then=lookup(dpath="recordings/{recording}/query", within=config, default=None),
-        ),
     output:
         diagnosis="results/diagnosis/{recording}/diagnosis.json",
         effects="results/diagnosis/{recording}/effects.yaml",
-        predicted=branch(
-            lookup(dpath="recordings/{recording}/query", within=config, default=None),
-            then="results/diagnosis/{recording}/predicted.parquet",
-        ),
         evidence=expand(
             "results/diagnosis/{{recording}}/evidence/{file}",
             file=EVIDENCE,
@@ -21,6 +31,8 @@ rule diagnose:
         "logs/diagnose/{recording}.log",
     benchmark:
         "benchmarks/diagnose/{recording}.tsv"
+    wildcard_constraints:
+        recording=one_of(set(config["recordings"]) - WITH_QUERY),
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -28,9 +40,26 @@ rule diagnose:
         mem_mb=4000,
         runtime=10,
     params:
-        seed=config["seed"],
+        seed=lookup(dpath="seed", within=config),
         code=fingerprint("eitskin.diagnose.diagnose"),
     message:
         "Diagnosing {wildcards.recording}: where simulation and recording differ, and why"
     script:
         "../scripts/diagnose.py"
+
+
+use rule diagnose as diagnose_with_query with:
+    input:
+        schema="workflow/schemas/diagnosis.schema.yaml",
+        recording=rules.import_recording.output[0],
+        query=lookup(dpath="recordings/{recording}/query", within=config),
+    output:
+        diagnosis="results/diagnosis/{recording}/diagnosis.json",
+        effects="results/diagnosis/{recording}/effects.yaml",
+        predicted="results/diagnosis/{recording}/predicted.parquet",
+        evidence=expand(
+            "results/diagnosis/{{recording}}/evidence/{file}",
+            file=EVIDENCE,
+        ),
+    wildcard_constraints:
+        recording=one_of(WITH_QUERY),

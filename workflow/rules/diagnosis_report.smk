@@ -10,15 +10,7 @@ rule diagnosis_report:
         ),
         evidence=expand(
             "results/diagnosis/{{recording}}/evidence/{file}",
-            file=[
-                "residuals.npz",
-                "atlas_before.csv",
-                "atlas_after.csv",
-                "rivals.csv",
-                "identifiability.csv",
-                "search.csv",
-                "experiment.json",
-            ],
+            file=EVIDENCE,
         ),
     output:
         html=report(

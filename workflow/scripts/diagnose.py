@@ -7,9 +7,10 @@ from eitskin.diagnose import diagnose
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):
-    found = diagnose.diagnose(
-        recording.read(snakemake.input.recording), snakemake.params.seed, progress=True
-    )
-    name, folder = snakemake.wildcards.recording, Path(snakemake.output.diagnosis).parent
-    query = snakemake.input.get("query") or None
-    diagnose.write(found, name, folder, snakemake.input.schema, query)
+    recorded = recording.read(snakemake.input.recording)
+    query = snakemake.input.get("query")
+    if query is not None:
+        diagnose.read_query(query, recorded)
+    found = diagnose.diagnose(recorded, snakemake.params.seed, progress=True)
+    folder = Path(snakemake.output.diagnosis).parent
+    diagnose.write(found, snakemake.wildcards.recording, folder, snakemake.input.schema, query)

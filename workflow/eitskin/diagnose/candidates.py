@@ -13,7 +13,7 @@ from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Effect, Parameter, Setting
 from eitskin.skin import Skin
 
-OF_READINGS = {"V": 1.0, "1/V²": -2.0, "S": -1.0}
+OF_READINGS = {"V": 1.0, "1/V²": -2.0}
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Scales:
 
     def of(self, parameter: Parameter) -> float:
         """A typical change of the parameter, in its unit; of its logarithm where low > 0."""
-        if parameter.unit == "S":
+        if parameter.unit in ("S", "S/N"):
             return parameter.scale * self.current_A / self.reading_V
         power = OF_READINGS.get(parameter.unit, 0.0)
         return parameter.scale * self.reading_V**power
@@ -166,9 +166,9 @@ def catalogue(
 
     owner: the skin as its owner believes it, None where unknown; skin: with a start for what is
     unknown; recorded_V (N, M); counts: how many sites of each kind; floating: the source is tied to
-    nothing; timed: the frames' times are known, else effects of time are left out. Effects on the contacts of point
-    electrodes are left out. Single channels stand in their dense form alone: `channels` takes it
-    apart.
+    nothing; timed: the frames' times are known, else effects of time are left out. Effects on the
+    contacts of point electrodes are left out. Single channels stand in their dense form alone:
+    `channels` takes it apart.
     """
     found = []
     for effect in EFFECTS.values():
@@ -179,7 +179,7 @@ def catalogue(
             continue
         if effect.driver == "time" and not timed:
             continue
-        for start in effect.starts(owner, recorded_V):
+        for start in effect.starts(replace(skin, thickness_mm=owner.thickness_mm), recorded_V):
             for kind, sites, scope in _sites(effect, counts, floating):
                 candidate = Candidate(effect, kind, sites, scope, start, skin, scales)
                 found.append(candidate)

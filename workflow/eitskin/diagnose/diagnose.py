@@ -1,4 +1,4 @@
-"""A recording diagnosed: noise, calibration, atlas, search, gaps, remainder; and all of it written."""
+"""A recording diagnosed, from noise and calibration to search and remainder; all of it written."""
 
 import json
 import sys
@@ -9,16 +9,17 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-import yaml
 from scipy.stats import norm
 
 from eitskin import recording
 from eitskin.accuracy import untouched_error
 from eitskin.atomic import atomic_path
-from eitskin.diagnose import evidence, words
+from eitskin.diagnose import corrected, evidence, words
 from eitskin.diagnose.atlas import atlas
-from eitskin.diagnose.candidates import Candidate, Scales, catalogue
+from eitskin.diagnose.candidates import Scales, catalogue
 from eitskin.diagnose.estimates import calibration, estimates
+from eitskin.diagnose.excerpt import excerpt
+from eitskin.diagnose.experiment import propose
 from eitskin.diagnose.fit import STEP, Fit, Problem
 from eitskin.diagnose.gaps import CONFUSED, OBSERVABLE, Gap, gaps, strengths
 from eitskin.diagnose.held_out import folds
@@ -54,13 +55,17 @@ class Diagnosis:
 def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diagnosis:
     """Diagnose a recording: locate, name and model what its simulation leaves out.
 
-    Equal seeds give equal results, bit for bit. Raises InputError where nothing can be simulated.
+    Of a long recording, an excerpt. Equal seeds give equal results, bit for bit. Raises InputError
+    where nothing can be simulated.
     """
 
     def report(line: str) -> None:
         if progress:
             print(f"  {line}", file=sys.stderr, flush=True)
 
+    whole, recorded = len(recorded.frames), excerpt(recorded)
+    if len(recorded.frames) < whole:
+        report(f"an excerpt: {len(recorded.frames)} of {whole} frames")
     noise = estimate(recorded)
     report(f"noise {np.median(noise.sd):.3g} ({noise.source})")
     problem, scales = problem_of(recorded, noise)
@@ -124,10 +129,6 @@ def result(found: Diagnosis, name: str) -> dict:
     reading_dof = 1.0 / after.held_out.readings + 1.0 / max(found.noise.dof, 1.0)
     excess = (after.held_out.chi2_per_dof - 1.0) / np.sqrt(2.0 * reading_dof)
     mask = found.search.problem.whitening.mask
-    unit_rms = [
-        float(np.sqrt(np.mean((found.search.problem.recorded - s.fit.voltage())[mask] ** 2)))
-        for s in (before, after)
-    ]
     left = found.other
     return {
         "format": "eit-diagnosis",
@@ -152,8 +153,8 @@ def result(found: Diagnosis, name: str) -> dict:
                 "frames": int(mask.any(axis=1).sum()),
                 "chi2_per_dof_before": before.held_out.chi2_per_dof,
                 "chi2_per_dof_after": after.held_out.chi2_per_dof,
-                "rms_before_V": unit_rms[0],
-                "rms_after_V": unit_rms[1],
+                "rms_before_V": before.held_out.rms,
+                "rms_after_V": after.held_out.rms,
             }
         },
     }
@@ -203,28 +204,12 @@ def _entry(found: Diagnosis, index: int) -> dict:
     return entry
 
 
-def items(state: State) -> list[dict]:
-    """The effects of a state as the configuration writes them."""
-    return [c.item(state.fit.theta[state.fit.place(i)]) for i, c in enumerate(state.effects)]
-
-
-def corrected(found: Diagnosis, name: str) -> dict:
-    """A configuration's skin, protocol of effects and noise that simulate what was recorded."""
-    fit = found.after.fit
-    knobs = fit.theta[: len(fit.problem.model.calibrations)]
-    skin = fit.problem.model.skin(knobs).metadata()
-    effects = items(found.after)
-    noise = float(np.median(found.noise.sd) / found.search.candidates[0].scales.reading_V)
-    return {
-        "skin": skin,
-        "twin": {"skin": skin, "effects": effects, "noise": noise},
-        "configurations": {name: {"effects": effects, "noise": noise}},
-    }
-
-
-def predict(found: Diagnosis, query: Recording) -> tuple[np.ndarray, np.ndarray]:
-    """Voltages (N, M) of a query's states, noise-free, and their standard deviations."""
-    fit = found.after.fit
+def predict(
+    found: Diagnosis, query: Recording, state: State | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Voltages (N, M) of a query's states, noise-free, and their standard deviations; by another
+    state than the one found, where that is given. InputError for touches of unknown state."""
+    fit = (state or found.after).fit
     problem = Problem(Model(found.recorded, query), np.zeros(1), fit.problem.whitening)
     if not problem.model.known.all():
         row = int(np.flatnonzero(~problem.model.known)[0])
@@ -243,25 +228,42 @@ def predict(found: Diagnosis, query: Recording) -> tuple[np.ndarray, np.ndarray]
     return there, np.sqrt((spread**2).sum(axis=0))
 
 
-def write(found: Diagnosis, name: str, folder: Path, schema: Path, query_path: Path | None) -> None:
+def write(
+    found: Diagnosis,
+    name: str,
+    folder: str | Path,
+    schema: str | Path,
+    query_path: str | Path | None = None,
+) -> None:
     """Write a diagnosis into its folder: diagnosis.json, effects.yaml, predicted.parquet where a
     query is given, and the evidence that the report is made from."""
+    folder = Path(folder)
     said = result(found, name)
     evidence.validate(said, schema, folder / "diagnosis.json")
     (folder / "evidence").mkdir(parents=True, exist_ok=True)
-    if query_path is not None:
-        query = recording.read(query_path)
-        voltage, sd = predict(found, query)
+    if query_path is None:
+        (folder / "predicted.parquet").unlink(missing_ok=True)
+    else:
+        voltage, sd = predict(found, read_query(query_path, found.recorded))
         _write_predicted(query_path, voltage, sd, folder / "predicted.parquet")
     _write_evidence(found, folder / "evidence")
     with atomic_path(folder / "effects.yaml") as path:
-        path.write_text(yaml.safe_dump(corrected(found, name), sort_keys=False), "utf-8")
+        text = corrected.text(found.after.fit, found.recorded, found.noise.sd, name)
+        path.write_text(text, "utf-8")
     with atomic_path(folder / "diagnosis.json") as path:
         text = json.dumps(said, indent=2, ensure_ascii=False, allow_nan=False)
         path.write_text(text + "\n", "utf-8")
 
 
-def _write_predicted(query: Path, voltage: np.ndarray, sd: np.ndarray, out: Path) -> None:
+def read_query(path: str | Path, recorded: Recording) -> Recording:
+    """The states of a query of a recording; InputError where it is of other channels."""
+    query = recording.read(path)
+    if not np.array_equal(query.channels, recorded.channels):
+        raise InputError(path, "channels", "another table", "the recording's own")
+    return query
+
+
+def _write_predicted(query: str | Path, voltage: np.ndarray, sd: np.ndarray, out: Path) -> None:
     table = pq.read_table(query)
     for key, values in (("voltage_V", voltage), ("std_V", sd)):
         column = pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
@@ -306,7 +308,7 @@ def _write_evidence(found: Diagnosis, folder: Path) -> None:
         with atomic_path(folder / f"{key}.csv") as path:
             table.to_csv(path, index=False)
     with atomic_path(folder / "experiment.json") as path:
-        path.write_text(json.dumps(_experiment(found), ensure_ascii=False) + "\n", "utf-8")
+        path.write_text(json.dumps(propose(found), ensure_ascii=False) + "\n", "utf-8")
 
 
 def _rivals(found: Diagnosis) -> pd.DataFrame:
@@ -353,7 +355,3 @@ def _identifiability(found: Diagnosis) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
-
-
-def _experiment(found: Diagnosis) -> dict:
-    return {"sentence": "No experiment is needed to tell names apart.", "pairs": []}

@@ -11,6 +11,7 @@ import numpy as np
 
 from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.fit import fit
+from eitskin.diagnose.screen import sparse
 from eitskin.diagnose.search import Search, State, discrete, gross
 from eitskin.diagnose.tangents import Tangents
 from eitskin.errors import InputError
@@ -30,8 +31,11 @@ class Gap:
     snr: float
 
 
-def gaps(search: Search, state: State, index: int) -> list[Gap]:
-    """Gap of effect `index` of a state to every other name, the nearest first."""
+def gaps(search: Search, state: State, index: int, within: float = CLOSE * CONFUSED) -> list[Gap]:
+    """Gap of effect `index` of a state to every other name, the nearest first.
+
+    within: the linear gap under which the nearest are fitted on the nonlinear model.
+    """
     effect = state.effects[index]
     if gross(effect):
         return _gross_gaps(search, state, index)
@@ -42,9 +46,7 @@ def gaps(search: Search, state: State, index: int) -> list[Gap]:
     signature = tangents.away(change.ravel())
     snr = float(np.sqrt(signature @ signature))
     best: dict[str, tuple[float, Candidate]] = {}
-    for candidate in search.candidates:
-        if candidate.name == effect.name or not _rival(candidate, effect):
-            continue
+    for candidate in _rivals(search.candidates, effect):
         gap = _linear_gap(tangents, signature, candidate)
         if gap is not None and gap < best.get(candidate.name, (np.inf, None))[0]:
             best[candidate.name] = gap, candidate
@@ -52,23 +54,29 @@ def gaps(search: Search, state: State, index: int) -> list[Gap]:
     found = []
     for rank, (name, (gap, candidate)) in enumerate(ranked):
         strong = snr > 20.0 and gap > 0.2 * snr and rank > 2
-        if rank < MOST_FITTED and gap < CLOSE * CONFUSED and not strong and candidate.size:
+        if rank < MOST_FITTED and gap < within and not strong and candidate.size:
             gap = min(gap, _fitted_gap(target, tangents, less.effects, candidate, snr))
         found.append(Gap(name, float(gap), snr))
     return sorted(found, key=lambda g: g.gap)
 
 
-def _rival(candidate: Candidate, effect: Candidate) -> bool:
-    """Rivals have one site, or the effect's own scope: more freedom than the effect has would fit
-    anything."""
-    if candidate.name in ("mains-interference",) or candidate.kind == "channels":
-        return False
-    return candidate.scope != "dense" or effect.scope == "dense"
+def _rivals(candidates: list[Candidate], effect: Candidate) -> list[Candidate]:
+    """Other names at one site, or with the effect's own scope, or in its own channels: more freedom
+    than the effect has would fit anything."""
+    found = []
+    for candidate in candidates:
+        if candidate.name in (effect.name, "mains-interference"):
+            continue
+        if candidate.kind == "channels":
+            if effect.kind == "channels":
+                same = candidate if effect.scope == "dense" else sparse(candidate, effect.sites)
+                found.append(same)
+        elif candidate.scope != "dense" or effect.scope == "dense":
+            found.append(candidate)
+    return found
 
 
-def _linear_gap(
-    tangents: Tangents, signature: np.ndarray, candidate: Candidate
-) -> float | None:
+def _linear_gap(tangents: Tangents, signature: np.ndarray, candidate: Candidate) -> float | None:
     total = float(signature @ signature)
     if discrete(candidate):
         setting = candidate.setting(np.zeros(candidate.size))
@@ -125,8 +133,10 @@ def strengths(search: Search, state: State) -> dict[str, float]:
     tangents = search.linearised(state)
     found: dict[str, float] = {}
     for candidate in search.candidates:
-        if candidate.name == "mains-interference" or candidate.kind == "channels":
-            snr = np.inf if not search.problem.model.difference else 0.0
+        if candidate.name == "mains-interference":
+            snr = np.inf if search.problem.model.frame_s else 0.0
+        elif candidate.kind == "channels":
+            snr = 0.0 if candidate.name == "offset" else np.inf
         elif gross(candidate):
             snr = np.inf
         elif candidate.scope == "dense" or discrete(candidate):

@@ -33,11 +33,18 @@ def folds(touched: np.ndarray, press: np.ndarray, seed: int) -> np.ndarray:
 @dataclass(frozen=True)
 class HeldOut:
     """What frames cost when they are left out: chi2 (N,) and log density (N,) in nats, up to a
-    constant; readings: how many there are."""
+    constant; error (N, M): in noise units; sd (M,): of the noise; readings: how many there are."""
 
     chi2: np.ndarray
     density: np.ndarray
+    error: np.ndarray
+    sd: np.ndarray
     readings: int
+
+    @property
+    def rms(self) -> float:
+        """Root mean square error of a reading, in the recording's unit."""
+        return float(np.sqrt(((self.error * self.sd) ** 2).sum() / max(self.readings, 1)))
 
     @property
     def chi2_per_dof(self) -> float:
@@ -45,10 +52,11 @@ class HeldOut:
         return float(self.chi2.sum() / max(self.readings, 1))
 
     def gain(self, other: "HeldOut") -> tuple[float, float]:
-        """Log density above `other`'s and its standard error over frames."""
-        difference = self.density - other.density
-        error = np.sqrt(len(difference)) * difference.std(ddof=1) if len(difference) > 1 else np.inf
-        return float(difference.sum()), float(error)
+        """Log density above `other`'s, and its standard error: what noise alone makes of the same
+        difference between the two predictions, |d| for a difference of length |d| in noise units.
+        """
+        apart = self.error - other.error
+        return float((self.density - other.density).sum()), float(np.sqrt((apart**2).sum()))
 
 
 def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
@@ -58,6 +66,7 @@ def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
     residual, jacobian = fit.residual, fit.jacobian
     total = fit.information + np.diag(fit.prior)
     density, chi2 = np.zeros(len(residual)), np.zeros(len(residual))
+    errors = np.zeros_like(residual)
     for b in np.unique(fold):
         rows = fold == b
         own = jacobian[:, rows].reshape(size, -1)
@@ -68,6 +77,7 @@ def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
         root = np.linalg.cholesky(0.5 * (rest + rest.T) + 1e-15 * np.eye(size))
         spread = np.einsum("pq,pnm->qnm", root, jacobian[:, rows])
         chi2[rows] = (error**2).sum(axis=1)
+        errors[rows] = error
         gram = np.einsum("pnm,qnm->npq", spread, spread) + np.eye(size)
         slope = np.einsum("pnm,nm->np", spread, error)
         solved = np.linalg.solve(gram, slope[..., None])[..., 0]
@@ -75,4 +85,4 @@ def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
             chi2[rows] - (slope * solved).sum(axis=1) + np.linalg.slogdet(gram)[1]
         )
     readings = int(fit.problem.whitening.mask.sum())
-    return HeldOut(chi2, density, readings)
+    return HeldOut(chi2, density, errors, fit.problem.whitening.sd, readings)

@@ -72,9 +72,30 @@ class Model:
         self.states = _states(frames.frames)
         self.known = ~self.touched | self.states.notna().all(axis=1).to_numpy()
         self.states.loc[~self.known, "touch"] = False
-        self.believed, self.calibrations = _beliefs(recorded)
+        base = None if query is None else Model(recorded)
+        self.believed, self.calibrations = (
+            (base.believed, base.calibrations) if base else _beliefs(recorded)
+        )
         self._sensed: OrderedDict[tuple, Sensed] = OrderedDict()
         self._near = None
+        if base is None:
+            self._start_factor(recorded)
+
+    def _start_factor(self, recorded: Recording) -> None:
+        """Where nobody knows the readings' scale, start from that of the median reading."""
+        for i, item in enumerate(self.calibrations):
+            if item.name in ("factor", "current_A"):
+                there = self._median(recorded.voltage)
+                simulated = self._median(self.voltage(np.zeros(len(self.calibrations)), []))
+                start = item.start * there / simulated
+                self.calibrations[i] = replace(item, start=start)
+                if item.name == "current_A":
+                    self.believed = replace(self.believed, current_A=start)
+                return
+
+    @staticmethod
+    def _median(voltage: np.ndarray) -> float:
+        return float(np.nanmedian(np.abs(voltage)))
 
     def calibrated(self, coordinates: np.ndarray) -> dict[str, float]:
         """Values of the calibrations at coordinates (P,)."""

@@ -7,6 +7,7 @@ predicted by more than two standard errors. After every step each effect must st
 own absence; at the end against every other name in its place.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -25,11 +26,13 @@ from eitskin.errors import InputError
 
 SIGNIFICANT = 1e-3
 STANDARD_ERRORS = 2.0
-MOST_EFFECTS = 6
+MOST_EFFECTS = 5
 LEAST_EVIDENCE = 3.0  # nats by which an effect must raise the evidence
 WITHIN = 20.0  # nats of linear evidence below the best, or this share of its gain ...
 SHARE = 0.3
 MOST_NAMES = 12
+MOST_JOINED = 8  # sites of an effect that is still called sparse
+FAR = 16.0  # times chi squared: a change of so great a squared length cannot lower it
 FEW = 6  # coordinates; candidates with more are fitted after the others
 GROSS = 30.0  # chi squared over its degrees of freedom above which gross faults are tried first
 PLAIN = 0.5  # of the misfit without it, that a gross fault may leave
@@ -73,9 +76,12 @@ class Search:
     seed: int
     report: Callable[[str], None]
     catalogue_p: float = 1.0
+    rival_evidence: float = -np.inf
     path: list[dict] = field(default_factory=list)
     null: Null | None = None
     tangents: dict[tuple, Tangents] = field(default_factory=dict)
+    lengths: dict[tuple, float] = field(default_factory=dict)
+    scored: dict[tuple, list[Score]] = field(default_factory=dict)
     trials: dict[tuple, list[State]] = field(default_factory=dict)
 
     def state(self, fitted: Fit, p_values: dict | None = None) -> State:
@@ -94,8 +100,15 @@ class Search:
         self._step("calibrate", None, state, None)
         while (plain := self._gross(state)) is not None:
             state = plain
+        free = self._free_channels(state)
+        if free is not None:
+            self.rival_evidence = free.log_evidence
         found = self._alone(state, ("dense",), self._alone(state, ()))
-        return before, self._against_free_channels(state, found)
+        if free is not None and free.log_evidence > found.log_evidence:
+            self._step("swap", free.effects[-1], free, None)
+            self.rival_evidence = -np.inf
+            found = self._stand(self._grow(self._drop(free)))
+        return before, found
 
     def _alone(self, state: State, banned: tuple[str, ...], rival: State | None = None) -> State:
         """What grows from `state`; with `rival`, again without scopes `banned` of the rival's own
@@ -110,45 +123,59 @@ class Search:
             return rival
         self.report(f"again without a free value at every site ({', '.join(sorted(names))})")
         kept = [c for c in self.candidates if c.name not in names or c.scope not in banned]
-        plain = replace(self, candidates=kept, trials={})
+        plain = replace(self, candidates=kept, scored={}, trials={})
         found = plain._stand(plain._grow(state))
         if found.log_evidence <= rival.log_evidence:
             return rival
         self.trials, self.catalogue_p = plain.trials, plain.catalogue_p
         return found
 
-    def _against_free_channels(self, state: State, found: State) -> State:
-        """`found`, or every channel with a gain or an offset of its own where that is better."""
-        many = len(found.effects) > 2 or any(_of_channels(c) for c in found.effects)
-        if not (many or self.catalogue_p < SIGNIFICANT):
-            return found
+    def _free_channels(self, state: State) -> State | None:
+        """`state` with a gain, or an offset, of its own for every channel; None where their score
+        is no better than that of plainer candidates. It is what a few plain effects must beat."""
+        plain = max((s.log_evidence for s in self.scores(state)), default=0.0)
+        tangents = self.linearised(state)
+        found = []
         for candidate in self.candidates:
             if _of_channels(candidate):
-                trial = self.with_effect(state, candidate)
-                if trial and trial.log_evidence > found.log_evidence:
-                    trial.p_values = {candidate.key: self.null.p_value(0.0)}
-                    self._step("swap", candidate, trial, None)
-                    found = self._stand(self._grow(self._drop(trial)))
-        return found
+                free = channels.scores(tangents, candidate)[-1]
+                if free.log_evidence > max(plain, LEAST_EVIDENCE):
+                    trial = self.with_effect(state, candidate)
+                    if trial is not None and trial.log_evidence > state.log_evidence:
+                        trial.p_values[candidate.key] = self.null.p_value(0.0)
+                        found.append(trial)
+        return max(found, key=lambda s: s.log_evidence, default=None)
 
     def _grow(self, state: State) -> State:
-        """`state` with effects added until none is warranted."""
+        """`state` with effects added until none is warranted, or until as many as may still come,
+        each as good as the last, could not catch up with `rival_evidence`."""
         while len(state.effects) < MOST_EFFECTS:
             better = self._add(state)
             if better is None:
                 break
+            gain = better.log_evidence - state.log_evidence
             state = self._drop(better)
+            left = MOST_EFFECTS - len(state.effects)
+            if self.rival_evidence - state.log_evidence > left * gain:
+                break
         return state
 
     def linearised(self, state: State) -> Tangents:
         """Tangents about a state, kept."""
         key = tuple(c.key for c in state.effects)
         if key not in self.tangents:
-            self.tangents[key] = Tangents(state.fit)
+            latest = next(reversed(self.tangents.values()), None)
+            self.tangents[key] = Tangents(state.fit, latest)
         return self.tangents[key]
 
     def scores(self, state: State) -> list[Score]:
-        """Every candidate's score about a state, the best evidence first."""
+        """Every candidate's score about a state, the best evidence first; kept."""
+        key = tuple(c.key for c in state.effects)
+        if key not in self.scored:
+            self.scored[key] = self._scores(state)
+        return self.scored[key]
+
+    def _scores(self, state: State) -> list[Score]:
         tangents = self.linearised(state)
         taken = {c.key for c in state.effects}
         found = []
@@ -184,6 +211,8 @@ class Search:
 
     def _tried(self, tangents: Tangents, candidate: Candidate) -> Score | None:
         """A candidate without tangents, by trying it; the calibrations follow to first order."""
+        if self.lengths.get(candidate.key, 0.0) > FAR * tangents.fit.chi2:
+            return None
         setting = candidate.setting(np.zeros(candidate.size))
         try:
             moved = self.problem.model.voltage(tangents.knobs, [*tangents.chosen, setting])
@@ -191,6 +220,7 @@ class Search:
             return None
         change = tangents.away(self.problem.whitening(moved - tangents.voltage).ravel())
         length = float(change @ change)
+        self.lengths[candidate.key] = length
         if length == 0.0:
             return None
         along = float(change @ tangents.residual)
@@ -367,6 +397,8 @@ class Search:
 
     def _stand(self, state: State) -> State:
         """Every effect against every other name in its place, until none gives way."""
+        if self.rival_evidence > state.log_evidence:
+            return state
         for _ in range(MOST_EFFECTS):
             for index, effect in enumerate(state.effects):
                 if gross(effect):
@@ -386,7 +418,7 @@ class Search:
         return state
 
     def less(self, state: State, index: int) -> State:
-        """`state` less one effect, polished, kept with its tangents where the set was met before."""
+        """`state` less one effect, polished; kept with its tangents where the set was met."""
         less = self.without(state, index)
         key = tuple(c.key for c in less.effects)
         if key in self.tangents:
@@ -429,7 +461,7 @@ def _per_dof(state: State) -> float:
 
 def _joined(a: Candidate, b: Candidate) -> Candidate | None:
     sites = tuple(sorted({*a.sites, *b.sites}))
-    if len(sites) == len(a.sites):
+    if len(sites) == len(a.sites) or len(sites) > MOST_JOINED:
         return None
     return Candidate(
         a.effect, a.kind, sites, "sparse", a.start, a.skin, a.scales, a.looks * b.looks
@@ -437,15 +469,18 @@ def _joined(a: Candidate, b: Candidate) -> Candidate | None:
 
 
 def shortlist(scores: list[Score]) -> list[Candidate]:
-    """Candidates worth a nonlinear fit: of every name the best of each form, names in order of
-    evidence; those far from the best only while little else explains as much."""
+    """Candidates worth a nonlinear fit: of every name the best of each form, of slow ones the
+    best alone, names in order of evidence; those far from the best only while little else explains
+    as much."""
     if not scores:
         return []
     top, gain = scores[0].log_evidence, max(s.gain for s in scores)
     names: dict[str, list[Score]] = {}
     for s in scores:
         own = names.setdefault(s.candidate.name, [])
-        if _form(s.candidate) not in {_form(o.candidate) for o in own}:
+        if not own or (
+            _form(s.candidate) not in {_form(o.candidate) for o in own} and not _slow(s.candidate)
+        ):
             own.append(s)
     chosen = []
     for name, own in list(names.items())[:MOST_NAMES]:
@@ -455,6 +490,11 @@ def shortlist(scores: list[Score]) -> list[Candidate]:
             if near or tried:
                 chosen.append(s.candidate)
     return sorted(chosen, key=lambda c: c.size > FEW)
+
+
+def _slow(candidate: Candidate) -> bool:
+    """Whether every frame has a skin of its own to be solved."""
+    return candidate.effect.stage == "skin" and candidate.effect.driver != "static"
 
 
 def _form(candidate: Candidate) -> tuple[str, bool]:
@@ -469,7 +509,7 @@ def set_evidence(fitted: Fit) -> float:
     total = -0.5 * fitted.chi2
     for index, effect in enumerate(fitted.effects):
         place = fitted.place(index)
-        total -= np.log(effect.looks) + np.log(len(EFFECTS))
+        total -= math.log(effect.looks) + math.log(len(EFFECTS))
         if effect.size:
             information = np.linalg.inv(covariance[place, place])
             value = fitted.theta[place]

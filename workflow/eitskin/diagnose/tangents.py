@@ -9,32 +9,45 @@ from dataclasses import replace
 
 import numpy as np
 
+from eitskin.depth import forward_model
 from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.fit import STEP, Fit
 from eitskin.effects import EFFECTS
-from eitskin.effects.effect import Moment, SkinEffect
+from eitskin.effects.effect import START, Moment, SkinEffect
 from eitskin.errors import InputError
 from eitskin.geometry import Geometry
+from eitskin.readings import apply_skin
+
+NEAR = 0.03  # of the readings, by which two fits may differ and share their derivatives
+LEAST = 1e-12  # of a column's squared length: with less left it is a fitted one
 
 
 class Tangents:
     """Whitened columns (N M,) of candidates about `fit`, the fitted ones projected out.
 
     `of(candidate)` gives (k, N M), k at most its size: coordinates that change nothing to first
-    order have none.
+    order have none. `like`: tangents about another fit, whose derivatives serve where its readings
+    are near enough; any direction makes a valid test, and a fit finds its own way.
     """
 
-    def __init__(self, fit: Fit):
+    def __init__(self, fit: Fit, like: "Tangents | None" = None):
         self.fit = fit
         self.problem = fit.problem
         self.knobs, self.chosen = self.problem.split(fit.theta, fit.effects)
         self.voltage = self.problem.model.voltage(self.knobs, self.chosen)
         flat = fit.jacobian.reshape(len(fit.theta), -1)
-        left, size, right = np.linalg.svd(flat, full_matrices=False)
+        _, size, right = np.linalg.svd(flat, full_matrices=False)
         self.fitted = right[size > 1e-9 * size.max(initial=0.0)]
         self.residual = self.away(fit.residual.ravel())
+        self.source = self
+        if like is not None and self._near(like.source):
+            self.source = like.source
         self._columns: dict[tuple, np.ndarray | None] = {}
         self._changes: dict[tuple, np.ndarray] = {}
+
+    def _near(self, other: "Tangents") -> bool:
+        apart = np.linalg.norm(self.voltage - other.voltage)
+        return bool(apart < NEAR * np.linalg.norm(other.voltage))
 
     def away(self, columns: np.ndarray) -> np.ndarray:
         """(..., N M): columns less what the fitted coordinates can do."""
@@ -71,23 +84,29 @@ class Tangents:
         return candidate.effect.stage == "wiring" and candidate.scope == "sparse"
 
     def _column(self, candidate: Candidate, index: int) -> np.ndarray | None:
+        raw = self.source._raw(candidate, index)
+        if raw is None:
+            return None
+        change = self.away(raw)
+        return change if change @ change > LEAST * (raw @ raw) else None
+
+    def _raw(self, candidate: Candidate, index: int) -> np.ndarray | None:
+        """(N M,) whitened, kept; None where nothing changes."""
         key = (*candidate.key, index)
         if key not in self._columns:
             try:
-                change = self._change(candidate, index)
+                change = self.problem.whitening(self._change(candidate, index)).ravel()
             except InputError:
                 change = None
-            if change is not None:
-                change = self.away(self.problem.whitening(change).ravel())
-                if not change @ change > 0.0:
-                    change = None
-            self._columns[key] = change
+            self._columns[key] = change if change is not None and change.any() else None
         return self._columns[key]
 
     def _change(self, candidate: Candidate, index: int) -> np.ndarray:
         """(N, M): derivative of the readings by one coordinate."""
         if isinstance(candidate.effect, SkinEffect) and candidate.effect.driver != "static":
             return self._driven(candidate, index)
+        if candidate.name == "conductivity-patch":
+            return self._patched(candidate)
         step = np.zeros(candidate.size)
         step[index] = STEP
         if self._together(candidate):
@@ -105,6 +124,19 @@ class Tangents:
         if conductivity.any():
             total += conductivity[:, None] * self._by_conductivity()
         return total
+
+    def _patched(self, candidate: Candidate) -> np.ndarray:
+        """A faint patch as the untouched skin has it, in every frame: enough to find its place."""
+        model = self.problem.model
+        if "skin" not in self._changes:
+            base = Geometry.from_skin(model.skin(self.knobs))
+            self._changes["skin"] = forward_model(apply_skin(base, self.chosen, START), "train")
+        forward = self._changes["skin"]
+        place = (candidate.start[key] for key in ("x_mm", "y_mm", "radius_mm"))
+        scale = candidate.scales.of(candidate.effect.parameters["contrast"])
+        change = forward.place(*place).channel_change(model.channels, np.array([STEP]))
+        untouched = forward.voltages(model.channels)
+        return self.voltage * (scale / STEP * change[0] / untouched)
 
     def _laws(self, candidate: Candidate, index: int) -> tuple[np.ndarray, np.ndarray]:
         """(N, n) and (N,): relative change of contact impedivities and conductivity by one
@@ -128,7 +160,9 @@ class Tangents:
         for row, (time, touch, x, y, force) in enumerate(zip(*columns, strict=True)):
             moment = Moment(time / 60.0, force if touch else 0.0, x, y)
             moved = candidate.effect.change(base, setting, moment)
-            impedivity[row] = moved.contact_impedivity_ohm_m2 / base.contact_impedivity_ohm_m2 - 1
+            if not base.points:
+                ratio = moved.contact_impedivity_ohm_m2 / base.contact_impedivity_ohm_m2
+                impedivity[row] = ratio - 1.0
             conductivity[row] = moved.conductivity_S_per_m / base.conductivity_S_per_m - 1
         self._changes[key] = impedivity / STEP, conductivity / STEP
         return self._changes[key]

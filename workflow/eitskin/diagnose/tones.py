@@ -43,7 +43,7 @@ def strongest(weighted: np.ndarray, time_s: np.ndarray, frame_s: float) -> tuple
 
     Coarse: each frame's spectrum over its channels; fine: the frames' phases together.
     """
-    number, width = weighted.shape
+    _, width = weighted.shape
     total = float(time_s[-1] - time_s[0] + frame_s)
     coarse_step = 0.5 / frame_s
     channel = np.arange(width) * frame_s / width

@@ -24,7 +24,8 @@ class Parameter:
 
     neutral None: there is no such value and one must be given, unless `optional`: it may be left
     out. dense: one value a site rather than one for all. scale: the size of a typical change, the
-    prior's sd; relative where `low` is above 0, of the readings where the unit holds V or S. whole: a whole number, which no fit can move.
+    prior's sd; relative where `low` is above 0, of the readings where the unit holds V or S.
+    whole: a whole number, which no fit can move.
     """
 
     unit: str
@@ -40,11 +41,11 @@ class Parameter:
 class Effect:
     """One effect: class attributes say what it is, one method for its stage says what it does.
 
-    name: the field's term; composite: whether it is a combination of others, which a diagnosis names
-    instead; polar: (size, angle, m), a pair of parameters that are polar coordinates of m times the
-    angle. stage: where it enters, one of STAGES in this order; order: its place
-    within the stage, one of ORDER[stage]; driver: what it varies with; sites: the kinds of place
-    it may be confined to, the first being the usual one; site_number: how many it needs, or None;
+    name: the field's term; composite: whether it is a combination of others, which a diagnosis
+    names instead; polar: (size, angle, m), a pair of parameters that are polar coordinates of m
+    times the angle. stage: where it enters, one of STAGES in this order; order: its place within
+    the stage, one of ORDER[stage]; driver: what it varies with; sites: the kinds of place it may
+    be confined to, the first being the usual one; site_number: how many it needs, or None;
     parameters by name; source: who described it; mend: what to do at the bench; confusable: names
     that look alike.
 
@@ -70,7 +71,7 @@ class Effect:
     polar: tuple[str, str, int] | None = None
 
     def neutral(self, key: str, skin: Skin) -> float | None:
-        """The value of a parameter at which the effect does nothing to `skin`, None: there is none."""
+        """A parameter's value at which the effect does nothing to `skin`, None: there is none."""
         return self.parameters[key].neutral
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:

@@ -13,7 +13,7 @@ class MainsInterference(InstrumentEffect):
     order = "mains"
     driver = "time"
     parameters = {
-        "frequency_Hz": Parameter("Hz", None, 1e-3, 1e6, scale=1.0, dense=False),
+        "frequency_Hz": Parameter("Hz", None, 1e-3, 1e6, scale=1e-3, dense=False),
         "volt": Parameter("V", 0.0, 0.0, 10.0, scale=0.02, dense=False),
         "phase_deg": Parameter("°", 0.0, -360.0, 360.0, scale=90.0, dense=False, optional=True),
     }

@@ -1,0 +1,160 @@
+"""Fits against what was planted, intervals by their coverage, held-out frames against refits."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from eitskin.diagnose.estimates import NORMAL_90, calibration, estimates
+from eitskin.diagnose.fit import ENOUGH, Fit, fit
+from eitskin.diagnose.held_out import FOLDS, folds, held_out
+from eitskin.recording import presses
+from small_skin import calibrated, candidates_of, problem_of, small_recording
+
+DRAWS = 40
+PLANTED = [
+    {"name": "contact-impedance", "electrodes": [3], "parameters": {"ratio": 1.6}},
+    {"name": "touch-contrast", "parameters": {"ratio": 1.1}},
+    {"name": "measurement-gain", "measures": [5], "parameters": {"gain": 1.02}},
+]
+
+
+def chosen_of(candidates, items):
+    """The candidates with the items' names and sites."""
+    found = []
+    for item in items:
+        sites = next((tuple(v) for k, v in item.items() if k.endswith("s") and k[0] in "edm"), None)
+        found.append(next(c for c in candidates if c.name == item["name"] and c.sites == sites))
+    return found
+
+
+@pytest.fixture(scope="module")
+def planted():
+    """A noise-free recording of three effects, its problem and the effects' candidates."""
+    recorded = small_recording(*PLANTED, noise=0.0, places=4)
+    problem, scales = problem_of(recorded)
+    return problem, chosen_of(candidates_of(recorded, problem, scales), PLANTED)
+
+
+def test_a_fit_finds_what_was_planted(planted):
+    problem, effects = planted
+    found = fit(problem, effects, np.zeros(1 + 3), polish=True)
+    assert found.chi2 < ENOUGH
+    values = [s.values[next(iter(s.values))] for s in found.settings()]
+    assert np.allclose([np.ravel(v)[0] for v in values], [1.6, 1.1, 1.02], rtol=1e-3)
+    assert np.isclose(calibration(found)["conductivity_S_per_m"]["value"], 0.5, rtol=1e-3)
+
+
+def test_intervals_cover_what_was_planted(planted):
+    problem, effects = planted
+    start = fit(problem, effects, np.zeros(4), polish=True)
+    draw = np.random.default_rng(5)
+    truth, covered = [1.6, 1.1, 1.02], np.zeros((DRAWS, 3), bool)
+    for k in range(DRAWS):
+        noise = problem.whitening.sd * draw.normal(size=problem.recorded.shape)
+        noisy = replace(problem, recorded=problem.recorded + noise)
+        found = fit(noisy, effects, start.theta, start.jacobian)
+        assert abs(found.chi2 - noise.size) < 6 * np.sqrt(2 * noise.size)
+        for i, value in enumerate(truth):
+            (estimate,) = estimates(found, i).values()
+            assert estimate["low"] < estimate["value"] < estimate["high"]
+            covered[k, i] = estimate["low"] <= value <= estimate["high"]
+    assert 0.8 <= covered.mean() <= 0.98
+    assert (covered.mean(axis=0) >= 0.7).all()
+
+
+def test_a_fit_that_cannot_be_good_enough_is_given_up(planted):
+    problem, _ = planted
+    here = problem.residual(np.zeros(1), [])
+    found = fit(problem, [], np.zeros(1), enough=0.0)
+    assert found.chi2 == (here**2).sum()
+
+
+def test_intervals_are_those_of_the_covariance(planted):
+    problem, effects = planted
+    found = fit(problem, effects, np.zeros(4), polish=True)
+    spread = np.sqrt(np.diag(found.covariance)[1:])
+    scale = [c.scales.of(next(iter(c.effect.parameters.values()))) for c in effects]
+    for i, candidate in enumerate(effects):
+        (estimate,) = estimates(found, i).values()
+        half = NORMAL_90 * scale[i] * spread[i]
+        parameter = next(iter(candidate.effect.parameters.values()))
+        low, value, high = (estimate[key] for key in ("low", "value", "high"))
+        if parameter.low > 0:
+            assert np.isclose(np.log(high / value), half, rtol=1e-3)
+            assert np.isclose(np.log(value / low), half, rtol=1e-3)
+        else:
+            assert np.isclose(high - value, half, rtol=1e-3)
+            assert np.isclose(value - low, half, rtol=1e-3)
+
+
+def test_an_unknown_size_is_calibrated():
+    recorded = small_recording(noise=0.0, places=3)
+    skin = recorded.metadata["skin"] | {"contrast_per_N": None, "contact_impedivity_ohm_m2": None}
+    recorded.metadata = recorded.metadata | {"skin": skin}
+    problem, _ = problem_of(recorded, noise=1e-4)
+    found = calibration(calibrated(problem))
+    assert np.isclose(found["contrast_per_N"]["value"], 0.5, rtol=1e-2)
+    assert np.isclose(found["contact_impedivity_ohm_m2"]["value"], 2e-3, rtol=1e-2)
+    assert found["contrast_per_N"]["unit"] == "1/N"
+
+
+def linear(seed, frames, channels, size):
+    """A problem whose readings are linear in its coordinates, fitted."""
+    draw = np.random.default_rng(seed)
+    slopes = draw.normal(size=(size, frames, channels))
+    recorded = np.tensordot(draw.normal(size=size), slopes, 1) + draw.normal(
+        size=(frames, channels)
+    )
+    problem = SimpleNamespace(
+        model=SimpleNamespace(calibrations=[None] * size),
+        whitening=SimpleNamespace(
+            mask=np.ones((frames, channels), bool), sd=np.full(channels, 3.0)
+        ),
+    )
+    flat = slopes.reshape(size, -1)
+    theta = np.linalg.solve(flat @ flat.T + np.eye(size), flat @ recorded.ravel())
+    residual = recorded - np.tensordot(theta, slopes, 1)
+    return Fit(problem, [], theta, residual, slopes), recorded
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_held_out_frames_are_those_of_refits(seed):
+    found, recorded = linear(seed, frames=12, channels=5, size=4)
+    fold = np.random.default_rng(seed).permutation(12) % 3
+    by_formula = held_out(found, fold)
+    density = np.zeros(12)
+    for row in range(12):
+        seen = fold != fold[row]
+        flat = found.jacobian[:, seen].reshape(4, -1)
+        information = flat @ flat.T + np.eye(4)
+        theta = np.linalg.solve(information, flat @ recorded[seen].ravel())
+        own = found.jacobian[:, row]
+        error = recorded[row] - theta @ own
+        assert np.isclose(by_formula.chi2[row], error @ error)
+        covariance = np.eye(5) + own.T @ np.linalg.solve(information, own)
+        _, log_size = np.linalg.slogdet(covariance)
+        density[row] = -0.5 * (error @ np.linalg.solve(covariance, error) + log_size)
+    assert np.allclose(by_formula.density, density)
+    assert by_formula.readings == 60
+    assert by_formula.rms == pytest.approx(3.0 * np.sqrt(by_formula.chi2.sum() / 60))
+    worse = replace(by_formula, density=density - 1.0)
+    assert by_formula.gain(worse) == pytest.approx((12.0, 0.0), abs=1e-9)
+
+
+def test_folds_keep_presses_whole():
+    recorded = small_recording(places=7)
+    touched, press = recorded.frames["touch"].to_numpy(), presses(recorded)
+    fold = folds(touched, press, 1)
+    assert set(fold) == set(range(FOLDS))
+    for k in range(7):
+        assert len(set(fold[press == k])) == 1
+    before = np.flatnonzero(touched[1:] & ~touched[:-1])[1:]
+    assert (fold[before] == fold[before + 1]).all()
+    assert (folds(touched, press, 1) == fold).all() and (folds(touched, press, 2) != fold).any()
+
+
+def test_folds_without_presses_are_stretches():
+    fold = folds(np.zeros(20, bool), np.full(20, -1), 1)
+    assert (np.diff(fold) >= 0).all() and np.bincount(fold).tolist() == [4] * FOLDS

@@ -1,0 +1,164 @@
+"""Whole diagnoses of tiny recordings, and the controls: evidence that goes where it must."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eitskin.diagnose import diagnose
+from eitskin.diagnose.atlas import atlas
+from eitskin.diagnose.corrected import items
+from eitskin.diagnose.screen import score
+from eitskin.diagnose.tangents import Tangents
+from small_skin import (
+    CHANNELS,
+    calibrated,
+    candidates_of,
+    problem_of,
+    small_recording,
+    voltage,
+)
+
+CONTACT = {"name": "contact-impedance", "electrodes": [3], "parameters": {"ratio": 1.7}}
+SWAP = {"name": "electrode-swap", "electrodes": [1, 5], "parameters": {}}
+MEMORY = {"name": "multiplexer-memory", "parameters": {"mu": 0.03}}
+DRIFT = {"name": "conductivity-drift", "parameters": {"per_minute": 0.00025}}
+NOISE = 5e-4
+
+
+@pytest.fixture(scope="module")
+def contact():
+    """A recording of one poor contact, and its diagnosis."""
+    recorded = small_recording(CONTACT, noise=NOISE, places=4)
+    return recorded, diagnose.diagnose(recorded)
+
+
+def test_nothing_missing_is_consistent():
+    said = diagnose.result(diagnose.diagnose(small_recording(noise=NOISE, places=4)), "null")
+    assert said["verdict"] == "consistent" and said["effects"] == []
+    assert 0.8 < said["fit"]["held_out"]["chi2_per_dof_after"] < 1.25
+    conductivity = said["calibration"]["conductivity_S_per_m"]
+    assert 0.49 < conductivity["low"] < conductivity["high"] < 0.51
+
+
+def test_one_effect_is_found(contact):
+    said = diagnose.result(contact[1], "contact")
+    assert said["verdict"] == "explained"
+    (effect,) = said["effects"]
+    assert (effect["name"], effect["electrodes"], effect["scope"]) == (
+        "contact-impedance",
+        [3],
+        "sparse",
+    )
+    assert 1.4 < effect["parameters"]["ratio"]["low"] < 1.75
+    assert effect["share"] > 0.8 and effect["evidence"]["elpd_gain"] > 30
+    fit = said["fit"]["held_out"]
+    assert fit["chi2_per_dof_after"] < 1.2 < fit["chi2_per_dof_before"]
+
+
+def test_swapped_wires_are_found_beside_another_fault():
+    recorded = small_recording(SWAP, MEMORY, noise=NOISE, places=2)
+    said = diagnose.result(diagnose.diagnose(recorded), "swapped")
+    found = {effect["name"]: effect for effect in said["effects"]}
+    assert set(found) == {"electrode-swap", "multiplexer-memory"}
+    assert found["electrode-swap"]["electrodes"] == [1, 5]
+    assert found["multiplexer-memory"]["parameters"]["mu"]["value"] == pytest.approx(0.03, abs=2e-3)
+
+
+def test_equal_seeds_give_equal_diagnoses(contact):
+    recorded, found = contact
+    again = diagnose.diagnose(recorded)
+    assert diagnose.result(again, "x") == diagnose.result(found, "x")
+
+
+def test_the_recovered_effect_in_a_clean_simulation_has_the_same_atlas(contact):
+    recorded, found = contact
+    clean = small_recording(*items(found.after.fit), noise=0.0, places=4)
+    draw = np.random.default_rng(9)
+    sd = found.noise.sd
+    again = replace(recorded, voltage=clean.voltage + sd * draw.normal(size=clean.voltage.shape))
+    atlases = []
+    for one in (recorded, again):
+        problem, _ = diagnose.problem_of(one, found.noise)
+        fitted = calibrated(problem)
+        jacobian = fitted.jacobian.reshape(1, -1).T
+        atlases.append(atlas(one, fitted.residual, fitted.voltage() / sd, jacobian))
+    tops = [[*zip(a["statistic"], a["site"], strict=True)][:5] for a in atlases]
+    assert tops[0][0] == tops[1][0]
+    assert len(set(tops[0]) & set(tops[1])) >= 3
+    after = found.atlas_after
+    assert (after["q"] > 0.05).all() and (atlases[0]["q"] < 1e-6).sum() >= 5
+
+
+def p_values(recorded, residual, *names, sites=None):
+    """Score tests' p-values of candidates about the calibrated fit of a recording whose whitened
+    misfit is exchanged for `residual` of it."""
+    problem, scales = problem_of(recorded, NOISE)
+    tangents = Tangents(calibrated(problem))
+    tangents.residual = tangents.away(residual(tangents.fit.residual).ravel())
+    every = candidates_of(recorded, problem, scales)
+    return [
+        score(tangents, c).p_value for c in every if c.name in names and c.sites in (sites, None)
+    ]
+
+
+def test_shuffled_times_take_the_evidence_of_a_drift():
+    recorded = small_recording(DRIFT, noise=NOISE, places=8)
+    order = np.random.default_rng(4).permutation(len(recorded.frames))
+    (before,) = p_values(recorded, lambda r: r, "conductivity-drift")
+    (after,) = p_values(recorded, lambda r: r[order], "conductivity-drift")
+    assert before < 1e-10 and after > 1e-3
+
+
+def test_shuffled_channels_take_the_evidence_of_a_contact(contact):
+    recorded, _ = contact
+    order = np.random.default_rng(4).permutation(len(CHANNELS))
+    (before,) = p_values(recorded, lambda r: r, "contact-impedance", sites=(3,))
+    (after,) = p_values(recorded, lambda r: r[:, order], "contact-impedance", sites=(3,))
+    assert before < 1e-10 and after > 1e-3
+
+
+def test_turned_electrode_labels_turn_the_answer(contact):
+    """What electrode 3 did, told of electrode k + 2 wherever it was told of k, is electrode 5's."""
+    recorded, _ = contact
+    turned = (CHANNELS + 2) % 8
+    at = [int(np.flatnonzero((row == CHANNELS).all(axis=1))[0]) for row in turned]
+    still = ~recorded.frames["touch"].to_numpy()
+    one = replace(recorded, frames=recorded.frames[still].reset_index(drop=True))
+    one.voltage = recorded.voltage[still].copy()
+    one.voltage[:, at] = recorded.voltage[still]
+    problem, scales = problem_of(one, NOISE)
+    tangents = Tangents(calibrated(problem))
+    own = [c for c in candidates_of(one, problem, scales) if c.name == "contact-impedance"]
+    gains = {c.sites[0]: score(tangents, c).gain for c in own if c.scope == "sparse"}
+    assert max(gains, key=gains.get) == 5
+
+
+def free_gains(found):
+    """A gain of its own for every channel, in place of what was found."""
+    search = found.search
+    free = next(c for c in search.candidates if c.name == "channel-gain")
+    return search.with_effect(search.calibrated(), free)
+
+
+def test_free_gains_lose_unless_they_are_there(contact):
+    _, found = contact
+    assert free_gains(found).log_evidence < found.after.log_evidence - 10
+    gain = 1 + 0.02 * np.random.default_rng(3).normal(size=len(CHANNELS))
+    planted = {"name": "channel-gain", "parameters": {"gain": gain.tolist()}}
+    recorded = small_recording(planted, noise=NOISE, places=1)
+    said = diagnose.result(diagnose.diagnose(recorded), "gains")
+    assert [(e["name"], e["scope"]) for e in said["effects"]] == [("channel-gain", "dense")]
+    estimate = said["effects"][0]["parameters"]["gain"]
+    apart = np.array(estimate["value"]) / np.mean(estimate["value"]) - gain / gain.mean()
+    assert np.abs(apart).max() < 5 * NOISE
+
+
+def test_what_is_injected_is_what_was_planted(contact):
+    recorded, found = contact
+    (item,) = items(found.after.fit)
+    assert item["name"] == "contact-impedance" and item["electrodes"] == [3]
+    corrected = voltage(recorded, [item])
+    assert np.sqrt(np.mean((corrected - voltage(recorded, [CONTACT])) ** 2)) < 0.5 * np.median(
+        found.noise.sd
+    )

@@ -1,0 +1,116 @@
+"""The diagnosis through the workflow's own rules: what it needs, what it writes, what is made of
+that."""
+
+import json
+import shutil
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from eitskin import recording
+
+pytestmark = pytest.mark.xdist_group("finished")
+
+FOLDER = "results/diagnosis/simulated-twin"
+REPORT = f"{FOLDER}/report.html"
+BROUGHT = "results/diagnosis/brought"
+
+
+@pytest.fixture(scope="module")
+def diagnosed(finished, tmp_path_factory):
+    """A finished workflow with the twin's diagnosis; not to be edited, but copied."""
+    house = finished.copy(tmp_path_factory.mktemp("diagnosed") / "house")
+    run = house.snakemake("--", REPORT, cores=1)
+    assert run.returncode == 0, run.stdout + run.stderr
+    return house
+
+
+@pytest.fixture
+def house(diagnosed, tmp_path):
+    """A diagnosed workflow to edit."""
+    return diagnosed.copy(tmp_path / "house")
+
+
+def table(run):
+    """Rows of --detailed-summary by output file."""
+    assert run.returncode == 0, run.stderr
+    header, *lines = [line.split("\t") for line in run.stdout.splitlines() if line]
+    return {line[0]: dict(zip(header, line, strict=True)) for line in lines}
+
+
+def pending(house):
+    """Files of the report and of what it is made from that the next run would write anew."""
+    rows = table(house.snakemake("--detailed-summary", "--", REPORT))
+    return {file for file, row in rows.items() if row["plan"] != "no update"}
+
+
+def test_the_twin_s_diagnosis_names_what_was_hidden(diagnosed):
+    said = json.loads((diagnosed.folder / FOLDER / "diagnosis.json").read_text(encoding="utf-8"))
+    assert said["recording"] == "simulated-twin" and said["verdict"] == "explained"
+    (effect,) = said["effects"]
+    assert (effect["name"], effect["electrodes"]) == ("contact-impedance", [3])
+    ratio = effect["parameters"]["ratio"]
+    assert 1.5 < ratio["low"] < ratio["high"] < 2.5
+    html = (diagnosed.folder / FOLDER / "report.html").read_text(encoding="utf-8")
+    assert effect["sentence"] in html
+    assert not (diagnosed.folder / FOLDER / "predicted.parquet").exists()
+
+
+def test_a_diagnosis_is_made_of_the_recording_and_the_schema_alone(diagnosed):
+    rows = table(diagnosed.snakemake("--detailed-summary", "--", REPORT))
+    inputs = rows[f"{FOLDER}/diagnosis.json"]["input-file(s)"].split(",")
+    recorded = "results/recordings/simulated-twin.parquet"
+    assert set(inputs) == {recorded, "workflow/schemas/diagnosis.schema.yaml"}
+    for file, row in rows.items():
+        if file.startswith(FOLDER):
+            for name in row["input-file(s)"].split(","):
+                assert name in inputs or name.startswith(FOLDER), (file, name)
+    assert rows[recorded]["input-file(s)"] == "results/twin/simulated-twin.parquet"
+
+
+def test_what_the_simulated_sets_hide_leaves_the_diagnosis_alone(house):
+    house.edit("tiny.yaml", "{epsilon: 0.03}", "{epsilon: 0.04}")
+    assert not pending(house)
+
+
+def test_what_the_twin_hides_reaches_the_diagnosis_by_the_recording(house):
+    house.edit("tiny.yaml", "{ratio: 2.0}", "{ratio: 3.0}")
+    assert {"results/recordings/simulated-twin.parquet", f"{FOLDER}/diagnosis.json"} <= pending(
+        house
+    )
+
+
+def test_a_recording_with_a_query_is_diagnosed_and_the_query_predicted(house, tmp_path):
+    source = house.folder / "results" / "recordings" / "simulated-twin.parquet"
+    shutil.copy(source, tmp_path / "brought.parquet")
+    asked = recording.read(source)
+    truth, asked.voltage = asked.voltage, None
+    recording.write(asked, tmp_path / "query.parquet")
+    (house.folder / "more.yaml").write_text(
+        f"recordings: {{brought: {{path: {tmp_path}/brought.parquet,"
+        f" query: {tmp_path}/query.parquet}}}}\n"
+    )
+    run = house.snakemake("more.yaml", "--", f"{BROUGHT}/report.html", cores=1)
+    assert run.returncode == 0, run.stdout + run.stderr
+    predicted = pq.read_table(house.folder / BROUGHT / "predicted.parquet")
+    values = np.stack(predicted["voltage_V"].to_pylist())
+    said = json.loads((house.folder / BROUGHT / "diagnosis.json").read_text(encoding="utf-8"))
+    rms = np.sqrt(np.mean((values - truth) ** 2))
+    assert 0.9 < rms / said["noise_V"] < 1.1
+    twin = json.loads((house.folder / FOLDER / "diagnosis.json").read_text(encoding="utf-8"))
+    assert said | {"recording": ""} == twin | {"recording": ""}
+
+
+def test_the_workflow_simulates_from_effects_yaml_without_a_change(house):
+    recorded = recording.read(house.folder / "results" / "recordings" / "simulated-twin.parquet")
+    target = "results/twin/simulated-twin.parquet"
+    sets = "results/datasets/simulated-corrected-simulated-twin.parquet"
+    shutil.copy(house.folder / FOLDER / "effects.yaml", house.folder / "effects.yaml")
+    run = house.snakemake("effects.yaml", "--", target, sets)
+    assert run.returncode == 0, run.stdout + run.stderr
+    again = recording.read(house.folder / target)
+    said = json.loads((house.folder / FOLDER / "diagnosis.json").read_text(encoding="utf-8"))
+    rms = np.sqrt(np.mean((again.voltage - recorded.voltage) ** 2))
+    assert rms < 1.5 * said["noise_V"]
+    assert pq.read_metadata(house.folder / sets).num_rows == 6 * 2 * 8

@@ -1,0 +1,85 @@
+"""The calibration's figures: who is taken for whom, and whether "other" means its probability."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from eitskin.atomic import atomic_path
+from eitskin.diagnose.figures import AFTER, QUIET, SEQUENTIAL, WIDTH_IN, png, style, svg
+
+NO_NAME = ("several", "nothing")
+
+
+def confusion(table: pd.DataFrame) -> Figure:
+    """Single effects far from every other name (truth, called, apart): counts."""
+    kept = table[table["apart"] > 0]
+    truths = sorted(kept["truth"].unique())
+    names = sorted((set(kept["called"]) | set(truths)) - set(NO_NAME))
+    columns = [*names, *NO_NAME]
+    counts = np.full((len(truths), len(columns)), np.nan)
+    for line in kept.itertuples():
+        counts[truths.index(line.truth), columns.index(line.called)] = line.apart
+    with style():
+        figure = Figure(figsize=(2 * WIDTH_IN, 0.55 + 2 * WIDTH_IN * max(len(truths), 8) / 42))
+        axes = figure.add_subplot()
+        if not truths:
+            axes.text(0.5, 0.5, "no recordings", ha="center", va="center")
+            axes.set_axis_off()
+            return figure
+        axes.imshow(counts, cmap=SEQUENTIAL, vmin=0, aspect="auto")
+        largest = np.nanmax(counts)
+        for row, column in zip(*np.nonzero(np.isfinite(counts)), strict=True):
+            count = counts[row, column]
+            colour = "black" if count > 0.5 * largest else "white"
+            axes.text(
+                column, row, f"{count:.0f}", ha="center", va="center", color=colour, fontsize=5.5
+            )
+        axes.set_xticks(range(len(columns)), columns, rotation=90, fontsize=5.5)
+        axes.set_yticks(range(len(truths)), truths, fontsize=5.5)
+        axes.set_xlabel("called (own name: right, or in the declared class)")
+        axes.set_ylabel("left out")
+        axes.grid(color=QUIET, linewidth=0.2, alpha=0.4)
+        axes.set_axisbelow(True)
+    return figure
+
+
+def reliability(table: pd.DataFrame) -> Figure:
+    """Stated probability against the share that it came true in, with the share's interval."""
+    kept = table[table["n"] > 0]
+    with style():
+        figure = Figure(figsize=(WIDTH_IN, WIDTH_IN))
+        axes = figure.add_subplot()
+        axes.plot([0, 1], [0, 1], color=QUIET, linewidth=0.8, linestyle="--")
+        below, above = kept["share"] - kept["low"], kept["high"] - kept["share"]
+        axes.errorbar(
+            kept["probability"],
+            kept["share"],
+            yerr=np.array([below, above]).clip(0.0),
+            fmt="o",
+            color=AFTER,
+            markersize=3,
+            capsize=2,
+            linewidth=0.8,
+        )
+        for line in kept.itertuples():
+            axes.annotate(
+                f"{line.n}",
+                (line.probability, line.share),
+                (3, 3),
+                textcoords="offset points",
+                fontsize=5.5,
+            )
+        axes.set(xlim=(-0.03, 1.03), ylim=(-0.03, 1.05), aspect="equal")
+        axes.set_xlabel("probability stated that something is outside the catalogue")
+        axes.set_ylabel("share of recordings where something is")
+    return figure
+
+
+def write(figure: Figure, folder: Path, name: str) -> None:
+    """The figure as name.svg and name.png in a folder."""
+    with atomic_path(folder / f"{name}.svg") as path:
+        path.write_text(svg(figure), "utf-8")
+    with atomic_path(folder / f"{name}.png") as path:
+        path.write_bytes(png(figure))

@@ -1,0 +1,45 @@
+"""Which recordings a calibration is made of: kinds and seeds, in blocks that share none."""
+
+from eitskin.errors import InputError
+from witness.outside import OUTSIDE
+from witness.strengths import DRAWN
+
+FIRST_SEED = {"development": 1, "report": 100_001}  # of every kind; sizes stay far below the step
+SIZES = {
+    "quick": {"null": 60, "single": 4, "pair": 24, "triple": 16, "outside": 36},
+    "full": {"null": 150, "single": 4, "pair": 60, "triple": 40, "outside": 60},
+}
+BATCH = 8
+
+
+def trials(block: str, size: str) -> list[tuple[str, int]]:
+    """(kind, seed) of every recording, as `witness.cases.draw` takes them.
+
+    block: "development" (seeds from 1), to tune on, or "report" (seeds from 100 001), to report;
+    size: a key of SIZES: numbers of recordings, of "single" for each name that the witness can
+    draw; those of "outside" are spread over its laws. Every stretch holds about the same mixture.
+    A smaller size is part of the larger. Raises InputError for an unknown block or size.
+    """
+    for key, value, known in (("block", block, FIRST_SEED), ("size", size, SIZES)):
+        if value not in known:
+            raise InputError("calibration", key, repr(value), " or ".join(known))
+    first, number = FIRST_SEED[block], SIZES[size]
+    groups = [
+        [(kind, first + i) for i in range(number[kind])] for kind in ("null", "pair", "triple")
+    ]
+    names, laws = list(DRAWN), list(OUTSIDE)
+    groups.append([(f"single:{n}", first + i) for i in range(number["single"]) for n in names])
+    groups.append(
+        [
+            (f"outside:{laws[i % len(laws)]}", first + i // len(laws))
+            for i in range(number["outside"])
+        ]
+    )
+    placed = [((i + 0.5) / len(group), trial) for group in groups for i, trial in enumerate(group)]
+    return [trial for _, trial in sorted(placed, key=lambda pair: pair[0])]
+
+
+def batches(block: str, size: str) -> list[list[tuple[str, int]]]:
+    """`trials`, BATCH at a time: a job each."""
+    whole = trials(block, size)
+    return [whole[i : i + BATCH] for i in range(0, len(whole), BATCH)]

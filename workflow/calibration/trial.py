@@ -1,0 +1,150 @@
+"""One recording with known truth: drawn, diagnosed, and what came of it kept as a row."""
+
+import json
+import time
+import traceback
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from calibration import black_box
+from eitskin.atomic import atomic_path
+from eitskin.diagnose import diagnose
+from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.fit import fit
+from eitskin.diagnose.gaps import Gap, gaps
+from eitskin.errors import InputError
+from eitskin.fingerprint import fingerprint
+from eitskin.recording import Recording
+from witness import cases
+
+CODE = fingerprint("eitskin.diagnose.diagnose")[:12]  # the diagnosis that this process runs
+
+
+def trial(kind: str, seed: int) -> dict:
+    """Draw a case, diagnose its recording alone, and set the outcome beside the truth.
+
+    The diagnosis is given the recording and nothing else; the truth is opened afterwards.
+    """
+    case = cases.draw(kind, seed)
+    recorded = Recording(case.states, case.voltage, None, None, dict(case.metadata))
+    began = time.perf_counter(), time.process_time()
+    found = diagnose.diagnose(recorded)
+    ended = time.perf_counter(), time.process_time()
+    said = diagnose.result(found, f"{kind} {seed}")
+    query = Recording(case.query, None, None, None, dict(case.metadata))
+    voltage, sd = diagnose.predict(found, query)
+    plain, _ = diagnose.predict(found, query, found.before)
+    error = voltage - case.query_clean
+    rmse = {"rmse_V": _rms(error), "rmse_before_V": _rms(plain - case.query_clean)}
+    for name, misfit in _black_boxes(found, case, seed).items():
+        rmse[f"rmse_{name}_V"] = _rms(plain + misfit - case.query_clean)
+    return {
+        "kind": kind,
+        "seed": seed,
+        "code": CODE,
+        "seconds": ended[0] - began[0],
+        "cpu_seconds": ended[1] - began[1],
+        "level": case.level,
+        "truth": case.effects,
+        "scopes": case.scopes,
+        "snr": case.snr,
+        "snr_given_others": case.snr_given_others,
+        "outside": case.outside,
+        "snr_left": snr_left(found, case.clean),
+        "true_gaps": true_gaps(found, case.effects, case.scopes),
+        "said": said,
+        "hidden": {
+            **rmse,
+            "chi2_per_dof": float(1.0 + ((error / case.noise_V) ** 2).mean()),
+            "within_90": float((np.abs(error) <= 1.6449 * sd).mean()),
+        },
+    }
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+def _black_boxes(found: diagnose.Diagnosis, case: cases.Case, seed: int) -> dict[str, np.ndarray]:
+    """What black boxes add to the owner's simulation of the query, (Q, M) V each."""
+    sd = found.noise.sd
+    misfit = (case.voltage - found.before.fit.voltage()) / sd
+    known, asked = black_box.features(case.states), black_box.features(case.query)
+    learned = black_box.predictions(known, misfit, asked, seed)
+    return {name: values * sd for name, values in learned.items()}
+
+
+def snr_left(found: diagnose.Diagnosis, clean: np.ndarray) -> float:
+    """Length, in noise units, of what the noise-free recording (N, M) V has beyond the best fit,
+    all that was fitted projected out."""
+    fitted = found.after.fit
+    left = fitted.problem.whitening(clean - fitted.voltage()).ravel()
+    slopes = fitted.jacobian.reshape(len(fitted.theta), -1).T
+    return float(np.linalg.norm(left - slopes @ np.linalg.lstsq(slopes, left)[0]))
+
+
+def true_gaps(
+    found: diagnose.Diagnosis, truth: list[dict], scopes: list[str]
+) -> list[list[tuple[str, float]] | None]:
+    """Gaps of each true effect to the other names, the nearest first, with the true set fitted;
+    None where it cannot be fitted. Nothing of the diagnosis depends on it."""
+    search, state = found.search, found.after
+    wanted = [_candidate(search.candidates, *pair) for pair in zip(truth, scopes, strict=True)]
+    if not wanted:
+        return []
+    own = found.gaps
+    if {(c.name, c.sites) for c in wanted} != {(c.name, c.sites) for c in state.effects}:
+        knobs = len(search.problem.model.calibrations)
+        start = np.zeros(knobs + sum(c.size for c in wanted))
+        try:
+            state = search.state(fit(search.problem, wanted, start, polish=True))
+            own = [gaps(search, state, i) for i in range(len(wanted))]
+        except (InputError, np.linalg.LinAlgError):
+            return [None] * len(wanted)
+    of: dict[str, list[Gap]] = {
+        c.name: listed for c, listed in zip(state.effects, own, strict=True)
+    }
+    return [[(g.rival, g.gap) for g in of[item["name"]]] for item in truth]
+
+
+def _candidate(candidates: list[Candidate], item: dict, scope: str) -> Candidate:
+    """The candidate that a true effect is, starting near its values."""
+    kind = next((k for k in ("electrodes", "drives", "measures", "channels") if k in item), None)
+    own = [c for c in candidates if c.name == item["name"]]
+    if kind is not None:
+        like = next(c for c in own if c.kind == kind)
+        return replace(like, sites=tuple(item[kind]), scope="sparse")
+    own = [c for c in own if c.scope in (scope, "")] or own
+    given = item.get("parameters", {})
+
+    def far(candidate: Candidate) -> float:
+        return sum(abs(given.get(k, 0.0) - v) for k, v in candidate.start.items())
+
+    return min(own, key=far)
+
+
+def file_of(folder: Path, kind: str, seed: int) -> Path:
+    """Where a trial's row lies."""
+    return folder / f"{kind.replace(':', '-')}-{seed}.json"
+
+
+def run(trials: list[tuple[str, int]], folder: Path) -> None:
+    """Every trial that has no file in `folder` yet, each written as soon as it is done.
+
+    A trial that breaks off leaves {kind, seed, failed: why}, for the score to count. A row says by
+    its `code` which diagnosis it is of; it is not made again when the diagnosis changes: delete the
+    folder for that.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for kind, seed in trials:
+        path = file_of(folder, kind, seed)
+        if not path.exists():
+            try:
+                row = trial(kind, seed)
+            except Exception as error:  # whatever it is, it is a result
+                traceback.print_exc()
+                row = {"kind": kind, "seed": seed, "code": CODE, "failed": repr(error)}
+            with atomic_path(path) as temporary:
+                temporary.write_text(json.dumps(row, ensure_ascii=False) + "\n", "utf-8")

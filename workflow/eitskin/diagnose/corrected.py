@@ -1,0 +1,135 @@
+"""The corrected simulator in the configuration's own form: effects.yaml."""
+
+import re
+
+import numpy as np
+import pandas as pd
+import yaml
+
+from eitskin.diagnose.fit import Fit
+from eitskin.effects.settings import site_counts
+from eitskin.errors import InputError
+from eitskin.protocol import channel_table
+from eitskin.readings import simulate
+from eitskin.recording import Recording
+from eitskin.simulate import sample_settings
+from eitskin.skin import Skin
+
+ONE_AMPERE = 1.0  # so that simulated volts are the ohms that were recorded
+LAYOUT = {"session_frames": 300, "crossed": False}  # as the configuration `authors`
+
+
+def items(fit: Fit) -> list[dict]:
+    """The effects of a fit as the configuration writes them."""
+    model, found = fit.problem.model, []
+    for index, candidate in enumerate(fit.effects):
+        item = candidate.item(fit.theta[fit.place(index)])
+        values = item.setdefault("parameters", {})
+        for key, parameter in candidate.effect.parameters.items():
+            if parameter.whole and key in values:
+                values[key] = int(values[key])
+        if "F_mid_N" in candidate.effect.parameters:
+            values.setdefault("F_mid_N", 0.5 * model.force_max_N)
+        found.append(item)
+    return found
+
+
+def corrected(fit: Fit, recorded: Recording, noise: np.ndarray, name: str) -> dict:
+    """What a configuration needs to simulate what was recorded: the skin as calibrated, the
+    protocol, and the effects as a twin and as the set `corrected-NAME`.
+
+    noise (M,): the readings' standard deviation in the recording's unit. The set leaves out effects
+    that single samples, which have no time, cannot show.
+    """
+    model = fit.problem.model
+    knobs = fit.theta[: len(model.calibrations)]
+    skin = {k: v for k, v in model.skin(knobs).metadata().items() if v is not None}
+    if model.unit == "ohm":
+        skin["current_A"] = ONE_AMPERE
+    effects = items(fit)
+    factor = model.calibrated(knobs).get("factor", 1.0)
+    still = pd.DataFrame({"time_s": [0.0], "touch": [False], "force_N": [0.0]})
+    still = still.assign(x_mm=np.nan, y_mm=np.nan, probe_mm=np.nan)
+    untouched = simulate(
+        still,
+        np.array([-1]),
+        Skin.from_metadata(skin),
+        model.channels,
+        fit.settings(),
+        frame_s=model.frame_s,
+        sink_grounded=model.sink_grounded,
+        force_max_N=model.force_max_N,
+    )
+    share = float(np.median(noise) / (factor * np.median(np.abs(untouched))))
+    protocol = _protocol(recorded)
+    return {
+        "skin": skin,
+        "protocol": protocol,
+        "configurations": {
+            f"corrected-{_plain(name)}": {
+                "effects": [item for item in effects if _of_samples(item, model.channels)],
+                "noise": share,
+                "baseline": "averaged" if model.difference else "paired",
+                **LAYOUT,
+            }
+        },
+        "twin": {"skin": skin, "protocol": protocol, "effects": effects, "noise": share},
+    }
+
+
+def text(fit: Fit, recorded: Recording, noise: np.ndarray, name: str) -> str:
+    """`corrected` as YAML, with what a configuration cannot say in a comment."""
+    content = corrected(fit, recorded, noise, name)
+    model = fit.problem.model
+    (sets,) = content["configurations"].values()
+    said = [f"The corrected simulator of {name}: give it with --configfile."]
+    left = [i["name"] for i in content["twin"]["effects"] if i not in sets["effects"]]
+    if left:
+        said.append(f"In the twin alone, since samples have no time: {', '.join(left)}.")
+    if model.unit == "ohm":
+        said.append("Readings are volts at 1 A, which are the ohms that were recorded.")
+    elif model.unit == "arbitrary":
+        factor = model.calibrated(fit.theta[: len(model.calibrations)])["factor"]
+        said.append(f"Readings are volts; {factor!r} times as much is the recording's unit.")
+    if model.sink_grounded:
+        said.append("The source is simulated as floating; the recording's sink is grounded.")
+    lines = "".join(f"# {line}\n" for line in said)
+    plain = {"sort_keys": False, "default_flow_style": None, "width": 100}
+    return lines + yaml.dump(content, Dumper=_Plain, **plain)
+
+
+class _Plain(yaml.SafeDumper):
+    """Writes what stands in two places twice, rather than a reference."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        """Never refer."""
+        return True
+
+
+def _of_samples(item: dict, channels: np.ndarray) -> bool:
+    """Whether samples without a time can show an effect."""
+    try:
+        sample_settings([item], site_counts(channels), (0, 0))
+    except InputError:
+        return False
+    return True
+
+
+def _protocol(recorded: Recording) -> dict:
+    """Patterns that make the recording's channels; where there are none, the channels."""
+    channels, n = recorded.channels, recorded.n_electrodes
+    patterns = ["adjacent", "opposite", *(f"skip-{k}" for k in range(1, n - 1))]
+    for drive in patterns:
+        for measure in patterns:
+            try:
+                table = channel_table(n, drive, measure)
+            except InputError:
+                continue
+            if np.array_equal(table, channels):
+                return {"drive": drive, "measure": measure}
+    return {"drive": "adjacent", "measure": "adjacent", "channels": channels.tolist()}
+
+
+def _plain(name: str) -> str:
+    """A name as the configuration has them, of a-z, 0-9 and -."""
+    return re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "recording"

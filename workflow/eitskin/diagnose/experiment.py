@@ -1,0 +1,343 @@
+"""The next experiment: which frames, recorded after those that are there, tell two names apart.
+
+Every recipe is simulated with the fitted model and the noise estimated, and the gap between the two
+names is that of `gaps` on the frames simulated. Gaps grow with the root of the number of frames in
+any case: only a recipe that does better than more of the same is worth its trouble.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from eitskin.depth import forward_model
+from eitskin.diagnose.fit import Problem, fit
+from eitskin.diagnose.gaps import CLOSE, CONFUSED, gaps
+from eitskin.diagnose.model import Model
+from eitskin.diagnose.search import Search
+from eitskin.diagnose.whitening import Whitening
+from eitskin.diagnose.words import listed, number
+from eitskin.effects.effect import Setting
+from eitskin.errors import InputError
+from eitskin.geometry import Geometry
+from eitskin.recording import Recording
+from eitskin.skin import Skin
+
+if TYPE_CHECKING:
+    from eitskin.diagnose.diagnose import Diagnosis
+
+MOST_PRESSES = 8  # on which recipes are compared
+MOST_TRIED = 2  # that are then simulated with every press and fitted
+WEAK = 5.0  # a gap under which an experiment is sought where no rival is confused
+REPEATS = 4
+HARDER = 1.5  # times the forces
+HOLD_S, LOOK_S = 30.0, 10.0  # of a force held, and between its frames
+STATES = ["time_s", "touch", "x_mm", "y_mm", "force_N", "probe_mm"]
+NOTHING = "No experiment is needed to tell names apart."
+AS_IS = "leave it at that"
+SAME = f"repeat the recording until there are {REPEATS} of it"
+TURN = "turn the connector by one electrode and record the same again"
+DRIVE = "record again, the driven electrodes measured too"
+
+
+def propose(found: Diagnosis) -> dict:
+    """The experiment that splits the names which a diagnosis confuses, proved by simulation.
+
+    {sentence, pairs: [{a, b, gap_now, gap_then, recipe}]}: a is a name found, b one of its
+    alternatives or, where it has none, the nearest rival with a gap under WEAK. Recipes are
+    compared on some of the presses; what is returned was simulated with all of them.
+    """
+    pairs = list(_pairs(found))
+    if not pairs:
+        return {"sentence": NOTHING, "pairs": []}
+    model = found.search.problem.model
+    every = np.arange(len(model.press))
+    stride = -(-(model.press.max() + 1) // MOST_PRESSES)
+    some = np.where(model.press < 0, every, model.press) % max(stride, 1) == 0
+    whole = _recipes(found, every)
+    few = whole if some.all() else _recipes(found, np.flatnonzero(some))
+    told = [_best(found, few, whole, *pair) for pair in pairs]
+    return {"sentence": _sentence(told), "pairs": told}
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """One experiment, set up: its simulator and covariance; more: how many frames there are for
+    one of the recording's."""
+
+    model: Model
+    whitening: Whitening
+    more: float
+
+    def gap(self, found: Diagnosis, index: int, rival: str, within: float = np.inf) -> float | None:
+        """Gap between effect `index` and a rival name in this experiment, within as of `gaps`;
+        None: not to be had."""
+        if rival == "conductivity-patch" and isinstance(self.model, _Turned):
+            return None  # its tangents have every channel where the board's table has it
+        effects, theta = found.after.effects, found.after.fit.theta
+        candidates = [c for c in found.search.candidates if c.name == rival]
+        problem = Problem(self.model, np.zeros(1), self.whitening)
+        try:
+            problem = replace(problem, recorded=self.model.voltage(*problem.split(theta, effects)))
+            fold = np.zeros(len(problem.recorded), int)
+            search = Search(problem, candidates, fold, found.search.seed, lambda line: None)
+            state = search.state(fit(problem, effects, theta))
+            named = gaps(search, state, index, within)
+        except (InputError, np.linalg.LinAlgError):
+            return None
+        return named[0].gap if named else None
+
+
+def _pairs(found: Diagnosis) -> Iterator[tuple[int, str, float]]:
+    """Effect, rival and gap of what a diagnosis cannot tell apart, or hardly."""
+    for index, named in enumerate(found.gaps):
+        confused = [each for each in named if each.gap < CONFUSED]
+        for each in confused or [each for each in named[:1] if each.gap < WEAK]:
+            yield index, each.rival, each.gap
+
+
+def _best(
+    found: Diagnosis,
+    few: dict[str, Recipe],
+    whole: dict[str, Recipe],
+    index: int,
+    rival: str,
+    gap_now: float,
+) -> dict:
+    """The pair with the recipe that splits it best, of those that beat more of the same frame by
+    frame; more of the same where none does."""
+    pair = {"a": found.after.effects[index].name, "b": rival, "gap_now": gap_now}
+
+    def beating(recipes: dict[str, Recipe], now: float, within: float) -> dict[str, float]:
+        gap = {text: recipe.gap(found, index, rival, within) for text, recipe in recipes.items()}
+        return {
+            text: gap[text]
+            for text, recipe in recipes.items()
+            if gap[text] is not None and gap[text] > now * np.sqrt(recipe.more)
+        }
+
+    special = {text: recipe for text, recipe in few.items() if text not in (AS_IS, SAME)}
+    now = gap_now if few is whole else few[AS_IS].gap(found, index, rival)
+    tried = beating(special, now or 0.0, CLOSE * CONFUSED)
+    first = sorted(tried, key=tried.get)[-MOST_TRIED:]
+    tried = beating({text: whole[text] for text in first}, gap_now, np.inf)
+    if max(tried.values(), default=0.0) < CONFUSED:
+        same = whole[SAME].gap(found, index, rival)
+        tried[SAME] = gap_now if same is None else same
+    best = max(tried, key=tried.get)
+    return {**pair, "gap_then": tried[best], "recipe": best}
+
+
+def _sentence(pairs: list[dict]) -> str:
+    """What to do and what it would bring, the pairs that one recipe splits together."""
+    parts, by_recipe, in_vain = [], {}, []
+    for pair in pairs:
+        now, then = number(pair["gap_now"], 2), number(pair["gap_then"], 2)
+        names = f"{pair['a']} from {pair['b']}"
+        if pair["gap_then"] < CONFUSED:
+            in_vain.append(f"{names} (gap {now} now, {then} at best)")
+        else:
+            split = f"{names} (gap {now} now, {then} then)"
+            by_recipe.setdefault(pair["recipe"], []).append(split)
+    for recipe, split in by_recipe.items():
+        parts.append(f"{recipe[0].upper()}{recipe[1:]}: that would tell {listed(split)}.")
+    if in_vain:
+        parts.append(f"Nothing tried would tell {listed(in_vain)}.")
+    return " ".join(parts) or NOTHING
+
+
+def _recipes(found: Diagnosis, rows: np.ndarray) -> dict[str, Recipe]:
+    """Everything that can be tried with the rig of a recording, by what to do; rows (N,): the
+    frames that count as recorded."""
+    problem = found.search.problem
+    run = _Run(found.recorded, problem.model, rows)
+    again = run.again()
+    more = pd.concat([run.again(1 + k) for k in range(REPEATS - 1)], ignore_index=True)
+    recipes = {}
+    for text, frames in {AS_IS: again[:0], SAME: more, **run.presses()}.items():
+        model = Model(found.recorded, run.joined(frames))
+        recipes[text] = run.recipe(model, problem.whitening, len(frames))
+    turned = _Turned(found.recorded, run, again)
+    recipes[TURN] = run.recipe(turned, problem.whitening, len(again))
+    driven = _driven(found, run)
+    if driven is not None:
+        recipes[DRIVE] = driven
+    return recipes
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Frames (N,) of a recording, to be recorded anew after its end as far as they can be
+    simulated."""
+
+    recorded: Recording
+    model: Model
+    frames: np.ndarray
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """(K,) of the frames whose state is known."""
+        return self.frames[self.model.known[self.frames]]
+
+    @cached_property
+    def waits_s(self) -> np.ndarray:
+        """s from the frame before, of all the recording's; to the first the usual one."""
+        steps = np.diff(self.recorded.frames["time_s"].to_numpy(float))
+        return np.r_[np.median(steps) if len(steps) else 1.0, steps]
+
+    def again(self, times: int = 1) -> pd.DataFrame:
+        """The frames once more, as the `times`-th repeat."""
+        return self._timed(self.rows, self.waits_s[self.rows], times)
+
+    def _timed(self, rows: np.ndarray, waits_s: np.ndarray, times: int = 1) -> pd.DataFrame:
+        """Frames (K,) of the recording in a new order, each so long after the one before."""
+        time_s = self.recorded.frames["time_s"].to_numpy(float)
+        start = time_s[-1] + (times - 1) * self.waits_s[self.rows].sum()
+        frames = self.recorded.frames[STATES].iloc[rows].reset_index(drop=True)
+        press = self.model.press[rows]
+        contact = np.where(press < 0, np.nan, press + times * (self.model.press.max() + 1))
+        return frames.assign(time_s=start + np.cumsum(waits_s), contact=contact)
+
+    def query(self, frames: pd.DataFrame) -> Recording:
+        """Frames without readings, of this recording's rig."""
+        return Recording(frames, None, None, None, self.recorded.metadata)
+
+    def joined(self, frames: pd.DataFrame) -> Recording:
+        """A query: the recording's frames, then others."""
+        press = self.model.press
+        own = self.recorded.frames[STATES].assign(contact=np.where(press < 0, np.nan, press))
+        return self.query(pd.concat([own.iloc[self.frames], frames], ignore_index=True))
+
+    def recipe(self, model: Model, whitening: Whitening, new: int) -> Recipe:
+        """A recipe with so many new frames; a channel that was always lost stays lost."""
+        more = np.tile(whitening.mask.any(axis=0), (new, 1))
+        mask = np.concatenate([whitening.mask[self.frames], more])
+        return Recipe(model, replace(whitening, mask=mask), 1.0 + new / len(self.frames))
+
+    def presses(self) -> dict[str, pd.DataFrame]:
+        """Other presses, by what to do."""
+        touched = self.rows[self.model.touched[self.rows]]
+        if not len(touched):
+            return {}
+        again = self.again()
+        plans = {
+            "press again at the same places with a probe half as wide": again.assign(
+                probe_mm=0.5 * again["probe_mm"]
+            ),
+            "press again at the same places with a probe twice as wide": again.assign(
+                probe_mm=2.0 * again["probe_mm"]
+            ),
+            "press at as many other places": self._elsewhere(again),
+            f"press again with {HARDER:g} times the force": again.assign(
+                force_N=HARDER * again["force_N"]
+            ),
+        }
+        peaks = self._peaks()
+        back = {rows[-1]: rows[:-1][::-1] for rows in peaks.values()}
+        if any(map(len, back.values())):
+            text = "press again, and read the same forces on the way back"
+            plans[text] = self._inserted(back, None)
+        if self.recorded.metadata["clock"] == "measured":
+            count = round(HOLD_S / LOOK_S)
+            held = {rows[-1]: np.full(count, rows[-1]) for rows in peaks.values()}
+            text = (
+                f"press again, and hold each press at its largest force for {HOLD_S:g} s,"
+                f" with a frame every {LOOK_S:g} s"
+            )
+            plans[text] = self._inserted(held, LOOK_S)
+        return plans
+
+    def _peaks(self) -> dict[int, np.ndarray]:
+        """Of each press the frames up to its largest force."""
+        force = self.recorded.frames["force_N"].to_numpy(float)
+        found = {}
+        for press in np.unique(self.model.press[self.rows]):
+            rows = self.rows[self.model.press[self.rows] == press]
+            if press >= 0:
+                found[press] = rows[: int(np.argmax(force[rows])) + 1]
+        return found
+
+    def _inserted(self, after: dict[int, np.ndarray], wait_s: float | None) -> pd.DataFrame:
+        """The frames once more, others after some of them, each `wait_s` later or as usual."""
+        rows, waits = [], []
+        for row in self.rows:
+            more = after.get(row, np.zeros(0, int))
+            rows += [row, *more]
+            waits += [self.waits_s[row], *np.full(len(more), wait_s or np.median(self.waits_s))]
+        return self._timed(np.array(rows), np.array(waits))
+
+    def _elsewhere(self, frames: pd.DataFrame) -> pd.DataFrame:
+        """Frames whose touches are turned about the skin's middle, by a quarter of it and half an
+        electrode."""
+        place = frames["x_mm"].to_numpy() + 1j * frames["y_mm"].to_numpy()
+        middle = 0.0
+        if self.recorded.metadata["position_frame"] == "robot":
+            middle = np.nanmean(place)
+        turn = np.exp(1j * (0.5 * np.pi + np.pi / self.recorded.n_electrodes))
+        place = middle + turn * (place - middle)
+        return frames.assign(x_mm=place.real, y_mm=place.imag)
+
+
+def _driven(found: Diagnosis, run: _Run) -> Recipe | None:
+    """The frames again with every measuring pair in every drive, those on driven electrodes too;
+    None where all are read, or where an effect stands at channels of the table as it is.
+
+    The new frames count alone: those recorded, with another table, can only add to the gap. Noise
+    and numerical error grow with the reading where it is larger than the median of those recorded.
+    """
+    recorded, whitening = found.recorded, found.search.problem.whitening
+    table = recorded.channels
+    drives, pairs = np.unique(table[:, :2], axis=0), np.unique(table[:, 2:], axis=0)
+    full = np.array([(*drive, *pair) for drive in drives for pair in pairs])
+    if len(full) <= len(table) or any(c.kind == "channels" for c in found.after.effects):
+        return None
+    again = run.again()
+    model = Model(recorded, run.query(again))
+    model.channels = full
+    skin = model.skin(found.after.fit.theta[: len(model.calibrations)])
+    forward = forward_model(Geometry.from_skin(skin), "diagnose")
+    try:
+        reading = np.abs(forward.voltages(full))
+    except InputError:
+        return None
+    larger = np.maximum(reading / np.median(np.abs(forward.voltages(table))), 1.0)
+    rho = np.full(len(full), np.median(whitening.rho))
+    mask = np.ones((len(again), len(full)), bool)
+    covariance = Whitening(mask, np.median(whitening.sd) * larger, rho)
+    return Recipe(model, covariance, 1.0 + len(again) / len(run.frames))
+
+
+class _Rolled(Model):
+    """The board's electrodes, each on the place of the next."""
+
+    def skin(self, coordinates: np.ndarray) -> Skin:
+        """The skin, as the board counts its electrodes."""
+        skin = super().skin(coordinates)
+        return replace(skin, electrode_deg=tuple(np.roll(skin.electrode_deg, -1).tolist()))
+
+
+class _Turned(Model):
+    """A recording's frames, and frames after the connector was turned by one electrode: what is on
+    the skin has gone to another terminal, what is in the wiring and the instrument stays."""
+
+    def __init__(self, recorded: Recording, run: _Run, again: pd.DataFrame):
+        super().__init__(recorded, run.joined(again))
+        self._before = Model(recorded, run.joined(again[:0]))
+        self._after = _Rolled(recorded, run.query(again))
+
+    def voltage(self, coordinates: np.ndarray, chosen: list[Setting]) -> np.ndarray:
+        """(N, M) as of `Model`."""
+        n = len(self.believed.electrode_deg)
+        moved = [
+            replace(s, sites=(s.sites - 1) % n)
+            if s.effect.stage == "skin" and s.sites is not None
+            else s
+            for s in chosen
+        ]
+        before = self._before.voltage(coordinates, chosen)
+        return np.concatenate([before, self._after.voltage(coordinates, moved)])

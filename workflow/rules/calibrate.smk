@@ -1,0 +1,74 @@
+rule trials:
+    output:
+        "results/calibration/{block}/batches/{size}-{batch}.csv",
+    log:
+        "logs/trials/{block}/{size}-{batch}.log",
+    benchmark:
+        "benchmarks/trials/{block}/{size}-{batch}.tsv"
+    wildcard_constraints:
+        block="development|report",
+        size="quick|full",
+        batch=r"\d+",
+    conda:
+        "../../envs/calibration.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=60,
+    params:
+        trials=lambda wildcards: batches(wildcards.block, wildcards.size)[int(wildcards.batch)],
+    message:
+        "Diagnosing recordings whose truth is known: {wildcards.block}, batch {wildcards.batch}"
+    script:
+        "../scripts/trials.py"
+
+
+rule calibrate_diagnosis:
+    input:
+        expand(
+            "results/calibration/{block}/batches/{size}-{batch}.csv",
+            **config["calibration"],
+            batch=range(len(batches(**config["calibration"]))),
+        ),
+    output:
+        tables=expand(
+            "results/calibration/{block}/{file}",
+            block=config["calibration"]["block"],
+            file=[
+                "summary.csv",
+                "summary.md",
+                "effects.csv",
+                "confusion.csv",
+                "other_calibration.csv",
+            ],
+        ),
+        figures=[
+            report(
+                f"results/calibration/{config['calibration']['block']}/{name}.{suffix}",
+                caption=f"../report/{name}.rst",
+                category="Calibration of the diagnosis",
+                labels={"shows": f"{shows}, {suffix.upper()}"},
+            )
+            for name, shows in {
+                "confusion": "left out and called",
+                "other_calibration": "probability of something else",
+            }.items()
+            for suffix in ("svg", "png")
+        ],
+    log:
+        "logs/calibrate_diagnosis.log",
+    benchmark:
+        "benchmarks/calibrate_diagnosis.tsv"
+    conda:
+        "../../envs/calibration.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        block=config["calibration"]["block"],
+        size=config["calibration"]["size"],
+    message:
+        "Scoring the diagnosis: block {params.block}, {params.size}"
+    script:
+        "../scripts/calibrate_diagnosis.py"

@@ -1,0 +1,69 @@
+rule held_out_pairs:
+    input:
+        rules.import_recording.output[0],
+    output:
+        table="results/diagnosis/{recording}/held_out_pairs.csv",
+        sentence="results/diagnosis/{recording}/held_out_pairs.txt",
+    log:
+        "logs/held_out_pairs/{recording}.log",
+    benchmark:
+        "benchmarks/held_out_pairs/{recording}.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        seed=config["seed"],
+        code=fingerprint("eitskin.diagnose.held_out_pairs"),
+    message:
+        "Judging geometries of {wildcards.recording} on reciprocal pairs left out"
+    script:
+        "../scripts/held_out_pairs.py"
+
+
+rule tanks:
+    input:
+        expand("results/diagnosis/{recording}/held_out_pairs.csv", recording=config["tanks"]),
+    output:
+        "results/diagnosis/tanks.csv",
+    log:
+        "logs/tanks.log",
+    benchmark:
+        "benchmarks/tanks.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+        runtime=5,
+    message:
+        "Collecting what geometry explains of the tanks"
+    script:
+        "../scripts/tanks.py"
+
+
+rule ground_return:
+    input:
+        rules.import_recording.output[0],
+    output:
+        table="results/diagnosis/{recording}/ground_return.csv",
+        sentence="results/diagnosis/{recording}/ground_return.txt",
+    log:
+        "logs/ground_return/{recording}.log",
+    benchmark:
+        "benchmarks/ground_return/{recording}.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        seed=config["seed"],
+        code=fingerprint("eitskin.diagnose.ground_return"),
+    message:
+        "Judging a one-sided misfit of {wildcards.recording} on drives left out"
+    script:
+        "../scripts/ground_return.py"

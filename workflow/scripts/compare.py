@@ -1,0 +1,17 @@
+"""Compare two recordings of one skin: what they share and what changed between them."""
+
+from eitskin import recording
+from eitskin.diagnose import compare
+from eitskin.diagnose.diagnose import diagnose
+from eitskin.errors import InputError, reported
+
+with reported(snakemake.log[0]):
+    files = {snakemake.wildcards[key]: snakemake.input[key] for key in ("a", "b")}
+    if len(files) < 2:
+        raise InputError("comparison", "recordings", f"{files} with itself", "two recordings")
+    founds = {
+        name: diagnose(recording.read(path), snakemake.params.seed, progress=True)
+        for name, path in files.items()
+    }
+    output = snakemake.output
+    compare.write(compare.compare(founds), output.json, output.page)

@@ -1,0 +1,23 @@
+"""Judge geometries on reciprocal pairs left out; a drawing's worth by leaving it out too."""
+
+import pandas as pd
+
+from eitskin import recording
+from eitskin.atomic import atomic_path
+from eitskin.diagnose.held_out_pairs import judge, sentence, without_drawing
+from eitskin.errors import reported
+
+with reported(snakemake.log[0]):
+    recorded = recording.read(snakemake.input[0])
+    told = {"as its owner believes": recorded}
+    if recorded.skin.electrode_width_mm is not None:
+        told["without the drawing"] = without_drawing(recorded)
+    tables, said = [], []
+    for how, each in told.items():
+        table = judge(each, snakemake.params.seed)
+        tables.append(table.assign(recording=snakemake.wildcards.recording, told=how))
+        said.append(f"{snakemake.wildcards.recording}, {how}: {sentence(table)}")
+    with atomic_path(snakemake.output.table) as path:
+        pd.concat(tables).to_csv(path, index=False)
+    with atomic_path(snakemake.output.sentence) as path:
+        path.write_text("\n".join(said) + "\n", encoding="utf-8")

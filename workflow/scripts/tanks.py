@@ -1,0 +1,12 @@
+"""Collect the tanks' tables into one."""
+
+import pandas as pd
+
+from eitskin.atomic import atomic_path
+from eitskin.errors import reported
+
+with reported(snakemake.log[0]):
+    table = pd.concat([pd.read_csv(path) for path in snakemake.input])
+    first = ["recording", "told", "geometry"]
+    with atomic_path(snakemake.output[0]) as path:
+        table[[*first, *table.columns.difference(first, sort=False)]].to_csv(path, index=False)
