@@ -7,8 +7,8 @@ electrode leaks to ground (`leak`, of the skin's own conductance), the sink more
 (`sink`), the two inputs of the amplifier weigh unequally (`common_mode`), and a constant is added
 (`offset`): (G + Y) u = e_source, v = |u+ - u- + common_mode (u+ + u-) / 2 + offset|.
 
-It is judged against the owner's simulation and against free means over rotations, all fitted to half
-of the drives in the first half of the untouched frames: on the other drives in the later frames; on
+It is judged against the owner's simulation and against free means over rotations, all fitted to
+half of the drives in the first half of the untouched frames: on the other drives in the later frames; on
 what reversing the drive changes; on drift, each law's common numbers fitted anew to the first and
 the last tenth; on what touches change, which none of them was fitted to.
 """
@@ -379,8 +379,8 @@ def sentence(table: pd.DataFrame) -> str:
     owner, turned, means = rows.iloc[0], rows.iloc[1], rows.iloc[2]
     plain, law = rows.loc["return through ground"], rows.iloc[-1]
     where = (
-        f"The owner's simulation leaves {owner.held_out:.2f} of |v| on drives and frames it has not "
-        "seen; every drive has the misfit, which falls once round from the source and changes when "
+        f"The owner's simulation leaves {owner.held_out:.2f} of |v| on drives and frames it has "
+        "not seen; every drive has the misfit, which falls once round from the source and changes when "
         "the drive is reversed."
     )
     held = (

@@ -81,9 +81,7 @@ class Untouched:
         if kept.sum() < 2 * len(BOUNDS):
             found = f"{kept.sum()} reciprocal pairs read"
             raise InputError("recording", "channels", found, f"{2 * len(BOUNDS)} or more")
-        return cls(
-            reading, recording.channels, pairs[kept], recording.skin, recording.n_electrodes
-        )
+        return cls(reading, recording.channels, pairs[kept], recording.skin, recording.n_electrodes)
 
     @property
     def separation(self) -> np.ndarray:
