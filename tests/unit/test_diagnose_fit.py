@@ -132,6 +132,7 @@ def test_held_out_frames_are_those_of_refits(seed):
         theta = np.linalg.solve(information, flat @ recorded[seen].ravel())
         own = found.jacobian[:, row]
         error = recorded[row] - theta @ own
+        assert np.allclose(by_formula.error[row], error)
         assert np.isclose(by_formula.chi2[row], error @ error)
         covariance = np.eye(5) + own.T @ np.linalg.solve(information, own)
         _, log_size = np.linalg.slogdet(covariance)
@@ -139,8 +140,8 @@ def test_held_out_frames_are_those_of_refits(seed):
     assert np.allclose(by_formula.density, density)
     assert by_formula.readings == 60
     assert by_formula.rms == pytest.approx(3.0 * np.sqrt(by_formula.chi2.sum() / 60))
-    worse = replace(by_formula, density=density - 1.0)
-    assert by_formula.gain(worse) == pytest.approx((12.0, 0.0), abs=1e-9)
+    other = replace(by_formula, density=density - 1.0, error=by_formula.error + 0.5)
+    assert by_formula.gain(other) == pytest.approx((12.0, 0.5 * np.sqrt(60)))
 
 
 def test_folds_keep_presses_whole():
