@@ -8,12 +8,9 @@ EVIDENCE = [
     "search.csv",
     "experiment.json",
 ]
-WITH_QUERY = {name for name, item in config["recordings"].items() if "query" in item}
-
-
-def one_of(names: set[str]) -> str:
-    """A wildcard's constraint to `names`; to nothing where there are none."""
-    return "|".join(sorted(names)) or "(?!)"
+WITH_QUERY = [name for name, item in config["recordings"].items() if "query" in item]
+WITHOUT_QUERY = [name for name, item in config["recordings"].items() if "query" not in item]
+NO_NAME = "(?!)"
 
 
 rule diagnose:
@@ -32,7 +29,7 @@ rule diagnose:
     benchmark:
         "benchmarks/diagnose/{recording}.tsv"
     wildcard_constraints:
-        recording=one_of(set(config["recordings"]) - WITH_QUERY),
+        recording="|".join(WITHOUT_QUERY) or NO_NAME,
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -62,4 +59,4 @@ use rule diagnose as diagnose_with_query with:
             file=EVIDENCE,
         ),
     wildcard_constraints:
-        recording=one_of(WITH_QUERY),
+        recording="|".join(WITH_QUERY) or NO_NAME,

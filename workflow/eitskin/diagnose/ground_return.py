@@ -8,9 +8,9 @@ electrode leaks to ground (`leak`, of the skin's own conductance), the sink more
 (`offset`): (G + Y) u = e_source, v = |u+ - u- + common_mode (u+ + u-) / 2 + offset|.
 
 It is judged against the owner's simulation and against free means over rotations, all fitted to
-half of the drives in the first half of the untouched frames: on the other drives in the later frames; on
-what reversing the drive changes; on drift, each law's common numbers fitted anew to the first and
-the last tenth; on what touches change, which none of them was fitted to.
+half of the drives in the first half of the untouched frames: on the other drives in the later
+frames; on what reversing the drive changes; on drift, each law's common numbers fitted anew to the
+first and the last tenth; on what touches change, which none of them was fitted to.
 """
 
 from dataclasses import dataclass, replace
@@ -380,8 +380,8 @@ def sentence(table: pd.DataFrame) -> str:
     plain, law = rows.loc["return through ground"], rows.iloc[-1]
     where = (
         f"The owner's simulation leaves {owner.held_out:.2f} of |v| on drives and frames it has "
-        "not seen; every drive has the misfit, which falls once round from the source and changes when "
-        "the drive is reversed."
+        "not seen; every drive has the misfit, which falls once round from the source and changes "
+        "when the drive is reversed."
     )
     held = (
         f"{int(plain.numbers)} numbers leave {plain.held_out:.3f}, a gain a measuring pair besides "
