@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shared_data import shared_data
 
 from eitskin import importers
 from eitskin.diagnose.ground_return import Drives, Fitted, GroundReturn, OwnersLaw, judge, sentence
+from shared_data import shared_data
 
 
 @pytest.fixture(scope="module")

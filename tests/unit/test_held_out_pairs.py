@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from shared_data import shared_data
 
 from eitskin import check, importers
 from eitskin.diagnose.held_out_pairs import (
@@ -16,6 +15,7 @@ from eitskin.diagnose.held_out_pairs import (
     without_drawing,
 )
 from eitskin.errors import InputError
+from shared_data import shared_data
 
 TANKS = "pyeidors-tank/measurements"
 
