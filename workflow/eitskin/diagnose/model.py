@@ -10,6 +10,7 @@ import pandas as pd
 from eitskin import alignment, recording
 from eitskin.depth import forward_model
 from eitskin.effects.effect import Setting
+from eitskin.errors import InputError
 from eitskin.geometry import Geometry
 from eitskin.readings import Sensed, of_stage, read, sense
 from eitskin.recording import Recording
@@ -72,6 +73,9 @@ class Model:
         self.states = _states(frames.frames)
         self.known = ~self.touched | self.states.notna().all(axis=1).to_numpy()
         self.states.loc[~self.known, "touch"] = False
+        if not self.known.any():
+            found = f"{len(frames.frames)} touches of unknown force or probe"
+            raise InputError("recording", "frames", found, "untouched frames, or touches known")
         base = None if query is None else Model(recorded)
         self.believed, self.calibrations = (
             (base.believed, base.calibrations) if base else _beliefs(recorded)
