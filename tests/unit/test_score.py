@@ -306,9 +306,10 @@ def test_a_part_of_a_block_is_scored_and_says_so(tmp_path):
     assert names == figures | {"summary.csv", "summary.md", "effects.csv"}
     text = (tmp_path / "summary.md").read_text()
     there = len(list((tmp_path / "trials").iterdir()))
-    assert f"{there} of 272 recordings" in text
+    whole = len(trials("development", "quick"))
+    assert f"{there} of {whole} recordings" in text
     assert "snakemake --cores 2 calibrate_diagnosis" in text
-    assert "never drawn: third-dimension" in text
+    assert "never drawn" not in text
 
 
 def test_nothing_to_score_is_no_success():
