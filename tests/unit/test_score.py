@@ -309,7 +309,7 @@ def test_a_part_of_a_block_is_scored_and_says_so(tmp_path):
     whole = len(trials("development", "quick"))
     assert f"{there} of {whole} recordings" in text
     assert "snakemake --cores 2 calibrate_diagnosis" in text
-    assert "never drawn" not in text
+    assert "names never drawn: none." in text
 
 
 def test_nothing_to_score_is_no_success():
