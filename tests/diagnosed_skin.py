@@ -23,6 +23,7 @@ from eitskin.protocol import channel_table
 from eitskin.readings import simulate
 from eitskin.recording import Recording, frames_table
 from eitskin.skin import Skin
+from simulated_metadata import simulated_metadata
 
 SKIN = Skin(80.0, 3.0, 0.5, tuple(22.5 * np.arange(16)), 5.0, 2e-3, 1e-3, 0.9)
 CHANNELS = channel_table(16)
@@ -54,20 +55,7 @@ def diagnosed(folder: Path, kind: str = "explained") -> tuple[Path, Path]:
     recorded = clean + noise_V * draw.normal(size=clean.shape)
     recorded[3, 17] = np.nan
     before, after = voltage([]), voltage(named.get(kind, []))
-    metadata = {
-        "format": "eit-recording",
-        "version": 1,
-        "channels": CHANNELS.tolist(),
-        "voltage": "signed",
-        "values": "absolute",
-        "unit": "V",
-        "frame_s": 0.2,
-        "clock": "measured",
-        "position_frame": "skin",
-        "source_reference": "floating",
-        "source": "simulation",
-        "skin": SKIN.metadata(),
-    }
+    metadata = simulated_metadata(SKIN, CHANNELS)
     path = folder / "recording.parquet"
     recording.write(Recording(frames, recorded, None, None, metadata), path)
     residuals = {

@@ -8,6 +8,7 @@ from eitskin.protocol import channel_table
 from eitskin.readings import simulate
 from eitskin.recording import Recording, frames_table
 from eitskin.skin import Skin
+from simulated_metadata import simulated_metadata
 
 SKIN = Skin(80.0, 3.0, 0.5, tuple(45.0 * np.arange(8)), 8.0, 2e-3, 1e-3, 0.9)
 CHANNELS = channel_table(8)
@@ -35,18 +36,5 @@ def recorded(sessions: list[list[dict]], seed: int = 1, presses: int = 5) -> Rec
         voltages.append(clean + noise)
     table = pd.concat(frames, ignore_index=True)
     table["frame"] = np.arange(len(table))
-    metadata = {
-        "format": "eit-recording",
-        "version": 1,
-        "channels": CHANNELS.tolist(),
-        "voltage": "signed",
-        "values": "absolute",
-        "unit": "V",
-        "frame_s": 0.2,
-        "clock": "measured",
-        "position_frame": "skin",
-        "source_reference": "floating",
-        "source": "simulation",
-        "skin": SKIN.metadata(),
-    }
+    metadata = simulated_metadata(SKIN, CHANNELS)
     return Recording(table, np.concatenate(voltages), None, None, metadata)

@@ -12,23 +12,11 @@ from eitskin.protocol import channel_table
 from eitskin.readings import simulate
 from eitskin.recording import Recording, frames_table, presses
 from eitskin.skin import Skin
+from simulated_metadata import simulated_metadata
 
 SKIN = Skin(40.0, 3.0, 0.5, tuple(45.0 * np.arange(8)), 5.0, 2e-3, 1e-3, 0.5)
 CHANNELS = channel_table(8)
-METADATA = {
-    "format": "eit-recording",
-    "version": 1,
-    "channels": CHANNELS.tolist(),
-    "voltage": "signed",
-    "values": "absolute",
-    "unit": "V",
-    "frame_s": 0.2,
-    "clock": "measured",
-    "position_frame": "skin",
-    "source_reference": "floating",
-    "source": "simulation",
-    "skin": SKIN.metadata(),
-}
+METADATA = simulated_metadata(SKIN, CHANNELS)
 FORCES_N = (1.0, 4.0, 8.0, 3.0)
 
 

@@ -10,10 +10,11 @@ import pytest
 from eitskin import recording
 from eitskin.diagnose import experiment
 from eitskin.diagnose.candidates import catalogue
+from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.diagnose import problem_of
 from eitskin.diagnose.experiment import NOTHING, SAME, propose
 from eitskin.diagnose.fit import Problem, fit
-from eitskin.diagnose.gaps import CONFUSED, Gap, gaps
+from eitskin.diagnose.gaps import Gap, gaps
 from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.search import Search
 from eitskin.effects.settings import settings, site_counts
@@ -21,6 +22,7 @@ from eitskin.protocol import channel_table
 from eitskin.readings import simulate
 from eitskin.recording import Recording, frames_table
 from eitskin.skin import Skin
+from simulated_metadata import simulated_metadata
 
 CHANNELS = channel_table(8)
 SKIN = Skin(80.0, 3.0, 0.5, tuple(45.0 * np.arange(8)), 5.0, 2e-3, 1e-3, 0.9)
@@ -33,20 +35,7 @@ def recorded(item: dict, forces: list[float], noise: float, **metadata) -> tuple
     place = np.r_[np.zeros(4), np.repeat(PLACES, 1 + len(forces))]
     time_s = 0.5 * np.arange(len(force))
     frames = frames_table(time_s, force > 0, place.real, place.imag, force, 10.0)
-    known = {
-        "format": "eit-recording",
-        "version": 1,
-        "channels": CHANNELS.tolist(),
-        "voltage": "signed",
-        "values": "absolute",
-        "unit": "V",
-        "frame_s": 0.2,
-        "clock": "measured",
-        "position_frame": "skin",
-        "source_reference": "floating",
-        "source": "simulation",
-        "skin": SKIN.metadata(),
-    }
+    known = simulated_metadata(SKIN, CHANNELS)
     query = Recording(frames, None, None, None, known | metadata)
     chosen = settings([item], site_counts(CHANNELS), (0, 0))
     voltage = simulate(frames, recording.presses(query), SKIN, CHANNELS, chosen, frame_s=0.2)

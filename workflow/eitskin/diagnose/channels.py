@@ -4,7 +4,14 @@ import numpy as np
 from scipy.special import chdtrc
 
 from eitskin.diagnose.candidates import Candidate, log_ways
-from eitskin.diagnose.screen import AMPLITUDES, MOST_SITES, Score, sparse
+from eitskin.diagnose.screen import (
+    AMPLITUDES,
+    MOST_SITES,
+    Score,
+    best_amplitude,
+    evidence_along,
+    sparse,
+)
 from eitskin.diagnose.tangents import Tangents
 
 
@@ -16,7 +23,7 @@ def scores(tangents: Tangents, dense: Candidate) -> list[Score]:
     """
     slope, information = _sums(tangents, dense)
     gain = slope**2 / np.maximum(information, 1e-300)
-    evidence = _evidences(slope, information)
+    evidence = best_amplitude([evidence_along(slope, information, a) for a in AMPLITUDES])
     order = np.argsort(-evidence)
     count = len(slope)
     found = []
@@ -31,8 +38,8 @@ def scores(tangents: Tangents, dense: Candidate) -> list[Score]:
     if len(chosen):
         sites = tuple(sorted(int(dense.sites[k]) for k in chosen))
         found.append(_score(sparse(dense, sites), gain[chosen].sum(), len(chosen), best, 0.0))
-    together = max(_evidence(slope, information, a).sum() for a in AMPLITUDES)
-    found.append(_score(dense, gain.sum(), count, together - np.log(len(AMPLITUDES)), 0.0))
+    together = best_amplitude([evidence_along(slope, information, a).sum() for a in AMPLITUDES])
+    found.append(_score(dense, gain.sum(), count, together, 0.0))
     return found
 
 
@@ -47,22 +54,10 @@ def _sums(tangents: Tangents, dense: Candidate) -> tuple[np.ndarray, np.ndarray]
     parameter = next(iter(dense.effect.parameters.values()))
     whitening = tangents.problem.whitening
     shape = tangents.voltage.shape
-    unit = dense.effect.stage == "instrument" and dense.name == "offset"
-    column = np.ones(shape) if unit else tangents.voltage
+    column = np.ones(shape) if dense.name == "offset" else tangents.voltage
     column = whitening(dense.scales.of(parameter) * column)
     residual = tangents.residual.reshape(shape)
     fitted = tangents.fitted.reshape(-1, *shape)
     shared = np.einsum("pnm,nm->pm", fitted, column)
     information = (column**2).sum(axis=0) - (shared**2).sum(axis=0)
     return (column * residual).sum(axis=0), np.maximum(information, 0.0)
-
-
-def _evidence(slope, information, amplitude: float) -> np.ndarray:
-    gain = 0.5 * slope**2 / (information + amplitude**-2)
-    return gain - 0.5 * np.log1p(amplitude**2 * information)
-
-
-def _evidences(slope, information) -> np.ndarray:
-    return np.max([_evidence(slope, information, a) for a in AMPLITUDES], axis=0) - np.log(
-        len(AMPLITUDES)
-    )

@@ -17,11 +17,12 @@ from eitskin.atomic import atomic_path
 from eitskin.diagnose import corrected, evidence, words
 from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.candidates import Scales, catalogue
+from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.estimates import calibration, estimates
 from eitskin.diagnose.excerpt import excerpt
 from eitskin.diagnose.experiment import propose
 from eitskin.diagnose.fit import STEP, Fit, Problem
-from eitskin.diagnose.gaps import CONFUSED, OBSERVABLE, Gap, gaps, strengths
+from eitskin.diagnose.gaps import OBSERVABLE, Gap, gaps, strengths
 from eitskin.diagnose.held_out import folds
 from eitskin.diagnose.model import Model
 from eitskin.diagnose.noise import Noise, estimate

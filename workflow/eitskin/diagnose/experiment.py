@@ -16,8 +16,9 @@ import numpy as np
 import pandas as pd
 
 from eitskin.depth import forward_model
+from eitskin.diagnose.classes import CONFUSED, WEAK
 from eitskin.diagnose.fit import Problem, fit
-from eitskin.diagnose.gaps import CLOSE, CONFUSED, gaps
+from eitskin.diagnose.gaps import CLOSE, gaps
 from eitskin.diagnose.model import Model
 from eitskin.diagnose.search import Search
 from eitskin.diagnose.whitening import Whitening
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
 
 MOST_PRESSES = 8  # on which recipes are compared
 MOST_TRIED = 2  # that are then simulated with every press and fitted
-WEAK = 5.0  # a gap under which an experiment is sought where no rival is confused
 REPEATS = 4
 HARDER = 1.5  # times the forces
 HOLD_S, LOOK_S = 30.0, 10.0  # of a force held, and between its frames

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
+from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.evidence import Evidence
 from eitskin.diagnose.verdict import LIKELY
 from eitskin.diagnose.words import MINUS, number, power, sites, where
@@ -31,7 +32,6 @@ BINS = 10
 SHOWN = 0.97  # of the channels lie within the colours of the residual matrix
 PLAIN = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}  # behind a text on a line
 CENTRED = {"ha": "center", "va": "center"}
-TOLD_APART = 3.0  # gap below which two names are one class
 STYLE = {
     "figure.dpi": DPI,
     "figure.constrained_layout.use": True,
@@ -444,8 +444,8 @@ def next_experiment(evidence: Evidence) -> Figure | str:
         return "No pair of names is left to be told apart."
     figure = _figure(20 + 8 * len(pairs))
     axes = figure.add_subplot()
-    axes.axvspan(0, TOLD_APART, color="#e4e4e4", linewidth=0)
-    top = 1.25 * max(TOLD_APART, *(max(pair["gap_now"], pair["gap_then"]) for pair in pairs))
+    axes.axvspan(0, CONFUSED, color="#e4e4e4", linewidth=0)
+    top = 1.25 * max(CONFUSED, *(max(pair["gap_now"], pair["gap_then"]) for pair in pairs))
     for y, pair in enumerate(pairs):
         ends = pair["gap_now"], pair["gap_then"]
         arrow = {"arrowstyle": "-|>", "color": "#202020", "linewidth": 1, "shrinkA": 3}

@@ -124,8 +124,9 @@ def fit(
     residual = problem.residual(theta, effects)
     fresh = jacobian is None
     if jacobian is None:
-        jacobian = np.full((len(theta), *residual.shape), np.nan)
-    jacobian = _filled(problem, theta, effects, residual, np.array(jacobian))
+        jacobian = _fresh(problem, theta, effects, residual)
+    else:
+        jacobian = _filled(problem, theta, effects, residual, np.array(jacobian))
     cost = (residual**2).sum() + prior @ theta**2
     damping, failed = 1e-6, 0
     for _ in range(MOST_ROUNDS):
@@ -170,14 +171,13 @@ def fit(
     return Fit(problem, list(effects), theta, residual, jacobian)
 
 
-def _fresh(problem, theta, effects, residual) -> np.ndarray:
-    return np.array(
-        [derivative(problem, theta, effects, residual, i) for i in range(len(theta))]
-    ).reshape(len(theta), *residual.shape)
-
-
 def _filled(problem, theta, effects, residual, jacobian) -> np.ndarray:
     """The Jacobian, its unknown columns by differences."""
     for i in np.flatnonzero(np.isnan(jacobian).any(axis=(1, 2))):
         jacobian[i] = derivative(problem, theta, effects, residual, i)
     return jacobian
+
+
+def _fresh(problem, theta, effects, residual) -> np.ndarray:
+    unknown = np.full((len(theta), *residual.shape), np.nan)
+    return _filled(problem, theta, effects, residual, unknown)

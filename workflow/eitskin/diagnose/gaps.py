@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.fit import fit
-from eitskin.diagnose.screen import sparse
+from eitskin.diagnose.screen import explained, sparse
 from eitskin.diagnose.search import Search, State, discrete, gross
 from eitskin.diagnose.tangents import Tangents
 from eitskin.errors import InputError
 
-CONFUSED = 3.0  # a gap under which two names are one class
 CLOSE = 6.0  # a linear gap, times this, under which the rival is fitted on the nonlinear model
 MOST_FITTED = 5
 OBSERVABLE = 3.0  # SNR at typical size under which a name could not have been shown
@@ -77,23 +77,17 @@ def _rivals(candidates: list[Candidate], effect: Candidate) -> list[Candidate]:
 
 
 def _linear_gap(tangents: Tangents, signature: np.ndarray, candidate: Candidate) -> float | None:
-    total = float(signature @ signature)
     if discrete(candidate):
-        setting = candidate.setting(np.zeros(candidate.size))
-        model, whitening = tangents.problem.model, tangents.problem.whitening
-        try:
-            moved = model.voltage(tangents.knobs, [*tangents.chosen, setting])
-        except InputError:
+        change = tangents.tried(candidate)
+        if change is None:
             return None
-        left = signature - tangents.away(whitening(moved - tangents.voltage).ravel())
+        left = signature - change
         return float(np.sqrt(left @ left))
     columns = tangents.of(candidate)
     if not len(columns):
         return None
-    size, turn = np.linalg.eigh(columns @ columns.T)
-    kept = size > 1e-9 * size[-1]
-    slope = (columns @ signature) @ turn[:, kept]
-    return float(np.sqrt(max(total - (slope**2 / size[kept]).sum(), 0.0)))
+    gain, _ = explained(columns, signature)
+    return float(np.sqrt(max(float(signature @ signature) - gain, 0.0)))
 
 
 def _fitted_gap(target, tangents: Tangents, effects, candidate: Candidate, snr: float) -> float:

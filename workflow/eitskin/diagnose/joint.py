@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 
 from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.diagnose import Diagnosis
 from eitskin.diagnose.fit import Fit, Problem, fit
-from eitskin.diagnose.gaps import CONFUSED
 from eitskin.diagnose.held_out import HeldOut, held_out
 from eitskin.diagnose.model import MOST, Calibration, Model
 from eitskin.effects.effect import Parameter

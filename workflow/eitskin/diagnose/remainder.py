@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from eitskin.diagnose.atlas import DISCOVERY
+
 PRIOR = 0.1  # that physics outside the catalogue is present, before looking
 INDEPENDENT = 0.5  # of the atlas's rows: the rest say what others say
 LAWS = {
@@ -66,7 +68,7 @@ def other(atlas: pd.DataFrame, catalogue_p: float) -> Other:
     located = rows[rows["statistic"].str.contains(": (?:electrode|drive|measuring pair)$")]
     best = located.iloc[0] if len(located) else None
     sites: dict[str, list[int]] = {"electrodes": [], "drives": [], "measures": []}
-    if best is not None and best["q"] < 0.05:
+    if best is not None and best["q"] < DISCOVERY:
         kind = best["statistic"].rpartition(": ")[2]
         first = int(re.match(r"\d+", best["site"]).group())
         key = {"electrode": "electrodes", "drive": "drives", "measuring pair": "measures"}[kind]

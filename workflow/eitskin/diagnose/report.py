@@ -12,6 +12,7 @@ import pandas as pd
 
 from eitskin.atomic import atomic_path
 from eitskin.diagnose import evidence, figures
+from eitskin.diagnose.classes import CONFUSED, WEAK
 from eitskin.diagnose.evidence import Evidence
 from eitskin.diagnose.verdict import LIKELY
 from eitskin.diagnose.words import (
@@ -30,7 +31,6 @@ from eitskin.effects.effect import SITES
 
 SIGNIFICANT = 0.05  # false discovery rate below which a row of the atlas counts
 MOST_ROWS = 25
-WEAK = 5.0  # gap below which two names are told apart weakly
 PACKAGES = ("eitskin", "numpy", "scipy", "pandas", "matplotlib")
 UNITS = {"V": "V", "ohm": "Ω", "arbitrary": "arbitrary units"}
 CAPTIONS = {
@@ -338,7 +338,7 @@ def _identifiability(found: Evidence) -> str:
             told = "not observable"
         elif np.isnan(row.gap):
             told = "yes, no rival"
-        elif row.gap < figures.TOLD_APART:
+        elif row.gap < CONFUSED:
             told = "no, one class"
         else:
             told = "weakly" if row.gap < WEAK else "yes"

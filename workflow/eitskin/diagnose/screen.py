@@ -22,9 +22,27 @@ def log_evidence(slope: np.ndarray, information: np.ndarray) -> float:
     if not len(slope):
         return -np.inf
     size, turn = np.linalg.eigh(information)
-    size, along = np.maximum(size, 0.0), (slope @ turn) ** 2
-    gains = [0.5 * (along / (size + a**-2) - np.log1p(a**2 * size)).sum() for a in AMPLITUDES]
-    return float(max(gains) - np.log(len(AMPLITUDES)))
+    size, along = np.maximum(size, 0.0), slope @ turn
+    return float(best_amplitude([evidence_along(along, size, a).sum() for a in AMPLITUDES]))
+
+
+def evidence_along(slope: np.ndarray, information: np.ndarray, amplitude: float) -> np.ndarray:
+    """Log evidence (k,) of coordinates that are independent, each with the prior sd `amplitude`."""
+    gain = slope**2 / (information + amplitude**-2)
+    return 0.5 * (gain - np.log1p(amplitude**2 * information))
+
+
+def best_amplitude(evidence: list) -> np.ndarray:
+    """The largest over AMPLITUDES, less what choosing among them costs."""
+    return np.max(evidence, axis=0) - np.log(len(AMPLITUDES))
+
+
+def explained(columns: np.ndarray, residual: np.ndarray) -> tuple[float, int]:
+    """Squared length of residual (D,) in the span of columns (k, D), and that span's dimension."""
+    size, turn = np.linalg.eigh(columns @ columns.T)
+    kept = size > 1e-9 * size[-1]
+    slope = (columns @ residual) @ turn[:, kept]
+    return float((slope**2 / size[kept]).sum()), int(kept.sum())
 
 
 @dataclass(frozen=True)
@@ -44,12 +62,9 @@ def score(tangents: Tangents, candidate: Candidate) -> Score | None:
     columns = tangents.of(candidate)
     if not len(columns):
         return None
-    slope, information = columns @ tangents.residual, columns @ columns.T
-    size, turn = np.linalg.eigh(information)
-    kept = size > 1e-9 * size[-1]
-    gain = float(((slope @ turn[:, kept]) ** 2 / size[kept]).sum())
-    dof = int(kept.sum())
-    evidence = log_evidence(slope, information) - np.log(candidate.looks)
+    gain, dof = explained(columns, tangents.residual)
+    evidence = log_evidence(columns @ tangents.residual, columns @ columns.T)
+    evidence -= np.log(candidate.looks)
     return Score(candidate, gain, dof, float(chdtrc(dof, gain)), evidence)
 
 

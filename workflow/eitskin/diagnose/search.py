@@ -103,32 +103,31 @@ class Search:
         free = self._free_channels(state)
         if free is not None:
             self.rival_evidence = free.log_evidence
-        found = self._alone(state, ("dense",), self._alone(state, ()))
+        found = self._without_dense(state, self._explained(state))
         if free is not None and free.log_evidence > found.log_evidence:
             self._step("swap", free.effects[-1], free, None)
             self.rival_evidence = -np.inf
-            found = self._stand(self._grow(self._drop(free)))
+            found = self._explained(self._drop(free))
         return before, found
 
-    def _alone(self, state: State, banned: tuple[str, ...], rival: State | None = None) -> State:
-        """What grows from `state`; with `rival`, again without scopes `banned` of the rival's own
-        names, and the better of the two.
+    def _explained(self, state: State) -> State:
+        """What grows from `state` and stands."""
+        return self._stand(self._grow(state))
 
-        Many free values take what several plain effects explain better together.
-        """
-        if rival is None:
-            return self._stand(self._grow(state))
-        names = {c.name for c in rival.effects if c.scope in banned}
+    def _without_dense(self, state: State, found: State) -> State:
+        """`found`, or what grows from `state` without the names that it has at every site, where
+        that is better: many free values take what several plain effects explain together."""
+        names = {c.name for c in found.effects if c.scope == "dense"}
         if not names:
-            return rival
+            return found
         self.report(f"again without a free value at every site ({', '.join(sorted(names))})")
-        kept = [c for c in self.candidates if c.name not in names or c.scope not in banned]
+        kept = [c for c in self.candidates if c.name not in names or c.scope != "dense"]
         plain = replace(self, candidates=kept, scored={}, trials={})
-        found = plain._stand(plain._grow(state))
-        if found.log_evidence <= rival.log_evidence:
-            return rival
+        rival = plain._explained(state)
+        if rival.log_evidence <= found.log_evidence:
+            return found
         self.trials, self.catalogue_p = plain.trials, plain.catalogue_p
-        return found
+        return rival
 
     def _free_channels(self, state: State) -> State | None:
         """`state` with a gain, or an offset, of its own for every channel; None where their score
@@ -213,12 +212,9 @@ class Search:
         """A candidate without tangents, by trying it; the calibrations follow to first order."""
         if self.lengths.get(candidate.key, 0.0) > FAR * tangents.fit.chi2:
             return None
-        setting = candidate.setting(np.zeros(candidate.size))
-        try:
-            moved = self.problem.model.voltage(tangents.knobs, [*tangents.chosen, setting])
-        except InputError:
+        change = tangents.tried(candidate)
+        if change is None:
             return None
-        change = tangents.away(self.problem.whitening(moved - tangents.voltage).ravel())
         length = float(change @ change)
         self.lengths[candidate.key] = length
         if length == 0.0:

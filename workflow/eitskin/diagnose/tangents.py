@@ -72,6 +72,16 @@ class Tangents:
             found[linear] = columns.reshape(-1, *self.voltage.shape)
         return found
 
+    def tried(self, candidate: Candidate) -> np.ndarray | None:
+        """(N M,): what a candidate at its start would change, the fitted projected out; None where
+        the physics has no such state."""
+        setting = candidate.setting(np.zeros(candidate.size))
+        try:
+            moved = self.problem.model.voltage(self.knobs, [*self.chosen, setting])
+        except InputError:
+            return None
+        return self.away(self.problem.whitening(moved - self.voltage).ravel())
+
     def _singles(self, candidate: Candidate) -> list[np.ndarray | None]:
         """One column a coordinate; of a candidate with sites, one a site."""
         if candidate.sites is None or self._together(candidate):

@@ -1,10 +1,11 @@
 """Steady tones in the readings: a periodogram over the moments at which channels are read."""
 
-import numpy as np
-from scipy.special import chdtrc
+from dataclasses import replace
 
+import numpy as np
+
+from eitskin.diagnose import screen
 from eitskin.diagnose.candidates import Candidate
-from eitskin.diagnose.screen import Score, log_evidence
 from eitskin.diagnose.tangents import Tangents
 from eitskin.effects.effect import Effect
 
@@ -12,7 +13,7 @@ OVERSAMPLING = 2.5
 MOST_LINES = 400_000
 
 
-def score(tangents: Tangents, effect: Effect, skin, scales) -> Score | None:
+def score(tangents: Tangents, effect: Effect, skin, scales) -> screen.Score | None:
     """The strongest tone (Scargle 1982) of the residual between 0 and a channel's Nyquist
     frequency; None where nobody knows when channels are read."""
     model = tangents.problem.model
@@ -25,16 +26,10 @@ def score(tangents: Tangents, effect: Effect, skin, scales) -> Score | None:
     )
     start = {"frequency_Hz": frequency}
     candidate = Candidate(effect, None, None, "", start, skin, scales, looks)
-    columns = tangents.of(candidate)
-    if len(columns) < 2:
+    if len(tangents.of(candidate)) < 2:
         return None
-    slope, information = columns @ tangents.residual, columns @ columns.T
-    gain = float(slope @ np.linalg.solve(information, slope))
-    p = 1.0 - (1.0 - chdtrc(2, gain)) ** looks
-    if p == 0.0 or p < 1e-9:
-        p = looks * float(chdtrc(2, gain))
-    evidence = log_evidence(slope, information) - np.log(looks)
-    return Score(candidate, gain, 2, float(p), evidence)
+    one = screen.score(tangents, candidate)
+    return replace(one, p_value=float(-np.expm1(looks * np.log1p(-one.p_value))))
 
 
 def strongest(weighted: np.ndarray, time_s: np.ndarray, frame_s: float) -> tuple[float, int]:
