@@ -234,12 +234,13 @@ def draw(kind: str, seed: int) -> Case:
     median = float(np.median(np.abs(plain[0])))
     level = float(f"{np.exp(rng.uniform(*np.log((LEAST_LEVEL, MOST_LEVEL)))):.3g}")
     mixed = rng.uniform(0.2, 0.8) if rng.uniform() < 0.3 else 0.0
-    noise = level * ((1.0 - mixed) * median + mixed * np.abs(plain[0]))
-
     scene = strengths.Scene(believed, channels, plain[0], free, grounded, skin.thickness_mm)
     drawn = [strengths.DRAWN[name](rng, scene) for name in names]
     scopes = [one.scope for one in drawn]
     growing = [one for one in drawn if one.unit is not None]
+    # Where a wire is off or on another electrode, the noise is that of what the board then reads.
+    read = shown.readings([one.at(0.0) for one in drawn if one.unit is None])
+    noise = level * ((1.0 - mixed) * median + mixed * np.abs(read[0]))
     makers = [(one.at, one.unit, one.most) for one in growing]
     hidden = None
     if law is not None:

@@ -31,6 +31,7 @@ LEAST_EVIDENCE = 3.0  # nats by which an effect must raise the evidence
 WITHIN = 20.0  # nats of linear evidence below the best, or this share of its gain ...
 SHARE = 0.3
 MOST_NAMES = 12
+FEW_SITES = 2  # of a sparse effect; with more, single sites are tried in its place
 MOST_JOINED = 8  # sites of an effect that is still called sparse
 FAR = 16.0  # times chi squared: a change of so great a squared length cannot lower it
 FEW = 6  # coordinates; candidates with more are fitted after the others
@@ -103,7 +104,7 @@ class Search:
         free = self._free_channels(state)
         if free is not None:
             self.rival_evidence = free.log_evidence
-        found = self._without_dense(state, self._explained(state))
+        found = self._without_freedom(state, self._explained(state))
         if free is not None and free.log_evidence > found.log_evidence:
             self._step("swap", free.effects[-1], free, None)
             self.rival_evidence = -np.inf
@@ -114,15 +115,23 @@ class Search:
         """What grows from `state` and stands."""
         return self._stand(self._grow(state))
 
-    def _without_dense(self, state: State, found: State) -> State:
-        """`found`, or what grows from `state` without the names that it has at every site, where
-        that is better: many free values take what several plain effects explain together."""
-        names = {c.name for c in found.effects if c.scope == "dense"}
-        if not names:
-            return found
-        self.report(f"again without a free value at every site ({', '.join(sorted(names))})")
-        kept = [c for c in self.candidates if c.name not in names or c.scope != "dense"]
-        plain = replace(self, candidates=kept, scored={}, trials={})
+    def _without_freedom(self, state: State, found: State) -> State:
+        """`found`, or what grows from `state` with less freedom, where that is better: many free
+        values take what several plain effects explain together. First without the names that have
+        a value at every site, then, where one has several sites still, without any such subset."""
+        dense = {c.name for c in found.effects if c.scope == "dense"}
+        if dense:
+            self.report(f"again without a free value at every site ({', '.join(sorted(dense))})")
+            kept = [c for c in self.candidates if c.name not in dense or c.scope != "dense"]
+            found = self._rival(state, found, kept)
+        if any(c.scope == "sparse" and len(c.sites) > FEW_SITES for c in found.effects):
+            self.report("again with single sites and pairs alone")
+            found = self._rival(state, found, [c for c in self.candidates if c.scope != "dense"])
+        return found
+
+    def _rival(self, state: State, found: State, candidates: list[Candidate]) -> State:
+        """`found`, or what grows from `state` out of other candidates, where that is better."""
+        plain = replace(self, candidates=candidates, scored={}, trials={})
         rival = plain._explained(state)
         if rival.log_evidence <= found.log_evidence:
             return found
