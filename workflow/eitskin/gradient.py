@@ -8,6 +8,8 @@ both small and smooth. The Neumann function keeps its singularity and gains a co
 
 C Galerkin's in harmonics and in bubbles, which vanish on the rim and bend the harmonics inside as
 k^2 does. A current of u through a line is sqrt(s) (dw/dn - b w): so touches meet it (`touch`).
+Their multipoles are harmonic, which is off by (k a)^2 / 4 within a touch of radius a: with 0.3
+across, 2e-5 of its change for an eighth of the skin's radius, 9e-5 for a quarter.
 """
 
 from dataclasses import dataclass

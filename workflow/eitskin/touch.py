@@ -148,8 +148,9 @@ class TouchEdge(Circle):
 
     Nodes on the edge are evenly spaced, or graded towards the rim, and towards the circle `beside`
     (an edge of the conductivity), where the touch comes near it; a part of the rim closes a
-    clipped touch. `apart`: distance to the nearest other touch, in radii. Raises InputError for a
-    touch outside the skin or one that the rim cuts more than twice.
+    clipped touch. `apart`: distance to the nearest other touch, in radii; `bulk`: where the
+    conductivity rises across the skin. Raises InputError for a touch outside the skin or one that
+    the rim cuts more than twice.
     """
 
     def __init__(
