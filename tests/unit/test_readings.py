@@ -111,6 +111,30 @@ def test_skewed_channels_see_the_force_of_their_moment(others):
         assert np.abs(found[:, k] - expected[:, k]).max() < 1e-3 * touch
 
 
+@pytest.mark.parametrize("fraction", [-1.0, 0.9])
+def test_channels_before_a_press_see_no_force(fraction):
+    """The press begins, or ends, within the frame: channels before see the skin untouched."""
+    force = np.array([0.0, 1.0, 4.0, 0.3, 0.0, 3.0])
+    found = run(effect("frame-skew", fraction=fraction), at=states(force=force))
+    step = np.array([0.0, 3.0, -0.35, -3.7, 0.0, 0.0])
+    begun = force[:, None] + fraction * step[:, None] * (np.arange(208) / 207 - 0.5)
+    outside = (begun <= 0.0) & (force > 0.0)[:, None]
+    assert outside.any(axis=1).tolist() == [False, True, False, True, False, False]
+    touch = np.abs(found - found[0]).max(axis=1)
+    for row, k in np.argwhere(outside):
+        assert abs(found[row, k] - found[0, k]) < 1e-9 * touch[row]
+    for k in range(0, 208, 9):
+        expected = run(at=states(force=np.maximum(begun[:, k], 0.0)))
+        assert np.all(np.abs(found[:, k] - expected[:, k]) <= 1e-3 * touch + 1e-12)
+
+
+def test_the_gain_follows_the_force_of_the_moment():
+    skew, gain = effect("frame-skew", fraction=0.5), effect("force-dependent-gain", per_N=0.01)
+    factor = run(skew, gain, force_max_N=4.0)[1] / run(skew)[1]
+    force = states()["force_N"][1] + 1.5 * (np.arange(208) / 207 - 0.5)
+    assert factor == pytest.approx(1 + 0.01 * (force - 2.0))
+
+
 def test_touches_multiply_the_patch():
     patch = {"x_mm": 28.0, "y_mm": 6.0, "radius_mm": 9.0, "contrast": 0.5}
     found = run(effect("conductivity-patch", **patch), accuracy="diagnose")

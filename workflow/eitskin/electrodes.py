@@ -41,7 +41,7 @@ class Electrodes:
         self.factor = np.ones_like(self.theta)
         if bulk:
             self.factor = bulk.factor(geometry.rim(self.phi))
-            self.spread = self.project(bulk.harmonics(self.rim))
+            self.spread = self.project(bulk.terms(self.rim))
         self.interaction = self._interaction()
         self.matrix = self.interaction + self._contact_matrix()
 

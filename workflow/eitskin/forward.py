@@ -193,7 +193,9 @@ class Forward:
 
     def edge(self, touch: Touch, apart: float = np.inf) -> TouchEdge:
         """The touch's edge and multipoles at this accuracy; `apart` from others, in radii."""
-        return TouchEdge(touch, self.geometry, self.disc, self.accuracy.touch, apart)
+        return TouchEdge(
+            touch, self.geometry, self.disc, self.accuracy.touch, apart, bulk=self.bulk
+        )
 
     def place(self, x_mm: float, y_mm: float, radius_mm: float) -> TouchModes:
         """The touch at one place, for every contrast at once."""
@@ -251,9 +253,7 @@ class Forward:
     def _to_electrodes(self, edge: TouchEdge) -> np.ndarray:
         coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))
         if self.bulk:
-            coupling = (
-                coupling + self.electrodes.spread @ self.bulk.matrix @ edge.spread(self.bulk).T
-            )
+            coupling += self.electrodes.spread @ self.bulk.matrix @ edge.polar_spread.T
         return coupling
 
     def _between(self, a: TouchEdge, b: TouchEdge) -> np.ndarray:
@@ -263,7 +263,9 @@ class Forward:
         else:
             response = 0.5 * (a.inner_response(b) + b.inner_response(a).T)
         if self.bulk:
-            response = response + a.spread(self.bulk) @ self.bulk.matrix @ b.spread(self.bulk).T
+            there = a.spread @ self.bulk.matrix @ b.polar_spread.T
+            back = b.spread @ self.bulk.matrix @ a.polar_spread.T
+            response = response + 0.5 * (there + back.T)
         return response
 
     def _relaxed(self, coupling: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -22,8 +22,8 @@ from eitskin.leaks import leaking
 from eitskin.skin import Skin
 
 LEAST_CONDUCTIVITY = 1e-3  # of the background's, inside a touch
-# Moments of a frame, 0 in its middle, at which a frame whose force changes is solved.
-SKEW_NODES = 0.5 * np.cos(np.pi * np.arange(5) / 4)
+# Where between the forces of its first and last channel, -1 to 1, a frame is solved.
+SKEW_NODES = np.cos(np.pi * np.arange(5) / 4)
 
 
 def of_stage(chosen: list[Setting], stage: str) -> list[Setting]:
@@ -141,11 +141,15 @@ def simulate(
 
 @dataclass(frozen=True)
 class Sensed:
-    """What a skin answers before the board has it, of N frames at each of the K moments `nodes` of
-    a frame."""
+    """What a skin answers before the board has it, of N frames at K forces of each, `nodes`.
+
+    nodes (K,), and within (N, M), the force each channel sees: from that of the frame's first
+    channel, -1, to that of its last, 1.
+    """
 
     solve: "_Solver"
     nodes: np.ndarray
+    within: np.ndarray
     frames: Frames
 
     @cached_property
@@ -193,12 +197,9 @@ def sense(
     history = ForceHistory.of_frames(time_s, force_N, press)
     frames = Frames(time_s, force_N, channels, history, frame_s, float(largest))
     frames = apply_force(frames, chosen)
-    shifts = [s.effect.force_shift(s, frames) for s in of_stage(chosen, "clock")]
-    nodes = SKEW_NODES if shifts else np.zeros(1)
-    tables = [
-        _touches(states, frames.force_N + node * sum(shifts), skin, chosen, frames)
-        for node in nodes
-    ]
+    frames, middle, half = _skewed(frames, chosen)
+    nodes = SKEW_NODES if half.any() else np.zeros(1)
+    tables = [_touches(states, middle + node * half, skin, chosen, frames) for node in nodes]
     solve = _Solver(
         pd.concat(tables, ignore_index=True),
         np.tile(touched, len(nodes)),
@@ -209,14 +210,29 @@ def sense(
         near,
         progress,
     )
-    return Sensed(solve, nodes, frames)
+    within = (frames.seen_N - middle[:, None]) / np.where(half != 0.0, half, 1.0)[:, None]
+    return Sensed(solve, nodes, within, frames)
+
+
+def _skewed(frames: Frames, chosen: list[Setting]) -> tuple[Frames, np.ndarray, np.ndarray]:
+    """`frames` with the force that each channel sees, its middle and half its range (N,) N.
+
+    Before a press and after it there is no force: what a frame sees there is 0.
+    """
+    moment = np.linspace(-0.5, 0.5, len(frames.channels))
+    seen = np.repeat(frames.force_N[:, None], len(moment), axis=1)
+    for setting in of_stage(chosen, "clock"):
+        seen += setting.effect.force_shift(setting, frames)[:, None] * moment
+    seen = np.maximum(seen, 0.0)
+    first, last = seen[:, 0], seen[:, -1]
+    return replace(frames, seen_N=seen), 0.5 * (first + last), 0.5 * (last - first)
 
 
 def read(
     sensed: Sensed, current_A: float, chosen: list[Setting], sink_grounded: bool = False
 ) -> np.ndarray:
     """The stages of wiring and instrument of `simulate`: readings (N, M) V."""
-    frames, nodes = sensed.frames, sensed.nodes
+    frames = sensed.frames
     transfer = sensed.with_contact if on_contact(chosen) else sensed.transfer
     channels = frames.channels
     asked = [s for s in of_stage(chosen, "instrument") if not s.effect.on_readings]
@@ -228,10 +244,11 @@ def read(
         sink, plus, minus = (potential[:, at, channels[:, k]] for k in (1, 2, 3))
         voltage = measurable(plus - minus)
         if asked:
-            above_sink = current_A * _over_frame(measurable(0.5 * (plus + minus) - sink), nodes)
+            mean = measurable(0.5 * (plus + minus) - sink)
+            above_sink = current_A * _over_frame(mean, sensed)
     else:
         voltage = measurable(channel_values(transfer, channels))
-    voltage = current_A * _over_frame(voltage, nodes)
+    voltage = current_A * _over_frame(voltage, sensed)
     return apply_instrument(voltage, chosen, replace(frames, above_sink_V=above_sink))
 
 
@@ -320,14 +337,14 @@ def _drives(channels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return drives, drive.ravel()
 
 
-def _over_frame(values: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """(N, M): `values` (K N, M) at the nodes (K,), each channel's at its own moment.
+def _over_frame(values: np.ndarray, sensed: Sensed) -> np.ndarray:
+    """(N, M): `values` (K N, M) at the nodes of each frame, each channel's at the force it sees.
 
     The polynomial through the nodes, by Lagrange's formula.
     """
+    nodes, within = sensed.nodes, sensed.within
     if len(nodes) == 1:
         return values
     values = values.reshape(len(nodes), -1, values.shape[-1])
-    moment = np.linspace(-0.5, 0.5, values.shape[-1])
-    weights = [np.prod([(moment - b) / (a - b) for b in nodes if b != a], axis=0) for a in nodes]
+    weights = [np.prod([(within - b) / (a - b) for b in nodes if b != a], axis=0) for a in nodes]
     return sum(weight * value for weight, value in zip(weights, values, strict=True))

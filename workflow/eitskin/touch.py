@@ -148,8 +148,9 @@ class TouchEdge(Circle):
 
     Nodes on the edge are evenly spaced, or graded towards the rim, and towards the circle `beside`
     (an edge of the conductivity), where the touch comes near it; a part of the rim closes a
-    clipped touch. `apart`: distance to the nearest other touch, in radii. Raises InputError for a
-    touch outside the skin or one that the rim cuts more than twice.
+    clipped touch. `apart`: distance to the nearest other touch, in radii; `bulk`: where the
+    conductivity rises across the skin. Raises InputError for a touch outside the skin or one that
+    the rim cuts more than twice.
     """
 
     def __init__(
@@ -160,9 +161,10 @@ class TouchEdge(Circle):
         accuracy: TouchAccuracy,
         apart: float = np.inf,
         beside: Circle | None = None,
+        bulk: GradientBulk | None = None,
     ):
         super().__init__(touch.x_mm + 1j * touch.y_mm, touch.radius_mm, geometry, disc)
-        self.touch, self.beside = touch, beside
+        self.touch, self.beside, self.bulk = touch, beside, bulk
         degree = self._place_nodes(accuracy, apart)
         boundary = np.concatenate([self.zeta, np.exp(1j * self.rim_theta)])
         self.expansion_centre = 0.5 * complex(
@@ -262,11 +264,50 @@ class TouchEdge(Circle):
         np.fill_diagonal(self.kernel, self._kernel_diagonal() - 0.5)
         self.rim_kernel = neumann.flux_kernel(rim[:, None], self.zeta, dzeta)
         rim_values = self.harmonics(rim)
+        if self.bulk:
+            self._tilt(rim, drim, rim_values)
         mass = self.values.T @ self.flux + rim_values.T @ self.rim_flux
         response = self.flux.T @ (self.kernel @ self.values)
         response += self.rim_flux.T @ (self.rim_kernel @ self.values)
+        if self.bulk:
+            response += self._tilted_response(rim)
         self.mass = 0.5 * (mass + mass.T)
         self.self_response = self.mass + 0.5 * (response + response.T)
+
+    def _tilt(self, rim: np.ndarray, drim: np.ndarray, rim_values: np.ndarray) -> None:
+        """Where s of `bulk` is not even: what it changes of fluxes, and the shares of `bulk`.
+
+        The multipoles are those of w = sqrt(s) u, and flux is the current over sqrt(s), dw/dn - b
+        w; bent is b w. spread (2 degree, terms): the multipoles' response to psi; polar_spread:
+        psi's share of what their polarisation makes. On the rim no current of it enters but the
+        even one of N, whose whole is return_share (2 degree,).
+        """
+        bulk, place, dzeta = self.bulk, self.place(self.t), self.tangent * self.weight
+        line = self.geometry.unfold(1j * (place - self.centre)) * self.weight
+        self.bent = bulk.bend(self.geometry.unfold(place), line)[:, None] * self.values
+        on_rim = bulk.unmapped(rim)
+        rim_line = drim / self.disc.derivatives(on_rim, 1)[1]
+        self.rim_bent = bulk.bend(on_rim, rim_line)[:, None] * rim_values
+        self.flux = self.flux - self.bent
+        self.rim_flux = self.rim_flux - self.rim_bent
+        self.return_share = -self.rim_weight @ rim_values / (2.0 * np.pi)
+        terms = bulk.terms(self.zeta)
+        self.spread = self.flux.T @ terms + self.rim_flux.T @ bulk.terms(rim)
+        self.polar_spread = self.values.T @ bulk.flux(self.zeta, dzeta) - self.bent.T @ terms
+        self.polar_spread[:, 0] += self.return_share
+
+    def _tilted_response(self, rim: np.ndarray) -> np.ndarray:
+        """(2 degree, 2 degree): what the charge -b w on the edge adds to the response.
+
+        Its own logarithm, of second order in b, takes a node for an even line of its length.
+        """
+        log = neumann.potential(self.zeta[:, None] + _eye(self.zeta), self.zeta)
+        length = np.abs(self.tangent) * self.weight / (2.0 * np.pi)
+        own = np.log(length * (1.0 - np.abs(self.zeta) ** 2))
+        np.fill_diagonal(log, -own / (2.0 * np.pi))
+        met = self.values + self.kernel @ self.values + self.return_share - log @ self.bent
+        on_rim = neumann.potential(rim[:, None], self.zeta) @ self.bent
+        return self.rim_bent.T @ on_rim - met.T @ self.bent
 
     def _kernel_diagonal(self) -> np.ndarray:
         turn = (self.curvature / self.tangent).imag * self.weight
@@ -298,6 +339,8 @@ class TouchEdge(Circle):
         """(points, 2 degree): potential at rim points that the multipoles' polarisation makes."""
         kernel = neumann.rim_flux_kernel(rim[:, None], self.zeta, self.tangent * self.weight)
         response = kernel @ self.values
+        if self.bulk:
+            response -= neumann.potential(rim[:, None], self.zeta) @ self.bent
         if self.clipped:
             inside = self.covers(rim)
             response[inside] += self.harmonics(rim[inside])
@@ -308,11 +351,6 @@ class TouchEdge(Circle):
         start = self.rim_theta[0]
         return (np.angle(rim) - start) % (2.0 * np.pi) < self.rim_theta[-1] - start
 
-    def spread(self, bulk: GradientBulk) -> np.ndarray:
-        """(2 degree, harmonics): the multipoles' response to the harmonics of `bulk`."""
-        rim = np.exp(1j * self.rim_theta)
-        return self.flux.T @ bulk.harmonics(self.zeta) + self.rim_flux.T @ bulk.harmonics(rim)
-
     def inner_response(self, other: "TouchEdge") -> np.ndarray:
         """(2 degree, 2 degree of other): response of these multipoles to those of another touch."""
         dzeta = other.tangent * other.weight
@@ -320,7 +358,13 @@ class TouchEdge(Circle):
         response = self.flux.T @ (kernel @ other.values)
         rim = np.exp(1j * self.rim_theta)
         kernel = neumann.flux_kernel(rim[:, None], other.zeta, dzeta)
-        return response + self.rim_flux.T @ (kernel @ other.values)
+        response += self.rim_flux.T @ (kernel @ other.values)
+        if self.bulk:
+            log = neumann.potential(self.zeta[:, None], other.zeta)
+            response -= self.flux.T @ (log @ other.bent)
+            log = neumann.potential(rim[:, None], other.zeta)
+            response -= self.rim_flux.T @ (log @ other.bent)
+        return response
 
     def place_motion(self, parameter: str) -> EdgeMotion:
         """Node velocities with `x_mm`, `y_mm` or `radius_mm`."""

@@ -117,7 +117,8 @@ class Frames:
     time_s, force_N (N,), the true force, 0 where untouched; channels (M, 4); history: the force in
     each press, None where no effect asks for it; frame_s: how long a frame takes, or None;
     force_max_N: the largest force reported, half of it is F_mid; above_sink_V (N, M): mean
-    potential of the measuring pair above the sink, where an effect asks for it.
+    potential of the measuring pair above the sink, where an effect asks for it; seen_N (N, M): the
+    force at each channel's moment, None where all see force_N.
     """
 
     time_s: np.ndarray
@@ -127,6 +128,7 @@ class Frames:
     frame_s: float | None = None
     force_max_N: float = 0.0
     above_sink_V: np.ndarray | None = None
+    seen_N: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

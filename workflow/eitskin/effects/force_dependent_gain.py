@@ -29,4 +29,5 @@ class ForceDependentGain(InstrumentEffect):
         middle = setting.values["F_mid_N"]
         if middle is None:
             middle = 0.5 * frames.force_max_N
-        return voltage * (1.0 + setting.values["per_N"] * (frames.force_N - middle))[:, None]
+        force = frames.force_N[:, None] if frames.seen_N is None else frames.seen_N
+        return voltage * (1.0 + setting.values["per_N"] * (force - middle))

@@ -9,7 +9,7 @@ class FrameSkew(ClockEffect):
     """Force F + fraction step (zeta - 1/2) at zeta, 0 at a frame's first channel, 1 at its last.
 
     step: the mean of the steps to the frames before and after in the press, one-sided at its ends,
-    0 in a press of one frame.
+    0 in a press of one frame. Below 0 it is 0: the press has not begun, or is over.
     """
 
     name = "frame-skew"
