@@ -116,7 +116,7 @@ class Electrodes:
         """(n, order, order): sigma z_l int P_k P_k' / 4 / (ds/dt) dt, ds in m."""
         length = self.geometry.contact_impedivity_ohm_m2 * self.geometry.conductivity_S_per_m
         drop = length[:, None] / (self.arc_slope * self.half_width[:, None]) / self.weight
-        return np.einsum("iq,aq,jq->aij", self.modes, drop, self.modes)
+        return (self.modes * drop[:, None, :]) @ self.modes.T
 
     def density(self, amplitude: np.ndarray) -> np.ndarray:
         """(n q, drives): weighted current at the nodes of mode amplitudes (n order, drives)."""

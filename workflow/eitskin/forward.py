@@ -103,7 +103,7 @@ class TouchModes:
 
     def transfer_change(self, contrast: np.ndarray) -> np.ndarray:
         """(F, n, n) ohm: R(c) - R0."""
-        return -np.einsum("ik,fk,jk->fij", self.gains, self.weights(contrast), self.gains)
+        return -(self.gains * self.weights(contrast)[:, None, :]) @ self.gains.T
 
     def channel_change(self, channels: np.ndarray, contrast: np.ndarray) -> np.ndarray:
         """(F, M) V per A: change of every channel."""
@@ -188,6 +188,8 @@ class Forward:
 
     def meets(self, x_mm: float, y_mm: float, radius_mm: float) -> bool:
         """Whether a disc there lies on the skin, at least in part."""
+        if (x_mm, y_mm, radius_mm) in self._couplings:
+            return True
         edge = x_mm + 1j * y_mm + radius_mm * np.exp(2j * np.pi * np.arange(64) / 64)
         return bool(np.abs(self.disc(self.geometry.unfold(edge))).min() < 1)
 

@@ -5,23 +5,29 @@ of effects.effect.ORDER, else in the list's.
 """
 
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from eitskin.depth import forward_model
 from eitskin.effects.effect import ORDER, ForceEffect, Frames, LeakEffect, Moment, Setting
 from eitskin.errors import InputError
 from eitskin.force_history import ForceHistory
 from eitskin.forward import Forward, channel_values, measurable
 from eitskin.geometry import Geometry
+from eitskin.interpolation import enough_nodes, lagrange
 from eitskin.leaks import leaking
+from eitskin.neighbours import Neighbours
 from eitskin.skin import Skin
 
 LEAST_CONDUCTIVITY = 1e-3  # of the background's, inside a touch
+KEPT_SKINS = 16
+MOST_SKINS = 32  # spent on finding out between which others are interpolated
+FEW_SKINS = 4  # that are solved one by one
 # Where between the forces of its first and last channel, -1 to 1, a frame is solved.
 SKEW_NODES = np.cos(np.pi * np.arange(5) / 4)
 
@@ -133,6 +139,7 @@ def simulate(
     frames have skins of their own. `near`: a solved skin, to share with. Raises InputError where
     `skin` or a touched state lacks a value that a simulation needs, and where a channel has none.
     """
+    near = Neighbours(*[near] if near else [])
     sensed = sense(
         states, press, skin, channels, chosen, accuracy, frame_s, force_max_N, near, progress
     )
@@ -162,6 +169,12 @@ class Sensed:
         """(K N, n + 1, n + 1) ohm: the contact is the last terminal, 0 where there is none."""
         return self.solve(contact=True)
 
+    @cached_property
+    def plain(self) -> np.ndarray:
+        """(N, M) V per A: readings without wiring and instrument."""
+        voltage = measurable(channel_values(self.transfer, self.frames.channels))
+        return _over_frame(voltage, self)
+
     @property
     def force_N(self) -> np.ndarray:
         """(K N,): the true force, 0 where untouched."""
@@ -177,7 +190,7 @@ def sense(
     accuracy: str = "diagnose",
     frame_s: float | None = None,
     force_max_N: float | None = None,
-    near: Forward | None = None,
+    near: Neighbours | None = None,
     progress: bool = False,
 ) -> Sensed:
     """The stages of touch, skin and clock of `simulate`; arguments and errors as there, but for
@@ -207,7 +220,7 @@ def sense(
         Geometry.from_skin(skin),
         chosen,
         accuracy,
-        near,
+        near or Neighbours(),
         progress,
     )
     within = (frames.seen_N - middle[:, None]) / np.where(half != 0.0, half, 1.0)[:, None]
@@ -233,22 +246,21 @@ def read(
 ) -> np.ndarray:
     """The stages of wiring and instrument of `simulate`: readings (N, M) V."""
     frames = sensed.frames
-    transfer = sensed.with_contact if on_contact(chosen) else sensed.transfer
     channels = frames.channels
     asked = [s for s in of_stage(chosen, "instrument") if not s.effect.on_readings]
     above_sink = None
     if asked or of_stage(chosen, "wiring"):
         drives, drive = _drives(channels)
+        transfer = sensed.with_contact if on_contact(chosen) else sensed.transfer
         potential = apply_wiring(transfer, chosen, drives, sink_grounded, sensed.force_N)[:, drive]
         at = np.arange(len(channels))
         sink, plus, minus = (potential[:, at, channels[:, k]] for k in (1, 2, 3))
-        voltage = measurable(plus - minus)
+        voltage = current_A * _over_frame(measurable(plus - minus), sensed)
         if asked:
             mean = measurable(0.5 * (plus + minus) - sink)
             above_sink = current_A * _over_frame(mean, sensed)
     else:
-        voltage = measurable(channel_values(transfer, channels))
-    voltage = current_A * _over_frame(voltage, sensed)
+        voltage = current_A * sensed.plain
     return apply_instrument(voltage, chosen, replace(frames, above_sink_V=above_sink))
 
 
@@ -282,45 +294,118 @@ class _Solver:
     base: Geometry
     chosen: list[Setting]
     accuracy: str
-    near: Forward | None
+    near: Neighbours
     progress: bool
 
     def __call__(self, contact: bool = False) -> np.ndarray:
         """(N, n, n) ohm: transfer impedance of every row; with `contact`, (N, n + 1, n + 1)."""
-        forward, result = self.near, None
-        skins = self._skins()
+        terminals = len(self.base.electrode_deg) + int(contact)
+        result = np.zeros((len(self.touches), terminals, terminals))
         shown = self.progress and sys.stderr.isatty()
         places = self.touches[["x_mm", "y_mm", "radius_mm"]].to_numpy()
         contrast = self.touches["contrast"].to_numpy()
-        for rows in tqdm(skins, unit="skin", disable=not shown):
-            geometry = apply_skin(self.base, self.chosen, self._moment(rows[0]))
-            forward = forward_model(geometry, self.accuracy, forward)
+        for forward, rows, weight in tqdm(self._skins(), unit="skin", disable=not shown):
             value = np.pad(forward.transfer(), (0, int(contact)))
-            if result is None:
-                result = np.empty((len(self.touches), *value.shape))
-            result[rows] = value
+            result[rows] += weight[:, None, None] * value
             for place, at in _places(places[rows], self.touched[rows]):
                 force = contrast[rows[at]]
                 if (contact or force.any()) and forward.meets(*place):
                     modes = forward.contact(*place) if contact else forward.place(*place)
-                    result[rows[at]] += modes.transfer_change(force)
+                    change = modes.transfer_change(force)
+                    result[rows[at]] += weight[at, None, None] * change
         return result
 
-    def _skins(self) -> list[np.ndarray]:
-        """Rows that share a skin, in order of appearance."""
-        drivers = {s.effect.driver for s in of_stage(self.chosen, "skin")} - {"static"}
-        if not drivers:
-            return [np.arange(len(self.touches))]
-        keys = self.touches[["force_N", "x_mm", "y_mm"]] if "force" in drivers else pd.DataFrame()
-        if "time" in drivers:
-            keys = keys.assign(minutes=self.minutes)
-        label = keys.groupby(list(keys), sort=False, dropna=False).ngroup().to_numpy()
-        return np.split(np.argsort(label, kind="stable"), np.cumsum(np.bincount(label))[:-1])
+    def _skins(self) -> Iterator[tuple[Forward, np.ndarray, np.ndarray]]:
+        """Skins, the rows (R,) that they are part of, and with what weight (R,).
 
-    def _moment(self, row: int) -> Moment:
-        touch = self.touches.iloc[row]
-        force = touch["force_N"] if self.touched[row] else 0.0
-        return Moment(self.minutes[row], force, touch["x_mm"], touch["y_mm"])
+        Where an effect follows time or force, a row's skin is interpolated between a few, smooth
+        as the laws are; where few rows are alike but for time and force, each has its own.
+        """
+        drivers = {s.effect.driver for s in of_stage(self.chosen, "skin")} - {"static"}
+        force = np.where(self.touched, self.touches["force_N"].to_numpy(float), 0.0)
+        xy = self.touches[["x_mm", "y_mm"]].to_numpy(float)
+        skins = _Skins(self.base, self.chosen, self.accuracy, self.near)
+        for rows in _alike(skins, force, xy) if "force" in drivers else [np.arange(len(force))]:
+            own = np.column_stack([self.minutes[rows], force[rows]])
+            own[:, [name not in drivers for name in ("time", "force")]] = 0.0
+            place = xy[rows[0]]
+            moments, which = np.unique(own, axis=0, return_inverse=True)
+            weights = np.eye(len(moments))[which.ravel()]
+            few = skins.few(moments, place)
+            if few is not None:
+                moments = np.array(list(product(*few)))
+                by_time, by_force = (lagrange(n, own[:, k]) for k, n in enumerate(few))
+                weights = (by_time[:, :, None] * by_force[:, None, :]).reshape(len(rows), -1)
+            for moment, weight in zip(moments, weights.T, strict=True):
+                some = np.flatnonzero(weight)
+                yield skins.at(*moment, place), rows[some], weight[some]
+
+
+class _Skins:
+    """Solved skins by the moment at which they are asked for; the latest are kept."""
+
+    def __init__(self, base: Geometry, chosen: list[Setting], accuracy: str, near: Neighbours):
+        self.base, self.chosen, self.accuracy, self.near = base, chosen, accuracy, near
+        self._solved: dict[tuple, Forward] = {}
+
+    def geometry(self, minutes: float, force_N: float, place: np.ndarray) -> Geometry:
+        """The skin's at a moment; place (x, y) mm, NaN where untouched."""
+        return apply_skin(self.base, self.chosen, Moment(minutes, force_N, *place))
+
+    def at(self, minutes: float, force_N: float, place: np.ndarray) -> Forward:
+        """The skin at a moment, solved."""
+        key = (minutes, force_N, *place)
+        if key not in self._solved:
+            if len(self._solved) >= KEPT_SKINS:
+                self._solved.pop(next(iter(self._solved)))
+            geometry = self.geometry(minutes, force_N, place)
+            self._solved[key] = self.near.solve(geometry, self.accuracy)
+        return self._solved[key]
+
+    def few(self, moments: np.ndarray, place: np.ndarray) -> list[np.ndarray] | None:
+        """Minutes and forces between all of which skins at moments (K, 2) are interpolated; None
+        where that takes as many as there are."""
+        if len(moments) <= FEW_SKINS:
+            return None
+        found = []
+        for axis in (0, 1):
+            nodes = self._nodes(moments, axis, place)
+            if nodes is None:
+                return None
+            found.append(nodes)
+        return found if len(found[0]) * len(found[1]) < len(moments) else None
+
+    def _nodes(self, moments: np.ndarray, axis: int, place: np.ndarray) -> np.ndarray | None:
+        low, high = moments.min(axis=0), moments.max(axis=0)
+        if low[axis] == high[axis]:
+            return low[[axis]]
+
+        def transfer(t: float) -> np.ndarray:
+            moment = 0.5 * (low + high)
+            moment[axis] = t
+            return self.at(*moment, place).transfer()
+
+        most = min(len(np.unique(moments[:, axis])) - 1, MOST_SKINS)
+        return enough_nodes(transfer, low[axis], high[axis], most)
+
+
+def _alike(skins: _Skins, force: np.ndarray, xy: np.ndarray) -> list[np.ndarray]:
+    """Rows whose skins are the same wherever time and force are: those without a force, and those
+    at places that an effect of the force makes no difference between."""
+    found: dict[bytes, list[int]] = {}
+    largest = force.max(initial=0.0)
+    keys: dict[bytes, bytes] = {}
+    for row in range(len(force)):
+        place = xy[row].tobytes()
+        if force[row] == 0:
+            key = b""
+        elif place in keys:
+            key = keys[place]
+        else:
+            geometry = skins.geometry(0.0, largest, xy[row])
+            key = keys[place] = geometry.contact_impedivity_ohm_m2.tobytes()
+        found.setdefault(key, []).append(row)
+    return [np.array(rows) for rows in found.values()]
 
 
 def _places(places: np.ndarray, touched: np.ndarray) -> list[tuple[tuple, list[int]]]:
@@ -346,5 +431,5 @@ def _over_frame(values: np.ndarray, sensed: Sensed) -> np.ndarray:
     if len(nodes) == 1:
         return values
     values = values.reshape(len(nodes), -1, values.shape[-1])
-    weights = [np.prod([(within - b) / (a - b) for b in nodes if b != a], axis=0) for a in nodes]
-    return sum(weight * value for weight, value in zip(weights, values, strict=True))
+    weights = lagrange(nodes, within.ravel()).reshape(*within.shape, len(nodes))
+    return np.einsum("nmk,knm->nm", weights, values)

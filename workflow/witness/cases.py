@@ -195,13 +195,14 @@ def scaled(shown, unit: float, most: float, wanted: float) -> tuple[float, float
     return best
 
 
-def draw(kind: str, seed: int) -> Case:
+def draw(kind: str, seed: int, frames: int | None = None) -> Case:
     """One case. kind: null, single:<name>, pair, triple or outside:<law>.
 
     Skin: radius 50 to 90 mm, thickness 2 to 4 mm (10 to 25 as a body), contacts 4 to 9 mm wide
-    of 5e-4 to 1e-2 ohm m2, conductivity up to 15 % off; 100 to 150 frames; noise 0.03 % to 2 % of
-    the median |v|. SNR 10 to 60 for single effects, 15 to 80 in sets, 20 to 100 outside the
-    catalogue; where no physical strength shows that much, the noise falls to 0.03 % at the least.
+    of 5e-4 to 1e-2 ohm m2, conductivity up to 15 % off; 100 to 150 frames, or as many as `frames`
+    says; noise 0.03 % to 2 % of the median |v|. SNR 10 to 60 for single effects, 15 to 80 in sets,
+    20 to 100 outside the catalogue; where no physical strength shows that much, the noise falls to
+    0.03 % at the least.
     Raises InputError for an unknown kind.
     """
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
@@ -226,7 +227,7 @@ def draw(kind: str, seed: int) -> Case:
         crossed = "indenter-grounding" not in names
         keep = Keep((free,), NO_TANGENT_MM if crossed else APART_MM, crossed)
     channels = channel_table(N_ELECTRODES)
-    states = recording_frames(rng, skin.radius_mm, frame_s, keep)
+    states = recording_frames(rng, skin.radius_mm, frame_s, keep, frames)
     query = query_frames(rng, states, skin.radius_mm, frame_s, keep)
     world = World(true, channels, frame_s, grounded)
     shown = _Shown(world, states)

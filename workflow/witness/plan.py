@@ -73,14 +73,20 @@ def _table(rows: list[tuple], presses: list[int]) -> pd.DataFrame:
 
 
 def recording_frames(
-    rng: np.random.Generator, radius_mm: float, frame_s: float, keep: Keep
+    rng: np.random.Generator,
+    radius_mm: float,
+    frame_s: float,
+    keep: Keep,
+    number: int | None = None,
 ) -> pd.DataFrame:
     """100 to 150 frames: untouched ones at the start and before each of 10 to 14 presses, that
-    load and unload, some held; two or three probes."""
+    load and unload, some held; two or three probes. `number` of frames instead: presses with it."""
     clock = Clock(rng, frame_s)
     count = int(rng.integers(10, 15))
     probes = list(rng.choice(PROBES_MM, int(rng.integers(2, 4)), replace=False))
     wanted = int(rng.integers(100, 151))
+    if number is not None:
+        count, wanted = round(count * number / 125), number
     first = int(rng.integers(2, 7))
     touched = np.full(count, (wanted - first - count) // count)
     touched[rng.permutation(count)[: wanted - first - count - touched.sum()]] += 1

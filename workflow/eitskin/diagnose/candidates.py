@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from eitskin.effects import EFFECTS
-from eitskin.effects.effect import Effect, Parameter, Setting
+from eitskin.effects.effect import ORDER, Effect, Parameter, Setting, site_of
 from eitskin.skin import Skin
 
 OF_READINGS = {"V": 1.0, "1/V²": -2.0}
@@ -130,6 +130,20 @@ class Candidate:
         if values:
             item["parameters"] = values
         return item
+
+
+def own_channels(
+    candidate: Candidate, others: list[Effect], channels: np.ndarray
+) -> np.ndarray | None:
+    """(size, M): the channels that each coordinate alone moves; None where coordinates share some,
+    or where another effect takes them on to others."""
+    if candidate.kind in (None, "electrodes") or candidate.scope == "common":
+        return None
+    order = ORDER["instrument"]
+    mixed = order.index(candidate.effect.order) < order.index("mixing")
+    if mixed and any(effect.order == "mixing" for effect in others):
+        return None
+    return site_of(candidate.kind, channels) == np.array(candidate.sites)[:, None]
 
 
 def _logarithmic(parameter: Parameter) -> bool:

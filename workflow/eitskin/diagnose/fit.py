@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.candidates import Candidate, own_channels
 from eitskin.diagnose.model import Model
 from eitskin.diagnose.whitening import Whitening
 from eitskin.effects.effect import Setting
@@ -94,9 +94,14 @@ def _prior(problem: Problem, size: int) -> np.ndarray:
 
 
 def derivative(
-    problem: Problem, theta: np.ndarray, effects: list[Candidate], residual: np.ndarray, index: int
+    problem: Problem,
+    theta: np.ndarray,
+    effects: list[Candidate],
+    residual: np.ndarray,
+    index: int | np.ndarray,
 ) -> np.ndarray:
-    """(N, M): minus the residual's derivative by coordinate `index`, by a forward difference."""
+    """(N, M): minus the residual's derivative by coordinate `index`, or by several together, by a
+    forward difference."""
     moved = theta.copy()
     moved[index] += STEP
     try:
@@ -172,8 +177,20 @@ def fit(
 
 
 def _filled(problem, theta, effects, residual, jacobian) -> np.ndarray:
-    """The Jacobian, its unknown columns by differences."""
-    for i in np.flatnonzero(np.isnan(jacobian).any(axis=(1, 2))):
+    """The Jacobian, its unknown columns by differences; those that move channels of their own
+    together."""
+    unknown = np.isnan(jacobian[:, :, 0]).any(axis=1)
+    start = len(problem.model.calibrations)
+    for candidate in effects:
+        place = np.arange(start, start + candidate.size)
+        start += candidate.size
+        others = [c.effect for c in effects if c is not candidate]
+        own = own_channels(candidate, others, problem.model.channels)
+        if own is not None and unknown[place].sum() > 1:
+            together = derivative(problem, theta, effects, residual, place)
+            jacobian[place] = own[:, None, :] * together
+            unknown[place] = False
+    for i in np.flatnonzero(unknown):
         jacobian[i] = derivative(problem, theta, effects, residual, i)
     return jacobian
 

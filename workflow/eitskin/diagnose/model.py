@@ -8,10 +8,9 @@ import numpy as np
 import pandas as pd
 
 from eitskin import alignment, recording
-from eitskin.depth import forward_model
 from eitskin.effects.effect import Setting
 from eitskin.errors import InputError
-from eitskin.geometry import Geometry
+from eitskin.neighbours import Neighbours
 from eitskin.readings import Sensed, of_stage, read, sense
 from eitskin.recording import Recording
 from eitskin.skin import Skin
@@ -81,7 +80,7 @@ class Model:
             (base.believed, base.calibrations) if base else _beliefs(recorded)
         )
         self._sensed: OrderedDict[tuple, Sensed] = OrderedDict()
-        self._near = None
+        self._near = Neighbours()
         if base is None:
             self._start_factor(recorded)
 
@@ -142,8 +141,6 @@ class Model:
             return self._sensed[key]
         states = self.states if touched else self.states.assign(touch=False)
         states = _aligned(states, self.calibrated(coordinates))
-        if self._near is None:
-            self._near = forward_model(Geometry.from_skin(skin), "diagnose")
         sensed = sense(
             states,
             self.press,

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from eitskin.depth import forward_model
-from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.candidates import Candidate, own_channels
 from eitskin.diagnose.fit import STEP, Fit
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import START, Moment, SkinEffect
@@ -19,6 +19,7 @@ from eitskin.geometry import Geometry
 from eitskin.readings import apply_skin
 
 NEAR = 0.03  # of the readings, by which two fits may differ and share their derivatives
+KEPT = 64  # columns; a site's alone, among all and with one value for all follow one another
 LEAST = 1e-12  # of a column's squared length: with less left it is a fitted one
 
 
@@ -43,6 +44,7 @@ class Tangents:
         if like is not None and self._near(like.source):
             self.source = like.source
         self._columns: dict[tuple, np.ndarray | None] = {}
+        self._apart: dict[tuple, np.ndarray | None] = {}
         self._changes: dict[tuple, np.ndarray] = {}
 
     def _near(self, other: "Tangents") -> bool:
@@ -64,8 +66,11 @@ class Tangents:
         return np.array(kept).reshape(len(kept), self.residual.size)
 
     def jacobian(self, candidate: Candidate) -> np.ndarray:
-        """(size, N, M): whitened derivatives by every coordinate, NaN for those without."""
+        """(size, N, M): whitened derivatives by every coordinate, NaN for those without, and for
+        those that are as soon found anew."""
         found = np.full((candidate.size, *self.voltage.shape), np.nan)
+        if candidate.kind == "channels" and self._own_channels(candidate) is not None:
+            return found
         columns = self.of(candidate)
         linear = np.flatnonzero(candidate.linear)
         if len(columns) == len(linear):
@@ -86,6 +91,8 @@ class Tangents:
         """One column a coordinate; of a candidate with sites, one a site."""
         if candidate.sites is None or self._together(candidate):
             return [self._column(candidate, i) for i in np.flatnonzero(candidate.linear)]
+        if len(candidate.sites) > 1:
+            self.source._split(candidate)
         return [self._column(_alone(candidate, site), 0) for site in candidate.sites]
 
     @staticmethod
@@ -97,8 +104,13 @@ class Tangents:
         raw = self.source._raw(candidate, index)
         if raw is None:
             return None
-        change = self.away(raw)
-        return change if change @ change > LEAST * (raw @ raw) else None
+        key = (*candidate.key, index)
+        if key not in self._apart:
+            if len(self._apart) >= KEPT:
+                self._apart.pop(next(iter(self._apart)))
+            change = self.away(raw)
+            self._apart[key] = change if change @ change > LEAST * (raw @ raw) else None
+        return self._apart[key]
 
     def _raw(self, candidate: Candidate, index: int) -> np.ndarray | None:
         """(N M,) whitened, kept; None where nothing changes."""
@@ -110,6 +122,23 @@ class Tangents:
                 change = None
             self._columns[key] = change if change is not None and change.any() else None
         return self._columns[key]
+
+    def _own_channels(self, candidate: Candidate) -> np.ndarray | None:
+        others = [setting.effect for setting in self.chosen]
+        return own_channels(candidate, others, self.problem.model.channels)
+
+    def _split(self, candidate: Candidate) -> None:
+        """The columns of sites with channels of their own, all by one step."""
+        keys = [(*_alone(candidate, site).key, 0) for site in candidate.sites]
+        own = self._own_channels(candidate)
+        if own is None or all(key in self._columns for key in keys):
+            return
+        moved = candidate.setting(np.full(candidate.size, STEP))
+        change = self.problem.model.voltage(self.knobs, [*self.chosen, moved]) - self.voltage
+        whitened = self.problem.whitening(change / STEP)
+        for key, mask in zip(keys, own, strict=True):
+            column = (whitened * mask).ravel()
+            self._columns[key] = column if column.any() else None
 
     def _change(self, candidate: Candidate, index: int) -> np.ndarray:
         """(N, M): derivative of the readings by one coordinate."""

@@ -100,14 +100,19 @@ class Setting:
 
     def at_channels(self, key: str, channels: np.ndarray) -> np.ndarray:
         """(M,): a parameter at each of the channels (M, 4), neutral where no site is."""
-        if self.kind == "channels":
-            index = np.arange(len(channels))
-        else:
-            index = channels[:, {"drives": 0, "measures": 2}[self.kind]]
+        index = site_of(self.kind, channels)
         size = max(index.max(), self.sites.max()) + 1
         value = np.full(size, self.effect.parameters[key].neutral)
         value[self.sites] = self.values[key]
         return value[index]
+
+
+def site_of(kind: str, channels: np.ndarray) -> np.ndarray:
+    """(M,): the drive, measure or channel, whichever `kind` says, that each of the channels (M, 4)
+    belongs to."""
+    if kind == "channels":
+        return np.arange(len(channels))
+    return channels[:, {"drives": 0, "measures": 2}[kind]]
 
 
 @dataclass(frozen=True)
