@@ -40,7 +40,7 @@ def test_differences_have_a_free_constant_a_channel(seed, frames, channels):
     voltage, sd, error, draw = drawn(seed, frames, channels)
     whitening = Whitening.of(voltage, sd, True, error)
     a, b = draw.normal(size=(2, frames, channels))
-    huge = explicit(whitening, a, b, np.full(channels, 1e5))
+    huge = explicit(whitening, a, b, np.full(channels, 1e4))
     assert np.isclose((whitening(a) * whitening(b)).sum(), huge, rtol=1e-5, atol=1e-5)
     assert np.abs(whitening(np.ones((frames, channels)))).max() < 1e-12
     assert whitening.size == np.isfinite(voltage).sum() - channels

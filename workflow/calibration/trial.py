@@ -14,7 +14,7 @@ from eitskin.diagnose import diagnose
 from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.fit import fit
 from eitskin.diagnose.gaps import Gap, gaps
-from eitskin.errors import InputError
+from eitskin.diagnose.search import Search, State, gross
 from eitskin.fingerprint import fingerprint
 from eitskin.recording import Recording
 from witness import cases
@@ -96,17 +96,24 @@ def true_gaps(
         return []
     own = found.gaps
     if {(c.name, c.sites) for c in wanted} != {(c.name, c.sites) for c in state.effects}:
-        knobs = len(search.problem.model.calibrations)
-        start = np.zeros(knobs + sum(c.size for c in wanted))
-        try:
-            state = search.state(fit(search.problem, wanted, start, polish=True))
-            own = [gaps(search, state, i) for i in range(len(wanted))]
-        except (InputError, np.linalg.LinAlgError):
+        state = _with(search, found.before, wanted)
+        if state is None:
             return [None] * len(wanted)
+        own = [gaps(search, state, i) for i in range(len(wanted))]
     of: dict[str, list[Gap]] = {
         c.name: listed for c, listed in zip(state.effects, own, strict=True)
     }
     return [[(g.rival, g.gap) for g in of[item["name"]]] for item in truth]
+
+
+def _with(search: Search, state: State, wanted: list[Candidate]) -> State | None:
+    """`state` with candidates fitted one after the other, the gross faults first; None where one
+    cannot be."""
+    for candidate in sorted(wanted, key=lambda c: not gross(c)):
+        state = search.with_effect(state, candidate)
+        if state is None:
+            return None
+    return search.state(fit(search.problem, state.effects, state.fit.theta, polish=True))
 
 
 def _candidate(candidates: list[Candidate], item: dict, scope: str) -> Candidate:

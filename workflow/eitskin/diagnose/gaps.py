@@ -2,7 +2,7 @@
 
 The gap of a found effect to another name is the length, in noise units, of what is left of its
 signature once the other has been fitted to it with site and amplitude free, calibrations and the
-other found effects following.
+other found effects following. An amplitude may be 0: no gap is larger than the signature.
 """
 
 from dataclasses import dataclass, replace
@@ -82,7 +82,7 @@ def _linear_gap(tangents: Tangents, signature: np.ndarray, candidate: Candidate)
         if change is None:
             return None
         left = signature - change
-        return float(np.sqrt(left @ left))
+        return float(np.sqrt(min(left @ left, signature @ signature)))
     columns = tangents.of(candidate)
     if not len(columns):
         return None
@@ -117,7 +117,7 @@ def _gross_gaps(search: Search, state: State, index: int) -> list[Gap]:
     for candidate in search.candidates:
         if gross(candidate) and candidate.name != state.effects[index].name:
             gap = apart([*others, candidate.setting(np.zeros(candidate.size))])
-            best[candidate.name] = min(gap, best.get(candidate.name, np.inf))
+            best[candidate.name] = min(gap, best.get(candidate.name, snr))
     return sorted((Gap(n, g, snr) for n, g in best.items()), key=lambda g: g.gap)
 
 
