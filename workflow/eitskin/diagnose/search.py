@@ -348,9 +348,8 @@ class Search:
             fitted = fit(self.problem, effects, start, jacobian, enough=enough)
             if discrete(effects[-1]) or (jacobian is not None and _per_dof(state) > GROSS):
                 knobs = len(self.problem.model.calibrations)
-                again = fit(
-                    self.problem, effects, np.r_[np.zeros(knobs), start[knobs:]], enough=enough
-                )
+                afresh = np.r_[np.zeros(knobs), start[knobs:]]
+                again = fit(self.problem, effects, afresh, jacobian, enough=enough)
                 fitted = min(fitted, again, key=lambda f: f.chi2)
             return self.state(fitted, state.p_values)
         except (InputError, np.linalg.LinAlgError):
@@ -376,8 +375,7 @@ class Search:
                     state, dropped = less, True
                     break
         state = self._trim(state)
-        polished = fit(self.problem, state.effects, state.fit.theta, polish=True)
-        return self.state(polished, state.p_values)
+        return self.state(_polished(state.fit), state.p_values)
 
     def _trim(self, state: State) -> State:
         """Sites of sparse effects that do not earn their place, taken out one by one."""
@@ -428,9 +426,7 @@ class Search:
         key = tuple(c.key for c in less.effects)
         if key in self.tangents:
             return self.state(self.tangents[key].fit, state.p_values)
-        return self.state(
-            fit(self.problem, less.effects, less.fit.theta, polish=True), state.p_values
-        )
+        return self.state(_polished(less.fit), state.p_values)
 
     def _step(self, action: str, effect: Candidate | None, state: State, p: float | None) -> None:
         self.path.append(
@@ -444,6 +440,10 @@ class Search:
                 "p_value": p,
             }
         )
+
+
+def _polished(found: Fit) -> Fit:
+    return fit(found.problem, found.effects, found.theta, found.jacobian, polish=True)
 
 
 def discrete(candidate: Candidate) -> bool:

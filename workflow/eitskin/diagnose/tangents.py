@@ -37,8 +37,9 @@ class Tangents:
         self.knobs, self.chosen = self.problem.split(fit.theta, fit.effects)
         self.voltage = self.problem.model.voltage(self.knobs, self.chosen)
         flat = fit.jacobian.reshape(len(fit.theta), -1)
-        _, size, right = np.linalg.svd(flat, full_matrices=False)
-        self.fitted = right[size > 1e-9 * size.max(initial=0.0)]
+        directions, triangle = np.linalg.qr(flat.T)
+        turn, size, _ = np.linalg.svd(triangle)
+        self.fitted = turn.T[size > 1e-9 * size.max(initial=0.0)] @ directions.T
         self.residual = self.away(fit.residual.ravel())
         self.source = self
         if like is not None and self._near(like.source):
