@@ -122,8 +122,8 @@ def fit(
     """Levenberg (1944) and Marquardt's (1963) method, the Jacobian kept up by Broyden's (1965).
 
     start (P,); jacobian (P, N, M) at the start, where it is known, NaN columns where it is not;
-    polish: end with a fresh Jacobian, at its optimum; enough: give up where no cost below it is in sight. A step
-    into physics that has no solution is refused like one that does not help.
+    polish: end with a fresh Jacobian, at its optimum; enough: give up where no cost below it is in
+    sight. A step into physics that has no solution is refused like one that does not help.
     """
     theta, prior = np.array(start, float), _prior(problem, len(start))
     residual = problem.residual(theta, effects)
