@@ -172,8 +172,7 @@ class Search:
         """Tangents about a state, kept."""
         key = tuple(c.key for c in state.effects)
         if key not in self.tangents:
-            latest = next(reversed(self.tangents.values()), None)
-            self.tangents[key] = Tangents(state.fit, latest)
+            self.tangents[key] = Tangents(state.fit, reversed(self.tangents.values()))
         return self.tangents[key]
 
     def scores(self, state: State) -> list[Score]:
@@ -186,13 +185,15 @@ class Search:
     def _scores(self, state: State) -> list[Score]:
         tangents = self.linearised(state)
         taken = {c.key for c in state.effects}
+        # So far off with effects in it, a set wants more than any few channels.
+        hopeless = bool(state.effects) and _per_dof(state) > GROSS
         found = []
         for candidate in self.candidates:
             if candidate.key in taken:
                 continue
             if _of_channels(candidate):
                 scored = channels.scores(tangents, candidate)
-                found += [s for s in scored if s.candidate.scope == "sparse"]
+                found += [s for s in scored if s.candidate.scope == "sparse" or hopeless]
             elif candidate.name == "mains-interference":
                 found.append(
                     tones.score(tangents, candidate.effect, candidate.skin, candidate.scales)
