@@ -61,3 +61,9 @@ def test_a_perturbed_set_runs_the_whole_chain():
     assert samples == 24
     assert seconds > 0
     assert peak > 10
+
+
+def test_a_drawn_recording_is_diagnosed():
+    seconds, peak = bench.diagnose("null", 1, 60)
+    assert seconds > 0
+    assert peak > 10

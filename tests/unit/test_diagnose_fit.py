@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from eitskin.diagnose.estimates import NORMAL_90, calibration, estimates
-from eitskin.diagnose.fit import ENOUGH, Fit, fit
+from eitskin.diagnose.fit import ENOUGH, Fit, _filled, derivative, fit
 from eitskin.diagnose.held_out import FOLDS, folds, held_out
 from eitskin.recording import presses
 from small_skin import calibrated, candidates_of, problem_of, small_recording
@@ -159,3 +159,21 @@ def test_folds_keep_presses_whole():
 def test_folds_without_presses_are_stretches():
     fold = folds(np.zeros(20, bool), np.full(20, -1), 1)
     assert (np.diff(fold) >= 0).all() and np.bincount(fold).tolist() == [4] * FOLDS
+
+
+@pytest.mark.parametrize("beside", ["touch-contrast", "crosstalk", "multiplexer-memory"])
+@pytest.mark.parametrize("name", ["channel-gain", "measurement-gain", "drive-gain", "offset"])
+def test_jacobians_are_those_of_single_steps(name, beside):
+    """Also where sites are moved together, which they only may be as long as nothing mixes them."""
+    recorded = small_recording(places=2)
+    problem, scales = problem_of(recorded)
+    candidates = candidates_of(recorded, problem, scales)
+    dense = next(c for c in candidates if c.name == name and c.scope == "dense")
+    effects = [next(c for c in candidates if c.name == beside), dense]
+    theta = 0.3 * np.random.default_rng(1).normal(size=1 + sum(c.size for c in effects))
+    residual = problem.residual(theta, effects)
+    unknown = np.full((len(theta), *residual.shape), np.nan)
+    jacobian = _filled(problem, theta, effects, residual, unknown)
+    for i in (0, 1, 2, len(theta) // 2, len(theta) - 1):
+        single = derivative(problem, theta, effects, residual, i)
+        assert np.abs(jacobian[i] - single).max() < 1e-6 * np.abs(single).max()

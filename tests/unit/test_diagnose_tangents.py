@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from eitskin.diagnose.fit import fit
 from eitskin.diagnose.search import discrete
 from eitskin.diagnose.tangents import Tangents
 from small_skin import calibrated, candidates_of, kinds_of, problem_of, small_recording
@@ -65,3 +66,16 @@ def test_a_dense_candidate_has_the_columns_of_its_sites(tangents):
     assert np.allclose(tangents.of(dense), singles)
     assert np.allclose(tangents.of(common)[0], np.sum(singles, axis=0))
     assert tangents.jacobian(dense).shape == (8, *RECORDED.voltage.shape)
+
+
+@pytest.mark.parametrize("beside", [[], ["crosstalk"]])
+@pytest.mark.parametrize("kind", ["drives", "measures"])
+def test_gains_of_all_sites_are_differentiated_together(kind, beside):
+    every = candidates_of(RECORDED, PROBLEM, SCALES)
+    effects = [next(c for c in every if c.name == name) for name in beside]
+    start = np.full(1 + sum(c.size for c in effects), 0.2)
+    about = fit(PROBLEM, effects, start, polish=True)
+    gains = [c for c in every if c.kind == kind and c.name.endswith("gain")]
+    together = Tangents(about).of(next(c for c in gains if c.scope == "dense"))
+    singles = [Tangents(about).of(c)[0] for c in gains if c.scope == "sparse"]
+    assert np.allclose(together, singles, atol=1e-6 * np.abs(singles).max())

@@ -4,11 +4,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from eitskin import readings
 from eitskin.depth import forward_model
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.forward import Forward, channel_values
 from eitskin.geometry import Geometry, Patch
+from eitskin.neighbours import Neighbours
 from eitskin.protocol import channel_table, reciprocal_channels
 from eitskin.readings import simulate
 from eitskin.skin import Skin
@@ -192,3 +194,78 @@ def test_a_touch_without_a_value_is_refused(key):
     at.loc[2, key] = np.nan
     with pytest.raises(InputError, match=f"column {key}, row 2: found null"):
         run(at=at)
+
+
+DRIVEN = {
+    "conductivity drifts": [effect("conductivity-drift", per_minute=0.004)],
+    "contacts drift": [effect("contact-drift", per_minute=0.03)],
+    "a contact drifts": [effect("contact-drift", electrodes=[3], per_minute=-0.005)],
+    "contacts follow the force": [effect("force-dependent-impedance", per_N=0.03)],
+    "contacts near a touch": [effect("force-dependent-impedance", per_N=0.02, range_mm=30.0)],
+    "both": [
+        effect("conductivity-drift", per_minute=1e-4),
+        effect("force-dependent-impedance", per_N=0.003),
+    ],
+    "beside others": [
+        effect("domain-shape", harmonic=3, amplitude=0.01),
+        effect("conductivity-drift", per_minute=0.004),
+        effect("frame-skew", fraction=0.2),
+    ],
+    "through the touch": [
+        effect("conductivity-drift", per_minute=0.004),
+        effect("indenter-grounding", siemens_per_N=1e-4),
+    ],
+}
+
+
+def many_states(presses=3, frames=12):
+    """Presses of many forces, a minute apart."""
+    press = np.repeat(np.arange(presses), frames)
+    force = np.tile(np.r_[0.0, np.linspace(0.5, 8.0, frames - 1)], presses)
+    table = pd.DataFrame(
+        {
+            "time_s": 60.0 * np.arange(len(press)),
+            "touch": force > 0,
+            "x_mm": np.array([30.0, -20.0, 66.0])[press],
+            "y_mm": np.array([10.0, 40.0, -5.0])[press],
+            "force_N": force,
+            "probe_mm": 10.0,
+        }
+    )
+    return table, np.where(force > 0, press, -1)
+
+
+@pytest.mark.parametrize("items", DRIVEN.values(), ids=DRIVEN)
+def test_a_skin_that_changes_is_interpolated(items, monkeypatch):
+    table, press = many_states()
+    chosen = settings(items, site_counts(CHANNELS), (0, 0))
+    solved = []
+    monkeypatch.setattr(
+        Neighbours,
+        "solve",
+        lambda self, *skin, solve=Neighbours.solve: solved.append(skin) or solve(self, *skin),
+    )
+
+    def values():
+        solved.clear()
+        found = simulate(table, press, SKIN, CHANNELS, chosen, "diagnose", frame_s=0.3)
+        return found, len(solved)
+
+    between, few = values()
+    monkeypatch.setattr(readings, "FEW_SKINS", 10_000)
+    exact, every = values()
+    assert few < every
+    assert np.abs(between - exact).max() < 1e-7 * np.median(np.abs(exact))
+
+
+def test_contacts_that_change_too_much_are_solved_one_by_one(monkeypatch):
+    table, press = many_states()
+    chosen = settings(
+        [effect("force-dependent-impedance", per_N=10.0, range_mm=30.0)],
+        site_counts(CHANNELS),
+        (0, 0),
+    )
+    found = simulate(table, press, SKIN, CHANNELS, chosen)
+    monkeypatch.setattr(readings, "FEW_SKINS", 10_000)
+    exact = simulate(table, press, SKIN, CHANNELS, chosen)
+    assert np.allclose(found, exact, rtol=1e-12)

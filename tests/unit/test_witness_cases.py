@@ -127,3 +127,11 @@ def test_refuses_unknown_kinds(kind):
 def test_sets_have_their_size():
     rng = np.random.default_rng(0)
     assert all(len(set(names_of("triple", rng)[0])) == 3 for _ in range(20))
+
+
+def test_longer_recordings_have_more_presses(null):
+    long = draw("null", 3, frames=500)
+    assert len(long.states) == len(long.voltage) == 500
+    ratio = long.states["contact"].nunique() / null.states["contact"].nunique()
+    assert 3.5 < ratio < 4.5
+    assert long.true.radius_mm == null.true.radius_mm

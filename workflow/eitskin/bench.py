@@ -7,10 +7,13 @@ medians over the runs, ratio = ours / peer.
 for 192 places and 260 strengths of one circular touch. Slow peers are timed on a few samples,
 spread evenly over all. What a side prepares once counts in its time, but for what favours the
 peers: the mesh, the element matrices and the touched elements' stiffness are there before. Before
-timing, every solver on pyEIT's mesh must give the same voltages. `perturbed`: see there.
+timing, every solver on pyEIT's mesh must give the same voltages. `perturbed`, `diagnosed`: see
+there.
 """
 
 import argparse
+import contextlib
+import io
 import json
 import os
 import resource
@@ -30,12 +33,14 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 from tqdm import tqdm
 
-from eitskin import chain, mesh, simulate
+from eitskin import chain, cli, mesh, recording, simulate
 from eitskin.atomic import atomic_path
 from eitskin.fem import FiniteElements, straight_mesh
 from eitskin.forward import Forward, channel_values
 from eitskin.geometry import Geometry
 from eitskin.protocol import channel_table
+from eitskin.recording import Recording
+from witness import cases
 
 N = 16
 CHANNELS = channel_table(N)
@@ -51,6 +56,15 @@ PLACES = np.array(
 CONTRASTS = 9.0 * np.linspace(0.0, 1.0, 261)[1:]
 AGREEMENT = 1e-10
 LIMIT_S, LIMIT_MIB = 120.0, 2048.0
+FRAMES = 500
+DRAWN = (
+    "null",
+    "single:contact-impedance",
+    "pair",
+    "single:conductivity-drift",
+    "outside:gain-range",
+)
+DIAGNOSIS_S, WORST_S, DIAGNOSIS_MIB = 60.0, 180.0, 4096.0
 
 Samples = list[tuple[int, int]]
 
@@ -311,7 +325,51 @@ def perturbed(runs: int, command: str) -> list[dict]:
     return rows
 
 
-BENCHES = {"clean": clean, "perturbed": perturbed}
+def diagnose(kind: str, seed: int, frames: int) -> tuple[float, float]:
+    """Draw a recording and diagnose it as `eitskin diagnose` does, report and all.
+
+    Returns seconds and the process's peak memory in MiB, of the diagnosis: call it in a fresh
+    process. Raises RuntimeError where the diagnosis fails.
+    """
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "drawn.parquet"
+        case = cases.draw(kind, seed, frames)
+        recording.write(Recording(case.states, case.voltage, None, None, case.metadata), path)
+        start = time.perf_counter()
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            code = cli.main(["diagnose", str(path), "--out", str(Path(folder) / "out")])
+        seconds = time.perf_counter() - start
+    if code:
+        raise RuntimeError(f"the diagnosis of {kind}, seed {seed}, ended with code {code}")
+    return seconds, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def diagnosed(runs: int, command: str) -> list[dict]:
+    """Seconds and peak memory of diagnoses of 500 frames, beside what they may take.
+
+    `runs` recordings of 16 electrodes, of the kinds DRAWN in turn, drawn by `witness`; each in a
+    fresh process, first one after the other, then two at a time.
+    """
+    drawn = [(DRAWN[i % len(DRAWN)], 1 + i // len(DRAWN), FRAMES) for i in range(runs)]
+    rows = []
+    for at_once, words in ((1, ""), (2, ", two at once")):
+        pool = ProcessPoolExecutor(at_once, get_context("spawn"), max_tasks_per_child=1)
+        with pool:
+            done = pool.map(diagnose, *zip(*drawn, strict=True))
+            found = list(tqdm(done, total=runs, desc=f"diagnosed{words}", disable=None))
+        seconds, peaks = zip(*found, strict=True)
+        for name, unit, value, limit in (
+            ("median", "s", statistics.median(seconds), DIAGNOSIS_S),
+            ("worst", "s", max(seconds), WORST_S),
+            ("memory, most", "MiB", max(peaks), DIAGNOSIS_MIB),
+        ):
+            title = f"limit for {FRAMES} frames"
+            label = f"diagnosed{words}, {name}"
+            rows.append(row(label, unit, value, title, limit, runs, command))
+    return rows
+
+
+BENCHES = {"clean": clean, "perturbed": perturbed, "diagnosed": diagnosed}
 
 
 def main(arguments: list[str] | None = None) -> None:

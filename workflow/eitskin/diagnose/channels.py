@@ -60,4 +60,6 @@ def _sums(tangents: Tangents, dense: Candidate) -> tuple[np.ndarray, np.ndarray]
     fitted = tangents.fitted.reshape(-1, *shape)
     shared = np.einsum("pnm,nm->pm", fitted, column)
     information = (column**2).sum(axis=0) - (shared**2).sum(axis=0)
+    for block in tangents.blocks:
+        information = information - (column * block).sum(axis=0) ** 2
     return (column * residual).sum(axis=0), np.maximum(information, 0.0)

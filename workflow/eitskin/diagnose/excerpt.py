@@ -5,7 +5,7 @@ import pandas as pd
 
 from eitskin.recording import Recording, presses
 
-MOST_FRAMES = 300
+MOST_FRAMES = 500
 
 
 def excerpt(recorded: Recording, most: int = MOST_FRAMES) -> Recording:

@@ -12,7 +12,7 @@ from eitskin.errors import InputError
 
 STEP = 1e-3
 MOST_ROUNDS = 30
-ENOUGH = 0.02  # of chi squared; intervals are 1
+ENOUGH = 0.02  # of chi squared over its degrees of freedom; intervals are 1
 HOPE = 2.0  # times the decrease that a linear model promises
 WIDE = 30.0  # sd of an effect's coordinate while it is fitted: a guard, no opinion
 
@@ -122,8 +122,8 @@ def fit(
     """Levenberg (1944) and Marquardt's (1963) method, the Jacobian kept up by Broyden's (1965).
 
     start (P,); jacobian (P, N, M) at the start, where it is known, NaN columns where it is not;
-    polish: end with a fresh Jacobian; enough: give up where no cost below it is in sight. A step
-    into physics that has no solution is refused like one that does not help.
+    polish: end with a fresh Jacobian, at its optimum; enough: give up where no cost below it is in
+    sight. A step into physics that has no solution is refused like one that does not help.
     """
     theta, prior = np.array(start, float), _prior(problem, len(start))
     residual = problem.residual(theta, effects)
@@ -133,6 +133,7 @@ def fit(
     else:
         jacobian = _filled(problem, theta, effects, residual, np.array(jacobian))
     cost = (residual**2).sum() + prior @ theta**2
+    dof = max(problem.whitening.size - len(theta), 1)
     damping, failed = 1e-6, 0
     for _ in range(MOST_ROUNDS):
         flat = jacobian.reshape(len(theta), -1)
@@ -143,8 +144,8 @@ def fit(
         expected = float(2 * step @ slope - step @ information @ step)
         if cost - HOPE * max(expected, 0.0) > enough:
             break
-        if expected < ENOUGH:
-            if fresh or expected < 0 or failed == 0:
+        if expected < ENOUGH * max(1.0, cost / dof):
+            if fresh or expected < 0 or (failed == 0 and not polish):
                 break
             jacobian = _fresh(problem, theta, effects, residual)
             fresh, failed = True, 0
@@ -157,7 +158,8 @@ def fit(
         new_cost = (moved**2).sum() + prior @ (theta + step) ** 2
         if new_cost < cost:
             change = (residual - moved) - np.tensordot(step, jacobian, 1)
-            jacobian = jacobian + np.multiply.outer(step / (step @ step), change)
+            for row, share in zip(jacobian, step / (step @ step), strict=True):
+                row += share * change
             useful = cost - new_cost > 0.25 * expected
             theta, residual, cost = theta + step, moved, new_cost
             damping = damping * (0.1 if useful else 3.0)

@@ -75,11 +75,11 @@ def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
             rest @ (own @ residual[rows].ravel()), jacobian[:, rows], 1
         )
         root = np.linalg.cholesky(0.5 * (rest + rest.T) + 1e-15 * np.eye(size))
-        spread = np.einsum("pq,pnm->qnm", root, jacobian[:, rows])
+        spread = jacobian[:, rows].transpose(1, 2, 0) @ root
         chi2[rows] = (error**2).sum(axis=1)
         errors[rows] = error
-        gram = np.einsum("pnm,qnm->npq", spread, spread) + np.eye(size)
-        slope = np.einsum("pnm,nm->np", spread, error)
+        gram = spread.transpose(0, 2, 1) @ spread + np.eye(size)
+        slope = np.einsum("nmp,nm->np", spread, error)
         solved = np.linalg.solve(gram, slope[..., None])[..., 0]
         density[rows] = -0.5 * (
             chi2[rows] - (slope * solved).sum(axis=1) + np.linalg.slogdet(gram)[1]

@@ -172,8 +172,7 @@ class Search:
         """Tangents about a state, kept."""
         key = tuple(c.key for c in state.effects)
         if key not in self.tangents:
-            latest = next(reversed(self.tangents.values()), None)
-            self.tangents[key] = Tangents(state.fit, latest)
+            self.tangents[key] = Tangents(state.fit, reversed(self.tangents.values()))
         return self.tangents[key]
 
     def scores(self, state: State) -> list[Score]:
@@ -186,13 +185,15 @@ class Search:
     def _scores(self, state: State) -> list[Score]:
         tangents = self.linearised(state)
         taken = {c.key for c in state.effects}
+        # So far off with effects in it, a set wants more than any few channels.
+        hopeless = bool(state.effects) and _per_dof(state) > GROSS
         found = []
         for candidate in self.candidates:
             if candidate.key in taken:
                 continue
             if _of_channels(candidate):
                 scored = channels.scores(tangents, candidate)
-                found += [s for s in scored if s.candidate.scope == "sparse"]
+                found += [s for s in scored if s.candidate.scope == "sparse" or hopeless]
             elif candidate.name == "mains-interference":
                 found.append(
                     tones.score(tangents, candidate.effect, candidate.skin, candidate.scales)
@@ -348,9 +349,8 @@ class Search:
             fitted = fit(self.problem, effects, start, jacobian, enough=enough)
             if discrete(effects[-1]) or (jacobian is not None and _per_dof(state) > GROSS):
                 knobs = len(self.problem.model.calibrations)
-                again = fit(
-                    self.problem, effects, np.r_[np.zeros(knobs), start[knobs:]], enough=enough
-                )
+                afresh = np.r_[np.zeros(knobs), start[knobs:]]
+                again = fit(self.problem, effects, afresh, jacobian, enough=enough)
                 fitted = min(fitted, again, key=lambda f: f.chi2)
             return self.state(fitted, state.p_values)
         except (InputError, np.linalg.LinAlgError):
@@ -376,8 +376,7 @@ class Search:
                     state, dropped = less, True
                     break
         state = self._trim(state)
-        polished = fit(self.problem, state.effects, state.fit.theta, polish=True)
-        return self.state(polished, state.p_values)
+        return self.state(_polished(state.fit), state.p_values)
 
     def _trim(self, state: State) -> State:
         """Sites of sparse effects that do not earn their place, taken out one by one."""
@@ -428,9 +427,7 @@ class Search:
         key = tuple(c.key for c in less.effects)
         if key in self.tangents:
             return self.state(self.tangents[key].fit, state.p_values)
-        return self.state(
-            fit(self.problem, less.effects, less.fit.theta, polish=True), state.p_values
-        )
+        return self.state(_polished(less.fit), state.p_values)
 
     def _step(self, action: str, effect: Candidate | None, state: State, p: float | None) -> None:
         self.path.append(
@@ -444,6 +441,10 @@ class Search:
                 "p_value": p,
             }
         )
+
+
+def _polished(found: Fit) -> Fit:
+    return fit(found.problem, found.effects, found.theta, found.jacobian, polish=True)
 
 
 def discrete(candidate: Candidate) -> bool:

@@ -5,6 +5,7 @@ each with its own. An effect of the skin that follows force or time is, to first
 column times the law: the derivative by contact impedance or conductivity, frame by frame.
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -27,22 +28,25 @@ class Tangents:
     """Whitened columns (N M,) of candidates about `fit`, the fitted ones projected out.
 
     `of(candidate)` gives (k, N M), k at most its size: coordinates that change nothing to first
-    order have none. `like`: tangents about another fit, whose derivatives serve where its readings
+    order have none. `like`: tangents about other fits, whose derivatives serve where their readings
     are near enough; any direction makes a valid test, and a fit finds its own way.
     """
 
-    def __init__(self, fit: Fit, like: "Tangents | None" = None):
+    def __init__(self, fit: Fit, like: "Iterable[Tangents]" = ()):
         self.fit = fit
         self.problem = fit.problem
         self.knobs, self.chosen = self.problem.split(fit.theta, fit.effects)
         self.voltage = self.problem.model.voltage(self.knobs, self.chosen)
-        flat = fit.jacobian.reshape(len(fit.theta), -1)
-        _, size, right = np.linalg.svd(flat, full_matrices=False)
-        self.fitted = right[size > 1e-9 * size.max(initial=0.0)]
+        self.blocks, rest = self._blocks()
+        directions, triangle = np.linalg.qr(rest.T)
+        turn, size, _ = np.linalg.svd(triangle)
+        self.fitted = turn.T[size > 1e-9 * size.max(initial=0.0)] @ directions.T
         self.residual = self.away(fit.residual.ravel())
         self.source = self
-        if like is not None and self._near(like.source):
-            self.source = like.source
+        for other in like:
+            if self._near(other.source):
+                self.source = other.source
+                break
         self._columns: dict[tuple, np.ndarray | None] = {}
         self._apart: dict[tuple, np.ndarray | None] = {}
         self._changes: dict[tuple, np.ndarray] = {}
@@ -51,8 +55,28 @@ class Tangents:
         apart = np.linalg.norm(self.voltage - other.voltage)
         return bool(apart < NEAR * np.linalg.norm(other.voltage))
 
+    def _blocks(self) -> tuple[list[np.ndarray], np.ndarray]:
+        """What is fitted to every channel on its own, (N, M) each, orthonormal channel by channel;
+        and the other coordinates' columns (k, N M) less that."""
+        fit, channels = self.fit, self.problem.model.channels
+        blocks, rest = [], np.ones(len(fit.theta), bool)
+        for index, candidate in enumerate(fit.effects):
+            others = [c.effect for c in fit.effects if c is not candidate]
+            own = own_channels(candidate, others, channels)
+            if candidate.kind == "channels" and candidate.scope == "dense" and own is not None:
+                place = fit.place(index)
+                block = np.einsum("pm,pnm->nm", own, fit.jacobian[place])
+                block = _off(blocks, block)
+                length = np.linalg.norm(block, axis=0)
+                blocks.append(block / np.where(length > 0, length, 1.0))
+                rest[place] = False
+        return blocks, _off(blocks, fit.jacobian[rest]).reshape(rest.sum(), -1)
+
     def away(self, columns: np.ndarray) -> np.ndarray:
         """(..., N M): columns less what the fitted coordinates can do."""
+        if self.blocks:
+            apart = _off(self.blocks, columns.reshape(*columns.shape[:-1], *self.voltage.shape))
+            columns = apart.reshape(columns.shape)
         return columns - (columns @ self.fitted.T) @ self.fitted
 
     def of(self, candidate: Candidate) -> np.ndarray:
@@ -108,19 +132,20 @@ class Tangents:
         if key not in self._apart:
             if len(self._apart) >= KEPT:
                 self._apart.pop(next(iter(self._apart)))
+            raw = raw.astype(float)
             change = self.away(raw)
             self._apart[key] = change if change @ change > LEAST * (raw @ raw) else None
         return self._apart[key]
 
     def _raw(self, candidate: Candidate, index: int) -> np.ndarray | None:
-        """(N M,) whitened, kept; None where nothing changes."""
+        """(N M,) whitened, kept in single precision; None where nothing changes."""
         key = (*candidate.key, index)
         if key not in self._columns:
             try:
                 change = self.problem.whitening(self._change(candidate, index)).ravel()
             except InputError:
                 change = None
-            self._columns[key] = change if change is not None and change.any() else None
+            self._columns[key] = _kept(change)
         return self._columns[key]
 
     def _own_channels(self, candidate: Candidate) -> np.ndarray | None:
@@ -137,8 +162,7 @@ class Tangents:
         change = self.problem.model.voltage(self.knobs, [*self.chosen, moved]) - self.voltage
         whitened = self.problem.whitening(change / STEP)
         for key, mask in zip(keys, own, strict=True):
-            column = (whitened * mask).ravel()
-            self._columns[key] = column if column.any() else None
+            self._columns[key] = _kept((whitened * mask).ravel())
 
     def _change(self, candidate: Candidate, index: int) -> np.ndarray:
         """(N, M): derivative of the readings by one coordinate."""
@@ -232,6 +256,18 @@ class Tangents:
             changed = model.voltage(moved, self.chosen) - self.voltage
             self._changes[key] = changed / (STEP * model.calibrations[0].sd)
         return self._changes[key]
+
+
+def _kept(column: np.ndarray | None) -> np.ndarray | None:
+    """A column in single precision: there are hundreds, and a test needs no more."""
+    return column.astype(np.float32) if column is not None and column.any() else None
+
+
+def _off(blocks: list[np.ndarray], columns: np.ndarray) -> np.ndarray:
+    """(..., N, M): columns less their parts along the blocks (N, M), channel by channel."""
+    for block in blocks:
+        columns = columns - (columns * block).sum(axis=-2, keepdims=True) * block
+    return columns
 
 
 def _alone(candidate: Candidate, site: int) -> Candidate:
