@@ -80,7 +80,7 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
         floating=not model.sink_grounded,
         timed=recorded.metadata["clock"] == "measured",
     )
-    fold = folds(model.touched, model.press, seed)
+    fold = folds(model.touched & model.known, model.press, recorded.channels, seed)
     search = Search(problem, candidates, fold, seed, report)
     before, after = search.run()
     report("comparing with every other name")
@@ -105,6 +105,9 @@ def problem_of(recorded: Recording, noise: Noise) -> tuple[Problem, Scales]:
     """The fitting problem of a recording whose noise is known, and the sizes of its readings."""
     model = Model(recorded)
     readings = np.where(model.known[:, None], recorded.voltage, np.nan)
+    if not np.isfinite(readings).any():
+        found = f"{int(model.touched.sum())} touches of unknown force or probe and no other frame"
+        raise InputError("recording", "frames", found, "untouched frames, or touches fully known")
     median = float(np.nanmedian(np.abs(readings[~model.touched])) or 0.0)
     if model.difference or not np.isfinite(median):
         median = float(np.nanmedian(np.abs(readings)))
@@ -288,7 +291,7 @@ def _write_evidence(found: Diagnosis, folder: Path) -> None:
             noise_source=np.array(found.noise.source),
             noise_dof=np.array(float(found.noise.dof)),
             channels=found.recorded.channels,
-            held_out=found.search.fold,
+            held_out=found.search.fold if found.search.fold.ndim == 1 else np.zeros(len(mask), int),
             press=problem.model.press,
             recorded_V=problem.recorded,
             before_V=before.voltage(),

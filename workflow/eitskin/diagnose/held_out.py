@@ -1,17 +1,30 @@
-"""Frames that a fit has not seen: whole presses left out, their predictive density."""
+"""Frames that a fit has not seen, whole presses or channels left out: predictive density."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from eitskin.diagnose.fit import Fit
+from eitskin.protocol import reciprocal_channels
 
 FOLDS = 5
 
 
-def folds(touched: np.ndarray, press: np.ndarray, seed: int) -> np.ndarray:
+def folds(
+    touched: np.ndarray, press: np.ndarray, channels: np.ndarray, seed: int
+) -> np.ndarray:
     """(N,): the fold of each frame. Whole presses stay together, untouched frames go with the
-    press that follows; without presses, folds are stretches of time."""
+    press that follows; without presses, folds are stretches of time.
+
+    (1, M): where nobody touches, frames are repeats and tell nothing new of each other: folds are
+    of channels (M, 4) then, reciprocal ones together.
+    """
+    if not touched.any():
+        first = np.arange(len(channels))
+        for k, other in reciprocal_channels(channels)[0]:
+            first[other] = first[k]
+        fold = np.random.default_rng(seed).permutation(len(channels)) % FOLDS
+        return fold[first][None]
     count = int(press.max(initial=-1)) + 1
     if count < 2:
         return np.arange(len(press)) * FOLDS // len(press)
@@ -60,10 +73,13 @@ class HeldOut:
 
 
 def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
-    """Every frame predicted from the folds (N,) it does not belong to, to first order about the
-    fit; the coordinates' own uncertainty is in the density."""
+    """Every frame predicted from the folds (N,) it does not belong to, or every channel from folds
+    (1, M), to first order about the fit; the coordinates' own uncertainty is in the density."""
     size = len(fit.theta)
-    residual, jacobian = fit.residual, fit.jacobian
+    residual, jacobian, sd = fit.residual, fit.jacobian, fit.problem.whitening.sd
+    if fold.ndim == 2:
+        residual, jacobian, sd = residual.T, np.swapaxes(jacobian, 1, 2), sd[:, None]
+        fold = fold[0]
     total = fit.information + np.diag(fit.prior)
     density, chi2 = np.zeros(len(residual)), np.zeros(len(residual))
     errors = np.zeros_like(residual)

@@ -140,7 +140,10 @@ class Search:
 
     def _free_channels(self, state: State) -> State | None:
         """`state` with a gain, or an offset, of its own for every channel; None where their score
-        is no better than that of plainer candidates. It is what a few plain effects must beat."""
+        is no better than that of plainer candidates. It is what a few plain effects must beat.
+        None where nobody touches: they would fit whatever there is, and predict nothing."""
+        if self.fold.ndim == 2:
+            return None
         plain = max((s.log_evidence for s in self.scores(state)), default=0.0)
         tangents = self.linearised(state)
         found = []
