@@ -191,7 +191,9 @@ class Forward:
         if (x_mm, y_mm, radius_mm) in self._couplings:
             return True
         edge = x_mm + 1j * y_mm + radius_mm * np.exp(2j * np.pi * np.arange(64) / 64)
-        return bool(np.abs(self.disc(self.geometry.unfold(edge))).min() < 1)
+        points = self.geometry.unfold(edge)
+        # Far outside the rim the map's series says nothing.
+        return bool((np.abs(self.disc(points[np.abs(points) <= self.disc.scale])) < 1).any())
 
     def edge(self, touch: Touch, apart: float = np.inf) -> TouchEdge:
         """The touch's edge and multipoles at this accuracy; `apart` from others, in radii."""

@@ -8,7 +8,7 @@ import pandas as pd
 
 from eitskin.diagnose.atlas import DISCOVERY
 
-PRIOR = 0.1  # that physics outside the catalogue is present, before looking
+PRIOR = 0.05  # that physics outside the catalogue is present, before looking
 INDEPENDENT = 0.5  # of the atlas's rows: the rest say what others say
 LAWS = {
     "time": "time",
@@ -60,8 +60,11 @@ def other(atlas: pd.DataFrame, catalogue_p: float) -> Other:
     p = float(-np.expm1(count * np.log1p(-min(least, 1.0 - 1e-16))))
     p = min(1.0, 2.0 * min(p, catalogue_p))
     chance = probability(p)
-    if chance < 0.5 or not len(rows):
+    if chance < 0.5:
         return Other(chance, p, [], [], [], None, None, None)
+    if not len(rows):
+        said = "More is left than chance leaves, without a pattern that a test knows."
+        return Other(chance, p, [], [], [], None, None, said)
     top = rows.iloc[0]
     statistic, _, where = top["statistic"].partition(": ")
     driver = LAWS.get(statistic, "static")

@@ -195,7 +195,9 @@ class Tangents:
             base = Geometry.from_skin(model.skin(self.knobs))
             self._changes["skin"] = forward_model(apply_skin(base, self.chosen, START), "train")
         forward = self._changes["skin"]
-        place = (candidate.start[key] for key in ("x_mm", "y_mm", "radius_mm"))
+        place = [candidate.start[key] for key in ("x_mm", "y_mm", "radius_mm")]
+        if not forward.meets(*place):
+            return np.zeros_like(self.voltage)
         scale = candidate.scales.of(candidate.effect.parameters["contrast"])
         change = forward.place(*place).channel_change(model.channels, np.array([STEP]))
         untouched = forward.voltages(model.channels)
