@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eitskin.diagnose.candidates import Candidate, own_channels
+from eitskin.diagnose.jacobian import Block, Jacobian
 from eitskin.diagnose.model import Model
 from eitskin.diagnose.whitening import Whitening
 from eitskin.effects.effect import Setting
@@ -44,13 +45,13 @@ class Problem:
 @dataclass(frozen=True)
 class Fit:
     """A set of effects fitted: theta (P,) the calibrations' coordinates, then each effect's;
-    residual (N, M) whitened; jacobian (P, N, M), minus the residual's derivative."""
+    residual (N, M) whitened; slopes, minus the residual's derivative."""
 
     problem: Problem
     effects: list[Candidate]
     theta: np.ndarray
     residual: np.ndarray
-    jacobian: np.ndarray
+    slopes: Jacobian
     chi2: float = field(init=False)
 
     def __post_init__(self):
@@ -64,8 +65,12 @@ class Fit:
     @property
     def information(self) -> np.ndarray:
         """(P, P): the data's, without the prior's."""
-        flat = self.jacobian.reshape(len(self.theta), -1)
-        return flat @ flat.T
+        return self.slopes.gram()
+
+    @property
+    def jacobian(self) -> np.ndarray:
+        """(P, N, M): minus the residual's derivative by every coordinate."""
+        return self.slopes.full()
 
     @property
     def covariance(self) -> np.ndarray:
@@ -128,17 +133,13 @@ def fit(
     theta, prior = np.array(start, float), _prior(problem, len(start))
     residual = problem.residual(theta, effects)
     fresh = jacobian is None
-    if jacobian is None:
-        jacobian = _fresh(problem, theta, effects, residual)
-    else:
-        jacobian = _filled(problem, theta, effects, residual, np.array(jacobian))
+    slopes = _slopes(problem, theta, effects, residual, jacobian)
     cost = (residual**2).sum() + prior @ theta**2
     dof = max(problem.whitening.size - len(theta), 1)
     damping, failed = 1e-6, 0
     for _ in range(MOST_ROUNDS):
-        flat = jacobian.reshape(len(theta), -1)
-        information = flat @ flat.T + np.diag(prior)
-        slope = flat @ residual.ravel() - prior * theta
+        information = slopes.gram() + np.diag(prior)
+        slope = slopes.against(residual) - prior * theta
         lift = np.diag(damping * np.maximum(np.diag(information), 1e-12))
         step = np.linalg.solve(information + lift, slope)
         expected = float(2 * step @ slope - step @ information @ step)
@@ -147,7 +148,7 @@ def fit(
         if expected < ENOUGH * max(1.0, cost / dof):
             if fresh or expected < 0 or (failed == 0 and not polish):
                 break
-            jacobian = _fresh(problem, theta, effects, residual)
+            slopes = _slopes(problem, theta, effects, residual)
             fresh, failed = True, 0
             continue
         step = np.clip(step, -3.0, 3.0)
@@ -157,9 +158,7 @@ def fit(
             moved = np.full_like(residual, np.inf)
         new_cost = (moved**2).sum() + prior @ (theta + step) ** 2
         if new_cost < cost:
-            change = (residual - moved) - np.tensordot(step, jacobian, 1)
-            for row, share in zip(jacobian, step / (step @ step), strict=True):
-                row += share * change
+            slopes.learn(step, residual - moved - slopes.along(step))
             useful = cost - new_cost > 0.25 * expected
             theta, residual, cost = theta + step, moved, new_cost
             damping = damping * (0.1 if useful else 3.0)
@@ -171,32 +170,40 @@ def fit(
                 if damping > 1e6:
                     break
             else:
-                jacobian = _fresh(problem, theta, effects, residual)
+                slopes = _slopes(problem, theta, effects, residual)
                 fresh = True
     if polish and not fresh:
-        jacobian = _fresh(problem, theta, effects, residual)
-    return Fit(problem, list(effects), theta, residual, jacobian)
+        slopes = _slopes(problem, theta, effects, residual)
+    return Fit(problem, list(effects), theta, residual, slopes)
 
 
-def _filled(problem, theta, effects, residual, jacobian) -> np.ndarray:
-    """The Jacobian, its unknown columns by differences; those that move channels of their own
-    together."""
-    unknown = np.isnan(jacobian[:, :, 0]).any(axis=1)
+def _slopes(problem, theta, effects, residual, known: np.ndarray | None = None) -> Jacobian:
+    """The Jacobian; of columns known (P, N, M), those that are NaN by differences. Coordinates that
+    move channels of their own are moved together."""
+    shape = residual.shape
+    unknown = np.ones(len(theta), bool) if known is None else np.isnan(known[:, 0]).any(axis=1)
+    apart = []
     start = len(problem.model.calibrations)
     for candidate in effects:
         place = np.arange(start, start + candidate.size)
         start += candidate.size
         others = [c.effect for c in effects if c is not candidate]
         own = own_channels(candidate, others, problem.model.channels)
-        if own is not None and unknown[place].sum() > 1:
+        if own is not None and candidate.size > 1:
+            apart.append((place, own))
+    blocks = [(place, own.argmax(axis=1)) for place, own in apart if (own.sum(axis=1) == 1).all()]
+    if known is None:
+        size = len(theta) - sum(len(place) for place, _ in blocks)
+        empty = [Block(*block, np.zeros(shape)) for block in blocks]
+        slopes = Jacobian(np.empty((size, *shape)), empty)
+    else:
+        slopes = Jacobian.of(known, blocks)
+    for place, own in apart:
+        if unknown[place].any():
             together = derivative(problem, theta, effects, residual, place)
-            jacobian[place] = own[:, None, :] * together
+            slopes.put(place, own, together)
             unknown[place] = False
     for i in np.flatnonzero(unknown):
-        jacobian[i] = derivative(problem, theta, effects, residual, i)
-    return jacobian
-
-
-def _fresh(problem, theta, effects, residual) -> np.ndarray:
-    unknown = np.full((len(theta), *residual.shape), np.nan)
-    return _filled(problem, theta, effects, residual, unknown)
+        every = np.ones((1, shape[1]), bool)
+        slopes.put(np.array([i]), every, derivative(problem, theta, effects, residual, i))
+    return slopes

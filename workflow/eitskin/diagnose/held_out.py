@@ -76,22 +76,21 @@ def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
     """Every frame predicted from the folds (N,) it does not belong to, or every channel from folds
     (1, M), to first order about the fit; the coordinates' own uncertainty is in the density."""
     size = len(fit.theta)
-    residual, jacobian, sd = fit.residual, fit.jacobian, fit.problem.whitening.sd
+    residual, sd, part = fit.residual, fit.problem.whitening.sd, fit.slopes.full
     if fold.ndim == 2:
-        residual, jacobian, sd = residual.T, np.swapaxes(jacobian, 1, 2), sd[:, None]
-        fold = fold[0]
+        turned = np.swapaxes(fit.jacobian, 1, 2)
+        residual, sd, fold, part = residual.T, sd[:, None], fold[0], lambda rows: turned[:, rows]
     total = fit.information + np.diag(fit.prior)
     density, chi2 = np.zeros(len(residual)), np.zeros(len(residual))
     errors = np.zeros_like(residual)
     for b in np.unique(fold):
         rows = fold == b
-        own = jacobian[:, rows].reshape(size, -1)
+        jacobian = part(rows)
+        own = jacobian.reshape(size, -1)
         rest = np.linalg.inv(total - own @ own.T + 1e-12 * np.diag(np.diag(total)))
-        error = residual[rows] + np.tensordot(
-            rest @ (own @ residual[rows].ravel()), jacobian[:, rows], 1
-        )
+        error = residual[rows] + np.tensordot(rest @ (own @ residual[rows].ravel()), jacobian, 1)
         root = np.linalg.cholesky(0.5 * (rest + rest.T) + 1e-15 * np.eye(size))
-        spread = jacobian[:, rows].transpose(1, 2, 0) @ root
+        spread = jacobian.transpose(1, 2, 0) @ root
         chi2[rows] = (error**2).sum(axis=1)
         errors[rows] = error
         gram = spread.transpose(0, 2, 1) @ spread + np.eye(size)
@@ -101,4 +100,4 @@ def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
             chi2[rows] - (slope * solved).sum(axis=1) + np.linalg.slogdet(gram)[1]
         )
     readings = int(fit.problem.whitening.mask.sum())
-    return HeldOut(chi2, density, errors, fit.problem.whitening.sd, readings)
+    return HeldOut(chi2, density, errors, sd, readings)

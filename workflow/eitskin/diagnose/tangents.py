@@ -58,19 +58,13 @@ class Tangents:
     def _blocks(self) -> tuple[list[np.ndarray], np.ndarray]:
         """What is fitted to every channel on its own, (N, M) each, orthonormal channel by channel;
         and the other coordinates' columns (k, N M) less that."""
-        fit, channels = self.fit, self.problem.model.channels
-        blocks, rest = [], np.ones(len(fit.theta), bool)
-        for index, candidate in enumerate(fit.effects):
-            others = [c.effect for c in fit.effects if c is not candidate]
-            own = own_channels(candidate, others, channels)
-            if candidate.kind == "channels" and candidate.scope == "dense" and own is not None:
-                place = fit.place(index)
-                block = np.einsum("pm,pnm->nm", own, fit.jacobian[place])
-                block = _off(blocks, block)
-                length = np.linalg.norm(block, axis=0)
-                blocks.append(block / np.where(length > 0, length, 1.0))
-                rest[place] = False
-        return blocks, _off(blocks, fit.jacobian[rest]).reshape(rest.sum(), -1)
+        blocks: list[np.ndarray] = []
+        for block in self.fit.slopes.blocks:
+            column = _off(blocks, block.column)
+            length = np.linalg.norm(column, axis=0)
+            blocks.append(column / np.where(length > 0, length, 1.0))
+        rest = self.fit.slopes.columns
+        return blocks, _off(blocks, rest).reshape(len(rest), -1)
 
     def away(self, columns: np.ndarray) -> np.ndarray:
         """(..., N M): columns less what the fitted coordinates can do."""
