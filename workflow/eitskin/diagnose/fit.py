@@ -13,7 +13,8 @@ from eitskin.errors import InputError
 
 STEP = 1e-3
 MOST_ROUNDS = 30
-ENOUGH = 0.02  # of chi squared over its degrees of freedom; intervals are 1
+ENOUGH = 0.02  # of chi squared; intervals are 1
+ROUGH = 3e-5  # of the misfit: where much is missing, less is enough
 HOPE = 2.0  # times the decrease that a linear model promises
 WIDE = 30.0  # sd of an effect's coordinate while it is fitted: a guard, no opinion
 
@@ -145,7 +146,7 @@ def fit(
         expected = float(2 * step @ slope - step @ information @ step)
         if cost - HOPE * max(expected, 0.0) > enough:
             break
-        if expected < ENOUGH * max(1.0, cost / dof):
+        if expected < ENOUGH + ROUGH * max(cost - dof, 0.0):
             if fresh or expected < 0 or (failed == 0 and not polish):
                 break
             slopes = _slopes(problem, theta, effects, residual)

@@ -131,7 +131,8 @@ class Search:
 
     def _rival(self, state: State, found: State, candidates: list[Candidate]) -> State:
         """`found`, or what grows from `state` out of other candidates, where that is better."""
-        plain = replace(self, candidates=candidates, scored={}, trials={})
+        best = max(self.rival_evidence, found.log_evidence)
+        plain = replace(self, candidates=candidates, rival_evidence=best, scored={}, trials={})
         rival = plain._explained(state)
         if rival.log_evidence <= found.log_evidence:
             return found
@@ -295,16 +296,25 @@ class Search:
                 return trial
         return None
 
-    def tried(self, state: State, scores: list[Score]) -> list[State]:
-        """States with one more effect, the best of every name fitted, best first."""
+    def tried(
+        self,
+        state: State,
+        scores: list[Score],
+        known: Candidate | None = None,
+        best: float = -np.inf,
+    ) -> list[State]:
+        """States with one more effect, the best of every name fitted, best first; but for one that
+        is `known` to have the log evidence `best`."""
         key = tuple(c.key for c in state.effects)
         if key not in self.trials:
             found: list[State] = []
             for candidate in shortlist(scores):
-                best = max((s.log_evidence for s in found), default=-np.inf)
+                if known is not None and candidate.key == known.key:
+                    continue
                 trial = self.with_effect(state, candidate, 2.0 * (RACE - best))
                 if trial is not None:
                     found.append(trial)
+                    best = max(best, trial.log_evidence)
             found.sort(key=lambda s: -s.log_evidence)
             self.trials[key] = found
         return self.trials[key]
@@ -359,21 +369,24 @@ class Search:
         except (InputError, np.linalg.LinAlgError):
             return None
 
-    def without(self, state: State, index: int) -> State:
-        """`state` less one effect, the rest fitted anew."""
+    def without(self, state: State, index: int, enough: float = np.inf) -> State:
+        """`state` less one effect, the rest fitted anew; enough: as of `fit`."""
         place = state.fit.place(index)
         effects = [c for i, c in enumerate(state.effects) if i != index]
         theta = np.delete(state.fit.theta, np.arange(place.start, place.stop))
         jacobian = np.delete(state.fit.jacobian, np.arange(place.start, place.stop), axis=0)
-        return self.state(fit(self.problem, effects, theta, jacobian), state.p_values)
+        fitted = fit(self.problem, effects, theta, jacobian, enough=enough)
+        return self.state(fitted, state.p_values)
 
     def _drop(self, state: State) -> State:
         """Effects that no longer earn their place, taken out one by one; the rest polished."""
         dropped = True
         while dropped and len(state.effects) > 1:
             dropped = False
+            # What the rest costs for its freedom can only add to chi squared.
+            enough = 2.0 * (LEAST_EVIDENCE - state.log_evidence)
             for index in range(len(state.effects) - 1):
-                less = self.without(state, index)
+                less = self.without(state, index, enough)
                 if less.log_evidence > state.log_evidence - LEAST_EVIDENCE:
                     self._step("drop", state.effects[index], less, None)
                     state, dropped = less, True
@@ -411,7 +424,7 @@ class Search:
                 if gross(effect):
                     continue
                 less = self.less(state, index)
-                rivals = self.tried(less, self.scores(less))
+                rivals = self.tried(less, self.scores(less), effect, state.log_evidence)
                 if rivals and rivals[0].log_evidence > state.log_evidence + 1.0:
                     better = rivals[0]
                     entered = {c.key for c in better.effects} - set(state.p_values)
