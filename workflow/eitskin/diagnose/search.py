@@ -439,11 +439,10 @@ class Search:
 
     def less(self, state: State, index: int) -> State:
         """`state` less one effect, polished; kept with its tangents where the set was met."""
-        less = self.without(state, index)
-        key = tuple(c.key for c in less.effects)
+        key = tuple(c.key for i, c in enumerate(state.effects) if i != index)
         if key in self.tangents:
             return self.state(self.tangents[key].fit, state.p_values)
-        return self.state(_polished(less.fit), state.p_values)
+        return self.state(_polished(self.without(state, index).fit), state.p_values)
 
     def _step(self, action: str, effect: Candidate | None, state: State, p: float | None) -> None:
         self.path.append(
