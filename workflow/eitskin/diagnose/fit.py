@@ -15,6 +15,7 @@ STEP = 1e-3
 MOST_ROUNDS = 30
 ENOUGH = 0.02  # of chi squared; intervals are 1
 ROUGH = 3e-5  # of the misfit: where much is missing, less is enough
+RENEWALS = 1  # of the Jacobian, in a fit that need not end at its optimum
 HOPE = 2.0  # times the decrease that a linear model promises
 WIDE = 30.0  # sd of an effect's coordinate while it is fitted: a guard, no opinion
 
@@ -128,8 +129,8 @@ def fit(
     """Levenberg (1944) and Marquardt's (1963) method, the Jacobian kept up by Broyden's (1965).
 
     start (P,); jacobian (P, N, M) at the start, where it is known, NaN columns where it is not;
-    polish: end with a fresh Jacobian, at its optimum; enough: give up where no cost below it is in
-    sight. A step into physics that has no solution is refused like one that does not help.
+    polish: end with a fresh Jacobian, at its optimum, else near it; enough: give up where no cost
+    below it is in sight. A step into physics that has no solution is refused like one that does not help.
     """
     theta, prior = np.array(start, float), _prior(problem, len(start))
     residual = problem.residual(theta, effects)
@@ -138,6 +139,7 @@ def fit(
     cost = (residual**2).sum() + prior @ theta**2
     dof = max(problem.whitening.size - len(theta), 1)
     damping, failed = 1e-6, 0
+    renewals = MOST_ROUNDS if polish else RENEWALS
     for _ in range(MOST_ROUNDS):
         information = slopes.gram() + np.diag(prior)
         slope = slopes.against(residual) - prior * theta
@@ -147,10 +149,10 @@ def fit(
         if cost - HOPE * max(expected, 0.0) > enough:
             break
         if expected < ENOUGH + ROUGH * max(cost - dof, 0.0):
-            if fresh or expected < 0 or (failed == 0 and not polish):
+            if fresh or expected < 0 or (failed == 0 and not polish) or renewals == 0:
                 break
             slopes = _slopes(problem, theta, effects, residual)
-            fresh, failed = True, 0
+            fresh, failed, renewals = True, 0, renewals - 1
             continue
         step = np.clip(step, -3.0, 3.0)
         try:
@@ -166,13 +168,13 @@ def fit(
             fresh, failed = False, 0 if useful else failed + 1
         else:
             failed += 1
-            if fresh:
+            if fresh or renewals == 0:
                 damping = max(damping * 30.0, 1e-3)
                 if damping > 1e6:
                     break
             else:
                 slopes = _slopes(problem, theta, effects, residual)
-                fresh = True
+                fresh, renewals = True, renewals - 1
     if polish and not fresh:
         slopes = _slopes(problem, theta, effects, residual)
     return Fit(problem, list(effects), theta, residual, slopes)
