@@ -130,7 +130,8 @@ def fit(
 
     start (P,); jacobian (P, N, M) at the start, where it is known, NaN columns where it is not;
     polish: end with a fresh Jacobian, at its optimum, else near it; enough: give up where no cost
-    below it is in sight. A step into physics that has no solution is refused like one that does not help.
+    below it is in sight. A step into physics that has no solution is refused like one that does
+    not help.
     """
     theta, prior = np.array(start, float), _prior(problem, len(start))
     residual = problem.residual(theta, effects)

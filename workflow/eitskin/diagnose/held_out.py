@@ -10,9 +10,7 @@ from eitskin.protocol import reciprocal_channels
 FOLDS = 5
 
 
-def folds(
-    touched: np.ndarray, press: np.ndarray, channels: np.ndarray, seed: int
-) -> np.ndarray:
+def folds(touched: np.ndarray, press: np.ndarray, channels: np.ndarray, seed: int) -> np.ndarray:
     """(N,): the fold of each frame. Whole presses stay together, untouched frames go with the
     press that follows; without presses, folds are stretches of time.
 
