@@ -33,7 +33,7 @@ from shared_data import shared_data
 
 ANGLES = 22.5 * np.arange(16)
 CHANNELS = channel_table(16)
-FINER = DepthAccuracy(14, 4.5, 40.0, 14)
+FINER = DepthAccuracy(14, 4.5, 40.0, 14, 1e-8)
 PYEIDORS = "2026-03-14-21-38-31_1_10.00_55uA_1000Hz.csv"
 
 

@@ -18,14 +18,17 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import erf, erfc, spherical_jn
 
+from eitskin.column import ColumnTouch
+from eitskin.cylinder import cylinder_response
 from eitskin.electrodes import Electrodes
 from eitskin.errors import InputError
 from eitskin.forward import Accuracy, Forward
 from eitskin.geometry import Geometry
 from eitskin.patch import PatchForward
-from eitskin.touch import Touch, graded_panels
+from eitskin.touch import Touch, TouchEdge, graded_panels
 
 PANEL_NODES = 10
 SHORTEST_PANEL = 1e-8
@@ -50,6 +53,7 @@ class DepthAccuracy:
     split: float
     cut: float
     most_modes: int
+    touch_tolerance: float
 
     def modes(self, geometry: Geometry, heights: "Span") -> int:
         """Modes up an electrode."""
@@ -61,8 +65,8 @@ class DepthAccuracy:
 
 KNEE = 0.15
 DEPTH_ACCURACIES = {
-    "train": DepthAccuracy(4, 3.5, 8.0, 8),
-    "diagnose": DepthAccuracy(8, 4.0, 20.0, 16),
+    "train": DepthAccuracy(4, 3.5, 8.0, 8, 1e-4),
+    "diagnose": DepthAccuracy(8, 4.0, 20.0, 16, 1e-6),
 }
 
 
@@ -97,25 +101,6 @@ def forward_model(
     if heights is None:
         return Forward(geometry, accuracy, near)
     return DepthForward(geometry, heights, accuracy)
-
-
-def cylinder_response(n_max: int, k: np.ndarray) -> np.ndarray:
-    """(n_max + 1, K): q_n(k) = I_n(k) / (k I_n'(k)) of the unit cylinder, k (K,) 0 or more.
-
-    From I_n' / I_n = n / k + I_(n+1) / I_n and the ratios' continued fraction, begun beyond n_max
-    from q ~ 1 / rho + k^2 / (2 rho^4), rho^2 = n^2 + k^2 (Abramowitz & Stegun 9.7.7, 9.7.9).
-    Infinite at n = 0, k = 0.
-    """
-    first = n_max + 40
-    rho2 = (first + 1.0) ** 2 + k**2
-    ratio = 1.0 / (1.0 / np.sqrt(rho2) + 0.5 * k**2 / rho2**2) - (first + 1.0)
-    response = np.empty((n_max + 1, len(k)))
-    with np.errstate(divide="ignore"):
-        for n in range(first, -1, -1):
-            ratio = k**2 / (2.0 * (n + 1) + ratio)
-            if n <= n_max:
-                response[n] = 1.0 / (n + ratio)
-    return response
 
 
 def legendre_overlap(order: int, lag: np.ndarray) -> np.ndarray:
@@ -169,6 +154,7 @@ class BodyElectrodes:
         self.depth = g.thickness_mm / g.radius_mm
         self.half_height = self.heights.height_mm / (2.0 * g.radius_mm)
         self.z = self.heights.z_mm / g.radius_mm
+        self.angular = self._angular()
 
     def _cut(self, accuracy: DepthAccuracy) -> None:
         """Where the near half gives way to the series, and the series' length."""
@@ -197,12 +183,22 @@ class BodyElectrodes:
         kernel = cylinder_response(self.n_max, k)
         kernel -= erf(rho / (2.0 * self.eta)) / rho
         kernel[0, 0] = -1.0 / (np.sqrt(np.pi) * self.eta)
-        degree = np.arange(self.up)[:, None]
-        wave = (
-            np.exp(1j * k * self.z) * 1j**degree * spherical_jn(degree, k * self.half_height)
-        ).real
+        wave = self.wave(k)
         pairs = np.einsum("im,jm->mij", wave, wave) * np.where(k > 0, 2.0, 1.0)[:, None, None]
         return (kernel @ pairs.reshape(len(k), -1)).reshape(-1, self.up, self.up)
+
+    def wave(self, k: np.ndarray) -> np.ndarray:
+        """(up, K): the modes up tested with cos(k z), k (K,)."""
+        degree = np.arange(self.up)[:, None]
+        bessel = spherical_jn(degree, k * self.half_height)
+        return (np.exp(1j * k * self.z) * 1j**degree * bessel).real
+
+    def distance(self, place: complex) -> float:
+        """From a place in the unit disc to the nearest electrode."""
+        half, phi = self.sheet.half_width, np.radians(self.geometry.electrode_deg)
+        turn = np.angle(place * np.exp(-1j * phi))
+        nearest = np.exp(1j * (phi + np.clip(turn, -half, half)))
+        return float(np.abs(nearest - place).min())
 
     def _angular(self) -> np.ndarray:
         """(n across, 2 (n_max + 1)): Fourier coefficients of the modes across, real and imaginary,
@@ -216,7 +212,7 @@ class BodyElectrodes:
         return np.concatenate([wave.real, wave.imag], axis=2).reshape(self.n * self.across, -1)
 
     def _interaction(self) -> np.ndarray:
-        angular, series = self._angular(), self._series()
+        angular, series = self.angular, self._series()
         shape = (self.n, self.across, self.up, self.n, self.across, self.up)
         matrix = np.empty(shape)
         for i in range(self.up):
@@ -318,9 +314,8 @@ def _panels(start: float, stop: float, zero: float, rate: float, apart: float):
 class DepthForward(Forward):
     """A body `thickness_mm` deep with electrodes over a part of its height: a tank, a thick skin.
 
-    As Forward otherwise; with heights None it is Forward. A touch reaches through the whole depth
-    and couples to the mean over the depth alone: its effect on the current's spread in depth, which
-    falls off as exp(-pi distance / depth) from an electrode, is left out.
+    As Forward otherwise; with heights None it is Forward. A touch reaches through the whole depth;
+    one that the rim clips couples to the mean over the depth alone.
     """
 
     def __init__(
@@ -342,6 +337,30 @@ class DepthForward(Forward):
     def matches(self, geometry: Geometry, accuracy: Accuracy, modes: int) -> bool:
         """As Forward's; a body shares nothing with a sheet."""
         return self.heights is None and super().matches(geometry, accuracy, modes)
+
+    def edge(self, touch: Touch, apart: float = np.inf) -> TouchEdge | ColumnTouch:
+        """As Forward's, with the multipoles in depth."""
+        edge = super().edge(touch, apart)
+        if self.heights is None:
+            return edge
+        coupling = super()._to_electrodes(edge)
+        return ColumnTouch(edge, coupling, self.electrodes, self.depth_accuracy.touch_tolerance)
+
+    def _to_electrodes(self, edge: TouchEdge | ColumnTouch) -> np.ndarray:
+        return edge.coupling if isinstance(edge, ColumnTouch) else super()._to_electrodes(edge)
+
+    def _between(self, a: TouchEdge | ColumnTouch, b: TouchEdge | ColumnTouch) -> np.ndarray:
+        if not isinstance(a, ColumnTouch):
+            return super()._between(a, b)
+        return block_diag(super()._between(a.edge, b.edge), a.deep_response(b))
+
+    def _even_current(self, edge: TouchEdge | ColumnTouch):
+        """As Forward's; even over the depth too, it drives no multipole in depth."""
+        if not isinstance(edge, ColumnTouch):
+            return super()._even_current(edge)
+        to_electrodes, to_touch, *powers = super()._even_current(edge.edge)
+        further = np.zeros(len(edge.mass) - len(to_touch))
+        return to_electrodes, np.append(to_touch, further), *powers
 
     def parameters(self, touches: list[Touch] = ()) -> list[str]:
         """Names that `derivatives` knows; a body's `thickness_mm` is its depth."""
