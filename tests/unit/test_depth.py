@@ -30,10 +30,13 @@ from eitskin.readings import simulate
 from eitskin.skin import Skin
 from eitskin.touch import Touch
 from shared_data import shared_data
+from witness.boundary import Disc
+from witness.curves import Shape
+from witness.deep import DeepBody, Depth
 
 ANGLES = 22.5 * np.arange(16)
 CHANNELS = channel_table(16)
-FINER = DepthAccuracy(14, 4.5, 40.0, 14, 1e-8)
+FINER = DepthAccuracy(14, 4.5, 40.0, 14, 1e-7)
 PYEIDORS = "2026-03-14-21-38-31_1_10.00_55uA_1000Hz.csv"
 
 
@@ -185,6 +188,77 @@ def test_a_touch_through_the_depth_against_finite_elements(factor):
     assert overall(found, expected, channel_table(5)) < 2e-3
     at_once = forward.place(0.0, 0.0, 700.0).transfer_change(np.array([factor - 1.0]))[0]
     np.testing.assert_allclose(at_once, found, atol=1e-10 * np.abs(found).max())
+
+
+@pytest.fixture(scope="module")
+def witnessed():
+    """By place: its change of every channel in the witness's body, contrasts 2 and -0.5."""
+    depth = Depth(20.0, 8.0, 7.0, 20, 10.0)
+    deep = DeepBody(Shape(60.0), ANGLES, np.full(16, 6.0), depth, 3.0)
+    contact = deep.contact(np.full(16, 1.0 / 60.0))
+    places, found = [(47.0, 8.0, 7.5), (40.0, 22.0, 7.5), (30.0, -5.0, 12.0)], {}
+    for place in places:
+        there = deep.place([Disc(*place)])
+        bare, *touched = (there.admittance(contact, [c]) for c in (0.0, 2.0, -0.5))
+        values = [
+            channel_values(np.linalg.inv(5e-3 * (a + a.T) + 1.0), CHANNELS)
+            for a in (bare, *touched)
+        ]
+        found[place] = np.array(values[1:]) - values[0]
+    return found
+
+
+@pytest.mark.parametrize(("accuracy", "bound"), [("train", 2e-3), ("diagnose", 1e-4)])
+def test_touches_near_the_rim_against_the_witness(witnessed, accuracy, bound):
+    """A sheet's multipoles alone are off by 3e-3 to 0.04 of the change."""
+    geometry = Geometry(60.0, 20.0, 0.5, ANGLES, 6.0, 2e-3)
+    forward = DepthForward(geometry, Span(8.0, 7.0), accuracy)
+    for place, expected in witnessed.items():
+        found = forward.place(*place).channel_change(CHANNELS, np.array([2.0, -0.5]))
+        size = np.abs(expected).max(axis=1)
+        assert (np.abs(found - expected).max(axis=1) < bound * size).all()
+
+
+@pytest.mark.parametrize("z_mm", [10.0, 7.0])
+def test_of_full_height_no_touch_is_felt_in_depth(z_mm):
+    geometry, place = body(20.0), (83.0, 5.0, 10.0)
+    sheet = Forward(geometry).place(*place).transfer_change(np.array([3.0]))[0]
+    deep = DepthForward(geometry, Span(20.0, 10.0)).place(*place).transfer_change(np.array([3.0]))
+    assert overall(deep[0], sheet, all_channels(16)) < 1e-8
+    part = DepthForward(geometry, Span(14.0, z_mm)).place(*place).transfer_change(np.array([3.0]))
+    assert overall(part[0], sheet, all_channels(16)) > 1e-3
+
+
+def test_two_touches_of_a_body_as_one_at_a_time():
+    """Reciprocal, and each a touch of the other's body: far apart, the changes add up."""
+    forward = DepthForward(body(30.0), Span(10.0, 10.0))
+    left, right = Touch(-84.0, 8.0, 10.0, 2.0), Touch(84.0, 10.0, 9.0, -0.5)
+    bare = forward.transfer()
+    alone = [forward.transfer([touch]) - bare for touch in (left, right)]
+    both = forward.transfer([left, right]) - bare
+    assert np.abs(both - both.T).max() < 1e-12 * np.abs(both).max()
+    assert overall(both, sum(alone), all_channels(16)) < 2e-2
+    halves = forward.transfer([left, replace(right, contrast=1e-9)]) - bare
+    assert overall(halves, alone[0], all_channels(16)) < 1e-7
+
+
+def test_a_clipped_touch_couples_to_the_mean_over_the_depth_alone():
+    forward = DepthForward(body(20.0), Span(10.0, 8.0), "train")
+    clipped, whole = (forward.edge(Touch(x, 0.0, 10.0)) for x in (95.0, 85.0))
+    assert clipped.mass.shape == clipped.edge.mass.shape
+    assert len(whole.mass) > len(whole.edge.mass)
+    assert forward.place(95.0, 0.0, 10.0).transfer_change(np.array([1.0])).any()
+
+
+def test_current_that_enters_over_a_touch_of_a_body():
+    forward = DepthForward(body(20.0), Span(10.0, 8.0))
+    place = (83.0, 5.0, 10.0)
+    terminal, modes = forward.contact(*place), forward.place(*place)
+    contrast = np.array([2.0])
+    found = terminal.transfer_change(contrast)[0]
+    expected = modes.transfer_change(contrast)[0]
+    assert np.abs(found - found.T).max() < 1e-12 * np.abs(found).max()
+    np.testing.assert_allclose(found[:-1, :-1], expected, atol=1e-10 * np.abs(expected).max())
 
 
 def test_derivatives_against_differences_of_bodies():

@@ -10,8 +10,6 @@ exp(i p phi) about the body's centre in I_l about the touch's (Abramowitz & Steg
 over the body's radius.
 """
 
-from functools import cached_property
-
 import numpy as np
 from scipy.linalg import block_diag
 
@@ -26,131 +24,148 @@ CENTRAL = 1e-100  # a touch in the very centre is taken to be this far off it
 class ColumnTouch:
     """A touch's edge with its multipoles in the sheets m >= 1 too; what TouchEdge is to a sheet.
 
-    Raises nothing of its own. A touch that the rim clips has none: it keeps TouchEdge's alone.
-    tolerance: share of the touch's power that a multipole may have and be left out.
+    coupling (n order, K): to the electrodes' modes; mass, own (K', K'): energy and response to
+    themselves, of all K multipoles and of those beyond TouchEdge's. tolerance: a multipole that
+    changes what neighbouring electrodes see of each other by less, as a share of TouchEdge's, is
+    left out. A touch that the rim clips has TouchEdge's multipoles alone.
     """
 
-    def __init__(self, edge: TouchEdge, to_electrodes: np.ndarray, body, tolerance: float):
-        """`to_electrodes` (n order, 2 degree): the edge's coupling; `body`: its BodyElectrodes."""
-        self.edge = edge
-        geometry = edge.geometry
-        self.centre, self.radius = edge.centre / geometry.radius_mm, edge.radius / geometry.radius_mm
-        sheets = 0
+    def __init__(self, edge: TouchEdge, to_electrodes: np.ndarray, forward, tolerance: float):
+        """`to_electrodes` (n order, 2 degree): the edge's coupling; `forward`: the body."""
+        self.edge, self.body = edge, forward.electrodes
+        radius_mm = edge.geometry.radius_mm
+        self.centre, self.radius = edge.centre / radius_mm, edge.radius / radius_mm
+        self.k, self.kept = np.zeros(0), []
+        self.coupling, self.own = to_electrodes, np.zeros((0, 0))
         if not edge.clipped:
-            gap = 1.0 - abs(self.centre) - self.radius
-            apart = max(body.distance(self.centre) - self.radius, gap)
-            digits = -np.log(tolerance)
-            sheets = int(min(np.ceil(digits * body.depth / (2.0 * np.pi * apart)), MOST_SHEETS))
-            degree = digits / (2.0 * np.log1p(apart / self.radius))
-            self.degree = int(min(np.ceil(degree), MOST_DEGREE))
-            self.rim_orders = int(min(np.ceil(digits / gap), body.n_max))
+            self._reach(-np.log(tolerance))
+            self._couple(forward.unit_currents(), tolerance)
+        self.mass = block_diag(edge.mass, np.eye(len(self.own)))
+
+    def _reach(self, digits: float) -> None:
+        """Sheets and orders, about the touch and about the body's centre, that may matter."""
+        body, gap = self.body, 1.0 - abs(self.centre) - self.radius
+        apart = max(body.distance(self.centre) - self.radius, gap)
+        sheets = int(min(np.ceil(digits * body.depth / (2.0 * np.pi * apart)), MOST_SHEETS))
+        degree = digits / (2.0 * np.log1p(apart / self.radius))
         self.k = np.pi / body.depth * np.arange(1, sheets + 1)
-        self.coupling = to_electrodes
-        self.kept: list[np.ndarray] = []
-        if sheets:
-            self._expand()
-            self._couple(body, tolerance)
+        self.degree = int(min(np.ceil(degree), MOST_DEGREE))
+        self.rim_orders = int(min(np.ceil(digits / gap), body.n_max))
 
-    def _expand(self) -> None:
-        """The free poles, and the multipoles' share in every order of the rim."""
-        k, orders = self.k, self.rim_orders
-        own = inner_steps(self.degree, k * self.radius)
+    def _sizes(self) -> tuple[np.ndarray, np.ndarray]:
+        """(sheets, degree + 1): the multipoles' response free of rim; ln of their size, I_l(k a)
+        over sqrt(2 pi) at unit energy."""
+        k, own = self.k * self.radius, inner_steps(self.degree, self.k * self.radius)
         inverse = np.arange(self.degree + 1)[:, None] + own  # x I' / I
-        self.free = (inverse / (own + outer_steps(self.degree, k * self.radius))).T
-        # Of a multipole of unit energy, over sqrt(2 pi).
-        self.log_size = (log_inner(k * self.radius, own) + 0.5 * np.log(inverse)).T
-        rim, order = inner_steps(orders, k), np.arange(orders + 1)
-        outer = outer_steps(orders, k)
-        response = 1.0 / (order[:, None] + rim)
-        image = response * (outer - order[:, None]) / (rim + outer)
-        self.response, self.image = np.tile(response.T, 2), np.tile(image.T, 2)
-        shift = k * max(abs(self.centre), CENTRAL)
+        free = inverse / (own + outer_steps(self.degree, k))
+        return free.T, (log_inner(k, own) + 0.5 * np.log(inverse)).T
+
+    def _at_rim(self, orders: int) -> np.ndarray:
+        """(sheets, 2 (orders + 1), 2 (degree + 1)): the multipoles in the rim's orders, of unit
+        size on the rim."""
+        order, degree = np.arange(orders + 1)[:, None], np.arange(self.degree + 1)
+        shift = self.k * max(abs(self.centre), CENTRAL)
         log_shift = log_inner(shift, inner_steps(orders + self.degree, shift)).T
-        scale = self.log_size[:, None, :] - log_inner(k, rim).T[:, :, None]
-        turn = np.exp(-1j * np.angle(self.centre) * np.arange(orders + self.degree + 1))
-        lag = order[:, None] - np.arange(self.degree + 1)
-        same = np.where(lag >= 0, turn[np.abs(lag)], turn[np.abs(lag)].conj())
-        same = same * np.exp(log_shift[:, np.abs(lag)] + scale)
-        lag = order[:, None] + np.arange(self.degree + 1)
-        self.at_rim = _real(same, turn[lag] * np.exp(log_shift[:, lag] + scale))
+        log_rim = log_inner(self.k, inner_steps(orders, self.k)).T
+        scale = self._sizes()[1][:, None, :] - log_rim[:, :, None]
+        turn = -1j * np.angle(self.centre)
+        return _real(
+            *(
+                np.exp(turn * lag) * np.exp(log_shift[:, np.abs(lag)] + scale)
+                for lag in (order - degree, order + degree)
+            )
+        )
 
-    def _couple(self, body, tolerance: float) -> None:
-        """Couplings to the electrodes' modes; multipoles without power dropped."""
-        edge, coupling = self.edge, [self.coupling]
-        power = np.trace(np.linalg.pinv(edge.mass, hermitian=True) @ coupling[0].T @ coupling[0])
-        angular = body.angular.reshape(len(body.angular), 2, -1)[:, :, : self.rim_orders + 1]
-        angular = angular.reshape(len(angular), -1)
-        wave = np.sqrt(2.0) * body.wave(self.k)
-        for sheet, up in enumerate(wave.T):
-            across = angular @ (self.response[sheet][:, None] * self.at_rim[sheet])
-            share = (across**2).sum(axis=0) * (up @ up)
-            kept = np.flatnonzero(share > tolerance * power)
+    def _couple(self, currents: np.ndarray, tolerance: float) -> None:
+        """Couplings to the electrodes' modes and among themselves; `currents` of unit drives."""
+        body, sheet_coupling = self.body, self.coupling
+        turn = np.argsort(body.geometry.electrode_deg % 360.0)
+        between = (currents[:, turn] - currents[:, np.roll(turn, 1)]).T
+        weight, vectors = np.linalg.eigh(self.edge.mass)
+        vectors = vectors[:, weight > 0] / np.sqrt(weight[weight > 0])
+        seen = ((between @ sheet_coupling @ vectors) ** 2).sum(axis=1).max()
+        between = between.reshape(-1, body.up)
+        angular = _orders(body.angular.T, self.rim_orders).T
+        response, image = (np.tile(part, 2) for part in rim_responses(self.rim_orders, self.k))
+        free = np.tile(self._sizes()[0], 2)
+        coupling, own = [sheet_coupling], []
+        at_rim = self._at_rim(self.rim_orders)
+        for sheet, up in enumerate(np.sqrt(2.0) * body.wave(self.k).T):
+            driven = (between @ up).reshape(body.n, -1) @ angular * response[sheet]
+            share = ((driven @ at_rim[sheet]) ** 2).max(axis=0)
+            kept = np.flatnonzero(share > tolerance * seen)
+            modes = at_rim[sheet][:, kept]
+            across = angular @ (response[sheet][:, None] * modes)
+            coupling.append((across[:, None] * up[:, None]).reshape(len(currents), len(kept)))
+            own.append((modes * image[sheet][:, None]).T @ modes + np.diag(free[sheet, kept]))
             self.kept.append(kept)
-            columns = across[:, None, kept] * up[:, None]
-            coupling.append(columns.reshape(len(self.coupling), len(kept)))
-        self.coupling = np.hstack(coupling)
+        self.coupling, self.own = np.hstack(coupling), block_diag(*own)
 
-    @cached_property
-    def mass(self) -> np.ndarray:
-        """(K, K): the multipoles' energy; 1 beyond TouchEdge's."""
-        return block_diag(self.edge.mass, np.eye(sum(len(kept) for kept in self.kept)))
-
-    def deep_response(self, other: "ColumnTouch") -> np.ndarray:
-        """(multipoles, multipoles of other): response in the sheets m >= 1 alone."""
+    def response_to(self, other: "ColumnTouch") -> np.ndarray:
+        """(K', K' of other): response to another touch's multipoles, beyond TouchEdge's."""
+        if other is self:
+            return self.own
+        orders = max(self.rim_orders, other.rim_orders)
+        image = np.tile(rim_responses(orders, self.k)[1], 2)
+        mine, theirs = self._at_rim(orders), other._at_rim(orders)
         blocks = []
-        orders = min(self.rim_orders, other.rim_orders) + 1 if self.kept and other.kept else 0
-        for sheet in range(max(len(self.kept), len(other.kept))):
-            mine, theirs = _kept(self, sheet), _kept(other, sheet)
-            if not (len(mine) and len(theirs)):
-                blocks.append(np.zeros((len(mine), len(theirs))))
-                continue
-            a, b = (_orders(t.at_rim[sheet], orders)[:, c] for t, c in ((self, mine), (other, theirs)))
-            block = (a * _orders(self.image[sheet], orders)[:, None]).T @ b
-            if self is other:
-                block[np.diag_indices(len(mine))] += np.tile(self.free[sheet], 2)[mine]
-            else:
-                block += self._direct(other, sheet)[np.ix_(mine, theirs)]
+        for sheet in range(max(len(self.k), len(other.k))):
+            rows, columns = self._kept(sheet), other._kept(sheet)
+            block = np.zeros((len(rows), len(columns)))
+            if block.size:
+                a, b = mine[sheet][:, rows], theirs[sheet][:, columns]
+                block = (a * image[sheet][:, None]).T @ b
+                block += self._direct(other, sheet)[np.ix_(rows, columns)]
             blocks.append(block)
         return block_diag(*blocks) if blocks else np.zeros((0, 0))
 
+    def _kept(self, sheet: int) -> np.ndarray:
+        return self.kept[sheet] if sheet < len(self.kept) else np.zeros(0, int)
+
     def _direct(self, other: "ColumnTouch", sheet: int) -> np.ndarray:
-        """(2 orders, 2 orders of other): response free of rim, K_l about the other's centre in I_l
-        about this one's."""
+        """(2 (degree + 1), 2 (degree + 1) of other): free of rim, K_l about the other's centre in
+        I_l about this one's."""
         mine, theirs = np.arange(self.degree + 1)[:, None], np.arange(other.degree + 1)
-        step, k = self.centre - other.centre, self.k[sheet : sheet + 1]
-        most = self.degree + other.degree
-        inner, outer = inner_steps(most, k * abs(step)), outer_steps(most, k * abs(step))
-        log_outer = (-np.log(inner + outer) - log_inner(k * abs(step), inner))[:, 0]
-        size = self.log_size[sheet][:, None] + other.log_size[sheet]
-        turn, sign = np.angle(step), (-1.0) ** mine
-        parts = []
-        for order in (theirs, -theirs):
-            lag = order - mine
-            parts.append(sign * np.exp(size + log_outer[np.abs(lag)] + 1j * turn * lag))
-        return _real(*parts)
+        step, most = self.centre - other.centre, self.degree + other.degree
+        k = self.k[sheet : sheet + 1] * abs(step)
+        inner = inner_steps(most, k)
+        log_outer = -np.log(inner + outer_steps(most, k)) - log_inner(k, inner)
+        size = self._sizes()[1][sheet][:, None] + other._sizes()[1][sheet] + 1j * np.pi * mine
+        return _real(
+            *(
+                np.exp(size + log_outer[np.abs(lag), 0] + 1j * np.angle(step) * lag)
+                for lag in (theirs - mine, -theirs - mine)
+            )
+        )
 
 
-def _kept(touch: ColumnTouch, sheet: int) -> np.ndarray:
-    return touch.kept[sheet] if sheet < len(touch.kept) else np.zeros(0, int)
+def rim_responses(orders: int, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(K, orders + 1) each: what a unit current through the rim makes there, q_n, and what the rim
+    throws back of a field from inside, -K_n' I_n^2 / I_n'."""
+    order, inner, outer = (
+        np.arange(orders + 1)[:, None],
+        *(steps(orders, k) for steps in (inner_steps, outer_steps)),
+    )
+    response = 1.0 / (order + inner)
+    return response.T, (response * (outer - order) / (inner + outer)).T
 
 
 def _orders(values: np.ndarray, orders: int) -> np.ndarray:
-    """Cosines and sines, along the first axis, of the lowest orders alone."""
-    return values.reshape(2, -1, *values.shape[1:])[:, :orders].reshape(-1, *values.shape[1:])
+    """(2 (orders + 1), k): of cosines, then sines, (2 (n_max + 1), k) the lowest orders."""
+    half = len(values) // 2
+    return np.concatenate([values[: orders + 1], values[half : half + orders + 1]])
 
 
 def _real(same: np.ndarray, opposite: np.ndarray) -> np.ndarray:
-    """(..., 2 P, 2 L): a map from orders -l, l to -p, p on the unit cosines, then sines, p = 0 ...
-    and l = 0 ...; same (..., P, L): from l to p, opposite: from -l to p. The sines of order 0 are
-    0."""
-    same, opposite = same.copy(), opposite.copy()
-    for part in (same, opposite):
-        part[..., 0, :] /= np.sqrt(2.0)
-        part[..., :, 0] /= np.sqrt(2.0)
+    """(..., 2 P, 2 L): a real map of functions on the circle, by cosines, then sines, of orders 0
+    and up; same (..., P, L): from exp(i l phi) to exp(i p phi), opposite: from exp(-i l phi). The
+    sines of order 0 are 0."""
     even, odd = same + opposite, same - opposite
-    sines = -even.imag, odd.real
-    upper = np.concatenate([even.real, odd.imag], axis=-1)
-    lower = np.concatenate(sines, axis=-1)
-    lower[..., 0, :] = 0.0
-    upper[..., :, odd.shape[-1]] = lower[..., :, odd.shape[-1]] = 0.0
-    return np.concatenate([upper, lower], axis=-2)
+    *stack, p, degree = even.shape
+    real = np.empty((*stack, 2, p, 2, degree))
+    real[..., 0, :, 0, :], real[..., 0, :, 1, :] = even.real, odd.imag
+    real[..., 1, :, 0, :], real[..., 1, :, 1, :] = -even.imag, odd.real
+    real[..., 0, 0, :, :] *= np.sqrt(0.5)
+    real[..., 0, 0] *= np.sqrt(0.5)
+    real[..., 1, 0, :, :] = real[..., 1, 0] = 0.0
+    return real.reshape(*stack, 2 * p, 2 * degree)

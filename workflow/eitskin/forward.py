@@ -10,7 +10,7 @@ and every derivative from R's stationarity, dR = X^T dS X.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag, cho_factor, cho_solve, eigh
+from scipy.linalg import block_diag, cho_factor, cho_solve, eigh, solve_triangular
 
 from eitskin.conformal import DiscMap
 from eitskin.contact import EvenCurrent
@@ -278,20 +278,27 @@ class Forward:
         inner = coupling[self._inner]
         gains = coupling[self._whole] + self._inner_currents.T @ inner
         if len(inner):
-            response = response - inner.T @ cho_solve(self._inner_factor, inner)
+            factor, lower = self._inner_factor
+            inner = solve_triangular(factor, inner, trans=0 if lower else 1, lower=lower)
+            response = response - inner.T @ inner
         return gains, response
+
+    def unit_currents(self) -> np.ndarray:
+        """(n order, n): currents in the electrodes' modes, each electrode driven by itself."""
+        n = self.electrodes.n
+        currents = np.zeros((n * self.electrodes.order, n))
+        currents[self._whole, range(n)] = 1.0
+        currents[self._inner] = self._inner_currents
+        return currents
 
     def _solve(self, touches: list[Touch]) -> tuple[np.ndarray, np.ndarray, list, list]:
         """Relative transfer (n, n), electrode mode currents, edges and their multipoles (2 degree,
         n)."""
-        n = self.electrodes.n
         touches = [t for t in touches if abs(t.contrast) > NO_CONTRAST]
         edges = [
             self.edge(t, apart) for t, apart in zip(touches, _clearances(touches), strict=True)
         ]
-        currents = np.zeros((n * self.electrodes.order, n))
-        currents[self._whole, range(n)] = 1.0
-        currents[self._inner] = self._inner_currents
+        currents = self.unit_currents()
         if not edges:
             return self._relative, currents, [], []
         coupling = np.hstack([self._to_electrodes(edge) for edge in edges])
@@ -304,7 +311,7 @@ class Forward:
             system = system - coupling[self._inner].T @ relaxed
         multipoles = -np.linalg.solve(system, gains.T)
         currents[self._inner] -= relaxed @ multipoles
-        split = np.split(multipoles, len(edges))
+        split = np.split(multipoles, np.cumsum([len(edge.mass) for edge in edges])[:-1])
         change = gains @ multipoles
         return self._relative + 0.5 * (change + change.T), currents, edges, split
 

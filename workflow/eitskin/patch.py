@@ -206,7 +206,8 @@ class PatchForward(Forward):
     """A skin with a patch, ready to be touched at one place; as Forward otherwise.
 
     Raises InputError for a patch at the rim, and for one on a skin whose conductivity rises across
-    it. In a body, a patch reaches through the whole depth, and couples as touches do.
+    it. In a body, a patch reaches through the whole depth, and it and touches beside it couple to
+    the mean over the depth alone.
     """
 
     def __init__(self, bare: Forward, geometry: Geometry, near: Forward | None = None):
