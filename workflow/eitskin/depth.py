@@ -48,7 +48,7 @@ class DepthAccuracy:
 
     Measured on 14 random bodies with 16 electrodes against 18 x 18 modes: voltages away from the
     drive to 2e-3 ("train") and 1e-5 ("diagnose") of the median one, in the median to 1e-5 and 3e-7.
-    A touch's change, 2 to 20 mm off the rim, against boundary integrals: to 2e-3 and 1e-4 of itself.
+    A touch's change, 5 to 18 mm off the rim, against boundary integrals: to 2e-3 and 1e-4 of it.
     """
 
     height_order: int
