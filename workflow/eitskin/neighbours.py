@@ -1,17 +1,20 @@
 """Solved skins that others share with: what depends on rim and electrodes is computed once."""
 
-from eitskin.depth import forward_model
+from eitskin.depth import DepthForward, forward_model
 from eitskin.forward import Forward
 from eitskin.geometry import Geometry
 
 KEPT = 4
+BODY = 200  # sheets that a body with electrodes of partial height takes as long as
 
 
 class Neighbours:
-    """The latest skin solved of each of a few outlines, the one used last at the end."""
+    """The latest skin solved of each of a few outlines, the one used last at the end; `spent`: how
+    many sheets could have been solved so far."""
 
     def __init__(self, *solved: Forward):
         self._solved = list(solved)
+        self.spent = 0
 
     def solve(self, geometry: Geometry, accuracy: str) -> Forward:
         """The forward model of a geometry, sharing with one of the same outline, or with the
@@ -19,6 +22,7 @@ class Neighbours:
         like = next((f for f in self._solved if f.geometry.same_outline(geometry)), None)
         latest = self._solved[-1] if self._solved else None
         found = forward_model(geometry, accuracy, like or latest)
+        self.spent += BODY if isinstance(found, DepthForward) and found.heights else 1
         if like is not None:
             self._solved.remove(like)
         self._solved = [*self._solved, found][-KEPT:]

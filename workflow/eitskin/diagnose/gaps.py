@@ -54,7 +54,8 @@ def gaps(search: Search, state: State, index: int, within: float = CLOSE * CONFU
     found = []
     for rank, (name, (gap, candidate)) in enumerate(ranked):
         strong = snr > 20.0 and gap > 0.2 * snr and rank > 2
-        if rank < MOST_FITTED and gap < within and not strong and candidate.size:
+        worth = rank < MOST_FITTED and gap < within and not strong and not search.spent
+        if worth and candidate.size:
             gap = min(gap, _fitted_gap(target, tangents, less.effects, candidate, snr))
         found.append(Gap(name, float(gap), snr))
     return sorted(found, key=lambda g: g.gap)

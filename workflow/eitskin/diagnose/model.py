@@ -80,7 +80,7 @@ class Model:
             (base.believed, base.calibrations) if base else _beliefs(recorded)
         )
         self._sensed: OrderedDict[tuple, Sensed] = OrderedDict()
-        self._near = Neighbours()
+        self.near = Neighbours()
         if base is None:
             self._start_factor(recorded)
 
@@ -149,7 +149,7 @@ class Model:
             stages,
             frame_s=self.frame_s,
             force_max_N=self.force_max_N,
-            near=self._near,
+            near=self.near,
         )
         self._sensed[key] = sensed
         while len(self._sensed) > KEPT:

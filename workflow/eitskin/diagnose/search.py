@@ -31,6 +31,7 @@ LEAST_EVIDENCE = 3.0  # nats by which an effect must raise the evidence
 WITHIN = 20.0  # nats of linear evidence below the best, or this share of its gain ...
 SHARE = 0.3
 MOST_NAMES = 12
+MOST_SOLVED = 30_000  # sheets: with so many solved, nothing more is tried for its own sake
 FEW_SITES = 2  # of a sparse effect; with more, single sites are tried in its place
 MOST_JOINED = 8  # sites of an effect that is still called sparse
 FAR = 16.0  # times chi squared: a change of so great a squared length cannot lower it
@@ -85,6 +86,11 @@ class Search:
     scored: dict[tuple, list[Score]] = field(default_factory=dict)
     trials: dict[tuple, list[State]] = field(default_factory=dict)
 
+    @property
+    def spent(self) -> bool:
+        """Whether the search has taken so long that it ends with what it has."""
+        return self.problem.model.near.spent > MOST_SOLVED
+
     def state(self, fitted: Fit, p_values: dict | None = None) -> State:
         """A fit with its evidence and held-out density."""
         return State(fitted, self.fold, set_evidence(fitted), dict(p_values or {}))
@@ -120,11 +126,12 @@ class Search:
         values take what several plain effects explain together. First without the names that have
         a value at every site, then, where one has several sites still, without any such subset."""
         dense = {c.name for c in found.effects if c.scope == "dense"}
-        if dense:
+        if dense and not self.spent:
             self.report(f"again without a free value at every site ({', '.join(sorted(dense))})")
             kept = [c for c in self.candidates if c.name not in dense or c.scope != "dense"]
             found = self._rival(state, found, kept)
-        if any(c.scope == "sparse" and len(c.sites) > FEW_SITES for c in found.effects):
+        several = any(c.scope == "sparse" and len(c.sites) > FEW_SITES for c in found.effects)
+        if several and not self.spent:
             self.report("again with single sites and pairs alone")
             found = self._rival(state, found, [c for c in self.candidates if c.scope != "dense"])
         return found
@@ -283,7 +290,7 @@ class Search:
             f"{len(state.effects)} effects, chi2/dof {_per_dof(state):.3f}: best score "
             f"{scores[0].candidate.name}, p = {p_value:.2g}"
         )
-        if p_value >= SIGNIFICANT:
+        if p_value >= SIGNIFICANT or self.spent:
             return None
         for trial in self.tried(state, scores):
             gain, error = trial.held_out.gain(state.held_out)
@@ -421,7 +428,7 @@ class Search:
             return state
         for _ in range(MOST_EFFECTS):
             for index, effect in enumerate(state.effects):
-                if gross(effect):
+                if gross(effect) or self.spent:
                     continue
                 less = self.less(state, index)
                 rivals = self.tried(less, self.scores(less), effect, state.log_evidence)
