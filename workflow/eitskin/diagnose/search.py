@@ -316,6 +316,8 @@ class Search:
         if key not in self.trials:
             found: list[State] = []
             for candidate in shortlist(scores):
+                if self.spent and found:
+                    break
                 if known is not None and candidate.key == known.key:
                     continue
                 trial = self.with_effect(state, candidate, 2.0 * (RACE - best))
