@@ -230,7 +230,8 @@ class Search:
         return sorted(found, key=lambda s: -s.log_evidence)
 
     def _tried(self, tangents: Tangents, candidate: Candidate) -> Score | None:
-        """A candidate without tangents, by trying it; the calibrations follow to first order."""
+        """A candidate without tangents, by trying it; the calibrations follow to first order. One
+        with coordinates counts at the size at which it fits best: a fit finds it."""
         if self.lengths.get(candidate.key, 0.0) > FAR * tangents.fit.chi2:
             return None
         change = tangents.tried(candidate)
@@ -242,6 +243,8 @@ class Search:
             return None
         along = float(change @ tangents.residual)
         gain = 2.0 * along - length
+        if candidate.size and along > 0:
+            gain = along**2 / length
         p = float(chdtrc(1, along**2 / length)) if gain > 0 else 1.0
         return Score(candidate, gain, 1, p, 0.5 * gain - np.log(candidate.looks))
 
