@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import torch
 
-from eitskin import models, predict, splits, train
+from eitskin import models, networks, predict, splits, train
 from eitskin.errors import InputError
 from eitskin.metrics import r2
+from eitskin.protocol import channel_table
 from synthetic_touches import touches
 
 QUICK = train.Budget(samples=300, epochs=4, patience=4, seeds=2)
@@ -117,7 +118,7 @@ def test_best_weights_are_kept_and_patience_stops(tmp_path):
     scores = [validation for _, validation in trained.header["runs"][0]["history"]]
     assert len(scores) < 400 and np.argmin(scores) == len(scores) - 1 - 3
     voltage, state = train.prepare(DATA, PART, budget, 1).validation
-    module = trained.into(models.Mlp(208, 3), 1)
+    module = trained.into(networks.Mlp(208, 3), 1)
     loss = train.supervision(module(voltage), state, torch.tensor([1.0, 1.0, 5.0]))
     assert loss.item() == pytest.approx(min(scores), rel=1e-5)
 
@@ -199,11 +200,11 @@ def test_lambda_zero_is_the_plain_predictor(tmp_path, teachers):
 
 def test_autoencoder_and_regressor_learn(teachers):
     voltage, state = train.prepare(DATA, PART, QUICK, 1).validation
-    autoencoder = models.read(teachers[0]).into(models.Autoencoder(208, 16), 1)
+    autoencoder = models.read(teachers[0]).into(networks.Autoencoder(208, 16), 1)
     latent = autoencoder.encoder(voltage)
     # half of the squared voltage is explained, and half of the latent's spread
     assert train.reconstruction(autoencoder, voltage) < 0.5 * voltage.square().mean()
-    regressor = models.read(teachers[1]).into(models.StateToLatent(3, 16), 1)
+    regressor = models.read(teachers[1]).into(networks.StateToLatent(3, 16), 1)
     spread = (latent - latent.mean(0)).square().mean()
     assert train.alignment(regressor, state, latent) < 0.5 * spread
 
@@ -211,25 +212,94 @@ def test_autoencoder_and_regressor_learn(teachers):
 def test_the_latent_loss_pulls_predictions_to_the_manifold(tmp_path, teachers):
     material = train.prepare(DATA, PART, QUICK, 1)
     voltage, _ = material.validation
-    encoder = models.read(teachers[0]).into(models.Autoencoder(208, 16), 1).encoder
-    regressor = models.read(teachers[1]).into(models.StateToLatent(3, 16), 1)
+    encoder = models.read(teachers[0]).into(networks.Autoencoder(208, 16), 1).encoder
+    regressor = models.read(teachers[1]).into(networks.StateToLatent(3, 16), 1)
     misfit = []
     for k, lambda_latent in enumerate((0.0, 1.0)):
         trained = informed(teachers, tmp_path / f"{k}.pt", lambda_latent)
-        state = trained.into(models.Mlp(208, 3), 1)(voltage)
+        state = trained.into(networks.Mlp(208, 3), 1)(voltage)
         misfit.append(train.alignment(regressor, state, encoder(voltage)).item())
     assert misfit[1] < 0.9 * misfit[0]
 
 
 def test_teachers_must_be_there_and_have_seen_the_same_samples(tmp_path, teachers):
     with pytest.raises(InputError, match="an autoencoder and a regressor"):
-        informed(None, tmp_path / "a.pt", 0.03)
+        informed((), tmp_path / "a.pt", 0.03)
     other = splits.assign(DATA.table, "place", 2)
     with pytest.raises(InputError, match="a teacher trained on the same samples"):
         train.train_regressor(DATA, other, teachers[0], tmp_path / "a.pt", ADAM, QUICK, 1)
     with pytest.raises(InputError, match=r"seeds: found \[1, 2\], expected 3 from 1"):
         informed(teachers, tmp_path / "a.pt", 0.03, replace(QUICK, seeds=3))
     assert list(tmp_path.iterdir()) == []
+
+
+TABLED = touches(600, seed=1)
+TABLED.metadata["channels"] = channel_table(16).tolist()
+ROW = train.Budget(samples=48, epochs=2, patience=2, seeds=2)
+
+
+@pytest.fixture(scope="module")
+def row_teachers(tmp_path_factory):
+    """Files of an autoencoder and a regressor for the rows' own samples."""
+    folder = tmp_path_factory.mktemp("row_teachers")
+    paths = folder / "autoencoder.pt", folder / "regressor.pt"
+    train.train_autoencoder(TABLED, PART, paths[0], ADAM, ROW, 1, 16)
+    train.train_regressor(TABLED, PART, paths[0], paths[1], ADAM, ROW, 1)
+    return paths
+
+
+@pytest.mark.parametrize("name", networks.NAMES)
+def test_every_row_is_trained_kept_and_applied_alike(tmp_path, row_teachers, monkeypatch, name):
+    informed = name.startswith("physics-informed-")
+    needed = 2 if informed else int(name == "autoencoder-mlp")
+    loss = (5.0, 0.03 * informed, row_teachers[:needed])
+    files = [tmp_path / "a.pt", tmp_path / "b.pt"]
+    for file in files:
+        train.train_predictor(TABLED, PART, name, file, ADAM, ROW, 1, *loss)
+    assert files[0].read_bytes() == files[1].read_bytes()
+    trained = models.read(files[0])
+    assert trained.seeds() == ([1] if name == "svr" else [1, 2])
+    monkeypatch.setitem(sys.modules, "sklearn", None)  # predicting needs none of it
+    monkeypatch.setitem(sys.modules, "sklearn.svm", None)
+    found = predict.predict_seeds(trained, TABLED.delta_V[:300])
+    assert found.shape == (len(trained.seeds()), 300, 3) and np.isfinite(found).all()
+    rows = predict.predict_test(trained, TABLED, PART)
+    assert set(rows["seed"]) == set(trained.seeds())
+
+
+def test_the_autoencoder_mlp_keeps_its_teachers_encoder_seed_by_seed(tmp_path, row_teachers):
+    name, files = "autoencoder-mlp", row_teachers[:1]
+    train.train_predictor(TABLED, PART, name, tmp_path / "a.pt", ADAM, ROW, 1, 5.0, teachers=files)
+    trained, teacher = models.read(tmp_path / "a.pt"), models.read(files[0])
+    encoders = [key for key in trained.tensors if "/encoder." in key]
+    assert len(encoders) == 2 * 6
+    assert all(torch.equal(trained.tensors[key], teacher.tensors[key]) for key in encoders)
+    with pytest.raises(InputError, match="waves: autoencoder: found none"):
+        train.train_predictor(TABLED, PART, name, tmp_path / "b.pt", ADAM, ROW, 1, 5.0)
+    with pytest.raises(InputError, match="a teacher trained on the same samples"):
+        other = replace(ROW, samples=50)
+        train.train_predictor(TABLED, PART, name, tmp_path / "b.pt", ADAM, other, 1, 5.0, 0, files)
+
+
+def test_support_vectors_have_scikit_learns_settings_and_the_loss_of_their_fit(tmp_path):
+    budget = replace(QUICK, samples=200)
+    train.train_predictor(TABLED, PART, "svr", tmp_path / "a.pt", ADAM, budget, 1, 5.0)
+    trained = models.read(tmp_path / "a.pt")
+    assert trained.header["optimiser"] == {"C": 1.0, "epsilon": 0.1}
+    assert trained.header["budget"]["seeds"] == 1
+    assert "lambda_latent" not in trained.header and "force_weight" not in trained.header
+    voltage, state = train.prepare(TABLED, PART, budget, 1).validation
+    module = trained.into(networks.Svr(208, 3), 1)
+    loss = train.supervision(module(voltage), state, torch.tensor([1.0, 1.0, 5.0]))
+    assert trained.header["runs"][0]["history"][0][1] == pytest.approx(loss.item(), rel=1e-6)
+    truth = state.var(dim=0, correction=0).sum() / 3
+    assert (module(voltage) - state).square().mean() < 0.3 * truth
+
+
+def test_drives_as_tokens_need_the_table_of_channels(tmp_path):
+    with pytest.raises(InputError, match="waves: channels: found no table"):
+        train.train_predictor(DATA, PART, "transformer", tmp_path / "a.pt", ADAM, ROW, 1, 5.0)
+    assert not (tmp_path / "a.pt").exists()
 
 
 def test_it_learns_the_contact_state(tmp_path):

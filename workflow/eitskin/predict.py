@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
 
-from eitskin import gates, models
+from eitskin import gates, models, networks
 from eitskin.atomic import atomic_path
 from eitskin.dataset import TARGETS, Dataset, changes
 from eitskin.errors import InputError
@@ -21,22 +21,22 @@ if TYPE_CHECKING:
 
 
 def predict_seeds(model: Trained, delta_V: np.ndarray) -> np.ndarray:
-    """States (S, N, T) by each seed's network, in mm, mm, N, mm; NaN where a reading is lost.
+    """States (S, N, T) by each seed's predictor, in mm, mm, N, mm; NaN where a reading is lost.
 
     `delta_V` (N, M): changes against the untouched skin, in the unit trained on. Raises InputError
     for another number of channels, and for a file that holds no predictor.
     """
-    name, targets = model.header["model"], model.header["dataset"]["targets"]
     n_channels = len(model.tensors["voltage_mean"])
     if delta_V.ndim != 2 or delta_V.shape[1] != n_channels:
         raise InputError("frames", "delta_V", delta_V.shape, f"(frames, {n_channels})")
     device = deterministic()
+    name, shape = model.header["model"], networks.Shape.of(model.header, n_channels)
     raw = torch.from_numpy(np.asarray(delta_V, dtype=np.float64))
     voltage = standardise(raw, model.tensors, "voltage").to(device)
     states = []
     for seed in model.seeds():
-        module = model.into(models.predictor(name, n_channels, len(targets)), seed).to(device)
-        state = module(voltage).double().cpu()
+        module = model.into(networks.predictor(name, shape), seed).to(device)
+        state = networks.in_chunks(module, voltage).double().cpu()
         states.append(state * model.tensors["state_scale"] + model.tensors["state_mean"])
     return torch.stack(states).numpy()
 

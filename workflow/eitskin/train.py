@@ -1,12 +1,14 @@
-"""Training: one loop, and the three stages of the physics-informed predictor (§ II-C).
+"""Training: one loop for every network, and the three stages of the physics-informed predictors
+(§ II-C).
 
     1 autoencoder    E_v, D_v   V → z → V          equation 5
     2 regressor      g_φ        s → z              equation 6, its teacher E_v frozen
     3 predictor      f_θ        V → s              equation 4 + λ · equation 7 = equation 8
 
-λ = 0 is the plain predictor. Each loss is a mean squared error: the equations' squared norms over
-samples, divided by the number of components (M channels, K latents, T targets), as in the authors'
-code, where λ = 0.03 was found. With undivided norms the same λ is 0.03 · T / K = 0.0056.
+λ = 0 is the plain predictor; stage 3 takes any network; support vectors have a fit of their own.
+Each loss is a mean squared error: the equations' squared norms over samples, divided by the number
+of components (M channels, K latents, T targets), as in the authors' code, where λ = 0.03 was found.
+With undivided norms the same λ is 0.03 · T / K = 0.0056.
 
 Same input, same bytes: one thread, deterministic algorithms, a generator a seed. Each finished seed
 is kept beside the output until all are done, so that a job that was killed goes on with the seed it
@@ -20,8 +22,8 @@ import math
 import os
 import shutil
 import sys
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,10 +31,11 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from eitskin import gates, models
+from eitskin import gates, models, networks
 from eitskin.dataset import Dataset
 from eitskin.errors import InputError
-from eitskin.models import Autoencoder, StateToLatent, Trained
+from eitskin.models import Trained
+from eitskin.networks import Autoencoder, AutoencoderMlp, Shape, StateToLatent, Svr
 
 Loss = Callable[..., Tensor]  # (module, *batch) -> scalar
 
@@ -44,6 +47,16 @@ class Optimiser:
     learning_rate: float = 1e-3
     weight_decay: float = 1e-4
     batch_size: int = 128
+
+
+@dataclass(frozen=True)
+class Tube:
+    """Support vector regression's settings, scikit-learn's defaults, as the paper names none: the
+    penalty `C`, and `epsilon`, in standard deviations of a target, below which an error is free.
+    The kernel's gamma is scikit-learn's too, 1 / (M · variance of the standardised voltages)."""
+
+    C: float = 1.0
+    epsilon: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -148,7 +161,7 @@ def fit(
 
         module.eval()
         with torch.no_grad():
-            score = loss(module, *validation).item()
+            score = _mean_loss(loss, module, validation)
         if not math.isfinite(score):
             break
         history.append([total.item() / n_train, score])
@@ -161,6 +174,38 @@ def fit(
         raise InputError("training", f"seed {seed}", "a loss that is not finite", "a finite loss")
     module.load_state_dict(best_weights)
     return history
+
+
+def _mean_loss(loss: Loss, module: nn.Module, samples: tuple[Tensor, ...]) -> float:
+    """A loss over all samples, a bounded number of them at a time."""
+    chunks = zip(*(values.split(networks.CHUNK) for values in samples), strict=True)
+    total = sum(loss(module, *chunk).double() * len(chunk[0]) for chunk in chunks)
+    return total.item() / len(samples[0])
+
+
+def fit_svr(voltage: Tensor, state: Tensor, tube: Tube) -> Svr:
+    """A support vector regression for each target on standardised voltages (n, M) and states
+    (n, T). Nothing in it is drawn: same samples, same vectors."""
+    from sklearn.svm import SVR  # here, as only this fit needs it
+
+    v, s = voltage.double().cpu().numpy(), state.double().cpu().numpy()
+    gamma = 1.0 / (v.shape[1] * v.var())
+    dual, intercept = np.zeros((s.shape[1], len(v))), np.zeros(s.shape[1])
+    for k, target in enumerate(s.T):
+        fitted = SVR(C=tube.C, epsilon=tube.epsilon, gamma=gamma).fit(v, target)
+        dual[k, fitted.support_] = fitted.dual_coef_[0]
+        intercept[k] = fitted.intercept_[0]
+    support = np.flatnonzero((dual != 0).any(axis=0))
+    module = Svr(v.shape[1], s.shape[1])
+    module.load_state_dict(
+        {
+            "support": voltage.cpu()[support],
+            "dual": torch.from_numpy(dual[:, support]),
+            "intercept": torch.from_numpy(intercept),
+            "gamma": torch.tensor(gamma, dtype=torch.float64),
+        }
+    )
+    return module.to(voltage.device)
 
 
 def reconstruction(autoencoder: nn.Module, voltage: Tensor) -> Tensor:
@@ -239,30 +284,43 @@ def train_predictor(
     seed: int,
     force_weight: float,
     lambda_latent: float = 0.0,
-    teachers: tuple[str | Path, str | Path] | None = None,
+    teachers: Sequence[str | Path] = (),
 ) -> None:
     """Stage 3: write the predictors of all seeds, with the gates of `eitskin.gates`, to `output`.
 
-    `teachers` (autoencoder and regressor files) are needed where λ is not 0. Raises InputError
-    where they are missing, or saw other data.
+    `teachers` are the autoencoder's file, where λ is not 0 or the model begins with an encoder, and
+    the regressor's, where λ is not 0. Support vectors are fitted once, by the settings of `Tube`:
+    all seeds share their samples, and nothing else of them is drawn. Raises InputError for an
+    unknown model, and where teachers are missing or saw other data.
     """
     device = deterministic()
     material = prepare(dataset, part, budget, seed)
     targets = dataset.metadata["targets"]
-    if lambda_latent and not teachers:
+    settings = {"force_weight": force_weight, "lambda_latent": lambda_latent}
+    if model == networks.SVR:
+        budget, settings = replace(budget, seeds=1), {}
+    taught = [_teacher(path, material, budget, seed) for path in teachers]
+    if lambda_latent and len(taught) < 2:
         raise InputError(output, "teachers", "none", "an autoencoder and a regressor, as λ > 0")
-    taught = [_teacher(path, material, budget, seed) for path in (teachers or ())]
+    if taught:
+        settings["latent_dim"] = taught[0].header["latent_dim"]
     (v, s), (v_check, s_check) = _moved(material, device)
     weight = torch.tensor([force_weight if t == "F" else 1.0 for t in targets], device=device)
 
+    def encoder(seed: int) -> nn.Module:
+        latent_dim = settings["latent_dim"]
+        return taught[0].into(Autoencoder(v.shape[1], latent_dim), seed).encoder.to(device)
+
     def train_seed(seed: int) -> tuple[nn.Module, list]:
-        module = models.predictor(model, v.shape[1], s.shape[1]).to(device)
+        module = networks.predictor(model, Shape.of(header, v.shape[1])).to(device)
+        if isinstance(module, AutoencoderMlp):
+            module.encoder.load_state_dict(encoder(seed).state_dict())
         train, validation = [v, s], [v_check, s_check]
         if lambda_latent:
-            latent_dim = taught[0].header["latent_dim"]
-            encoder = taught[0].into(Autoencoder(v.shape[1], latent_dim), seed).encoder.to(device)
-            regressor = taught[1].into(StateToLatent(s.shape[1], latent_dim), seed).to(device)
-            train, validation = [*train, encoder(v)], [*validation, encoder(v_check)]
+            teacher = encoder(seed)
+            regressor = taught[1].into(StateToLatent(s.shape[1], settings["latent_dim"]), seed)
+            regressor = regressor.to(device)
+            train, validation = [*train, teacher(v)], [*validation, teacher(v_check)]
 
         def loss(module: nn.Module, voltage: Tensor, state: Tensor, *latent: Tensor) -> Tensor:
             predicted = module(voltage)
@@ -271,9 +329,11 @@ def train_predictor(
                 value = value + lambda_latent * alignment(regressor, predicted, *latent)
             return value  # equation 8
 
+        if isinstance(module, Svr):
+            module = fit_svr(v, s, Tube())
+            return module, [[_mean_loss(loss, module, part) for part in (train, validation)]]
         return module, fit(module, train, validation, loss, optimiser, budget, seed)
 
-    settings = {"force_weight": force_weight, "lambda_latent": lambda_latent}
     scalers = material.scalers
     raw = material.validation[0] * scalers["voltage_scale"] + scalers["voltage_mean"]
     untouched = dataset.metadata.get("untouched")
@@ -283,7 +343,8 @@ def train_predictor(
     ):
         settings[name] = {k: v for k, v in gate.items() if not isinstance(v, Tensor)}
         scalers |= {f"{name}_{k}": v for k, v in gate.items() if isinstance(v, Tensor)}
-    header = _header(dataset, model, optimiser, budget, settings)
+    fitted_by = Tube() if model == networks.SVR else optimiser
+    header = _header(dataset, model, fitted_by, budget, settings)
     _train_seeds(header, material, output, seed, train_seed, taught)
 
 
@@ -292,7 +353,7 @@ def _moved(material: Material, device: torch.device) -> list[list[Tensor]]:
 
 
 def _header(
-    dataset: Dataset, model: str, optimiser: Optimiser, budget: Budget, settings: dict
+    dataset: Dataset, model: str, optimiser: Optimiser | Tube, budget: Budget, settings: dict
 ) -> dict:
     known = ("name", "origin", "configuration", "targets", "unit")
     if_given = ("voltage", "channels", "lost_channels")
@@ -350,7 +411,7 @@ def _train_seeds(
 def _digest(header: dict, material: Material, teachers: list[Trained]) -> str:
     """What a seed's weights depend on: settings, samples, teachers, this code, torch."""
     digest = hashlib.sha256(json.dumps([header, torch.__version__], sort_keys=True).encode())
-    for module in (models, sys.modules[__name__]):
+    for module in (models, networks, sys.modules[__name__]):
         digest.update(inspect.getsource(module).encode())
     tensors = [*material.train, *material.validation, *material.scalers.values()]
     for teacher in teachers:

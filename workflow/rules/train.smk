@@ -70,7 +70,10 @@ rule train_predictor:
         teachers=branch(
             lambda wildcards: wildcards.model.startswith("physics-informed-"),
             then=[rules.train_autoencoder.output[0], rules.train_regressor.output[0]],
-            otherwise=[],
+            otherwise=branch(
+                lambda wildcards: wildcards.model == "autoencoder-mlp",
+                then=[rules.train_autoencoder.output[0]],
+            ),
         ),
     output:
         "results/models/{dataset}/{split}/{budget}/{model}.pt",
@@ -89,10 +92,10 @@ rule train_predictor:
         weight_decay=lookup(dpath="training/weight_decay", within=config),
         batch_size=lookup(dpath="training/batch_size", within=config),
         force_weight=lookup(dpath="training/force_weight", within=config),
-        lambda_latent=branch(
-            lambda wildcards: wildcards.model.startswith("physics-informed-"),
-            then=lookup(dpath="training/lambda_latent", within=config),
-            otherwise=0.0,
+        lambda_latent=lambda wildcards: (
+            config["training"]["lambda_latent"]
+            if wildcards.model.startswith("physics-informed-")
+            else 0.0
         ),
         budget=lookup(dpath="budgets/{budget}", within=config),
         seed=lookup(dpath="seed", within=config),

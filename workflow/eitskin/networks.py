@@ -1,0 +1,263 @@
+"""Predictors from voltages to contact states, the rows of the paper's Table I, and the two networks
+that teach the physics-informed ones. Widths and depths are the paper's (§ III-C); what it leaves
+open is named with each.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+import torch
+from torch import Tensor, nn
+
+from eitskin.errors import InputError
+
+CHUNK = 256  # samples evaluated at once: attention over 208 tokens takes 0.7 MB a sample
+WIDTH = 64  # of a token once embedded, our choice: the paper names none
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What a predictor is built for: the name of the `dataset` it learns from, `n_channels` M,
+    `n_targets` T and, where they are known, the table of the `channels` (M rows of source, sink,
+    plus, minus) and the autoencoder's `latent_dim` K."""
+
+    dataset: str
+    n_channels: int
+    n_targets: int
+    channels: list[list[int]] | None = None
+    latent_dim: int | None = None
+
+    @classmethod
+    def of(cls, header: dict, n_channels: int) -> "Shape":
+        """The shape that a model file's header tells."""
+        told = header["dataset"]
+        sizes = (n_channels, len(told["targets"]))
+        return cls(told["name"], *sizes, told.get("channels"), header.get("latent_dim"))
+
+
+def layers(*widths: int) -> nn.Sequential:
+    """Linear layers of these widths with a ReLU between any two."""
+    steps: list[nn.Module] = []
+    for k, (wide, next_wide) in enumerate(pairwise(widths)):
+        steps += [nn.ReLU()] * (k > 0) + [nn.Linear(wide, next_wide)]
+    return nn.Sequential(*steps)
+
+
+class Mlp(nn.Module):
+    """f_θ: voltages (B, M) → states (B, T), hidden 256, 128, 64."""
+
+    def __init__(self, n_channels: int, n_targets: int):
+        super().__init__()
+        self.net = layers(n_channels, 256, 128, 64, n_targets)
+
+    def forward(self, voltage: Tensor) -> Tensor:
+        return self.net(voltage)
+
+
+class Autoencoder(nn.Module):
+    """E_v, D_v: voltages (B, M) → latent (B, K) → voltages, hidden 256, 64 each way."""
+
+    def __init__(self, n_channels: int, latent_dim: int):
+        super().__init__()
+        self.encoder = layers(n_channels, 256, 64, latent_dim)
+        self.decoder = layers(latent_dim, 64, 256, n_channels)
+
+    def forward(self, voltage: Tensor) -> Tensor:
+        return self.decoder(self.encoder(voltage))
+
+
+class StateToLatent(nn.Module):
+    """g_φ: states (B, T) → latent (B, K). Hidden 128, 128: our choice, the paper names none."""
+
+    def __init__(self, n_targets: int, latent_dim: int):
+        super().__init__()
+        self.net = layers(n_targets, 128, 128, latent_dim)
+
+    def forward(self, state: Tensor) -> Tensor:
+        return self.net(state)
+
+
+class AutoencoderMlp(nn.Module):
+    """The MLP on the latent voltages of a trained autoencoder, whose encoder stays as it is."""
+
+    def __init__(self, n_channels: int, n_targets: int, latent_dim: int):
+        super().__init__()
+        self.encoder = Autoencoder(n_channels, latent_dim).encoder.requires_grad_(False)
+        self.mlp = Mlp(latent_dim, n_targets)
+
+    def forward(self, voltage: Tensor) -> Tensor:
+        return self.mlp(self.encoder(voltage))
+
+
+class Halve(nn.Module):
+    """(B, C, L) → (B, C, L // 2): the larger of any two neighbours. Unlike those of PyTorch's own
+    pooling, its gradients are deterministic on every device."""
+
+    def forward(self, value: Tensor) -> Tensor:
+        return value[..., : value.shape[-1] // 2 * 2].unflatten(-1, (-1, 2)).amax(-1)
+
+
+def convolutions(n_channels: int, *widths: int) -> nn.Sequential:
+    """(B, 1, M) → (B, last width, M // 2^blocks): a block a width, of a convolution of kernel 3,
+    ReLU, batch normalisation, and the maximum of two neighbours. Raises InputError where nothing
+    would remain of M."""
+    if n_channels < 2 ** len(widths):
+        expected = f"{2 ** len(widths)} or more, halved {len(widths)} times"
+        raise InputError("models", "channels", n_channels, expected)
+    steps: list[nn.Module] = []
+    for width, next_width in pairwise((1, *widths)):
+        steps += [nn.Conv1d(width, next_width, 3, padding=1), nn.ReLU()]
+        steps += [nn.BatchNorm1d(next_width), Halve()]
+    return nn.Sequential(*steps)
+
+
+class Cnn(nn.Module):
+    """Voltages (B, M), in the order of their table, through convolutions of 64, 128, 256 and dense
+    layers of 128, 64 → states (B, T)."""
+
+    def __init__(self, n_channels: int, n_targets: int):
+        super().__init__()
+        self.features = convolutions(n_channels, 64, 128, 256)
+        self.head = layers(n_channels // 8 * 256, 128, 64, n_targets)
+
+    def forward(self, voltage: Tensor) -> Tensor:
+        return self.head(self.features(voltage[:, None]).flatten(1))
+
+
+def sinusoids(n_tokens: int, width: int) -> Tensor:
+    """Positions (n_tokens, width): sines and cosines in turn, of wavelengths 2π to 10,000 · 2π."""
+    rate = torch.exp(torch.arange(0, width, 2) * (-math.log(1e4) / width))
+    angle = torch.arange(n_tokens)[:, None] * rate
+    return torch.stack([angle.sin(), angle.cos()], dim=-1).flatten(1)
+
+
+class TokenEncoder(nn.Module):
+    """Tokens (B, L, W) → (B, 64): embedded, told apart by sinusoidal positions, two encoder layers
+    of four heads and 128 hidden units, averaged. The mean and no dropout are our choice."""
+
+    def __init__(self, n_tokens: int, width: int):
+        super().__init__()
+        self.embedding = nn.Linear(width, WIDTH)
+        self.register_buffer("position", sinusoids(n_tokens, WIDTH), persistent=False)
+        self.layers = nn.Sequential(
+            *(
+                nn.TransformerEncoderLayer(WIDTH, 4, 128, dropout=0.0, batch_first=True)
+                for _ in range(2)
+            )
+        )
+
+    def forward(self, tokens: Tensor) -> Tensor:
+        return self.layers(self.embedding(tokens) + self.position).mean(dim=1)
+
+
+class Transformer(nn.Module):
+    """Voltages (B, M), grouped into tokens, through the encoder and a linear layer → states (B, T).
+
+    `tokens` (L, W) int: the channels of each token, M for an empty slot, which reads 0.
+    """
+
+    def __init__(self, tokens: Tensor, n_targets: int):
+        super().__init__()
+        self.register_buffer("tokens", tokens, persistent=False)
+        self.encoder = TokenEncoder(*tokens.shape)
+        self.head = nn.Linear(WIDTH, n_targets)
+
+    def forward(self, voltage: Tensor) -> Tensor:
+        slots = nn.functional.pad(voltage, (0, 1))[:, self.tokens]
+        return self.head(self.encoder(slots))
+
+
+def drive_tokens(shape: Shape) -> Tensor:
+    """Tokens (drives, measuring pairs) for `Transformer`: a drive's channels, each in the slot of
+    its measuring pair, so that a lost channel leaves its slot empty and no other moves. A pair that
+    a drive measures again has a slot again. Raises InputError without a table of M channels."""
+    table = np.array(shape.channels or []).reshape(-1, 4)
+    if len(table) != shape.n_channels:
+        found = f"{len(table)} in the table" if len(table) else "no table"
+        expected = f"a table of {shape.n_channels}, as tokens are drives"
+        raise InputError(shape.dataset, "channels", found, expected)
+    again = pd.DataFrame(table).groupby([0, 1, 2, 3]).cumcount()
+    drive = np.unique(table[:, :2], axis=0, return_inverse=True)[1]
+    slot = np.unique(np.column_stack([table[:, 2:], again]), axis=0, return_inverse=True)[1]
+    tokens = np.full((drive.max() + 1, slot.max() + 1), shape.n_channels)
+    tokens[drive, slot] = np.arange(shape.n_channels)
+    return torch.from_numpy(tokens)
+
+
+def latent_dim(shape: Shape) -> int:
+    """K; raises InputError where no autoencoder was told of."""
+    if shape.latent_dim is None:
+        raise InputError(shape.dataset, "autoencoder", "none", "one, whose encoder the model takes")
+    return shape.latent_dim
+
+
+class CnnTransformer(nn.Module):
+    """Convolutions of 64, 128, whose every place is a token for the encoder, then a dense layer of
+    64 → states (B, T). Two blocks and the dense layer's width are our choice."""
+
+    def __init__(self, n_channels: int, n_targets: int):
+        super().__init__()
+        self.features = convolutions(n_channels, 64, 128)
+        self.encoder = TokenEncoder(n_channels // 4, 128)
+        self.head = layers(WIDTH, 64, n_targets)
+
+    def forward(self, voltage: Tensor) -> Tensor:
+        return self.head(self.encoder(self.features(voltage[:, None]).mT))
+
+
+class Svr(nn.Module):
+    """Support vector regression once fitted, a Gaussian kernel, its vectors shared by the targets:
+    states (B, T) float64 = Σ_s dual[t, s] exp(-gamma ‖v - support[s]‖²) + intercept[t]."""
+
+    def __init__(self, n_channels: int, n_targets: int):
+        super().__init__()
+        self.register_buffer("support", torch.empty(0, n_channels))
+        self.register_buffer("dual", torch.empty(n_targets, 0, dtype=torch.float64))
+        self.register_buffer("intercept", torch.empty(n_targets, dtype=torch.float64))
+        self.register_buffer("gamma", torch.empty((), dtype=torch.float64))
+
+    def _load_from_state_dict(self, state_dict: dict, prefix: str, *rest) -> None:
+        """As PyTorch's; how many vectors there are is the file's to say."""
+        for name in ("support", "dual"):
+            self.register_buffer(name, torch.empty_like(state_dict[prefix + name]))
+        super()._load_from_state_dict(state_dict, prefix, *rest)
+
+    def forward(self, voltage: Tensor) -> Tensor:
+        v, s = voltage.double(), self.support.double()
+        square = v.square().sum(1, keepdim=True) + s.square().sum(1) - 2 * v @ s.T
+        return torch.exp(-self.gamma * square) @ self.dual.T + self.intercept
+
+
+SVR = "svr"
+PREDICTORS: dict[str, Callable[[Shape], nn.Module]] = {  # in the order of the paper's table
+    SVR: lambda shape: Svr(shape.n_channels, shape.n_targets),
+    "mlp": lambda shape: Mlp(shape.n_channels, shape.n_targets),
+    "cnn": lambda shape: Cnn(shape.n_channels, shape.n_targets),
+    "transformer": lambda shape: Transformer(drive_tokens(shape), shape.n_targets),
+    "transformer-channels": lambda shape: Transformer(
+        torch.arange(shape.n_channels)[:, None], shape.n_targets
+    ),
+    "autoencoder-mlp": lambda shape: AutoencoderMlp(
+        shape.n_channels, shape.n_targets, latent_dim(shape)
+    ),
+    "cnn-transformer": lambda shape: CnnTransformer(shape.n_channels, shape.n_targets),
+}
+PHYSICS_INFORMED = "physics-informed-"  # before any network's name: trained by equation 8
+NAMES = (*PREDICTORS, *(PHYSICS_INFORMED + name for name in PREDICTORS if name != SVR))
+
+
+def predictor(name: str, shape: Shape) -> nn.Module:
+    """A fresh predictor by its row's name in the table; raises InputError for an unknown name, and
+    for a shape that it cannot have."""
+    if name not in NAMES:
+        raise InputError("models", "name", repr(name), f"one of {', '.join(NAMES)}")
+    return PREDICTORS[name.removeprefix(PHYSICS_INFORMED)](shape)
+
+
+def in_chunks(module: nn.Module, voltage: Tensor) -> Tensor:
+    """States (N, T) of standardised voltages (N, M), a bounded number of samples at a time."""
+    return torch.cat([module(chunk) for chunk in voltage.split(CHUNK)])
