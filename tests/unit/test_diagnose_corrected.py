@@ -11,6 +11,7 @@ from eitskin import recording
 from eitskin.configuration import validate
 from eitskin.diagnose import corrected
 from eitskin.diagnose.fit import fit
+from eitskin.diagnose.jacobian import Jacobian
 from eitskin.diagnose.model import Model
 from eitskin.protocol import channel_table
 from eitskin.twin import write as write_twin
@@ -53,7 +54,7 @@ def found_with(*effects):
     start = calibrated(problem)
     theta = np.concatenate([start.theta, *(0.02 * np.ones(c.size) for c in effects)])
     jacobian = np.zeros((len(theta), *recorded.voltage.shape))
-    return replace(start, effects=list(effects), theta=theta, jacobian=jacobian), recorded
+    return replace(start, effects=list(effects), theta=theta, slopes=Jacobian(jacobian)), recorded
 
 
 RECORDED = small_recording(places=2)
