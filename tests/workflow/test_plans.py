@@ -118,6 +118,25 @@ def test_a_training_parameter_reruns_no_simulation(house):
     assert not any(of(pending, f"results/{kind}") for kind in kinds)
 
 
+@pytest.mark.parametrize(
+    ("model", "teachers"),
+    [
+        ("svr", set()),
+        ("autoencoder-mlp", {"autoencoder"}),
+        ("physics-informed-cnn", {"autoencoder", "regressor"}),
+    ],
+)
+def test_a_model_is_trained_after_the_teachers_it_needs(fresh, tmp_path, model, teachers):
+    house = fresh.copy(tmp_path / "house")
+    with (house.folder / "tiny.yaml").open("a", encoding="utf-8") as tiny:
+        tiny.write(f"models: [{model}]\n")
+    folder = "results/models/simulated-tiny/session/small"
+    plan = house.snakemake("--summary", f"{folder}/{model}.pt")
+    assert plan.returncode == 0, plan.stderr
+    planned = {line.split("\t")[0] for line in plan.stdout.splitlines()}
+    assert of(planned, folder) == {f"{folder}/{name}.pt" for name in teachers | {model}}
+
+
 def test_a_recording_is_added_by_its_path_alone(house, tmp_path):
     source = house.folder / "results" / "recordings" / "simulated-twin.parquet"
     (tmp_path / "brought.parquet").write_bytes(source.read_bytes())
