@@ -31,7 +31,7 @@ def named(recording: Recording, *wanted: tuple[str, tuple[int, ...] | None, str]
     candidates = catalogue(
         SKIN, problem.model.believed, recording.voltage, counts, scales, True, True
     )
-    fold = folds(problem.model.touched, problem.model.press, 1)
+    fold = folds(problem.model.touched, problem.model.press, CHANNELS, 1)
     search = Search(problem, candidates, fold, 1, lambda line: None)
     found = [
         next(

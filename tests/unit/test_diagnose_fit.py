@@ -10,8 +10,9 @@ from eitskin.diagnose.estimates import NORMAL_90, calibration, estimates
 from eitskin.diagnose.fit import ENOUGH, Fit, derivative, fit
 from eitskin.diagnose.held_out import FOLDS, folds, held_out
 from eitskin.diagnose.jacobian import Jacobian
+from eitskin.protocol import reciprocal_channels
 from eitskin.recording import presses
-from small_skin import calibrated, candidates_of, problem_of, small_recording
+from small_skin import CHANNELS, calibrated, candidates_of, problem_of, small_recording
 
 DRAWS = 40
 PLANTED = [
@@ -148,18 +149,38 @@ def test_held_out_frames_are_those_of_refits(seed):
 def test_folds_keep_presses_whole():
     recorded = small_recording(places=7)
     touched, press = recorded.frames["touch"].to_numpy(), presses(recorded)
-    fold = folds(touched, press, 1)
+    channels = recorded.channels
+    fold = folds(touched, press, channels, 1)
     assert set(fold) == set(range(FOLDS))
     for k in range(7):
         assert len(set(fold[press == k])) == 1
     before = np.flatnonzero(touched[1:] & ~touched[:-1])[1:]
     assert (fold[before] == fold[before + 1]).all()
-    assert (folds(touched, press, 1) == fold).all() and (folds(touched, press, 2) != fold).any()
+    assert (folds(touched, press, channels, 1) == fold).all()
+    assert (folds(touched, press, channels, 2) != fold).any()
 
 
-def test_folds_without_presses_are_stretches():
-    fold = folds(np.zeros(20, bool), np.full(20, -1), 1)
+def test_folds_of_a_single_press_are_stretches():
+    fold = folds(np.ones(20, bool), np.zeros(20, int), CHANNELS, 1)
     assert (np.diff(fold) >= 0).all() and np.bincount(fold).tolist() == [4] * FOLDS
+
+
+def test_folds_without_a_touch_are_of_channels():
+    fold = folds(np.zeros(20, bool), np.full(20, -1), CHANNELS, 1)
+    assert fold.shape == (1, len(CHANNELS)) and set(fold[0]) == set(range(FOLDS))
+    pairs = reciprocal_channels(CHANNELS)[0]
+    assert all(fold[0][k] == fold[0][other] for k, other in pairs)
+
+
+def test_held_out_channels_have_an_error_in_volts():
+    whole = small_recording(places=2)
+    recorded = replace(whole, frames=whole.frames[:4], voltage=whole.voltage[:4])
+    found = calibrated(problem_of(recorded)[0])
+    fold = folds(found.problem.model.touched, found.problem.model.press, CHANNELS, 1)
+    left = held_out(found, fold)
+    assert left.chi2_per_dof == pytest.approx(1.0, abs=0.3)
+    noise = np.sqrt((found.problem.whitening.sd**2).mean())
+    assert left.rms == pytest.approx(noise, rel=0.3)
 
 
 @pytest.mark.parametrize("beside", ["touch-contrast", "crosstalk", "multiplexer-memory"])

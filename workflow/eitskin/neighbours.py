@@ -6,15 +6,16 @@ from eitskin.geometry import Geometry
 
 KEPT = 4
 BODY = 200  # sheets that a body with electrodes of partial height takes as long as
+TOUCH = 0.7  # of a sheet's time, that a touched place takes
 
 
 class Neighbours:
     """The latest skin solved of each of a few outlines, the one used last at the end; `spent`: how
-    many sheets could have been solved so far."""
+    many sheets could have been solved so far, by skins and by places touched on them."""
 
     def __init__(self, *solved: Forward):
         self._solved = list(solved)
-        self.spent = 0
+        self.spent = 0.0
 
     def solve(self, geometry: Geometry, accuracy: str) -> Forward:
         """The forward model of a geometry, sharing with one of the same outline, or with the

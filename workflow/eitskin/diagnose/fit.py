@@ -13,7 +13,9 @@ from eitskin.errors import InputError
 
 STEP = 1e-3
 MOST_ROUNDS = 30
-ENOUGH = 0.02  # of chi squared; intervals are 1
+STALE = 2  # steps in vain, the second a shorter one, for which the Jacobian is found anew
+ENOUGH = 0.02  # of chi squared, where a fit ends at its optimum; intervals are 1
+NEARLY = 0.2  # where it need not
 ROUGH = 3e-5  # of the misfit: where much is missing, less is enough
 RENEWALS = 1  # of the Jacobian, in a fit that need not end at its optimum
 HOPE = 2.0  # times the decrease that a linear model promises
@@ -149,7 +151,7 @@ def fit(
         expected = float(2 * step @ slope - step @ information @ step)
         if cost - HOPE * max(expected, 0.0) > enough:
             break
-        if expected < ENOUGH + ROUGH * max(cost - dof, 0.0):
+        if expected < (ENOUGH if polish else NEARLY) + ROUGH * max(cost - dof, 0.0):
             if fresh or expected < 0 or (failed == 0 and not polish) or renewals == 0:
                 break
             slopes = _slopes(problem, theta, effects, residual)
@@ -169,7 +171,7 @@ def fit(
             fresh, failed = False, 0 if useful else failed + 1
         else:
             failed += 1
-            if fresh or renewals == 0:
+            if fresh or renewals == 0 or failed % STALE:
                 damping = max(damping * 30.0, 1e-3)
                 if damping > 1e6:
                     break
