@@ -65,6 +65,18 @@ def test_swapped_wires_are_found_beside_another_fault():
     assert found["multiplexer-memory"]["parameters"]["mu"]["value"] == pytest.approx(0.03, abs=2e-3)
 
 
+def test_a_search_on_few_frames_goes_on_with_all(monkeypatch):
+    weak = {"name": "multiplexer-memory", "parameters": {"mu": 2e-4}}
+    monkeypatch.setattr(diagnose, "FIRST_FRAMES", 11)
+    found = diagnose.diagnose(small_recording(CONTACT, weak, noise=NOISE))
+    assert [effect.name for effect in found.after.effects] == [
+        "contact-impedance",
+        "multiplexer-memory",
+    ]
+    steps = [(step["action"], step["effect"]) for step in found.search.path]
+    assert steps == [("calibrate", ""), ("start", ""), ("add", "multiplexer-memory")]
+
+
 def test_equal_seeds_give_equal_diagnoses(contact):
     recorded, found = contact
     again = diagnose.diagnose(recorded)

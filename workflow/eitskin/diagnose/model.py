@@ -54,10 +54,15 @@ class Model:
     """Readings (N, M) of the frames of one recording, in its own form and unit, by `voltage`.
 
     `states` are another query's frames; the recording's by default. Frames whose touch is not
-    known well enough to be simulated are not `known` (N,).
+    known well enough to be simulated are not `known` (N,). near: solved skins to share with.
     """
 
-    def __init__(self, recorded: Recording, query: Recording | None = None):
+    def __init__(
+        self,
+        recorded: Recording,
+        query: Recording | None = None,
+        near: Neighbours | None = None,
+    ):
         frames = recorded if query is None else query
         metadata = recorded.metadata
         self.channels = recorded.channels
@@ -80,7 +85,7 @@ class Model:
             (base.believed, base.calibrations) if base else _beliefs(recorded)
         )
         self._sensed: OrderedDict[tuple, Sensed] = OrderedDict()
-        self.near = Neighbours()
+        self.near = near or Neighbours()
         if base is None:
             self._start_factor(recorded)
 

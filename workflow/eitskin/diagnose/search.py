@@ -101,10 +101,17 @@ class Search:
         best = fit(self.problem, [], start, polish=True)
         return self.state(best)
 
-    def run(self) -> tuple[State, State]:
-        """The state before and the state found."""
+    def run(self, start: State | None = None) -> tuple[State, State]:
+        """The state before and the state found; start: what was found on fewer frames."""
         before = state = self.calibrated()
         self._step("calibrate", None, state, None)
+        if start is not None and start.effects:
+            known = fit(self.problem, start.effects, start.fit.theta, polish=True)
+            state = self.state(known, start.p_values)
+            if state.log_evidence > before.log_evidence:
+                self._step("start", None, state, None)
+                return before, self._explained(self._drop(state))
+            state = before
         while (plain := self._gross(state)) is not None:
             state = plain
         free = self._free_channels(state)
