@@ -58,8 +58,8 @@ class Diagnosis:
 def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diagnosis:
     """Diagnose a recording: locate, name and model what its simulation leaves out.
 
-    Of a long recording, an excerpt; a search on a few frames of it is where that on all begins. Equal seeds give equal results, bit for bit. Raises InputError
-    where nothing can be simulated.
+    Of a long recording, an excerpt; a search on a few frames of it is where that on all begins.
+    Equal seeds give equal results, bit for bit. Raises InputError where nothing can be simulated.
     """
 
     def report(line: str) -> None:
