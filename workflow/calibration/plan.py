@@ -4,7 +4,7 @@ from eitskin.errors import InputError
 from witness.outside import OUTSIDE
 from witness.strengths import DRAWN
 
-FIRST_SEED = {"development": 1, "report": 100_001}  # of every kind; sizes stay far below the step
+FIRST_SEED = {"development": 1, "report": 200_001}  # of every kind; sizes stay far below the step
 SIZES = {
     "quick": {"null": 60, "single": 4, "pair": 24, "triple": 16, "outside": 36},
     "full": {"null": 150, "single": 4, "pair": 60, "triple": 40, "outside": 60},
@@ -15,7 +15,7 @@ BATCH = 8
 def trials(block: str, size: str) -> list[tuple[str, int]]:
     """(kind, seed) of every recording, as `witness.cases.draw` takes them.
 
-    block: "development" (seeds from 1), to tune on, or "report" (seeds from 100 001), to report;
+    block: "development" (seeds from 1), to tune on, or "report" (seeds from 200 001), to report;
     size: a key of SIZES: numbers of recordings, of "single" for each name that the witness can
     draw; those of "outside" are spread over its laws. Every stretch holds about the same mixture.
     A smaller size is part of the larger. Raises InputError for an unknown block or size.
