@@ -41,3 +41,4 @@ rule all:
         "results/simulated/clean.parquet",
         "results/tables/table_1.csv",
         expand("results/recordings/{recording}.check.txt", recording=config["recordings"]),
+        expand("results/diagnosis/{recording}/report.html", recording=config["diagnoses"]),

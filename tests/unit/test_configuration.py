@@ -107,6 +107,7 @@ def test_the_paper_s_configuration_is_accepted():
             "config.yaml: table_1.configurations.autors: found an unknown name, "
             "expected one of authors, text",
         ),
+        (("diagnoses", ["a-twin"]), "config.yaml: diagnoses[0]: found 'a-twin', expected one of"),
         (("splits", ["random"]), "config.yaml: table_1.configurations.authors[1]: found 'place'"),
     ],
 )

@@ -8,8 +8,11 @@ import pytest
 from eitskin.diagnose import diagnose
 from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.corrected import items
+from eitskin.diagnose.fit import fit
 from eitskin.diagnose.screen import score
+from eitskin.diagnose.search import Search, State
 from eitskin.diagnose.tangents import Tangents
+from eitskin.errors import InputError
 from small_skin import (
     CHANNELS,
     calibrated,
@@ -144,6 +147,31 @@ def test_turned_electrode_labels_turn_the_answer(contact):
     own = [c for c in candidates_of(one, problem, scales) if c.name == "contact-impedance"]
     gains = {c.sites[0]: score(tangents, c).gain for c in own if c.scope == "sparse"}
     assert max(gains, key=gains.get) == 5
+
+
+def test_an_effect_is_taken_out_where_no_skin_has_the_rest_alone():
+    """Contacts better than can be resolved on the electrodes believed in, on narrower ones."""
+    recorded = small_recording(noise=NOISE, places=1)
+    skin = {**recorded.metadata["skin"], "contact_impedivity_ohm_m2": 4e-6}
+    recorded = replace(recorded, metadata={**recorded.metadata, "skin": skin})
+    problem, scales = problem_of(recorded, NOISE)
+    every = candidates_of(recorded, problem, scales)
+    effects = [
+        next(c for c in every if c.name == name and c.scope == "common")
+        for name in ("contact-impedance", "electrode-width")
+    ]
+    ratio = np.log(0.4) / scales.of(effects[0].effect.parameters["ratio"])
+    width = np.log(0.5) / scales.of(effects[1].effect.parameters["width_mm"])
+    both = fit(problem, effects, np.array([0.0, ratio, width]), enough=-np.inf)
+    alone = both.theta[:2]
+    with pytest.raises(InputError, match="z sigma / width"):
+        problem.residual(alone, effects[:1])
+    search = Search(problem, every, np.zeros(len(recorded.frames), int), 1, lambda line: None)
+    less = search.without(State(both, search.fold, 0.0), 1)
+    assert (
+        less.effects == effects[:1]
+        and less.fit.chi2 < (problem.residual(np.zeros(2), effects[:1]) ** 2).sum()
+    )
 
 
 def free_gains(found):

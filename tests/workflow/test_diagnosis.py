@@ -17,19 +17,10 @@ REPORT = f"{FOLDER}/report.html"
 BROUGHT = "results/diagnosis/brought"
 
 
-@pytest.fixture(scope="module")
-def diagnosed(finished, tmp_path_factory):
-    """A finished workflow with the twin's diagnosis; not to be edited, but copied."""
-    house = finished.copy(tmp_path_factory.mktemp("diagnosed") / "house")
-    run = house.snakemake("--", REPORT, cores=1)
-    assert run.returncode == 0, run.stdout + run.stderr
-    return house
-
-
 @pytest.fixture
-def house(diagnosed, tmp_path):
-    """A diagnosed workflow to edit."""
-    return diagnosed.copy(tmp_path / "house")
+def house(finished, tmp_path):
+    """A finished workflow to edit."""
+    return finished.copy(tmp_path / "house")
 
 
 def table(run):
@@ -45,20 +36,20 @@ def pending(house):
     return {file for file, row in rows.items() if row["plan"] != "no update"}
 
 
-def test_the_twin_s_diagnosis_names_what_was_hidden(diagnosed):
-    said = json.loads((diagnosed.folder / FOLDER / "diagnosis.json").read_text(encoding="utf-8"))
+def test_the_twin_s_diagnosis_names_what_was_hidden(finished):
+    said = json.loads((finished.folder / FOLDER / "diagnosis.json").read_text(encoding="utf-8"))
     assert said["recording"] == "simulated-twin" and said["verdict"] == "explained"
     (effect,) = said["effects"]
     assert (effect["name"], effect["electrodes"]) == ("contact-impedance", [3])
     ratio = effect["parameters"]["ratio"]
     assert 1.5 < ratio["low"] < ratio["high"] < 2.5
-    html = (diagnosed.folder / FOLDER / "report.html").read_text(encoding="utf-8")
+    html = (finished.folder / FOLDER / "report.html").read_text(encoding="utf-8")
     assert effect["sentence"] in html
-    assert not (diagnosed.folder / FOLDER / "predicted.parquet").exists()
+    assert not (finished.folder / FOLDER / "predicted.parquet").exists()
 
 
-def test_a_diagnosis_is_made_of_the_recording_and_the_schema_alone(diagnosed):
-    rows = table(diagnosed.snakemake("--detailed-summary", "--", REPORT))
+def test_a_diagnosis_is_made_of_the_recording_and_the_schema_alone(finished):
+    rows = table(finished.snakemake("--detailed-summary", "--", REPORT))
     inputs = rows[f"{FOLDER}/diagnosis.json"]["input-file(s)"].split(",")
     recorded = "results/recordings/simulated-twin.parquet"
     assert set(inputs) == {recorded, "workflow/schemas/diagnosis.schema.yaml"}

@@ -228,7 +228,7 @@ def _yaml_number(text: str) -> str:
 
 
 def _unknown_name(config: dict) -> tuple[list, str, str] | None:
-    """A name in `tanks` or `table_1` that is not defined elsewhere in the configuration."""
+    """A name in `table_1`, `diagnoses` or `tanks` that is defined nowhere."""
     for kind in ("configurations", "recordings"):
         for name, splits in config["table_1"][kind].items():
             if name not in config[kind]:
@@ -237,9 +237,10 @@ def _unknown_name(config: dict) -> tuple[list, str, str] | None:
                 if split not in config["splits"]:
                     place = ["table_1", kind, name, k]
                     return place, repr(split), _names(config["splits"])
-    for k, name in enumerate(config["tanks"]):
-        if name not in config["recordings"]:
-            return ["tanks", k], repr(name), _names(config["recordings"])
+    for key in ("diagnoses", "tanks"):
+        for k, name in enumerate(config[key]):
+            if name not in config["recordings"]:
+                return [key, k], repr(name), _names(config["recordings"])
     for name in config["configurations"]:
         if f"simulated-{name}" in config["recordings"]:
             return ["recordings", f"simulated-{name}"], "a simulated set's name", "another name"

@@ -244,10 +244,15 @@ def predict(
         knobs, chosen = problem.split(theta, fit.effects)
         return problem.model.voltage(knobs, chosen)
 
+    def slope(unit: np.ndarray) -> np.ndarray:
+        try:
+            return (voltage(fit.theta + STEP * unit) - there) / STEP
+        except InputError:
+            return (there - voltage(fit.theta - STEP * unit)) / STEP
+
     there = voltage(fit.theta)
-    slopes = np.array(
-        [(voltage(fit.theta + STEP * unit) - there) / STEP for unit in np.eye(len(fit.theta))]
-    ).reshape(len(fit.theta), *there.shape)
+    slopes = np.array([slope(unit) for unit in np.eye(len(fit.theta))])
+    slopes = slopes.reshape(len(fit.theta), *there.shape)
     root = np.linalg.cholesky(fit.covariance)
     spread = np.einsum("pq,pnm->qnm", root, slopes)
     return there, np.sqrt((spread**2).sum(axis=0))

@@ -389,12 +389,16 @@ class Search:
             return None
 
     def without(self, state: State, index: int, enough: float = np.inf) -> State:
-        """`state` less one effect, the rest fitted anew; enough: as of `fit`."""
+        """`state` less one effect, the rest fitted anew, from the beliefs where no skin has the
+        rest alone; enough: as of `fit`."""
         place = state.fit.place(index)
         effects = [c for i, c in enumerate(state.effects) if i != index]
         theta = np.delete(state.fit.theta, np.arange(place.start, place.stop))
         jacobian = np.delete(state.fit.jacobian, np.arange(place.start, place.stop), axis=0)
-        fitted = fit(self.problem, effects, theta, jacobian, enough=enough)
+        try:
+            fitted = fit(self.problem, effects, theta, jacobian, enough=enough)
+        except InputError:
+            fitted = fit(self.problem, effects, np.zeros_like(theta), enough=enough)
         return self.state(fitted, state.p_values)
 
     def _drop(self, state: State) -> State:
@@ -425,9 +429,11 @@ class Search:
                 effects = [*state.effects[:index], fewer, *state.effects[index + 1 :]]
                 theta = np.delete(state.fit.theta, place.start + weakest)
                 jacobian = np.delete(state.fit.jacobian, place.start + weakest, axis=0)
-                trial = self.state(
-                    fit(self.problem, effects, theta, jacobian), dict(state.p_values)
-                )
+                try:
+                    fitted = fit(self.problem, effects, theta, jacobian)
+                except InputError:
+                    break
+                trial = self.state(fitted, dict(state.p_values))
                 if trial.log_evidence <= state.log_evidence:
                     break
                 trial.p_values[fewer.key] = state.p_values.get(effect.key, 1.0)
