@@ -1,5 +1,7 @@
 """Tangents against differences of the simulator itself."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -48,6 +50,27 @@ def test_tangents_are_differences(tangents, candidate):
     assert found.shape == expected.shape
     for column, other in zip(found, expected, strict=True):
         assert np.linalg.norm(column - other) < 0.02 * np.linalg.norm(other)
+
+
+def test_tangents_about_a_body_are_differences_of_accurate_ones():
+    skin = {**RECORDED.metadata["skin"], "thickness_mm": 14.0, "electrode_height_mm": 6.0}
+    recorded = replace(RECORDED, metadata={**RECORDED.metadata, "skin": skin})
+    problem, scales = problem_of(recorded)
+    every = candidates_of(recorded, problem, scales)
+    body = next(c for c in every if c.name == "third-dimension")
+    about = Tangents(fit(problem, [body], np.zeros(1), enough=-np.inf))
+    assert about.accuracy == "train"
+    apart = []
+    for name in ("contact-impedance", "electrode-position", "electrode-width", "touch-contrast"):
+        candidate = next(c for c in every if c.name == name)
+        sides = [
+            problem.model.voltage(about.knobs, [*about.chosen, candidate.setting(np.array([step]))])
+            for step in (STEP, -STEP)
+        ]
+        exact = problem.whitening((sides[0] - sides[1]) / (2 * STEP)).ravel()
+        found = about.problem.whitening(about._change(candidate, 0)).ravel()
+        apart.append(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+    assert max(apart) < 6e-3
 
 
 def test_nothing_fitted_is_left_in_them(tangents):

@@ -168,8 +168,9 @@ class Forward:
         self._relative = matrix[np.ix_(self._whole, self._whole)]
         if len(self._inner):
             coupling = matrix[np.ix_(self._inner, self._whole)]
-            self._inner_factor = cho_factor(matrix[np.ix_(self._inner, self._inner)])
-            self._inner_currents = -cho_solve(self._inner_factor, coupling)
+            inner = matrix[np.ix_(self._inner, self._inner)]
+            self._inner_factor = cho_factor(inner, check_finite=False)
+            self._inner_currents = -cho_solve(self._inner_factor, coupling, check_finite=False)
             self._relative = self._relative + coupling.T @ self._inner_currents
             self._relative = 0.5 * (self._relative + self._relative.T)
 
@@ -279,7 +280,8 @@ class Forward:
         gains = coupling[self._whole] + self._inner_currents.T @ inner
         if len(inner):
             factor, lower = self._inner_factor
-            inner = solve_triangular(factor, inner, trans=0 if lower else 1, lower=lower)
+            trans = 0 if lower else 1
+            inner = solve_triangular(factor, inner, trans=trans, lower=lower, check_finite=False)
             response = response - inner.T @ inner
         return gains, response
 

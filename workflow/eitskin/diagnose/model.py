@@ -8,10 +8,11 @@ import numpy as np
 import pandas as pd
 
 from eitskin import alignment, recording
-from eitskin.effects.effect import Setting
+from eitskin.effects.effect import START, Setting
 from eitskin.errors import InputError
+from eitskin.geometry import Geometry
 from eitskin.neighbours import Neighbours
-from eitskin.readings import Sensed, of_stage, read, sense
+from eitskin.readings import Sensed, apply_skin, of_stage, read, sense
 from eitskin.recording import Recording
 from eitskin.skin import Skin
 
@@ -118,17 +119,22 @@ class Model:
             known["electrode_deg"] = tuple(turned.tolist())
         return replace(self.believed, **known)
 
-    def voltage(self, coordinates: np.ndarray, chosen: list[Setting]) -> np.ndarray:
+    def geometry(self, coordinates: np.ndarray, chosen: list[Setting]) -> Geometry:
+        """The untouched skin's at coordinates (P,) of the calibrations, at the start."""
+        return apply_skin(Geometry.from_skin(self.skin(coordinates)), chosen, START)
+
+    def voltage(
+        self, coordinates: np.ndarray, chosen: list[Setting], accuracy: str = "diagnose"
+    ) -> np.ndarray:
         """(N, M) at coordinates (P,) of the calibrations, with effects at definite values."""
         values = self.calibrated(coordinates)
         skin = self.skin(coordinates)
         current = 1.0 if self.unit == "ohm" else skin.current_A
-        sensed = self._sense(coordinates, skin, chosen, True)
+        sensed = self._sense(coordinates, skin, chosen, True, accuracy)
         signed = read(sensed, current, chosen, self.sink_grounded)
         if self.difference:
-            untouched = read(
-                self._sense(coordinates, skin, chosen, False), current, chosen, self.sink_grounded
-            )
+            untouched = self._sense(coordinates, skin, chosen, False, accuracy)
+            untouched = read(untouched, current, chosen, self.sink_grounded)
             signed = signed - untouched
             if self.magnitude:
                 signed = signed * np.sign(untouched)
@@ -137,10 +143,15 @@ class Model:
         return values.get("factor", 1.0) * signed
 
     def _sense(
-        self, coordinates: np.ndarray, skin: Skin, chosen: list[Setting], touched: bool
+        self,
+        coordinates: np.ndarray,
+        skin: Skin,
+        chosen: list[Setting],
+        touched: bool,
+        accuracy: str,
     ) -> Sensed:
         stages = [s for stage in ("touch", "skin", "clock") for s in of_stage(chosen, stage)]
-        key = (touched, *np.asarray(coordinates).tolist(), *map(_key, stages))
+        key = (touched, accuracy, *np.asarray(coordinates).tolist(), *map(_key, stages))
         if key in self._sensed:
             self._sensed.move_to_end(key)
             return self._sensed[key]
@@ -152,6 +163,7 @@ class Model:
             skin,
             self.channels,
             stages,
+            accuracy,
             frame_s=self.frame_s,
             force_max_N=self.force_max_N,
             near=self.near,

@@ -10,14 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from eitskin.depth import forward_model
+from eitskin.depth import forward_model, span
 from eitskin.diagnose.candidates import Candidate, own_channels
 from eitskin.diagnose.fit import STEP, Fit
 from eitskin.effects import EFFECTS
-from eitskin.effects.effect import START, Moment, SkinEffect
+from eitskin.effects.effect import Moment, Setting, SkinEffect
 from eitskin.errors import InputError
 from eitskin.geometry import Geometry
-from eitskin.readings import apply_skin
 
 NEAR = 0.03  # of the readings, by which two fits may differ and share their derivatives
 KEPT = 64  # columns; a site's alone, among all and with one value for all follow one another
@@ -37,6 +36,7 @@ class Tangents:
         self.problem = fit.problem
         self.knobs, self.chosen = self.problem.split(fit.theta, fit.effects)
         self.voltage = self.problem.model.voltage(self.knobs, self.chosen)
+        self.accuracy = self._accuracy()
         self.blocks, rest = self._blocks()
         directions, triangle = np.linalg.qr(rest.T)
         turn, size, _ = np.linalg.svd(triangle)
@@ -50,6 +50,18 @@ class Tangents:
         self._columns: dict[tuple, np.ndarray | None] = {}
         self._apart: dict[tuple, np.ndarray | None] = {}
         self._changes: dict[tuple, np.ndarray] = {}
+
+    def _accuracy(self) -> str:
+        """Of what is differenced. A body takes ten times less at accuracy train, and its
+        derivatives are the same to 6e-3 (`tests/unit/test_diagnose_tangents.py`)."""
+        body = span(self.problem.model.geometry(self.knobs, self.chosen)) is not None
+        return "train" if body else "diagnose"
+
+    def _difference(self, knobs: np.ndarray, moved: list[Setting]) -> np.ndarray:
+        """(N, M): what readings change from this state to one close by."""
+        model = self.problem.model
+        there = model.voltage(knobs, moved, self.accuracy)
+        return there - model.voltage(self.knobs, self.chosen, self.accuracy)
 
     def _near(self, other: "Tangents") -> bool:
         apart = np.linalg.norm(self.voltage - other.voltage)
@@ -153,7 +165,7 @@ class Tangents:
         if own is None or all(key in self._columns for key in keys):
             return
         moved = candidate.setting(np.full(candidate.size, STEP))
-        change = self.problem.model.voltage(self.knobs, [*self.chosen, moved]) - self.voltage
+        change = self._difference(self.knobs, [*self.chosen, moved])
         whitened = self.problem.whitening(change / STEP)
         for key, mask in zip(keys, own, strict=True):
             self._columns[key] = _kept((whitened * mask).ravel())
@@ -168,8 +180,7 @@ class Tangents:
         step[index] = STEP
         if self._together(candidate):
             step[:] = STEP
-        moved = self.problem.model.voltage(self.knobs, [*self.chosen, candidate.setting(step)])
-        return (moved - self.voltage) / STEP
+        return self._difference(self.knobs, [*self.chosen, candidate.setting(step)]) / STEP
 
     def _driven(self, candidate: Candidate, index: int) -> np.ndarray:
         """An effect of the skin that varies from frame to frame, by the chain rule."""
@@ -186,8 +197,8 @@ class Tangents:
         """A faint patch as the untouched skin has it, in every frame: enough to find its place."""
         model = self.problem.model
         if "skin" not in self._changes:
-            base = Geometry.from_skin(model.skin(self.knobs))
-            self._changes["skin"] = forward_model(apply_skin(base, self.chosen, START), "train")
+            there = model.geometry(self.knobs, self.chosen)
+            self._changes["skin"] = forward_model(there, "train")
         forward = self._changes["skin"]
         place = [candidate.start[key] for key in ("x_mm", "y_mm", "radius_mm")]
         if not forward.meets(*place):
@@ -249,7 +260,7 @@ class Tangents:
             model = self.problem.model
             moved = self.knobs.copy()
             moved[0] += STEP
-            changed = model.voltage(moved, self.chosen) - self.voltage
+            changed = self._difference(moved, self.chosen)
             self._changes[key] = changed / (STEP * model.calibrations[0].sd)
         return self._changes[key]
 
