@@ -131,7 +131,7 @@ def test_sessions_change_sides_as_a_whole():
 
 
 def test_halves_of_a_recording_are_near_to_each_other():
-    pooled, plain, other = pool(shift=1.0, spread=0.0)
+    pooled, _, other = pool(shift=1.0, spread=0.0)
     halves = pooled.halves(40, np.random.default_rng(0))
     assert halves.shape == (40, 4)
     away = pooled.compare(other.ravel(), pooled.real)

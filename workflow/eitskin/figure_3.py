@@ -68,12 +68,13 @@ def draw(recorded: pd.DataFrame, simulated: pd.DataFrame) -> Figure:
                     axes.text(0.5, 0.5, "not known", transform=axes.transAxes, ha="center")
                     continue
                 chance = LEVEL / np.sqrt(one["samples"].iloc[0])
-                axes.axhspan(-chance, chance, color=QUIET, alpha=0.35, linewidth=0)
+                axes.axhspan(-chance, chance, color=QUIET, alpha=0.35, linewidth=0.3)
                 axes.plot(one["channel"], one["r"], color=colour, linewidth=0.6)
                 axes.set_title(f"mean |r| {one['mean_abs_r'].iloc[0]:.2f}", loc="right", pad=2)
                 axes.set_xlim(0, one["channel"].max())
             row[0].set_ylabel(f"r with {target}")
-        grid[0, 0].set_ylim(-1, 1)
+        largest = 1.05 * max(float(table["r"].abs().max()) for table, _ in columns)
+        grid[0, 0].set_ylim(-largest, largest)
         for axes in grid[-1]:
             axes.set_xlabel("channel")
         for axes, (table, colour) in zip(grid[0], columns, strict=True):
