@@ -7,8 +7,10 @@ import matplotlib
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
+from matplotlib.colorbar import Colorbar
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter, MaxNLocator
 
 from eitskin import drawing
 from eitskin.dataset import Dataset
@@ -17,6 +19,7 @@ from eitskin.errors import InputError
 from eitskin.metrics import METRICS
 
 BINS = 50  # of force, each way
+SHOWN = 0.98  # of the places lie within the colours of panel c
 
 
 @dataclass(frozen=True)
@@ -104,8 +107,10 @@ def draw(
             )
             panel.set(xlim=(low, high), ylim=(low, high), aspect="equal")
             panel.set_xlabel("true force, N")
+            for axis in (panel.xaxis, panel.yaxis):
+                axis.set_major_locator(MaxNLocator(5, integer=True))
         axes[0].set_ylabel("predicted force, N")
-        _bar(figure, drawn, axes[:2], "test samples")
+        _bar(figure, drawn, axes[:2], "test samples").formatter = LogFormatter()
         _draw_places(figure, axes[2], best, radius_mm, electrode_deg)
     return figure
 
@@ -114,13 +119,14 @@ def _draw_places(
     figure: Figure, axes: Axes, best: pd.DataFrame, radius_mm: float, electrode_deg: np.ndarray
 ) -> None:
     places = by_place(best)
+    largest = float(places["mae_N"].quantile(SHOWN))
     drawing.disc(axes, radius_mm, electrode_deg)
     drawn = axes.scatter(
         places["x_mm"],
         places["y_mm"],
         s=float(np.clip(3000 / len(places), 3, 30)),
         c=places["mae_N"],
-        vmin=0.0,
+        norm=Normalize(0.0, largest),
         cmap=matplotlib.colormaps[SEQUENTIAL].resampled(STEPS),
         linewidths=0.2,
         edgecolors=drawing.RIM,
@@ -129,13 +135,15 @@ def _draw_places(
     axes.set_title(f"(c) {best['model'].iloc[0]}, by place")
     axes.set_xlabel("x, mm")
     axes.set_ylabel("y, mm")
-    _bar(figure, drawn, axes, "mean |error of force|, N")
+    extend = "max" if places["mae_N"].max() > largest else "neither"
+    _bar(figure, drawn, axes, "mean |error of force|, N", extend)
 
 
-def _bar(figure: Figure, drawn, axes, label: str) -> None:
-    bar = figure.colorbar(drawn, ax=axes, location="bottom", aspect=35, shrink=0.8, pad=0.03)
+def _bar(figure: Figure, drawn, axes, label: str, extend: str = "neither") -> Colorbar:
+    bar = figure.colorbar(drawn, ax=axes, location="bottom", aspect=35, shrink=0.8, extend=extend)
     bar.set_label(label)
     bar.outline.set_linewidth(0.4)
+    return bar
 
 
 def write(
