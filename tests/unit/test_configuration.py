@@ -54,6 +54,18 @@ def test_the_paper_s_configuration_is_accepted():
     ("place_and_value", "message"),
     [
         (("sed", 1), "config.yaml: sed: found an unknown key, expected one of accuracy, budget"),
+        (
+            ("figures", "recording", "x"),
+            "config.yaml: figures.recording: found 'x', expected one of simulated-twin",
+        ),
+        (
+            ("table_2", "configurations", ["authors", "x"]),
+            "config.yaml: table_2.configurations[1]: found 'x', expected one of authors",
+        ),
+        (
+            ("table_2", "permutations", 3),
+            "config.yaml: table_2.permutations: found 3, expected 39 or more",
+        ),
         (("seed", 1.5), "config.yaml: seed: found 1.5, expected a whole number"),
         (("seed", True), "config.yaml: seed: found True, expected a whole number"),
         (("seed", -1), "config.yaml: seed: found -1, expected 0 or more"),

@@ -152,3 +152,15 @@ def test_a_recording_is_added_by_its_path_alone(house, tmp_path):
     assert "results/splits/brought/place.parquet" in pending
     assert of(pending, "results/simulated/") == set()
     assert of(pending, "/simulated-twin/") == set()
+
+
+def test_the_paper_s_second_table_and_figures_can_be_planned_by_name(fresh, tmp_path):
+    house = fresh.copy(tmp_path / "house")
+    rules = ["table_2", "figure_1", "figure_2", "figure_3", "figure_4"]
+    plan = house.snakemake("--summary", "--", *rules)
+    assert plan.returncode == 0, plan.stderr
+    planned = {line.split("\t")[0] for line in plan.stdout.splitlines()}
+    assert {f"results/tables/table_2.{kind}" for kind in ("csv", "md")} <= planned
+    for number in range(1, 5):
+        figure = f"results/figures/figure_{number}"
+        assert {f"{figure}.{kind}" for kind in ("svg", "png", "csv")} <= planned

@@ -73,6 +73,15 @@ def sensitivity(channels: np.ndarray, electrode_deg: np.ndarray, places: np.ndar
     return -(drive * np.conj(measure)).real
 
 
+def back_projection(projection: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """(G, N): how alike changes (N, M) are to what a small touch at each place changes, in their
+    unit; projection (G, M) as `sensitivity`. Lost readings, NaN, are left out.
+    """
+    usable = np.isfinite(change)
+    norm = np.sqrt(projection**2 @ usable.T.astype(float))
+    return projection @ np.where(usable, change, 0.0).T / norm
+
+
 def hotspots(recording: Recording, rows: np.ndarray) -> np.ndarray:
     """(K,) complex in the unit disc: where the touches of frames `rows` light up.
 
@@ -86,13 +95,10 @@ def hotspots(recording: Recording, rows: np.ndarray) -> np.ndarray:
     channels = recording.channels
     if recording.metadata["voltage"] == "magnitude":
         change = change * np.sign(homogeneous_readings(channels, angles))
-    usable = np.isfinite(change)
     turns = np.exp(2j * np.pi * np.arange(GRID_ANGLES) / GRID_ANGLES)
     places = (GRID_RADII[:, None] * turns[None, :]).ravel()
     projection = sensitivity(channels, np.array(angles), places)
-    alike = np.abs(projection @ np.where(usable, change, 0.0).T)
-    norm = np.sqrt(projection**2 @ usable.T.astype(float))
-    return places[np.argmax(alike / norm, axis=0)]
+    return places[np.argmax(np.abs(back_projection(projection, change)), axis=0)]
 
 
 def strongest_touches(recording: Recording) -> np.ndarray:

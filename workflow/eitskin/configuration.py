@@ -228,7 +228,7 @@ def _yaml_number(text: str) -> str:
 
 
 def _unknown_name(config: dict) -> tuple[list, str, str] | None:
-    """A name in `table_1`, `diagnoses` or `tanks` that is defined nowhere."""
+    """A name in `diagnoses`, `tanks`, a table or a figure that is defined nowhere."""
     for kind in ("configurations", "recordings"):
         for name, splits in config["table_1"][kind].items():
             if name not in config[kind]:
@@ -237,6 +237,13 @@ def _unknown_name(config: dict) -> tuple[list, str, str] | None:
                 if split not in config["splits"]:
                     place = ["table_1", kind, name, k]
                     return place, repr(split), _names(config["splits"])
+    for k, name in enumerate(config["table_2"]["configurations"]):
+        if name not in config["configurations"]:
+            place = ["table_2", "configurations", k]
+            return place, repr(name), _names(config["configurations"])
+    for key, kind in (("recording", "recordings"), ("configuration", "configurations")):
+        if config["figures"][key] not in config[kind]:
+            return ["figures", key], repr(config["figures"][key]), _names(config[kind])
     for key in ("diagnoses", "tanks"):
         for k, name in enumerate(config[key]):
             if name not in config["recordings"]:

@@ -1,0 +1,228 @@
+from pathlib import Path
+
+
+rule table_2:
+    input:
+        paper="workflow/eitskin/paper_table_2.csv",
+        mesh=rules.mesh.output.mesh,
+        recordings=expand("results/recordings/{recording}.parquet", recording=config["recordings"]),
+    output:
+        csv=report(
+            "results/tables/table_2.csv",
+            caption="../report/table_2.rst",
+            category="Paper",
+            labels={"shows": "Table II, CSV"},
+        ),
+        markdown=report(
+            "results/tables/table_2.md",
+            caption="../report/table_2.rst",
+            category="Paper",
+            labels={"shows": "Table II with its reading"},
+        ),
+    log:
+        "logs/table_2.log",
+    benchmark:
+        "benchmarks/table_2.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=30,
+    params:
+        names=list(config["recordings"]),
+        skin=lookup(dpath="skin", within=config),
+        configurations={
+            name: {key: config["configurations"][name][key] for key in ("effects", "noise")}
+            for name in config["table_2"]["configurations"]
+        },
+        accuracy=lookup(dpath="accuracy", within=config),
+        seed=lookup(dpath="seed", within=config),
+        size={key: config["table_2"][key] for key in ("sessions", "frames", "permutations")},
+        code=fingerprint("eitskin.table_2"),
+    message:
+        "Comparing untouched frames, simulated and recorded"
+    script:
+        "../scripts/table_2.py"
+
+
+SHOWN_SET = f"simulated-{config['figures']['configuration']}"
+SHOWN_TEST = f"{SHOWN_SET}/{config['figures']['split']}/{config['budget']}"
+
+
+rule figure_1:
+    input:
+        f"results/recordings/{config['figures']['recording']}.parquet",
+    output:
+        svg=report(
+            "results/figures/figure_1.svg",
+            caption="../report/figure_1.rst",
+            category="Paper",
+            labels={"shows": "Figure 1, SVG"},
+        ),
+        png=report(
+            "results/figures/figure_1.png",
+            caption="../report/figure_1.rst",
+            category="Paper",
+            labels={"shows": "Figure 1, PNG"},
+        ),
+        csv=report(
+            "results/figures/figure_1.csv",
+            caption="../report/figure_1.rst",
+            category="Paper",
+            labels={"shows": "Figure 1, numbers"},
+        ),
+    log:
+        "logs/figure_1.log",
+    benchmark:
+        "benchmarks/figure_1.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        recording=lookup(dpath="figures/recording", within=config),
+        code=fingerprint("eitskin.figure_1"),
+    message:
+        "Drawing a frame and the images of a press of {params.recording}: figure 1"
+    script:
+        "../scripts/figure_1.py"
+
+
+rule figure_2:
+    input:
+        snakefile="Snakefile",
+        rules=sorted(map(str, Path("workflow/rules").glob("*.smk"))),
+    output:
+        svg=report(
+            "results/figures/figure_2.svg",
+            caption="../report/figure_2.rst",
+            category="Paper",
+            labels={"shows": "Figure 2, SVG"},
+        ),
+        png=report(
+            "results/figures/figure_2.png",
+            caption="../report/figure_2.rst",
+            category="Paper",
+            labels={"shows": "Figure 2, PNG"},
+        ),
+        csv=report(
+            "results/figures/figure_2.csv",
+            caption="../report/figure_2.rst",
+            category="Paper",
+            labels={"shows": "Figure 2, numbers"},
+        ),
+    log:
+        "logs/figure_2.log",
+    benchmark:
+        "benchmarks/figure_2.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        targets=[
+            "all",
+            f"results/diagnosis/{config['figures']['recording']}/report.html",
+            "table_2",
+            "figure_1",
+            "figure_3",
+            "figure_4",
+        ],
+        configfiles=[str(file) for file in workflow.configfiles[:-1]],
+        code=fingerprint("eitskin.figure_2"),
+    message:
+        "Drawing the workflow: figure 2"
+    script:
+        "../scripts/figure_2.py"
+
+
+rule figure_3:
+    input:
+        recorded=f"results/datasets/{config['figures']['recording']}.parquet",
+        simulated=f"results/datasets/{SHOWN_SET}.parquet",
+    output:
+        svg=report(
+            "results/figures/figure_3.svg",
+            caption="../report/figure_3.rst",
+            category="Paper",
+            labels={"shows": "Figure 3, SVG"},
+        ),
+        png=report(
+            "results/figures/figure_3.png",
+            caption="../report/figure_3.rst",
+            category="Paper",
+            labels={"shows": "Figure 3, PNG"},
+        ),
+        csv=report(
+            "results/figures/figure_3.csv",
+            caption="../report/figure_3.rst",
+            category="Paper",
+            labels={"shows": "Figure 3, numbers"},
+        ),
+    log:
+        "logs/figure_3.log",
+    benchmark:
+        "benchmarks/figure_3.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        code=fingerprint("eitskin.figure_3"),
+    message:
+        "Drawing the correlations of voltages and states: figure 3"
+    script:
+        "../scripts/figure_3.py"
+
+
+rule figure_4:
+    input:
+        dataset=f"results/datasets/{SHOWN_SET}.parquet",
+        metrics=expand(f"results/metrics/{SHOWN_TEST}/{{model}}.csv", model=config["models"]),
+        predictions=expand(
+            f"results/predictions/{SHOWN_TEST}/{{model}}.parquet", model=config["models"]
+        ),
+    output:
+        svg=report(
+            "results/figures/figure_4.svg",
+            caption="../report/figure_4.rst",
+            category="Paper",
+            labels={"shows": "Figure 4, SVG"},
+        ),
+        png=report(
+            "results/figures/figure_4.png",
+            caption="../report/figure_4.rst",
+            category="Paper",
+            labels={"shows": "Figure 4, PNG"},
+        ),
+        csv=report(
+            "results/figures/figure_4.csv",
+            caption="../report/figure_4.rst",
+            category="Paper",
+            labels={"shows": "Figure 4, numbers"},
+        ),
+    log:
+        "logs/figure_4.log",
+    benchmark:
+        "benchmarks/figure_4.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        models=lookup(dpath="models", within=config),
+        skin={key: config["skin"][key] for key in ("radius_mm", "electrode_deg")},
+        code=fingerprint("eitskin.figure_4"),
+    message:
+        "Drawing the predicted force of the worst and the best model: figure 4"
+    script:
+        "../scripts/figure_4.py"

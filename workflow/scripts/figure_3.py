@@ -1,0 +1,9 @@
+"""Draw the correlations of voltages and states: figure 3."""
+
+from eitskin import dataset, figure_3
+from eitskin.errors import reported
+
+with reported(snakemake.log[0]):
+    files = snakemake.output
+    recorded, simulated = map(dataset.read, (snakemake.input.recorded, snakemake.input.simulated))
+    figure_3.write(recorded, simulated, files.svg, files.png, files.csv)
