@@ -1,6 +1,6 @@
 from calibration.plan import batches
 from eitskin.chain import instrument_effects, last_link, link_before, skin_effects
-from eitskin.configuration import validate
+from eitskin.configuration import validate, with_continuous
 from eitskin.errors import reported
 from eitskin.fingerprint import fingerprint
 from snakemake.utils import min_version
@@ -15,6 +15,7 @@ with reported("logs/configuration.log"):
     schema = workflow.source_path("workflow/schemas/config.schema.yaml")
     *overrides, default = workflow.configfiles
     validate(config, schema, [default, *overrides])
+    config["configurations"] = with_continuous(config)
 
 
 wildcard_constraints:
