@@ -32,6 +32,7 @@ include: "workflow/rules/diagnosis_report.smk"
 include: "workflow/rules/dataset.smk"
 include: "workflow/rules/train.smk"
 include: "workflow/rules/evaluate.smk"
+include: "workflow/rules/limit.smk"
 include: "workflow/rules/calibrate.smk"
 include: "workflow/rules/held_out.smk"
 
@@ -41,5 +42,10 @@ rule all:
     input:
         "results/simulated/clean.parquet",
         "results/tables/table_1.csv",
+        [
+            f"results/limit/simulated-{name}-continuous.cramer_rao.csv"
+            for name, splits in config["table_1"]["configurations"].items()
+            if "continuous" in splits
+        ],
         expand("results/recordings/{recording}.check.txt", recording=config["recordings"]),
         expand("results/diagnosis/{recording}/report.html", recording=config["diagnoses"]),

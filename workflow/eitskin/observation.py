@@ -140,6 +140,11 @@ class Model:
         self._forward: tuple[bytes, Forward, np.ndarray] | None = None
         self._base = Geometry.from_skin(self.experiment.skin)
 
+    def at_mean(self) -> "Model":
+        """The same without unknowns, each at its mean."""
+        none = (np.zeros((len(spread), 0)) for spread in (self.skin_spread, self.gain_spread))
+        return Model(self.experiment, self.skin, self.instrument, *none)
+
     @cached_property
     def mixing(self) -> np.ndarray:
         """(M, M): X."""
@@ -304,6 +309,20 @@ class Covariance:
             right = right - self.basis @ cho_solve(self._inner, self.basis.T @ right)
         return right / self.noise**2
 
+    @cached_property
+    def inverse(self) -> np.ndarray:
+        """(M, M)."""
+        return self.solve(np.eye(len(self.e)))
+
+    def information(self, slopes: np.ndarray, noise_slopes: np.ndarray) -> np.ndarray:
+        """(n, n): Fisher's, of n parameters by which e changes by (n, M) and the noise by (n,).
+
+        Without what the spread by the gains says of them, a share of the gains' variance.
+        """
+        reading = slopes @ self.model.mixing.T
+        of_noise = 2.0 * self.noise**2 * (self.inverse**2).sum()
+        return reading @ self.inverse @ reading.T + of_noise * np.outer(noise_slopes, noise_slopes)
+
     @property
     def log_determinant(self) -> float:
         """Of the whole covariance."""
@@ -343,23 +362,20 @@ class Sample:
         return float(-0.5 * (square + covariance.log_determinant))
 
     def local(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """As `posterior.Likelihood.local`; the information lacks what the spread by the gains says
-        of z, a share gain variance of the rest."""
+        """As `posterior.Likelihood.local`."""
         state = self.state(z)
         e, noise = self.model.change(state, z[3:])
         slopes, noise_slopes = self.model.slopes(state, z[3:])
         by_z, noise_by_z = (self._by_normal(z, state, part) for part in (slopes, noise_slopes))
         covariance = Covariance(self.model, e, noise)
         mixing, spread = self.model.mixing, self.model.gain_spread
-        inverse = covariance.solve(np.eye(len(e)))
+        inverse = covariance.inverse
         solved = inverse @ (self.delta_V - mixing @ e)
         pull, between = mixing.T @ solved, spread @ spread.T
         by_e = pull + pull * (between @ (e * pull))
         by_e -= ((between * e) * (mixing.T @ inverse @ mixing)).sum(axis=1)
         by_noise = noise * (solved @ solved - np.trace(inverse))
-        slope = mixing @ by_z.T
-        information = slope.T @ inverse @ slope
-        information += 2.0 * noise**2 * (inverse**2).sum() * np.outer(noise_by_z, noise_by_z)
+        information = covariance.information(by_z, noise_by_z)
         return self._log(covariance), by_z @ by_e + by_noise * noise_by_z, information
 
     def _by_normal(self, z: np.ndarray, state: np.ndarray, slopes: np.ndarray) -> np.ndarray:

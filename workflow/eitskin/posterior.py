@@ -15,6 +15,7 @@ from scipy.special import logsumexp
 
 WIDER = 1.1  # than the modes' Gaussians, in each direction, for the posterior's tails
 MOST_STEPS = 30
+LONGEST = 1.0  # step in any unknown, in the prior's standard deviations
 STILL = 0.1  # length of the last step, in the posterior's standard deviations
 SAME = 1.0  # modes nearer than this, in their standard deviations, are one
 LEAST_SHARE = 1e-4  # of the evidence; modes with less are left out
@@ -51,6 +52,7 @@ def find_mode(likelihood: Likelihood, start: np.ndarray) -> Mode:
         precision = information + np.eye(len(z))
         damped = precision + damping * np.diag(np.diag(precision))
         step = cho_solve(cho_factor(damped, lower=True), gradient - z)
+        step /= max(1.0, np.abs(step).max() / LONGEST)
         length = np.sqrt(step @ precision @ step)
         ahead = likelihood.local(z + step)
         risen = ahead[0] - 0.5 * (z + step) @ (z + step)
@@ -89,9 +91,7 @@ class Draws:
         return float(1.0 / (self.weight**2).sum())
 
 
-def draw(
-    likelihood: Likelihood, modes: list[Mode], pairs: int, rng: np.random.Generator
-) -> Draws:
+def draw(likelihood: Likelihood, modes: list[Mode], pairs: int, rng: np.random.Generator) -> Draws:
     """2 `pairs` weighted draws from each of the modes' Gaussians."""
     share = np.array([mode.log_evidence for mode in modes])
     share = np.exp(share - logsumexp(share))

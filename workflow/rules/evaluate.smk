@@ -60,6 +60,11 @@ rule table_1:
             for budget in (["small"] if config["budget"] == "small" else ["small", "full"])
             for model in config["models"]
         ],
+        limits=[
+            f"results/limit/simulated-{name}-continuous.csv"
+            for name, splits in config["table_1"]["configurations"].items()
+            if "continuous" in splits
+        ],
     output:
         csv="results/tables/table_1.csv",
         markdown="results/tables/table_1.md",
