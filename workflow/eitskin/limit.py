@@ -69,7 +69,7 @@ class Starts:
         force = force_N(self.force_normal, **experiment.forces)
         mean = np.zeros(model.skin_spread.shape[1])
         self.change = np.array(
-            [[model.change((*p, f), mean)[0] @ model.mixing.T for f in force] for p in self.place]
+            [model.changes(place, force, mean) @ model.mixing.T for place in self.place]
         )
 
     def of(self, delta_V: np.ndarray) -> np.ndarray:

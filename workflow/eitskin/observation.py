@@ -152,11 +152,11 @@ class Model:
         unit = np.eye(len(self.experiment.channels))
         return apply_instrument(unit, mixing, self._frames(np.zeros(len(unit)))).T
 
-    def gain(self, force: float) -> np.ndarray:
-        """(M,): k(F) times the channels' gains at a force, N; linear in the force."""
+    def gain(self, force: np.ndarray) -> np.ndarray:
+        """(F, M): k(F) times the channels' gains at forces (F,) N; linear in the force."""
         gains = [setting for setting in self.instrument if setting.effect.order == "gain"]
-        unit = np.ones((1, len(self.experiment.channels)))
-        return apply_instrument(unit, gains, self._frames(np.array([force])))[0]
+        unit = np.ones((len(force), len(self.experiment.channels)))
+        return apply_instrument(unit, gains, self._frames(force))
 
     def _frames(self, force: np.ndarray) -> Frames:
         experiment = self.experiment
@@ -187,27 +187,31 @@ class Model:
             self._forward = key, forward, untouched
         return self._forward[1:]
 
+    def changes(self, xy: np.ndarray, force: np.ndarray, unknown: np.ndarray) -> np.ndarray:
+        """e = g k(F) d, (F, M) V before the crosstalk, of forces (F,) N, 0 or more, at one place
+        (x, y) mm."""
+        experiment, forward = self.experiment, self.forward(unknown)[0]
+        place = (float(xy[0]), float(xy[1]), 0.5 * experiment.probe_mm)
+        if not force.any() or not forward.meets(*place):
+            return np.zeros((len(force), len(experiment.channels)))
+        contrast = experiment.skin.contrast_per_N * force
+        d = forward.place(*place).channel_change(experiment.channels, contrast)
+        return self.gain(force) * (experiment.skin.current_A * d)
+
     def change(self, state: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, float]:
-        """e = g k(F) d, (M,) V before the crosstalk, of a state (x mm, y mm, F N); and the sd of
-        the noise, V, of the change, the unknown gains at their mean.
+        """e (M,) V of a state (x mm, y mm, F N); and the sd of the noise, V, of the change, the
+        unknown gains at their mean.
 
         Of an averaged baseline every frame is taken to be as noisy as the sample's own.
         """
+        untouched = self.forward(unknown)[1]
+        force = state[2:]
+        e = self.changes(state[:2], force, unknown)[0]
+        base = self.gain(force)[0] * untouched
+        still, touched = (np.median(np.abs(self.mixing @ v)) for v in (base, base + e))
         experiment = self.experiment
-        x, y, force = state
-        forward, untouched = self.forward(unknown)
-        place = (float(x), float(y), 0.5 * experiment.probe_mm)
-        d = np.zeros_like(untouched)
-        if force > 0 and forward.meets(*place):
-            contrast = np.array([experiment.skin.contrast_per_N * force])
-            d = forward.place(*place).channel_change(experiment.channels, contrast)[0]
-            d = experiment.skin.current_A * d
-        gain = self.gain(force)
-        still, touched = (
-            np.median(np.abs(self.mixing @ (gain * v))) for v in (untouched, untouched + d)
-        )
         noise = experiment.noise * np.sqrt(still**2 / experiment.averaged + touched**2)
-        return gain * d, float(noise)
+        return e, float(noise)
 
     def slopes(self, state: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives by x, y (1/mm), F (1/N) and the skin's unknowns of e (3 + K, M) V and of the
@@ -230,8 +234,8 @@ class Model:
         except InputError:
             return self._differences(state, unknown)
         still_by = forward.derivatives([], names)
-        gain = self.gain(force)
-        gain_slope = self.gain(force + 1.0) - gain
+        gain, more = self.gain(force + np.arange(2.0))
+        gain_slope = more - gain
 
         def readings(slopes: list[np.ndarray]) -> np.ndarray:
             value = channel_values(np.array(slopes), experiment.channels)
