@@ -69,8 +69,8 @@ def collect(
 
 
 def _limits(paths: list[str | Path], estimate: str) -> pd.DataFrame:
-    """configuration, recording, split, target, metric, value, low, high of one estimate."""
-    columns = ["configuration", "recording", "split", "target", "metric", "value", "low", "high"]
+    """configuration, recording, split, target, metric, value of one estimate."""
+    columns = ["configuration", "recording", "split", "target", "metric", "value"]
     tables = [pd.read_csv(path) for path in paths]
     if not tables:
         return pd.DataFrame(columns=columns).astype({"value": float})
