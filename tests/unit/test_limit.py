@@ -28,12 +28,12 @@ def experiment(effects=EFFECTS, noise=0.01, averaged=1):
 
 
 def sampled(model, rng):
-    """A change and the state behind it, drawn from the model itself."""
+    """A change, the state behind it and the unknowns, drawn from the model itself."""
     sample = Sample(model, np.zeros(208))
     z = rng.standard_normal(sample.size)
     e, noise = model.change(sample.state(z), z[3:])
     gain = 1.0 + model.gain_spread @ rng.standard_normal(model.gain_spread.shape[1])
-    return model.mixing @ (e * gain) + noise * rng.standard_normal(208), sample.state(z)
+    return model.mixing @ (e * gain) + noise * rng.standard_normal(208), sample.state(z), z
 
 
 def test_errors_are_as_large_as_the_posterior_says_with_the_skin_known():
@@ -41,7 +41,7 @@ def test_errors_are_as_large_as_the_posterior_says_with_the_skin_known():
     starts, rng = limit.Starts(model), np.random.default_rng(2)
     pulls, effective = [], []
     for _ in range(60):
-        change, state = sampled(model, rng)
+        change, state, _ = sampled(model, rng)
         found = limit.estimate(model, change, starts.of(change), 32, rng)
         pulls.append((found["mean"] - state) / found["sd"])
         effective.append(found["effective"])
@@ -50,16 +50,25 @@ def test_errors_are_as_large_as_the_posterior_says_with_the_skin_known():
     assert np.median(effective) > 0.5
 
 
-def test_errors_are_as_large_as_the_posterior_says_with_the_skin_unknown():
-    model = experiment().unknown()
-    starts, rng = limit.Starts(model), np.random.default_rng(3)
-    pulls = []
-    for _ in range(8):
-        change, state = sampled(model, rng)
-        found = limit.estimate(model, change, starts.of(change), 16, rng)
-        pulls.append((found["mean"] - state) / found["sd"])
-    # mean square of 24 pulls: 1 ± 0.29
-    assert 0.35 < np.mean(np.square(pulls)) < 2.2
+def test_scores_at_the_truth_are_as_large_as_the_information_says():
+    """The posterior's gradient at what was drawn has the precision as its covariance."""
+    model, rng = experiment().unknown(), np.random.default_rng(3)
+    sizes = []
+    for _ in range(40):
+        change, _, z = sampled(model, rng)
+        _, gradient, information = Sample(model, change).local(z)
+        score = gradient - z
+        sizes.append(score @ np.linalg.solve(information + np.eye(21), score))
+    # mean of 40 of chi-squared with 21 degrees of freedom: 21 ± 1.0
+    assert np.mean(sizes) == pytest.approx(21.0, abs=3.5)
+
+
+def test_an_unknown_skin_s_touch_is_found():
+    model, rng = experiment().unknown(), np.random.default_rng(4)
+    change, state, _ = sampled(model, rng)
+    found = limit.estimate(model, change, limit.Starts(model).of(change), 16, rng)
+    assert (np.abs(found["mean"] - state) < 4.0 * found["sd"]).all()
+    assert found["sd"][:2].max() < 3.0 and found["sd"][2] < 2.0
 
 
 def test_an_untouched_frame_tells_no_place():
@@ -100,7 +109,7 @@ def test_samples_are_tested_ones_and_the_same_each_time(monkeypatch):
     monkeypatch.setattr(limit, "PLACES", 40)
     own, rng = experiment(), np.random.default_rng(6)
     known = [own.known(1, session) for session in range(3)]
-    changes, states = zip(*(sampled(known[k // 4], rng) for k in range(12)), strict=True)
+    changes, states, _ = zip(*(sampled(known[k // 4], rng) for k in range(12)), strict=True)
     frame = pd.DataFrame(np.array(states), columns=list(limit.TARGETS.values()))
     frame.insert(0, "sample", np.arange(12))
     frame.insert(1, "session", np.arange(12) // 4)
