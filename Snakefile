@@ -1,6 +1,6 @@
 from calibration.plan import batches
 from eitskin.chain import instrument_effects, last_link, link_before, skin_effects
-from eitskin.configuration import validate
+from eitskin.configuration import validate, with_continuous
 from eitskin.errors import reported
 from eitskin.fingerprint import fingerprint
 from snakemake.utils import min_version
@@ -15,6 +15,7 @@ with reported("logs/configuration.log"):
     schema = workflow.source_path("workflow/schemas/config.schema.yaml")
     *overrides, default = workflow.configfiles
     validate(config, schema, [default, *overrides])
+    config["configurations"] = with_continuous(config)
 
 
 wildcard_constraints:
@@ -32,6 +33,7 @@ include: "workflow/rules/dataset.smk"
 include: "workflow/rules/train.smk"
 include: "workflow/rules/evaluate.smk"
 include: "workflow/rules/figures.smk"
+include: "workflow/rules/limit.smk"
 include: "workflow/rules/calibrate.smk"
 include: "workflow/rules/held_out.smk"
 
@@ -41,5 +43,10 @@ rule all:
     input:
         "results/simulated/clean.parquet",
         "results/tables/table_1.csv",
+        [
+            f"results/limit/simulated-{name}-continuous.cramer_rao.csv"
+            for name, splits in config["table_1"]["configurations"].items()
+            if "continuous" in splits
+        ],
         expand("results/recordings/{recording}.check.txt", recording=config["recordings"]),
         expand("results/diagnosis/{recording}/report.html", recording=config["diagnoses"]),

@@ -120,6 +120,12 @@ def test_the_paper_s_configuration_is_accepted():
             "expected one of authors, text",
         ),
         (("diagnoses", ["a-twin"]), "config.yaml: diagnoses[0]: found 'a-twin', expected one of"),
+        (
+            ("table_1", "recordings", "simulated-twin", ["continuous"]),
+            "config.yaml: table_1.recordings.simulated-twin[0]: found 'continuous', "
+            "expected one of random, place, session",
+        ),
+        (("limit", "samples", 0), "config.yaml: limit.samples: found 0, expected 2 or more"),
         (("splits", ["random"]), "config.yaml: table_1.configurations.authors[1]: found 'place'"),
     ],
 )

@@ -113,6 +113,36 @@ def test_noise_and_baseline(tmp_path, baseline):
     assert found.metadata["configuration"] == "authors" and len(found.table) == 30
 
 
+def test_continuous_samples_have_places_and_forces_of_their_own():
+    forces = {"mean_N": 5.0, "sd_N": 2.0, "max_N": 10.0}
+    table = simulate.continuous_samples(5000, 300, 1, 72.0, 16.0, forces)
+    assert table["place"].is_unique and not table[["x_mm", "y_mm"]].duplicated().any()
+    assert np.bincount(table["session"]).tolist() == [300] * 16 + [200]
+    radius = np.hypot(table["x_mm"], table["y_mm"])
+    assert radius.max() < 72.0
+    assert (radius < 36.0).mean() == pytest.approx(0.25, abs=0.02)
+    inside = table["force_N"][(table["force_N"] > 0) & (table["force_N"] < 10)]
+    assert inside.is_unique and 0.98 < len(inside) / 5000 < 0.995
+    assert table["force_N"].mean() == pytest.approx(5.0, abs=0.1)
+    assert table["force_N"].std() == pytest.approx(2.0, abs=0.1)
+    again = simulate.continuous_samples(5000, 300, 1, 72.0, 16.0, forces)
+    assert table.equals(again)
+
+
+def test_a_continuous_set_is_of_its_configuration(tmp_path):
+    chain(tmp_path)
+    laid, grid, stage = (tmp_path / name for name in ("mesh.npz", "grid.csv", "own.parquet"))
+    own = {"reach_mm": 72.0, "probe_mm": 16.0}
+    own["forces"] = {"mean_N": 5.0, "sd_N": 2.0, "max_N": 10.0}
+    simulate.write_skin_stage(laid, grid, stage, 1, SKIN, "train", [ELLIPSE], 12, False, own)
+    out = tmp_path / "out.parquet"
+    simulate.write_dataset(stage, out, "authors-continuous", 1, 0.01, "paired")
+    found = dataset.read(out)
+    assert found.metadata["configuration"] == "authors"
+    assert found.metadata["name"] == "simulated-authors-continuous"
+    assert len(found.table) == 30 and found.table["place"].is_unique
+
+
 def test_repeatable_byte_for_byte(tmp_path):
     first, second = (chain(tmp_path / name) for name in ("a", "b"))
     for file in ("mesh.npz", "grid.csv", "0.parquet", "1.parquet"):

@@ -51,6 +51,15 @@ def test_random_split_has_the_papers_shares_and_mixes_places():
     assert rows["place"][part == "test"].nunique() == 10
 
 
+def test_a_continuous_split_holds_out_sessions_of_samples_each_at_its_own_place():
+    rows = table(np.arange(1000) // 50, np.arange(1000))
+    part = splits.assign(rows, "continuous", 3)
+    assert (part == splits.assign(rows, "session", 3)).all()
+    assert (part == "test").sum() == 200
+    with pytest.raises(InputError, match="places pressed again"):
+        splits.assign(table(np.arange(1000) // 50, np.arange(1000) // 2), "continuous", 3)
+
+
 def test_same_seed_same_parts_another_seed_others():
     rows = uneven(5, 40)
     first = splits.assign(rows, "place", 1)

@@ -1,7 +1,7 @@
 import pandas as pd
 import pytest
 
-from eitskin import metrics, table_1
+from eitskin import limit, metrics, table_1
 from eitskin.errors import InputError
 from eitskin.pins import ROOT
 
@@ -36,8 +36,23 @@ def metric_file(folder, **given):
     return path
 
 
-def write(folder, *paths):
-    table_1.write(list(paths), PAPER, folder / "table_1.csv", folder / "table_1.md")
+def limit_file(folder):
+    """The limit of a set whose touches lie everywhere: 0.9, and 0.95 with skin and gains known."""
+    row = {"configuration": "text", "recording": "simulated", "split": "continuous"}
+    row |= {"low": 0.8, "high": 1.0, "unit": "1", "samples": 300}
+    rows = [
+        {**row, "estimate": estimate, "target": target, "metric": metric, "value": value}
+        for estimate, value in (("limit", 0.9), ("limit_known", 0.95))
+        for target in ("x", "F")
+        for metric in ("r2", "mae", "rmse", "z2")
+    ]
+    path = folder / "limit.csv"
+    limit.write(pd.DataFrame(rows, columns=list(limit.COLUMNS)), path)
+    return path
+
+
+def write(folder, *paths, limits=()):
+    table_1.write(list(paths), PAPER, list(limits), folder / "table_1.csv", folder / "table_1.md")
     return pd.read_csv(folder / "table_1.csv", keep_default_na=False)
 
 
@@ -113,6 +128,17 @@ def test_markdown_has_interval_and_paper_and_labels_simulations(tmp_path):
     assert "0.500 [0.400, 0.600] (0.89)" in text
     session = text.split("split by session")[1]
     assert "| mlp | 0.500 | 0.500 |" in session
+
+
+def test_the_limit_stands_beside_its_own_split_alone(tmp_path):
+    paths = [metric_file(tmp_path, split=split) for split in ("random", "continuous")]
+    table = write(tmp_path, *paths, limits=[limit_file(tmp_path)])
+    cell = table.set_index(["split", "target", "metric"])["limit"]
+    assert set(cell["random"]) == {""} and set(cell["continuous"]) == {"0.9"}
+    text = (tmp_path / "table_1.md").read_text().split("split by continuous")
+    assert "limit, skin" not in text[0]
+    assert "| limit | 0.900 | 0.900 | 0.900 | 0.900 |" in text[1]
+    assert "| limit, skin and gains known | 0.950 |" in text[1]
 
 
 def test_other_files_are_refused(tmp_path):

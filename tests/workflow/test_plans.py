@@ -41,7 +41,7 @@ def test_all_can_be_planned_anew(finished):
 def test_an_operator_s_strength_reruns_it_and_what_follows_but_no_forward_solve(house):
     house.edit("tiny.yaml", "per_N: 0.005", "per_N: 0.006")
     pending = house.pending()
-    assert {file for file in pending if file.startswith(CHAIN)} == {
+    assert {file for file in pending if file.startswith(f"{CHAIN}/")} == {
         f"{CHAIN}/2-force-dependent-gain.parquet",
         f"{CHAIN}/3-crosstalk.parquet",
     }
@@ -54,7 +54,7 @@ def test_an_operator_s_strength_reruns_it_and_what_follows_but_no_forward_solve(
 def test_the_last_operator_s_strength_leaves_those_before_it(house):
     house.edit("tiny.yaml", "{epsilon: 0.03}", "{epsilon: 0.04}")
     pending = house.pending()
-    assert of(pending, CHAIN) == {f"{CHAIN}/3-crosstalk.parquet"}
+    assert of(pending, f"{CHAIN}/") == {f"{CHAIN}/3-crosstalk.parquet"}
     assert "results/datasets/simulated-tiny.parquet" in pending
 
 
@@ -79,7 +79,7 @@ def test_exchanging_two_operators_reruns_from_there(house):
     house.edit("tiny.yaml", first, "{name: FIRST}")
     house.edit("tiny.yaml", second, first)
     house.edit("tiny.yaml", "{name: FIRST}", second)
-    assert of(house.pending(), CHAIN) == {
+    assert of(house.pending(), f"{CHAIN}/") == {
         f"{CHAIN}/1-force-dependent-gain.parquet",
         f"{CHAIN}/2-channel-gain.parquet",
         f"{CHAIN}/3-crosstalk.parquet",
@@ -98,6 +98,7 @@ def test_code_of_the_package_reruns_what_uses_it(house):
     pending = house.pending()
     assert of(pending, "results/splits/") == {
         "results/splits/simulated-tiny/session.parquet",
+        "results/splits/simulated-tiny-continuous/continuous.parquet",
         "results/splits/simulated-twin/random.parquet",
     }
     assert of(pending, "results/simulated/") | of(pending, "results/recordings/") == set()
@@ -116,6 +117,25 @@ def test_a_training_parameter_reruns_no_simulation(house):
     assert "results/tables/table_1.csv" in pending
     kinds = ("simulated/", "datasets/", "splits/", "recordings/", "mesh/")
     assert not any(of(pending, f"results/{kind}") for kind in kinds)
+
+
+def test_how_the_limit_is_computed_reruns_it_and_the_table_alone(house):
+    house.edit("tiny.yaml", "pairs: 4", "pairs: 5")
+    limit = "results/limit/simulated-tiny-continuous"
+    assert house.pending() == {
+        f"{limit}.csv",
+        f"{limit}.samples.csv",
+        "results/tables/table_1.csv",
+        "results/tables/table_1.md",
+    }
+
+
+def test_the_spread_of_forces_reruns_the_continuous_set_and_its_limit(house):
+    house.edit("config.yaml", "sd_N: 2.0", "sd_N: 2.1")
+    pending = house.pending()
+    assert "results/simulated/tiny-continuous/0-skin.parquet" in pending
+    assert "results/limit/simulated-tiny-continuous.csv" in pending
+    assert "results/limit/simulated-tiny-continuous.cramer_rao.csv" in pending
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from eitskin.geometry import Geometry
 from eitskin.mesh import force_levels
 from eitskin.protocol import channel_table, pattern_step
 from eitskin.readings import apply_skin
-from eitskin.simulate import sample_settings
+from eitskin.simulate import CONTINUOUS, sample_settings
 from eitskin.skin import Skin, is_number
 
 MISSING = object()
@@ -86,6 +86,21 @@ def validate(config: dict, schema_path: str | Path, files: Iterable[str | Path])
     for recording in config["recordings"].values():
         for key in recording.keys() & {*PATHS}:
             recording[key] = _expanded(recording[key])
+
+
+def with_continuous(config: dict) -> dict[str, dict]:
+    """The configurations and, of each, the set whose touches lie everywhere, `-continuous`: its
+    key `continuous` holds the places' radius and the forces, as `simulate.continuous_samples`
+    takes them."""
+    grid, forces = config["touch_grid"], config["forces"]
+    continuous = {
+        "reach_mm": grid["outer"] * config["skin"]["radius_mm"],
+        "probe_mm": grid["probe_mm"],
+        "forces": {key: forces[key] for key in ("mean_N", "sd_N", "max_N")},
+    }
+    found = {name: {**one, "continuous": None} for name, one in config["configurations"].items()}
+    derived = {name + CONTINUOUS: {**one, "continuous": continuous} for name, one in found.items()}
+    return found | derived
 
 
 def _refuse_repeated_keys(file: Path) -> None:
@@ -249,8 +264,11 @@ def _unknown_name(config: dict) -> tuple[list, str, str] | None:
             if name not in config["recordings"]:
                 return [key, k], repr(name), _names(config["recordings"])
     for name in config["configurations"]:
-        if f"simulated-{name}" in config["recordings"]:
-            return ["recordings", f"simulated-{name}"], "a simulated set's name", "another name"
+        if name.endswith(CONTINUOUS):
+            return ["configurations", name], "a derived set's name", f"a name without {CONTINUOUS}"
+        for simulated in (f"simulated-{name}", f"simulated-{name}{CONTINUOUS}"):
+            if simulated in config["recordings"]:
+                return ["recordings", simulated], "a simulated set's name", "another name"
     return None
 
 

@@ -12,6 +12,7 @@ from eitskin.forward import Forward
 from eitskin.geometry import Geometry
 from eitskin.protocol import channel_table
 from eitskin.skin import Skin
+from eitskin.states import force_N
 
 
 def polar_grid(
@@ -42,7 +43,7 @@ def force_levels(
     step = 10.0**-decimals
     found: np.ndarray = np.zeros(0)
     for _ in range(1000):
-        drawn = np.clip(rng.normal(mean_N, sd_N, levels), 0.0, max_N)
+        drawn = force_N(rng.standard_normal(levels), mean_N, sd_N, max_N)
         unique = np.unique(np.round(np.concatenate([found, drawn]) / step).astype(int) * step)
         if len(unique) >= levels:
             chosen = rng.choice(len(unique), levels, replace=False)

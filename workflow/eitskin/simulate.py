@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from tqdm import tqdm
 
-from eitskin import dataset
+from eitskin import dataset, states
 from eitskin.atomic import atomic_path
 from eitskin.effects.effect import Frames, Setting
 from eitskin.effects.settings import settings, site_counts
@@ -26,6 +26,7 @@ from eitskin.skin import Skin
 
 STAGE_KEY = b"eitskin-stage"
 NOISE = zlib.crc32(b"noise")
+CONTINUOUS = "-continuous"  # so ends the name of a set whose touches lie everywhere
 
 
 def _watched(items, unit: str):
@@ -50,7 +51,31 @@ def sessions(places: int, levels: int, session_frames: int, crossed: bool, seed:
     return session[by_session], place[by_session], order[by_session]
 
 
-def _samples(grid: pd.DataFrame, force_N: np.ndarray, session, place, level) -> pd.DataFrame:
+def continuous_samples(
+    samples: int, session_frames: int, seed: int, reach_mm: float, probe_mm: float, forces: dict
+) -> pd.DataFrame:
+    """Samples each with a place and a force of its own, `session_frames` a session.
+
+    Places lie evenly over the disc of radius `reach_mm`; forces (mean_N, sd_N, max_N) are normal,
+    clipped, not rounded.
+    """
+    normal = np.random.default_rng([seed, 3]).standard_normal((samples, 3))
+    own = np.arange(samples, dtype=np.int64)
+    xy = states.place_mm(normal[:, :2], reach_mm)
+    return pd.DataFrame(
+        {
+            "sample": own,
+            "session": own // session_frames,
+            "place": own,
+            "x_mm": xy[:, 0],
+            "y_mm": xy[:, 1],
+            "force_N": states.force_N(normal[:, 2], **forces),
+            "probe_mm": probe_mm,
+        }
+    )
+
+
+def _grid_samples(grid: pd.DataFrame, force_N: np.ndarray, session, place, level) -> pd.DataFrame:
     chosen = grid.iloc[place]
     return pd.DataFrame(
         {
@@ -78,25 +103,29 @@ def sample_settings(
     return chosen
 
 
-def _simulate_sessions(mesh, touch_grid, skin: dict, accuracy: str, chosen_of, layout):
+def _laid_out(mesh, touch_grid) -> tuple[np.ndarray, np.ndarray, pd.DataFrame]:
+    """Channels (M, 4), force levels and the grid of places."""
     with np.load(mesh) as laid:
-        channels, force_N = laid["channels"], laid["force_N"]
-    grid = pd.read_csv(touch_grid)
+        return laid["channels"], laid["force_N"], pd.read_csv(touch_grid)
+
+
+def _simulate_sessions(
+    table: pd.DataFrame, channels: np.ndarray, skin: dict, accuracy: str, chosen_of
+):
     believed = Skin.from_metadata(skin, "config.yaml")
-    table = _samples(grid, force_N, *layout(len(grid), len(force_N)))
     untouched = np.empty((len(table), len(channels)), dtype=np.float32)
     touched = np.empty_like(untouched)
     still = pd.DataFrame({"touch": [False], "force_N": [0.0]})
     for session, rows in _watched(table.groupby("session").indices.items(), "sessions"):
-        states = pd.concat([still, table.iloc[rows].assign(touch=True)], ignore_index=True)
+        frames = pd.concat([still, table.iloc[rows].assign(touch=True)], ignore_index=True)
         voltage = simulate(
-            states.assign(time_s=0.0),
+            frames.assign(time_s=0.0),
             np.arange(-1, len(rows)),
             believed,
             channels,
             chosen_of(int(session), channels),
             accuracy,
-            force_max_N=force_N.max(),
+            force_max_N=table["force_N"].max(),
         )
         untouched[rows], touched[rows] = voltage[0], voltage[1:]
     return table, untouched, touched, channels
@@ -104,14 +133,15 @@ def _simulate_sessions(mesh, touch_grid, skin: dict, accuracy: str, chosen_of, l
 
 def write_clean(mesh, touch_grid, out: str | Path, skin: dict, accuracy: str):
     """Every place and force on the ideal skin, as a stage."""
-
-    def one_session(places: int, levels: int):
-        return sessions(places, levels, places * levels, False, 0)
+    channels, force_N, grid = _laid_out(mesh, touch_grid)
+    places, levels = len(grid), len(force_N)
+    layout = sessions(places, levels, places * levels, False, 0)
 
     def nothing(session: int, channels: np.ndarray) -> list[Setting]:
         return []
 
-    _write_stage(out, *_simulate_sessions(mesh, touch_grid, skin, accuracy, nothing, one_session))
+    table = _grid_samples(grid, force_N, *layout)
+    _write_stage(out, *_simulate_sessions(table, channels, skin, accuracy, nothing))
 
 
 def write_skin_stage(
@@ -124,17 +154,26 @@ def write_skin_stage(
     effects: list[dict],
     session_frames: int,
     crossed: bool,
+    continuous: dict | None = None,
 ):
     """Every place and force with the effects that need a forward solve, drawn anew for each
-    session, as a stage."""
+    session, as a stage.
+
+    continuous: reach_mm, probe_mm and forces of `continuous_samples`, for as many as the grid has
+    in its place.
+    """
+    channels, force_N, grid = _laid_out(mesh, touch_grid)
+    if continuous:
+        samples = len(grid) * len(force_N)
+        table = continuous_samples(samples, session_frames, seed, **continuous)
+    else:
+        layout = sessions(len(grid), len(force_N), session_frames, crossed, seed)
+        table = _grid_samples(grid, force_N, *layout)
 
     def chosen_of(session: int, channels: np.ndarray) -> list[Setting]:
         return sample_settings(effects, site_counts(channels), (seed, session, 0))
 
-    def layout(places: int, levels: int):
-        return sessions(places, levels, session_frames, crossed, seed)
-
-    _write_stage(out, *_simulate_sessions(mesh, touch_grid, skin, accuracy, chosen_of, layout))
+    _write_stage(out, *_simulate_sessions(table, channels, skin, accuracy, chosen_of))
 
 
 def write_stage(stage, out: str | Path, seed: int, effect: dict, position: int):
@@ -180,7 +219,7 @@ def write_dataset(
         "version": 1,
         "name": f"simulated-{configuration}",
         "origin": "simulated",
-        "configuration": configuration,
+        "configuration": configuration.removesuffix(CONTINUOUS),
         "targets": ["x", "y", "F"],
         "unit": "V",
         "voltage": "signed",

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 from eitskin.atomic import atomic_path
 from eitskin.errors import InputError
 
-GROUPS = {"random": "sample", "place": "place", "session": "session"}
+GROUPS = {"random": "sample", "place": "place", "session": "session", "continuous": "session"}
 PARTS = ("train", "validation", "test")
 SHARE = 0.2  # tested, and of the rest validated on (§ III-A)
 
@@ -20,10 +20,14 @@ def assign(table: pd.DataFrame, kind: str, seed: int) -> np.ndarray:
 
     Whole groups (frames, places or sessions) are drawn: those that come nearest to 20 % of the
     samples are tested, and of what remains those nearest to 20 % are the validation part; no group
-    is in two parts. Raises InputError for an unknown kind and for fewer than three groups.
+    is in two parts. "continuous": sessions, of a set in which every sample has a place of its own.
+    Raises InputError for an unknown kind, for places pressed again where the kind is "continuous",
+    and for fewer than three groups.
     """
     if kind not in GROUPS:
         raise InputError("split", "kind", repr(kind), f"one of {', '.join(GROUPS)}")
+    if kind == "continuous" and not table["place"].is_unique:
+        raise InputError("split", "column place", "places pressed again", "each sample its own")
     _, group = np.unique(table[GROUPS[kind]].to_numpy(), return_inverse=True)
     size = np.bincount(group)
     if len(size) < 3:

@@ -20,14 +20,17 @@ def paper(path: str | Path) -> pd.DataFrame:
     return pd.read_csv(path)
 
 
-def collect(paths: list[str | Path], published: str | Path) -> pd.DataFrame:
+def collect(
+    paths: list[str | Path], published: str | Path, limits: list[str | Path] = ()
+) -> pd.DataFrame:
     """Rows (TABLE, and `origin`) of the metrics files, in a fixed order; raises InputError.
 
     `paper`, from the file `published`, is filled where the row repeats the paper's experiment:
     simulated with the authors' or the text's strengths, split by random frame (another baseline,
     crossed sessions, a place or session split make another experiment). Its real recording was
-    never published, so that no recording has a number of the paper's. `limit` is empty: the
-    information limit is not computed.
+    never published, so that no recording has a number of the paper's. `limit`, from files of
+    `limit.score`: what an estimator that knows the distributions alone can reach, where that was
+    computed.
     """
     if not paths:
         raise InputError("table_1", "metrics files", "none", "at least one")
@@ -38,7 +41,12 @@ def collect(paths: list[str | Path], published: str | Path) -> pd.DataFrame:
             raise InputError(path, "columns", list(table.columns), f"{list(COLUMNS)}")
         tables.append(table)
     rows = pd.concat(tables, ignore_index=True)
-    rows["limit"] = float("nan")
+    rows = rows.merge(
+        _limits(limits, "limit").rename(columns={"value": "limit"}),
+        on=["configuration", "recording", "split", "target", "metric"],
+        how="left",
+        validate="many_to_one",
+    )
     numbers = paper(published)
     beside = numbers[numbers["recording"] == "simulated"].rename(columns={"value": "paper"})
     beside = beside.assign(split="random").merge(pd.DataFrame({"configuration": REPEATED}), "cross")
@@ -60,26 +68,46 @@ def collect(paths: list[str | Path], published: str | Path) -> pd.DataFrame:
     return rows.sort_values(by, key=rank, ignore_index=True)[[*TABLE, "origin"]]
 
 
+def _limits(paths: list[str | Path], estimate: str) -> pd.DataFrame:
+    """configuration, recording, split, target, metric, value of one estimate."""
+    columns = ["configuration", "recording", "split", "target", "metric", "value"]
+    tables = [pd.read_csv(path) for path in paths]
+    if not tables:
+        return pd.DataFrame(columns=columns).astype({"value": float})
+    rows = pd.concat(tables, ignore_index=True)
+    return rows.loc[rows["estimate"] == estimate, columns]
+
+
 def write(
-    paths: list[str | Path], published: str | Path, csv: str | Path, markdown: str | Path
+    paths: list[str | Path],
+    published: str | Path,
+    limits: list[str | Path],
+    csv: str | Path,
+    markdown: str | Path,
 ) -> None:
     """Collect metrics files into `csv` (columns TABLE) and a `markdown` table for reading; the
-    paper's numbers are those of `published`.
+    paper's numbers are those of `published`, the limits those of files of `limit.score`.
     """
-    rows = collect(paths, published)
+    rows = collect(paths, published, limits)
     with atomic_path(csv) as temporary:
         rows[list(TABLE)].to_csv(temporary, index=False, float_format="%.6g")
     with atomic_path(markdown) as temporary:
-        temporary.write_text(to_markdown(rows), encoding="utf-8")
+        known = _limits(limits, "limit_known")
+        temporary.write_text(to_markdown(rows, known), encoding="utf-8")
 
 
-def to_markdown(rows: pd.DataFrame) -> str:
-    """A section for each dataset, split and budget; a line a model; mean [low, high] (paper)."""
+def to_markdown(rows: pd.DataFrame, known: pd.DataFrame) -> str:
+    """A section for each dataset, split and budget; a line a model; mean [low, high] (paper).
+
+    Where there is a limit, a line of it and one of `known`, that with skin and gains known.
+    """
     lines = [
         "# Table I",
         "",
         "Mean over seeds [95 % interval over seeds] on the test part; in brackets of their own the",
         "paper's number, where the row repeats its experiment. x, y and depth in mm, F in N.",
+        "Limit: the posterior mean given the physics and the distributions drawn from, on some of",
+        "the tested samples.",
     ]
     shown = rows[rows["metric"].isin(SYMBOLS)]
     for (configuration, recording, origin, split, budget), group in shown.groupby(
@@ -99,6 +127,14 @@ def to_markdown(rows: pd.DataFrame) -> str:
         for model, cells in group.groupby("model", sort=False):
             cell = cells.set_index(["target", "metric"])
             lines.append(f"| {model} | " + " | ".join(_cell(cell.loc[c]) for c in columns) + " |")
+        if group["limit"].notna().all():
+            own = known[(known["configuration"] == configuration) & (known["split"] == split)]
+            for name, values in (
+                ("limit", cell["limit"]),
+                ("limit, skin and gains known", own.set_index(["target", "metric"])["value"]),
+            ):
+                cells = " | ".join(f"{values[c]:.3f}" for c in columns)
+                lines.append(f"| {name} | {cells} |")
     return "\n".join(lines) + "\n"
 
 

@@ -52,12 +52,18 @@ rule table_1:
     input:
         paper="workflow/eitskin/paper_table_1.csv",
         metrics=[
-            f"results/metrics/{prefix}{name}/{split}/{budget}/{model}.csv"
+            f"results/metrics/{prefix}{name}{'-continuous' * (split == 'continuous')}"
+            f"/{split}/{budget}/{model}.csv"
             for kind, prefix in (("configurations", "simulated-"), ("recordings", ""))
             for name, splits in config["table_1"][kind].items()
             for split in splits
             for budget in (["small"] if config["budget"] == "small" else ["small", "full"])
             for model in config["models"]
+        ],
+        limits=[
+            f"results/limit/simulated-{name}-continuous.csv"
+            for name, splits in config["table_1"]["configurations"].items()
+            if "continuous" in splits
         ],
     output:
         csv="results/tables/table_1.csv",

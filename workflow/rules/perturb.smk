@@ -23,6 +23,7 @@ rule skin_effects:
         ),
         session_frames=lookup(dpath="configurations/{configuration}/session_frames", within=config),
         crossed=lookup(dpath="configurations/{configuration}/crossed", within=config),
+        continuous=lookup(dpath="configurations/{configuration}/continuous", within=config),
         code=fingerprint("eitskin.simulate"),
     message:
         "Simulating the sessions of {wildcards.configuration}, a new skin for each"

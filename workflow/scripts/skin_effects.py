@@ -4,7 +4,7 @@ from eitskin import simulate
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):
-    blocks = ("seed", "skin", "accuracy", "effects", "session_frames", "crossed")
+    blocks = ("seed", "skin", "accuracy", "effects", "session_frames", "crossed", "continuous")
     simulate.write_skin_stage(
         snakemake.input.mesh,
         snakemake.input.touch_grid,

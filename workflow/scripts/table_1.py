@@ -4,5 +4,5 @@ from eitskin import table_1
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):
-    tables = snakemake.output
-    table_1.write(snakemake.input.metrics, snakemake.input.paper, tables.csv, tables.markdown)
+    files, tables = snakemake.input, snakemake.output
+    table_1.write(files.metrics, files.paper, files.limits, tables.csv, tables.markdown)

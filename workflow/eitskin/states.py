@@ -1,0 +1,48 @@
+"""Contact states drawn everywhere: places evenly over a disc, forces from a clipped normal.
+
+Both are functions of standard normal numbers, smooth but where a force is clipped: the generator
+draws with them, and whoever infers a state has them as its prior, the clipped forces' weight
+included.
+"""
+
+import numpy as np
+
+FLAT = 1e-4  # squared length below which a series stands for the closed form
+
+
+def place_mm(normal: np.ndarray, reach_mm: float) -> np.ndarray:
+    """(..., 2) x, y mm of standard normal (..., 2): even over the area of a disc of radius
+    `reach_mm`.
+
+    The squared length t of the pair is exponential, so 1 - exp(-t / 2), uniform, is the share of
+    the area within.
+    """
+    square = (normal**2).sum(axis=-1, keepdims=True)
+    return reach_mm * normal * _shrink(square)[0]
+
+
+def place_slope(normal: np.ndarray, reach_mm: float) -> np.ndarray:
+    """(2, 2) mm: d place_mm / d normal of one pair (2,), places by row."""
+    shrink, slope = _shrink(normal @ normal)
+    return reach_mm * (shrink * np.eye(2) + 2.0 * slope * np.outer(normal, normal))
+
+
+def place_normal(xy_mm: np.ndarray, reach_mm: float) -> np.ndarray:
+    """(..., 2): the standard normal pair of places (..., 2) mm within the disc."""
+    share = (xy_mm**2).sum(axis=-1, keepdims=True) / reach_mm**2
+    return xy_mm / (reach_mm * _shrink(-2.0 * np.log1p(-share))[0])
+
+
+def _shrink(square) -> tuple[np.ndarray, np.ndarray]:
+    """h = sqrt((1 - exp(-t/2)) / t) and its derivative, of t = `square`; 1 - t/4 + t²/24 at 0."""
+    near = np.asarray(square) < FLAT
+    t = np.where(near, 1.0, square)
+    ratio = np.where(near, 0.5 - square / 8.0 + square**2 / 48.0, -np.expm1(-0.5 * t) / t)
+    by_t = (0.5 * np.exp(-0.5 * t) + np.expm1(-0.5 * t) / t) / t
+    shrink = np.sqrt(ratio)
+    return shrink, 0.5 * np.where(near, -0.125 + square / 24.0, by_t) / shrink
+
+
+def force_N(normal: np.ndarray, mean_N: float, sd_N: float, max_N: float) -> np.ndarray:
+    """N of standard normal numbers: normal, clipped to 0 ... max_N."""
+    return np.clip(mean_N + sd_N * np.asarray(normal), 0.0, max_N)

@@ -1,0 +1,64 @@
+rule limit:
+    input:
+        dataset="results/datasets/simulated-{configuration}.parquet",
+        split="results/splits/simulated-{configuration}/continuous.parquet",
+    output:
+        metrics="results/limit/simulated-{configuration}.csv",
+        samples="results/limit/simulated-{configuration}.samples.csv",
+    log:
+        "logs/limit/{configuration}.log",
+    benchmark:
+        "benchmarks/limit/{configuration}.tsv"
+    wildcard_constraints:
+        configuration="[a-z0-9-]+-continuous",
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=60,
+    params:
+        seed=lookup(dpath="seed", within=config),
+        skin=lookup(dpath="skin", within=config),
+        accuracy=lookup(dpath="accuracy", within=config),
+        effects=lookup(dpath="configurations/{configuration}/effects", within=config),
+        session_frames=lookup(dpath="configurations/{configuration}/session_frames", within=config),
+        continuous=lookup(dpath="configurations/{configuration}/continuous", within=config),
+        samples=lookup(dpath="limit/samples", within=config),
+        pairs=lookup(dpath="limit/pairs", within=config),
+        code=fingerprint("eitskin.limit"),
+    message:
+        "Estimating touches of {wildcards.configuration} as well as physics allows"
+    script:
+        "../scripts/limit.py"
+
+
+rule cramer_rao:
+    input:
+        dataset="results/datasets/simulated-{configuration}.parquet",
+        touch_grid=rules.mesh.output.touch_grid,
+    output:
+        "results/limit/simulated-{configuration}.cramer_rao.csv",
+    log:
+        "logs/cramer_rao/{configuration}.log",
+    benchmark:
+        "benchmarks/cramer_rao/{configuration}.tsv"
+    wildcard_constraints:
+        configuration="[a-z0-9-]+-continuous",
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=20,
+    params:
+        skin=lookup(dpath="skin", within=config),
+        accuracy=lookup(dpath="accuracy", within=config),
+        effects=lookup(dpath="configurations/{configuration}/effects", within=config),
+        session_frames=lookup(dpath="configurations/{configuration}/session_frames", within=config),
+        continuous=lookup(dpath="configurations/{configuration}/continuous", within=config),
+        code=fingerprint("eitskin.cramer_rao"),
+    message:
+        "Bounding the errors of {wildcards.configuration} over the skin"
+    script:
+        "../scripts/cramer_rao.py"
