@@ -31,6 +31,7 @@ include: "workflow/rules/diagnosis_report.smk"
 include: "workflow/rules/dataset.smk"
 include: "workflow/rules/train.smk"
 include: "workflow/rules/evaluate.smk"
+include: "workflow/rules/transfer.smk"
 include: "workflow/rules/calibrate.smk"
 include: "workflow/rules/held_out.smk"
 

@@ -228,7 +228,7 @@ def _yaml_number(text: str) -> str:
 
 
 def _unknown_name(config: dict) -> tuple[list, str, str] | None:
-    """A name in `table_1`, `diagnoses` or `tanks` that is defined nowhere."""
+    """A name in `table_1`, `transfer`, `diagnoses` or `tanks` that is defined nowhere."""
     for kind in ("configurations", "recordings"):
         for name, splits in config["table_1"][kind].items():
             if name not in config[kind]:
@@ -237,10 +237,17 @@ def _unknown_name(config: dict) -> tuple[list, str, str] | None:
                 if split not in config["splits"]:
                     place = ["table_1", kind, name, k]
                     return place, repr(split), _names(config["splits"])
-    for key in ("diagnoses", "tanks"):
-        for k, name in enumerate(config[key]):
-            if name not in config["recordings"]:
-                return [key, k], repr(name), _names(config["recordings"])
+    recordings = config["recordings"]
+    sets = [f"simulated-{name}" for name in config["configurations"]]
+    for place, known in (
+        (["transfer", "sources"], sets),
+        (["transfer", "targets"], recordings),
+        (["diagnoses"], recordings),
+        (["tanks"], recordings),
+    ):
+        for k, name in enumerate(_at(place, config)):
+            if name not in known:
+                return [*place, k], repr(name), _names(known)
     for name in config["configurations"]:
         if f"simulated-{name}" in config["recordings"]:
             return ["recordings", f"simulated-{name}"], "a simulated set's name", "another name"
