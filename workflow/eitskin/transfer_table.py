@@ -185,7 +185,7 @@ def reading(runs: pd.DataFrame, variable: str) -> str:
         unlabelled = [m for m in METHODS if METHODS[m] == NONE and m in of and m != ZERO_SHOT]
         said += [f"{method} is {versus(method, ZERO_SHOT)}" for method in unlabelled]
     best = least([m for m in METHODS if METHODS[m] == FEW and m not in REFERENCES])
-    alone = least([NEAREST, TRAINED_FEW])
+    alone = least([CONSTANT, NEAREST, TRAINED_FEW])
     if best is not None:
         others = [m for m in (ZERO_SHOT, alone) if m in of]
         text = [f"with 5 % of the labels {best} errs least, {error[best]:.2f} {unit}"]
