@@ -34,6 +34,7 @@ include: "workflow/rules/train.smk"
 include: "workflow/rules/evaluate.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/limit.smk"
+include: "workflow/rules/transfer.smk"
 include: "workflow/rules/calibrate.smk"
 include: "workflow/rules/held_out.smk"
 

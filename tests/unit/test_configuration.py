@@ -127,6 +127,15 @@ def test_the_paper_s_configuration_is_accepted():
         ),
         (("limit", "samples", 0), "config.yaml: limit.samples: found 0, expected 2 or more"),
         (("splits", ["random"]), "config.yaml: table_1.configurations.authors[1]: found 'place'"),
+        (
+            ("transfer", "sources", ["authors"]),
+            "config.yaml: transfer.sources[0]: found 'authors', expected one of simulated-authors,",
+        ),
+        (
+            ("transfer", "targets", ["simulated-twin", "bench"]),
+            "config.yaml: transfer.targets[1]: found 'bench', expected one of simulated-twin",
+        ),
+        (("transfer", "models", ["gru"]), "config.yaml: transfer.models[0]: found 'gru'"),
     ],
 )
 def test_a_mistake_gives_one_line(refusal, place_and_value, message):

@@ -157,6 +157,29 @@ def test_a_model_is_trained_after_the_teachers_it_needs(fresh, tmp_path, model, 
     assert of(planned, folder) == {f"{folder}/{name}.pt" for name in teachers | {model}}
 
 
+def test_another_source_of_a_transfer_trains_its_model_and_nothing_twice(fresh, tmp_path):
+    house = fresh.copy(tmp_path / "house")
+    sets = ["simulated-tiny", "simulated-corrected-bench"]
+    house.edit("tiny.yaml", "sources: [simulated-tiny]", f"sources: [{', '.join(sets)}]")
+    house.edit("tiny.yaml", "configurations:\n  tiny:", "configurations:\n  corrected-bench: &tiny")
+    with (house.folder / "tiny.yaml").open("a", encoding="utf-8") as tiny:
+        tiny.write("models: [svr]\n")
+    house.edit("tiny.yaml", "    crossed: false\n", "    crossed: false\n  tiny: *tiny\n")
+    plan = house.snakemake("--summary", "transfer")
+    assert plan.returncode == 0, plan.stderr
+    planned = [line.split("\t")[0] for line in plan.stdout.splitlines()]
+    assert len(planned) == len(set(planned))
+    assert {file for file in planned if file.startswith("results/transfer/")} == {
+        f"results/transfer/small/mlp/{source}/simulated-twin.csv"
+        for source in ["references", *sets]
+    }
+    assert {file for file in planned if file.startswith("results/models/")} == {
+        *(f"results/models/{source}/random/small/mlp.pt" for source in sets),
+        "results/models/simulated-twin/place/small/mlp.pt",
+    }
+    assert {"results/tables/transfer.csv", "results/tables/transfer.md"} <= set(planned)
+
+
 def test_a_recording_is_added_by_its_path_alone(house, tmp_path):
     source = house.folder / "results" / "recordings" / "simulated-twin.parquet"
     (tmp_path / "brought.parquet").write_bytes(source.read_bytes())

@@ -243,7 +243,7 @@ def _yaml_number(text: str) -> str:
 
 
 def _unknown_name(config: dict) -> tuple[list, str, str] | None:
-    """A name in `diagnoses`, `tanks`, a table or a figure that is defined nowhere."""
+    """A name in a table, a figure, `transfer`, `diagnoses` or `tanks` that is defined nowhere."""
     for kind in ("configurations", "recordings"):
         for name, splits in config["table_1"][kind].items():
             if name not in config[kind]:
@@ -252,17 +252,21 @@ def _unknown_name(config: dict) -> tuple[list, str, str] | None:
                 if split not in config["splits"]:
                     place = ["table_1", kind, name, k]
                     return place, repr(split), _names(config["splits"])
-    for k, name in enumerate(config["table_2"]["configurations"]):
-        if name not in config["configurations"]:
-            place = ["table_2", "configurations", k]
-            return place, repr(name), _names(config["configurations"])
     for key, kind in (("recording", "recordings"), ("configuration", "configurations")):
         if config["figures"][key] not in config[kind]:
             return ["figures", key], repr(config["figures"][key]), _names(config[kind])
-    for key in ("diagnoses", "tanks"):
-        for k, name in enumerate(config[key]):
-            if name not in config["recordings"]:
-                return [key, k], repr(name), _names(config["recordings"])
+    recordings = config["recordings"]
+    sets = [f"simulated-{name}" for name in config["configurations"]]
+    for place, known in (
+        (["table_2", "configurations"], config["configurations"]),
+        (["transfer", "sources"], sets),
+        (["transfer", "targets"], recordings),
+        (["diagnoses"], recordings),
+        (["tanks"], recordings),
+    ):
+        for k, name in enumerate(_at(place, config)):
+            if name not in known:
+                return [*place, k], repr(name), _names(known)
     for name in config["configurations"]:
         if name.endswith(CONTINUOUS):
             return ["configurations", name], "a derived set's name", f"a name without {CONTINUOUS}"

@@ -1,5 +1,5 @@
 wildcard_constraints:
-    model="|".join(config["models"]),
+    model="|".join([*config["models"], *config["transfer"]["models"]]),
     budget="|".join(config["budgets"]),
 
 

@@ -1,0 +1,105 @@
+TRANSFER = "results/transfer/{budget}/{model}"
+
+
+rule transfer_source:
+    input:
+        source="results/datasets/{source}.parquet",
+        source_split="results/splits/{source}/random.parquet",
+        model="results/models/{source}/random/{budget}/{model}.pt",
+        target="results/datasets/{recording}.parquet",
+        split="results/splits/{recording}/place.parquet",
+        recording=rules.import_recording.output[0],
+    output:
+        f"{TRANSFER}/{{source}}/{{recording}}.csv",
+    log:
+        "logs/transfer_source/{budget}/{model}/{source}/{recording}.log",
+    benchmark:
+        "benchmarks/transfer_source/{budget}/{model}/{source}/{recording}.tsv"
+    wildcard_constraints:
+        source="simulated-(?:{})".format("|".join(config["configurations"])),
+    conda:
+        "../../envs/learning.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=30,
+    params:
+        seed=lookup(dpath="seed", within=config),
+        code=fingerprint("eitskin.transfer"),
+    message:
+        "Transferring {wildcards.model} from {wildcards.source} to {wildcards.recording}"
+    script:
+        "../scripts/transfer_source.py"
+
+
+rule transfer_references:
+    input:
+        dataset="results/datasets/{recording}.parquet",
+        split="results/splits/{recording}/place.parquet",
+        model="results/models/{recording}/place/{budget}/{model}.pt",
+    output:
+        f"{TRANSFER}/references/{{recording}}.csv",
+    log:
+        "logs/transfer_references/{budget}/{model}/{recording}.log",
+    benchmark:
+        "benchmarks/transfer_references/{budget}/{model}/{recording}.tsv"
+    conda:
+        "../../envs/learning.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=60,
+    params:
+        learning_rate=lookup(dpath="training/learning_rate", within=config),
+        weight_decay=lookup(dpath="training/weight_decay", within=config),
+        batch_size=lookup(dpath="training/batch_size", within=config),
+        latent_dim=lookup(dpath="training/latent_dim", within=config),
+        force_weight=lookup(dpath="training/force_weight", within=config),
+        lambda_latent=rules.train_predictor.params.lambda_latent,
+        budget=lookup(dpath="budgets/{budget}", within=config),
+        seed=lookup(dpath="seed", within=config),
+        code=fingerprint("eitskin.transfer"),
+    message:
+        "Learning {wildcards.model} from 5 % of the labels of {wildcards.recording} alone"
+    script:
+        "../scripts/transfer_references.py"
+
+
+rule transfer:
+    input:
+        expand(
+            f"{TRANSFER}/{{source}}/{{recording}}.csv",
+            budget=config["budget"],
+            model=config["transfer"]["models"],
+            source=[*config["transfer"]["sources"], "references"],
+            recording=config["transfer"]["targets"],
+        ),
+    output:
+        csv=report(
+            "results/tables/transfer.csv",
+            caption="../report/transfer.rst",
+            category="Transfer",
+            labels={"shows": "errors of every method, CSV"},
+        ),
+        markdown=report(
+            "results/tables/transfer.md",
+            caption="../report/transfer.rst",
+            category="Transfer",
+            labels={"shows": "errors and their reading, text"},
+        ),
+    log:
+        "logs/transfer.log",
+    benchmark:
+        "benchmarks/transfer.tsv"
+    conda:
+        "../../envs/learning.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        code=fingerprint("eitskin.transfer_table"),
+    message:
+        "Collecting what models of simulations are worth on recordings"
+    script:
+        "../scripts/transfer.py"

@@ -1,0 +1,14 @@
+"""What a recording's own labels give on its test part, few of them and all."""
+
+from eitskin import dataset, models, splits, transfer
+from eitskin.errors import reported
+from eitskin.train import Budget, Optimiser
+
+with reported(snakemake.log[0]):
+    params, files = snakemake.params, snakemake.input
+    data = dataset.read(files.dataset)
+    part = splits.read(files.split, data.table)
+    optimiser = Optimiser(params.learning_rate, params.weight_decay, params.batch_size)
+    job = (models.read(files.model), data, part, optimiser, Budget(**params.budget), params.seed)
+    settings = (params.latent_dim, params.force_weight, params.lambda_latent)
+    transfer.write(transfer.references(*job, *settings), snakemake.output[0])

@@ -1,0 +1,14 @@
+"""A simulation's model on a recording's test part, as it is and adapted."""
+
+from eitskin import dataset, models, recording, splits, transfer
+from eitskin.errors import reported
+
+with reported(snakemake.log[0]):
+    files = snakemake.input
+    source, target = dataset.read(files.source), dataset.read(files.target)
+    source_part = splits.read(files.source_split, source.table)
+    part = splits.read(files.split, target.table)
+    angles = recording.read(files.recording).skin.electrode_deg
+    sides = (source, source_part, target, part)
+    rows = transfer.transferred(models.read(files.model), *sides, angles, snakemake.params.seed)
+    transfer.write(rows, snakemake.output[0])
