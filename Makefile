@@ -1,4 +1,4 @@
-# make · make test · make lint · make real · make bench · make accuracy · make clean
+# make · make paper · make test · make lint · make real · make bench · make accuracy · make clean
 # Needs Python 3.11 or 3.12 (PYTHON=… picks one); after the installs nothing needs the network.
 
 BIN := .venv/bin
@@ -19,11 +19,15 @@ export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
 
 .DELETE_ON_ERROR:
-.PHONY: run test lint real bench accuracy clean
+.PHONY: run paper test lint real bench accuracy clean
 
 run: .venv/installed
 	@echo "eitskin: simulating, training and writing results/tables/table_1.csv on $(CORES) cores"
 	@$(RUN)
+
+paper: .venv/installed
+	@echo "eitskin: reproducing the paper at the budget full on $(CORES) cores, days without a GPU; results/report.html"
+	@$(RUN) paper --config budget=full && $(SNAKEMAKE) paper --config budget=full --report results/report.html
 
 test: .venv/installed-test
 	@echo "eitskin: testing"

@@ -1,8 +1,10 @@
 from calibration.plan import batches
+from eitskin import ablation
 from eitskin.chain import instrument_effects, last_link, link_before, skin_effects
 from eitskin.configuration import validate, with_continuous
 from eitskin.errors import reported
 from eitskin.fingerprint import fingerprint
+from eitskin.rows import rows
 from snakemake.utils import min_version
 
 min_version("9.0")
@@ -32,11 +34,13 @@ include: "workflow/rules/diagnosis_report.smk"
 include: "workflow/rules/dataset.smk"
 include: "workflow/rules/train.smk"
 include: "workflow/rules/evaluate.smk"
+include: "workflow/rules/ablation.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/limit.smk"
 include: "workflow/rules/transfer.smk"
 include: "workflow/rules/calibrate.smk"
 include: "workflow/rules/held_out.smk"
+include: "workflow/rules/paper.smk"
 
 
 rule all:

@@ -53,7 +53,10 @@ def test_the_paper_s_configuration_is_accepted():
 @pytest.mark.parametrize(
     ("place_and_value", "message"),
     [
-        (("sed", 1), "config.yaml: sed: found an unknown key, expected one of accuracy, budget"),
+        (
+            ("sed", 1),
+            "config.yaml: sed: found an unknown key, expected one of ablation, accuracy, budget",
+        ),
         (
             ("figures", "recording", "x"),
             "config.yaml: figures.recording: found 'x', expected one of simulated-twin",
@@ -125,8 +128,12 @@ def test_the_paper_s_configuration_is_accepted():
             "config.yaml: table_1.recordings.simulated-twin[0]: found 'continuous', "
             "expected one of random, place, session",
         ),
+        (
+            ("table_1", "recordings", "simulated-twin", {"continuous": ["mlp"]}),
+            "config.yaml: table_1.recordings.simulated-twin.continuous: found an unknown key, "
+            "expected one of place, random, session",
+        ),
         (("limit", "samples", 0), "config.yaml: limit.samples: found 0, expected 2 or more"),
-        (("splits", ["random"]), "config.yaml: table_1.configurations.authors[1]: found 'place'"),
         (
             ("transfer", "sources", ["authors"]),
             "config.yaml: transfer.sources[0]: found 'authors', expected one of simulated-authors,",
@@ -136,6 +143,31 @@ def test_the_paper_s_configuration_is_accepted():
             "config.yaml: transfer.targets[1]: found 'bench', expected one of simulated-twin",
         ),
         (("transfer", "models", ["gru"]), "config.yaml: transfer.models[0]: found 'gru'"),
+        (
+            ("table_1", "configurations", "authors", {"random": ["mlp", "gru"]}),
+            "config.yaml: table_1.configurations.authors.random[1]: found 'gru', expected one of",
+        ),
+        (
+            ("table_1", "recordings", "simulated-twin", ["random", "probe"]),
+            "config.yaml: table_1.recordings.simulated-twin[1]: found 'probe', expected one of",
+        ),
+        (
+            ("table_1", "recordings", "simulated-twin", "random"),
+            "config.yaml: table_1.recordings.simulated-twin: found 'random', expected a list",
+        ),
+        (
+            ("ablation", "small", "varied_on", {"authors": ["random"]}),
+            "config.yaml: ablation.small.varied_on.authors: found an unknown name, "
+            "expected one of simulated-authors",
+        ),
+        (
+            ("ablation", "full", "grid", "force_weight", []),
+            "config.yaml: ablation.full.grid.force_weight: found [], expected a list of 1 or more",
+        ),
+        (
+            ("splits", ["random"]),
+            "config.yaml: table_1.configurations.authors.place: found 'place', expected one of",
+        ),
     ],
 )
 def test_a_mistake_gives_one_line(refusal, place_and_value, message):

@@ -27,7 +27,7 @@ def test_a_real_skin_is_learned_from(tmp_path, path, targets, unit, kind):
     out = tmp_path / "mlp.pt"
     train.train_predictor(data, part, "mlp", out, train.Optimiser(), BUDGET, 1, 5.0)
     model = models.read(out)
-    found = predict.predict_test(model, data, part)
+    found = predict.predict_part(model, data, part)
     table = metrics.evaluate(found, data, kind, "mlp", "small")
     assert (table["mean"][table["metric"] == "r2"] > 0.85).all()
     assert found["abstain"].mean() < 0.1

@@ -233,6 +233,15 @@ def test_teachers_must_be_there_and_have_seen_the_same_samples(tmp_path, teacher
     assert list(tmp_path.iterdir()) == []
 
 
+def test_teachers_of_more_seeds_teach_as_those_of_fewer(tmp_path, teachers):
+    two = informed(teachers, tmp_path / "two.pt", 0.03)
+    one = informed(teachers, tmp_path / "one.pt", 0.03, replace(QUICK, seeds=1))
+    assert one.seeds() == [1]
+    first = {key: value for key, value in two.tensors.items() if key.startswith("1/")}
+    assert first and all(torch.equal(one.tensors[key], value) for key, value in first.items())
+    assert [run["device"] for run in two.header["runs"]] == [train.device_name()] * 2
+
+
 TABLED = touches(600, seed=1)
 TABLED.metadata["channels"] = channel_table(16).tolist()
 ROW = train.Budget(samples=48, epochs=2, patience=2, seeds=2)
@@ -263,7 +272,7 @@ def test_every_row_is_trained_kept_and_applied_alike(tmp_path, row_teachers, mon
     monkeypatch.setitem(sys.modules, "sklearn.svm", None)
     found = predict.predict_seeds(trained, TABLED.delta_V[:300])
     assert found.shape == (len(trained.seeds()), 300, 3) and np.isfinite(found).all()
-    rows = predict.predict_test(trained, TABLED, PART)
+    rows = predict.predict_part(trained, TABLED, PART)
     assert set(rows["seed"]) == set(trained.seeds())
 
 
@@ -307,7 +316,7 @@ def test_it_learns_the_contact_state(tmp_path):
     part = splits.assign(data.table, "random", 1)
     budget = train.Budget(samples=None, epochs=25, patience=10, seeds=1)
     trained = plain(tmp_path / "a.pt", budget, data, part)
-    found = predict.predict_test(trained, data, part)
+    found = predict.predict_part(trained, data, part)
     truth = data.table[part == "test"]
     for column in ("x_mm", "y_mm", "force_N"):
         assert r2(truth[column].to_numpy(), found[column].to_numpy()) > 0.95

@@ -38,6 +38,13 @@ def test_all_can_be_planned_anew(finished):
     assert max(int(words[1]) for words in jobs if words[:1] == ["total"]) > 20
 
 
+def test_the_paper_can_be_planned_at_the_full_budget(finished):
+    plan = finished.snakemake("--dry-run", "--config", "budget=full", "--", "paper")
+    assert plan.returncode == 0, plan.stderr
+    said = plan.stdout + plan.stderr
+    assert "results/tables/ablation.csv" in said and "/session/full/mlp.pt" in said
+
+
 def test_an_operator_s_strength_reruns_it_and_what_follows_but_no_forward_solve(house):
     house.edit("tiny.yaml", "per_N: 0.005", "per_N: 0.006")
     pending = house.pending()

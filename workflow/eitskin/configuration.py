@@ -243,14 +243,15 @@ def _yaml_number(text: str) -> str:
 
 
 def _unknown_name(config: dict) -> tuple[list, str, str] | None:
-    """A name in a table, a figure, `transfer`, `diagnoses` or `tanks` that is defined nowhere."""
+    """A name in a table, a figure, `ablation`, `transfer`, `diagnoses` or `tanks` that is defined
+    nowhere."""
     for kind in ("configurations", "recordings"):
         for name, splits in config["table_1"][kind].items():
             if name not in config[kind]:
                 return ["table_1", kind, name], "an unknown name", _names(config[kind])
             for k, split in enumerate(splits):
                 if split not in config["splits"]:
-                    place = ["table_1", kind, name, k]
+                    place = ["table_1", kind, name, split if isinstance(splits, dict) else k]
                     return place, repr(split), _names(config["splits"])
     for key, kind in (("recording", "recordings"), ("configuration", "configurations")):
         if config["figures"][key] not in config[kind]:
@@ -267,6 +268,16 @@ def _unknown_name(config: dict) -> tuple[list, str, str] | None:
         for k, name in enumerate(_at(place, config)):
             if name not in known:
                 return [*place, k], repr(name), _names(known)
+    known = [*(f"simulated-{name}" for name in with_continuous(config)), *recordings]
+    for budget in config["budgets"]:
+        for key in ("varied_on", "compared_on"):
+            for name, splits in config["ablation"][budget][key].items():
+                place = ["ablation", budget, key, name]
+                if name not in known:
+                    return place, "an unknown name", _names(known)
+                for k, split in enumerate(splits):
+                    if split not in config["splits"]:
+                        return [*place, k], repr(split), _names(config["splits"])
     for name in config["configurations"]:
         if name.endswith(CONTINUOUS):
             return ["configurations", name], "a derived set's name", f"a name without {CONTINUOUS}"

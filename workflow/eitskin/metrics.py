@@ -54,44 +54,56 @@ def interval(values: np.ndarray, level: float = 0.95) -> tuple[float, float]:
     return float(np.mean(values) - half), float(np.mean(values) + half)
 
 
+def by_seed(predictions: pd.DataFrame, dataset: Dataset) -> pd.DataFrame:
+    """Columns target, metric, seed, value of each seed's predictions: sample, seed and the target
+    columns, as `predict.predict_part` gives them. No frame is left out, abstained from or not.
+    """
+    truth = dataset.table.set_index("sample")
+    rows = []
+    for target in dataset.metadata["targets"]:
+        column = TARGETS[target]
+        for name, metric in METRICS.items():
+            for seed, one in predictions.groupby("seed"):
+                true, predicted = truth.loc[one["sample"], column], one[column]
+                rows.append((target, name, seed, metric(true.to_numpy(), predicted.to_numpy())))
+    return pd.DataFrame(rows, columns=["target", "metric", "seed", "value"])
+
+
+def unit(metric: str, target: str) -> str:
+    """The unit of a metric of a target."""
+    return "1" if metric == "r2" else UNITS[target]
+
+
 def evaluate(
     predictions: pd.DataFrame, dataset: Dataset, split: str, model: str, budget: str
 ) -> pd.DataFrame:
-    """Rows (COLUMNS) of each target and metric: mean and 95 % interval over the seeds.
-
-    `predictions`: sample, seed and the target columns, as `predict.predict_test` gives them. No
-    frame is left out, abstained from or not. The interval tells what the seed does, not what
-    another recording would.
+    """Rows (COLUMNS) of each target and metric: mean and 95 % interval over the seeds of `by_seed`.
+    The interval tells what the seed does, not what another recording would.
     """
     metadata = dataset.metadata
     simulated = bool(metadata["configuration"])
-    truth = dataset.table.set_index("sample")
     rows = []
-    for target in metadata["targets"]:
-        column = TARGETS[target]
-        for name, metric in METRICS.items():
-            values = [
-                metric(truth.loc[one["sample"], column].to_numpy(), one[column].to_numpy())
-                for _, one in predictions.groupby("seed")
-            ]
-            low, high = interval(np.array(values))
-            rows.append(
-                {
-                    "configuration": metadata["configuration"],
-                    "recording": "simulated" if simulated else metadata["name"],
-                    "origin": metadata["origin"],
-                    "split": split,
-                    "model": model,
-                    "target": target,
-                    "metric": name,
-                    "mean": float(np.mean(values)),
-                    "low": low,
-                    "high": high,
-                    "unit": "1" if name == "r2" else UNITS[target],
-                    "seeds": len(values),
-                    "budget": budget,
-                }
-            )
+    for (target, name), one in by_seed(predictions, dataset).groupby(
+        ["target", "metric"], sort=False
+    ):
+        low, high = interval(one["value"].to_numpy())
+        rows.append(
+            {
+                "configuration": metadata["configuration"],
+                "recording": "simulated" if simulated else metadata["name"],
+                "origin": metadata["origin"],
+                "split": split,
+                "model": model,
+                "target": target,
+                "metric": name,
+                "mean": float(one["value"].mean()),
+                "low": low,
+                "high": high,
+                "unit": unit(name, target),
+                "seeds": len(one),
+                "budget": budget,
+            }
+        )
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 

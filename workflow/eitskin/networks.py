@@ -95,23 +95,25 @@ class AutoencoderMlp(nn.Module):
 
 class Halve(nn.Module):
     """(B, C, L) → (B, C, L // 2): the larger of any two neighbours. Unlike those of PyTorch's own
-    pooling, its gradients are deterministic on every device."""
+    pooling, its gradients are deterministic on every device; of the forms that have that, the
+    fastest to train."""
 
     def forward(self, value: Tensor) -> Tensor:
-        return value[..., : value.shape[-1] // 2 * 2].unflatten(-1, (-1, 2)).amax(-1)
+        a, b = value[..., : value.shape[-1] // 2 * 2].unflatten(-1, (-1, 2)).unbind(-1)
+        return a + (b - a).relu()
 
 
 def convolutions(n_channels: int, *widths: int) -> nn.Sequential:
     """(B, 1, M) → (B, last width, M // 2^blocks): a block a width, of a convolution of kernel 3,
-    ReLU, batch normalisation, and the maximum of two neighbours. Raises InputError where nothing
-    would remain of M."""
+    the maximum of two neighbours, ReLU (which commutes with it) and batch normalisation. Raises
+    InputError where nothing would remain of M."""
     if n_channels < 2 ** len(widths):
         expected = f"{2 ** len(widths)} or more, halved {len(widths)} times"
         raise InputError("models", "channels", n_channels, expected)
     steps: list[nn.Module] = []
     for width, next_width in pairwise((1, *widths)):
-        steps += [nn.Conv1d(width, next_width, 3, padding=1), nn.ReLU()]
-        steps += [nn.BatchNorm1d(next_width), Halve()]
+        steps += [nn.Conv1d(width, next_width, 3, padding=1), Halve()]
+        steps += [nn.ReLU(), nn.BatchNorm1d(next_width)]
     return nn.Sequential(*steps)
 
 

@@ -68,16 +68,18 @@ def predict(model: Trained, delta_V: np.ndarray) -> pd.DataFrame:
     return pd.concat([pd.DataFrame(states, columns=columns), judge(model, delta_V)], axis=1)
 
 
-def predict_test(model: Trained, dataset: Dataset, part: np.ndarray) -> pd.DataFrame:
-    """Predictions of a dataset's test part: sample, seed, target columns, `touch`, `abstain`."""
-    test = part == "test"
-    delta_V = dataset.delta_V[test]
+def predict_part(
+    model: Trained, dataset: Dataset, part: np.ndarray, name: str = "test"
+) -> pd.DataFrame:
+    """Predictions of a dataset's part `name`: sample, seed, target columns, `touch`, `abstain`."""
+    chosen = part == name
+    delta_V = dataset.delta_V[chosen]
     columns = [TARGETS[target] for target in dataset.metadata["targets"]]
     gate = judge(model, delta_V)
     tables = []
     for seed, states in zip(model.seeds(), predict_seeds(model, delta_V), strict=True):
         table = pd.DataFrame(states, columns=columns)
-        table.insert(0, "sample", dataset.table["sample"].to_numpy()[test])
+        table.insert(0, "sample", dataset.table["sample"].to_numpy()[chosen])
         table.insert(1, "seed", seed)
         tables.append(pd.concat([table, gate], axis=1))
     return pd.concat(tables, ignore_index=True)

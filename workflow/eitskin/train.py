@@ -127,6 +127,11 @@ def deterministic() -> torch.device:
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
+def device_name() -> str:
+    """What `deterministic` chose: the GPU's name, or "cpu"; written with every seed."""
+    return torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu"
+
+
 def fit(
     module: nn.Module,
     train: tuple[Tensor, ...],
@@ -375,7 +380,7 @@ def _teacher(path: str | Path, material: Material, budget: Budget, seed: int) ->
     for key in ("voltage_mean", "voltage_scale", "state_mean", "state_scale"):
         if not torch.equal(teacher.tensors[key], material.scalers[key]):
             raise InputError(path, key, "other values", "a teacher trained on the same samples")
-    if teacher.seeds() != list(range(seed, seed + budget.seeds)):
+    if not {*range(seed, seed + budget.seeds)} <= {*teacher.seeds()}:
         raise InputError(path, "seeds", teacher.seeds(), f"{budget.seeds} from {seed}")
     return teacher
 
@@ -400,7 +405,8 @@ def _train_seeds(
             torch.manual_seed(seed)
             module, history = train_seed(seed)
             weights = {f"{seed}/{key}": value for key, value in module.state_dict().items()}
-            models.write(Trained({"seed": seed, "history": history}, weights), path)
+            told = {"seed": seed, "device": device_name(), "history": history}
+            models.write(Trained(told, weights), path)
         run = models.read(path)
         tensors |= run.tensors
         runs.append(run.header)

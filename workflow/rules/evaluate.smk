@@ -52,13 +52,9 @@ rule table_1:
     input:
         paper="workflow/eitskin/paper_table_1.csv",
         metrics=[
-            f"results/metrics/{prefix}{name}{'-continuous' * (split == 'continuous')}"
-            f"/{split}/{budget}/{model}.csv"
-            for kind, prefix in (("configurations", "simulated-"), ("recordings", ""))
-            for name, splits in config["table_1"][kind].items()
-            for split in splits
+            f"results/metrics/{dataset}/{split}/{budget}/{model}.csv"
+            for dataset, split, model in rows(config)
             for budget in (["small"] if config["budget"] == "small" else ["small", "full"])
-            for model in config["models"]
         ],
         limits=[
             f"results/limit/simulated-{name}-continuous.csv"
@@ -66,8 +62,18 @@ rule table_1:
             if "continuous" in splits
         ],
     output:
-        csv="results/tables/table_1.csv",
-        markdown="results/tables/table_1.md",
+        csv=report(
+            "results/tables/table_1.csv",
+            caption="../report/table_1.rst",
+            category="Paper",
+            labels={"shows": "Table I, CSV"},
+        ),
+        markdown=report(
+            "results/tables/table_1.md",
+            caption="../report/table_1.rst",
+            category="Paper",
+            labels={"shows": "Table I, for reading"},
+        ),
     log:
         "logs/table_1.log",
     benchmark:

@@ -48,6 +48,11 @@ rule table_2:
 
 SHOWN_SET = f"simulated-{config['figures']['configuration']}"
 SHOWN_TEST = f"{SHOWN_SET}/{config['figures']['split']}/{config['budget']}"
+SHOWN_MODELS = [
+    model
+    for dataset, split, model in rows(config)
+    if (dataset, split) == (SHOWN_SET, config["figures"]["split"])
+] or config["models"]
 
 
 rule figure_1:
@@ -185,9 +190,9 @@ rule figure_3:
 rule figure_4:
     input:
         dataset=f"results/datasets/{SHOWN_SET}.parquet",
-        metrics=expand(f"results/metrics/{SHOWN_TEST}/{{model}}.csv", model=config["models"]),
+        metrics=expand(f"results/metrics/{SHOWN_TEST}/{{model}}.csv", model=SHOWN_MODELS),
         predictions=expand(
-            f"results/predictions/{SHOWN_TEST}/{{model}}.parquet", model=config["models"]
+            f"results/predictions/{SHOWN_TEST}/{{model}}.parquet", model=SHOWN_MODELS
         ),
     output:
         svg=report(
@@ -219,7 +224,7 @@ rule figure_4:
         mem_mb=1000,
         runtime=5,
     params:
-        models=lookup(dpath="models", within=config),
+        models=SHOWN_MODELS,
         skin={key: config["skin"][key] for key in ("radius_mm", "electrode_deg")},
         code=fingerprint("eitskin.figure_4"),
     message:

@@ -1,5 +1,5 @@
 wildcard_constraints:
-    model="|".join([*config["models"], *config["transfer"]["models"]]),
+    model=r"(?!(?:autoencoder|regressor)[./])[a-z-]+",  # the teachers stand beside the models
     budget="|".join(config["budgets"]),
 
 

@@ -7,7 +7,7 @@ with reported(snakemake.log[0]):
     files, names = snakemake.input, snakemake.wildcards
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)
-    found = predict.predict_test(models.read(files.model), data, part)
+    found = predict.predict_part(models.read(files.model), data, part)
     table = metrics.evaluate(found, data, names.split, names.model, names.budget)
     predict.write(found, snakemake.output.predictions)
     metrics.write(table, snakemake.output.metrics)
