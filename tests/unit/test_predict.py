@@ -157,10 +157,10 @@ def test_predict_recording_refuses_another_instrument(tmp_path, changed, message
         predict.predict_recording(tmp_path / "mlp.pt", press(2, n=100, **changed), "the next")
 
 
-def test_predict_test_covers_the_test_part_for_every_seed(tmp_path):
+def test_a_part_is_predicted_whole_for_every_seed(tmp_path):
     data = touches(400, seed=1)
     model, part = fitted(tmp_path, data, "place")
-    found = predict.predict_test(model, data, part)
+    found = predict.predict_part(model, data, part, "test")
     assert list(found.columns) == [
         *("sample", "seed", "x_mm", "y_mm", "force_N", "touch", "abstain")
     ]

@@ -330,7 +330,9 @@ class _Turned(Model):
         self._before = Model(recorded, run.joined(again[:0]))
         self._after = _Rolled(recorded, run.query(again))
 
-    def voltage(self, coordinates: np.ndarray, chosen: list[Setting]) -> np.ndarray:
+    def voltage(
+        self, coordinates: np.ndarray, chosen: list[Setting], accuracy: str = "diagnose"
+    ) -> np.ndarray:
         """(N, M) as of `Model`."""
         n = len(self.believed.electrode_deg)
         moved = [
@@ -339,5 +341,5 @@ class _Turned(Model):
             else s
             for s in chosen
         ]
-        before = self._before.voltage(coordinates, chosen)
-        return np.concatenate([before, self._after.voltage(coordinates, moved)])
+        before = self._before.voltage(coordinates, chosen, accuracy)
+        return np.concatenate([before, self._after.voltage(coordinates, moved, accuracy)])
