@@ -2,6 +2,8 @@
 
 import contextlib
 import io
+import re
+import zlib
 from collections.abc import Iterator
 
 import matplotlib
@@ -82,7 +84,20 @@ def svg(figure: Figure | str) -> str:
     nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     with style():
         _of(figure).savefig(stream, format="svg", metadata=nothing)
-    return stream.getvalue()
+    return _with_steady_clips(stream.getvalue())
+
+
+def _with_steady_clips(text: str) -> str:
+    """An SVG whose clip paths are named after its content and their order: Matplotlib names them
+    after addresses in memory."""
+    found = re.findall(r'<clipPath id="(\w+)"', text)
+
+    def named(start: str) -> str:
+        names = {name: f"{start}{k}" for k, name in enumerate(found)}
+        mention = r'(?<=<clipPath id=")\w+|(?<=url\(#)\w+'
+        return re.sub(mention, lambda m: names.get(m[0], m[0]), text)
+
+    return named(f"clip{zlib.crc32(named('clip').encode()):08x}_")
 
 
 def png(figure: Figure | str) -> bytes:
