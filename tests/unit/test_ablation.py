@@ -60,7 +60,7 @@ def test_the_best_setting_has_the_highest_mean_r2():
     assert ablation.best(scores) == "b"
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.lists(st.tuples(st.floats(0, 9), st.floats(0, 9)), min_size=2, max_size=9))
 def test_a_difference_is_paired_by_seed(values):
     plain, informed = np.array(values).T

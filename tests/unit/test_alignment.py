@@ -59,9 +59,7 @@ def moved(made, scale, turn_deg, shift, mirrored):
     return robot
 
 
-@settings(
-    max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     scale=st.floats(0.5, 2.0),
     turn_deg=st.floats(-179.0, 179.0),

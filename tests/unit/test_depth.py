@@ -131,7 +131,7 @@ def test_an_ideal_body_is_circulant_and_the_same_upside_down():
     assert np.abs(turned - found).max() < 1e-9 * size
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(
     depth=st.floats(2.0, 200.0),
     share=st.floats(0.1, 0.9),

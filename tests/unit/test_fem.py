@@ -62,7 +62,7 @@ def test_voltages_equal_pyeit_for_every_touch_of_the_polar_grid(pyeit_mesh, pyei
     assert worst < 1e-10
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.floats(0.0, 0.9),
     st.floats(0.0, 2 * np.pi),

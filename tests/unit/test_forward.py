@@ -77,7 +77,7 @@ def test_an_ideal_skin_is_circulant_and_mirror_symmetric():
     assert np.abs(transfer[::-1, ::-1] - transfer).max() < 1e-10 * size
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
     r=st.floats(0.0, 0.97),
     phi=st.floats(0.0, 360.0),

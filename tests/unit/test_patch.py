@@ -175,7 +175,7 @@ def test_without_contrast_a_patch_is_none():
     assert type(forward_model(patched(20.0, 9.0, 1.0, SKIN))) is Forward
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
     apart=st.floats(0.0, 30.0),
     phi=st.floats(0.0, 360.0),

@@ -50,7 +50,7 @@ def touch(place, noise=0.003, seed=0):
     return np.linspace(0.2, 1.0, 5)[:, None] * change + noise * np.abs(change).max() * draw
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(radius=st.floats(0.0, 0.85), turn=st.floats(0.0, 2.0 * np.pi), seed=st.integers(0, 9))
 def test_a_small_touch_lights_up_where_it_is(radius, turn, seed):
     place = radius * np.exp(1j * turn)

@@ -44,7 +44,7 @@ def test_coral_does_not_see_a_shift():
     assert similarity.coral(frames + 7.0, frames) == pytest.approx(0.0, abs=1e-12)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     shift=st.integers(0, 20),
     gain=st.floats(0.1, 10.0),
@@ -63,7 +63,7 @@ def test_ncc_is_the_largest_of_all_correlations():
     assert np.isnan(similarity.ncc(np.ones(13), b))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(n=st.integers(1, 12), m=st.integers(1, 12), seed=st.integers(0, 99))
 def test_swd_is_the_mean_of_scipy_s_distances(n, m, seed):
     draw = np.random.default_rng(seed)
