@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from authors_strengths import EFFECTS, FORCES
 from eitskin import cramer_rao, limit, metrics
 from eitskin.dataset import Dataset
 from eitskin.mesh import polar_grid
@@ -12,14 +13,6 @@ from eitskin.protocol import channel_table
 from eitskin.skin import Skin
 
 SKIN = Skin(80.0, 3.0, 0.5, tuple(22.5 * np.arange(16)), 0.0, 0.0, 1e-3, 0.9)
-FORCES = {"mean_N": 5.0, "sd_N": 2.0, "max_N": 10.0}
-EFFECTS = [
-    {"name": "ellipse", "parameters": {"sx": {"sd": 0.03}, "sy": {"sd": 0.03}}},
-    {"name": "electrode-position", "parameters": {"shift_deg": {"sd": 0.5}}},
-    {"name": "channel-gain", "parameters": {"gain": {"sd": 0.04, "tie": "mirror"}}},
-    {"name": "force-dependent-gain", "parameters": {"per_N": 0.005, "F_mid_N": 5.0}},
-    {"name": "crosstalk", "parameters": {"epsilon": 0.03}},
-]
 
 
 def experiment(effects=EFFECTS, noise=0.01, averaged=1):

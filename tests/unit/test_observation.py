@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from authors_strengths import EFFECTS, FORCES
 from eitskin.errors import InputError
 from eitskin.observation import Covariance, Experiment, Sample
 from eitskin.protocol import channel_table
@@ -27,14 +28,6 @@ SKIN = {
     "current_A": 1e-3,
     "contrast_per_N": 0.9,
 }
-EFFECTS = [
-    {"name": "ellipse", "parameters": {"sx": {"sd": 0.03}, "sy": {"sd": 0.03}}},
-    {"name": "electrode-position", "parameters": {"shift_deg": {"sd": 0.5}}},
-    {"name": "channel-gain", "parameters": {"gain": {"sd": 0.04, "tie": "mirror"}}},
-    {"name": "force-dependent-gain", "parameters": {"per_N": 0.005, "F_mid_N": 5.0}},
-    {"name": "crosstalk", "parameters": {"epsilon": 0.03}},
-]
-FORCES = {"mean_N": 5.0, "sd_N": 2.0, "max_N": 10.0}
 CHANNELS = channel_table(8)
 EXPERIMENT = Experiment(
     Skin.from_metadata(SKIN), CHANNELS, "train", EFFECTS, 0.01, 1, 72.0, 16.0, FORCES, 10.0

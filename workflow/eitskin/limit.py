@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from eitskin import metrics
 from eitskin.atomic import atomic_path
-from eitskin.dataset import UNITS, Dataset
+from eitskin.dataset import Dataset
 from eitskin.observation import Experiment, Model, Sample
 from eitskin.posterior import different, draw, find_mode
 from eitskin.skin import Skin
@@ -180,7 +180,7 @@ def score(found: pd.DataFrame, dataset: Dataset, split: str, seed: int) -> pd.Da
                         "value": value(np.arange(len(table))),
                         "low": float(low),
                         "high": float(high),
-                        "unit": "1" if metric in ("r2", "z2") else UNITS[target],
+                        "unit": "1" if metric == "z2" else metrics.unit(metric, target),
                         "samples": len(table),
                     }
                 )

@@ -74,11 +74,16 @@ def labelled(table: pd.DataFrame, part: np.ndarray, seed: int) -> np.ndarray:
     """Rows (n,) of the training part whose labels are known: whole presses (a place in a session),
     drawn until they come nearest to 5 % of its frames; two at least."""
     rows = np.flatnonzero(part == "train")
-    press = table.iloc[rows].groupby(["session", "place"], sort=True).ngroup().to_numpy()
+    press = _presses(table, rows)
     drawn = np.random.default_rng(seed).permutation(press.max() + 1)
     frames = np.cumsum(np.bincount(press)[drawn])
     count = max(2, int(np.abs(frames - SHARE * len(rows)).argmin()) + 1)
     return rows[np.isin(press, drawn[:count])]
+
+
+def _presses(table: pd.DataFrame, rows: np.ndarray) -> np.ndarray:
+    """(n,): the press, a place in a session, of each of some rows, counted from 0."""
+    return table.iloc[rows].groupby(["session", "place"], sort=True).ngroup().to_numpy()
 
 
 def as_simulated(target: Dataset, source: dict, electrode_deg: list[float] | None) -> np.ndarray:
@@ -327,7 +332,7 @@ def nearest(
 def few_parts(table: pd.DataFrame, few: np.ndarray, seed: int) -> np.ndarray:
     """The part (N,) of each row where only the rows `few` are labelled: a fifth of their presses,
     one at least, is the validation part; all that is not labelled is "unused"."""
-    press = table.iloc[few].groupby(["session", "place"], sort=True).ngroup().to_numpy()
+    press = _presses(table, few)
     drawn = np.random.default_rng([seed, 1]).permutation(press.max() + 1)
     checked = np.isin(press, drawn[: max(1, round(VALIDATION * len(drawn)))])
     part = np.full(len(table), "unused", dtype="<U10")

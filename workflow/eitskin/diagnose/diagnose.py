@@ -21,7 +21,7 @@ from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.estimates import calibration, estimates
 from eitskin.diagnose.excerpt import excerpt
 from eitskin.diagnose.experiment import propose
-from eitskin.diagnose.fit import STEP, Fit, Problem
+from eitskin.diagnose.fit import Fit, Problem, difference
 from eitskin.diagnose.gaps import OBSERVABLE, Gap, gaps, strengths
 from eitskin.diagnose.held_out import folds
 from eitskin.diagnose.model import Model
@@ -244,14 +244,8 @@ def predict(
         knobs, chosen = problem.split(theta, fit.effects)
         return problem.model.voltage(knobs, chosen)
 
-    def slope(unit: np.ndarray) -> np.ndarray:
-        try:
-            return (voltage(fit.theta + STEP * unit) - there) / STEP
-        except InputError:
-            return (there - voltage(fit.theta - STEP * unit)) / STEP
-
     there = voltage(fit.theta)
-    slopes = np.array([slope(unit) for unit in np.eye(len(fit.theta))])
+    slopes = np.array([difference(voltage, fit.theta, there, i) for i in range(len(fit.theta))])
     slopes = slopes.reshape(len(fit.theta), *there.shape)
     root = np.linalg.cholesky(fit.covariance)
     spread = np.einsum("pq,pnm->qnm", root, slopes)

@@ -1,5 +1,6 @@
 """Calibrations and effects fitted together: nonlinear least squares on whitened residuals."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -109,15 +110,25 @@ def derivative(
     residual: np.ndarray,
     index: int | np.ndarray,
 ) -> np.ndarray:
-    """(N, M): minus the residual's derivative by coordinate `index`, or by several together, by a
-    forward difference."""
+    """(N, M): minus the residual's derivative by coordinate `index`, or by several together."""
+    return -difference(lambda moved: problem.residual(moved, effects), theta, residual, index)
+
+
+def difference(
+    value: Callable[[np.ndarray], np.ndarray],
+    theta: np.ndarray,
+    there: np.ndarray,
+    index: int | np.ndarray,
+) -> np.ndarray:
+    """Derivative of `value`, which is `there` at theta (P,), by coordinate `index`, or by several
+    together: forwards, backwards where the physics has nothing ahead."""
     moved = theta.copy()
     moved[index] += STEP
     try:
-        return (residual - problem.residual(moved, effects)) / STEP
+        return (value(moved) - there) / STEP
     except InputError:
         moved[index] -= 2 * STEP
-        return (problem.residual(moved, effects) - residual) / STEP
+        return (there - value(moved)) / STEP
 
 
 def fit(

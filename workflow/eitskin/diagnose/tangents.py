@@ -37,6 +37,9 @@ class Tangents:
         self.knobs, self.chosen = self.problem.split(fit.theta, fit.effects)
         self.voltage = self.problem.model.voltage(self.knobs, self.chosen)
         self.accuracy = self._accuracy()
+        self.base = self.voltage
+        if self.accuracy != "diagnose":
+            self.base = self.problem.model.voltage(self.knobs, self.chosen, self.accuracy)
         self.blocks, rest = self._blocks()
         directions, triangle = np.linalg.qr(rest.T)
         turn, size, _ = np.linalg.svd(triangle)
@@ -59,9 +62,7 @@ class Tangents:
 
     def _difference(self, knobs: np.ndarray, moved: list[Setting]) -> np.ndarray:
         """(N, M): what readings change from this state to one close by."""
-        model = self.problem.model
-        there = model.voltage(knobs, moved, self.accuracy)
-        return there - model.voltage(self.knobs, self.chosen, self.accuracy)
+        return self.problem.model.voltage(knobs, moved, self.accuracy) - self.base
 
     def _near(self, other: "Tangents") -> bool:
         apart = np.linalg.norm(self.voltage - other.voltage)
