@@ -1,6 +1,7 @@
 """Recordings in which one knows what is concealed.
 
-    draw("single:contact-impedance", 7), draw("null", 1), draw("pair", 3), draw("outside:palm", 2)
+    draw("single:contact-impedance", 7), draw("null", 1), draw("pair", 3), draw("outside:palm", 2),
+    draw("null", 1, generator="elements")
 
 Sixteen electrodes, adjacent drives and pairs; what is drawn is in `draw`. Equal kinds and seeds
 give the same case bit for bit.
@@ -20,6 +21,7 @@ from eitskin.errors import InputError
 from eitskin.protocol import channel_table
 from eitskin.skin import Skin
 from witness import outside, strengths
+from witness.generators import GENERATORS, Generator
 from witness.plan import Keep, query_frames, recording_frames
 from witness.world import World
 
@@ -92,12 +94,19 @@ class _Shown:
         return self._known[key]
 
 
-def names_of(kind: str, rng: np.random.Generator) -> tuple[list[str], str | None]:
-    """The effects of a kind, drawn where it leaves them open, and the law outside the catalogue.
+def names_of(
+    kind: str, rng: np.random.Generator, generator: str = "boundary"
+) -> tuple[list[str], str | None]:
+    """The effects of a kind, drawn where it leaves them open among those that the generator does,
+    and the law outside the catalogue.
 
-    Raises InputError for an unknown kind.
+    Raises InputError for an unknown kind, or one that the generator cannot do.
     """
     word, _, name = kind.partition(":")
+    solver = _generator(generator)
+    if word in ("single", "outside") and name in solver.unable:
+        able = ", ".join(sorted(g for g, one in GENERATORS.items() if one.does(name)))
+        raise InputError("case", f"generator of {kind}", repr(generator), able)
     if kind == "null":
         return [], None
     if word == "single" and name in strengths.DRAWN:
@@ -107,11 +116,18 @@ def names_of(kind: str, rng: np.random.Generator) -> tuple[list[str], str | None
     if kind in ("pair", "triple"):
         while True:
             size = 2 if kind == "pair" else 3
-            chosen = rng.choice(sorted(strengths.DRAWN), size, replace=False).tolist()
+            able = [drawn for drawn in sorted(strengths.DRAWN) if solver.does(drawn)]
+            chosen = rng.choice(able, size, replace=False).tolist()
             if all(len(set(group) & set(chosen)) < 2 for group in APART_NAMES):
                 return chosen, None
     expected = "null, single:<name>, pair, triple or outside:<law>"
     raise InputError("case", "kind", repr(kind), expected)
+
+
+def _generator(name: str) -> Generator:
+    if name not in GENERATORS:
+        raise InputError("case", "generator", repr(name), ", ".join(sorted(GENERATORS)))
+    return GENERATORS[name]
 
 
 def _draw_skin(rng: np.random.Generator) -> Skin:
@@ -195,18 +211,20 @@ def scaled(shown, unit: float, most: float, wanted: float) -> tuple[float, float
     return best
 
 
-def draw(kind: str, seed: int, frames: int | None = None) -> Case:
-    """One case. kind: null, single:<name>, pair, triple or outside:<law>.
+def draw(kind: str, seed: int, frames: int | None = None, generator: str = "boundary") -> Case:
+    """One case. kind: null, single:<name>, pair, triple or outside:<law>; generator: who solves
+    what is stored, of `generators.GENERATORS`; strengths, and their SNR, are always the boundary's.
 
     Skin: radius 50 to 90 mm, thickness 2 to 4 mm (10 to 25 as a body), contacts 4 to 9 mm wide
     of 5e-4 to 1e-2 ohm m2, conductivity up to 15 % off; 100 to 150 frames, or as many as `frames`
     says; noise 0.03 % to 2 % of the median |v|. SNR 10 to 60 for single effects, 15 to 80 in sets,
     20 to 100 outside the catalogue; where no physical strength shows that much, the noise falls to
-    0.03 % at the least.
-    Raises InputError for an unknown kind.
+    0.03 % at the least, or to the generator's least.
+    Raises InputError for an unknown kind, or one that the generator cannot do.
     """
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
-    names, law = names_of(kind, rng)
+    names, law = names_of(kind, rng, generator)
+    least = max(LEAST_LEVEL, GENERATORS[generator].least_level)
     skin = _draw_skin(rng)
     if "third-dimension" in names:
         skin = _deepened(rng, skin)
@@ -234,6 +252,7 @@ def draw(kind: str, seed: int, frames: int | None = None) -> Case:
     plain = shown.readings([])
     median = float(np.median(np.abs(plain[0])))
     level = float(f"{np.exp(rng.uniform(*np.log((LEAST_LEVEL, MOST_LEVEL)))):.3g}")
+    level = max(level, least)
     mixed = rng.uniform(0.2, 0.8) if rng.uniform() < 0.3 else 0.0
     scene = strengths.Scene(believed, channels, plain[0], free, grounded, skin.thickness_mm)
     drawn = [strengths.DRAWN[name](rng, scene) for name in names]
@@ -261,7 +280,7 @@ def draw(kind: str, seed: int, frames: int | None = None) -> Case:
     )
     if lack < 0.9:
         # What is physical is too weak in this noise: there is less of it then.
-        quieter = max(lack, LEAST_LEVEL / level)
+        quieter = max(lack, least / level)
         level, noise = level * quieter, noise * quieter
         found = _strengths(show, makers, wanted)
     amounts = iter(found)
@@ -280,6 +299,9 @@ def draw(kind: str, seed: int, frames: int | None = None) -> Case:
     if len(effects) > 1:
         rest = [[e for e in effects if e is not one] for one in effects]
         given = [signature(clean, shown.readings(r), noise) for r in rest]
+    if generator != "boundary":
+        world = World(true, channels, frame_s, grounded, generator=generator)
+        clean = world.readings(states, effects, hidden)
     largest = float(states["force_N"].max())
     metadata = {
         **recording.DEFAULTS,

@@ -8,8 +8,9 @@ import pandas as pd
 
 from eitskin.skin import Skin
 from witness import laws as known
-from witness.boundary import Body, Disc, Radial, Resolution
-from witness.deep import DeepBody, Depth
+from witness.boundary import Disc, Radial, Resolution
+from witness.deep import Depth
+from witness.generators import GENERATORS
 from witness.outside import Outside
 from witness.press import Press
 
@@ -43,7 +44,8 @@ class Touches:
 class World:
     """A skin of true values `skin`, with its laws; solved bodies are kept for the next question.
 
-    channels (M, 4); frame_s: how long a frame takes; sink_grounded: what the source is tied to.
+    channels (M, 4); frame_s: how long a frame takes; sink_grounded: what the source is tied to;
+    resolution: the boundary's; generator: who solves it, of `generators.GENERATORS`.
     """
 
     def __init__(
@@ -53,7 +55,9 @@ class World:
         frame_s: float,
         sink_grounded: bool = False,
         resolution: Resolution | None = None,
+        generator: str = "boundary",
     ):
+        self.generator = GENERATORS[generator]
         self.skin, self.channels, self.frame_s = skin, channels, frame_s
         self.sink_grounded, self.resolution = sink_grounded, resolution or Resolution()
         self._bodies: OrderedDict = OrderedDict()
@@ -226,9 +230,7 @@ class World:
         key = (repr(shape), deg.tobytes(), width.tobytes(), depth, fit)
 
         def make() -> _Kept:
-            if depth is None:
-                return _Kept(Body(shape, deg, width, fit, self.resolution))
-            return _Kept(DeepBody(shape, deg, width, depth, fit, self.resolution))
+            return _Kept(self.generator.body(shape, deg, width, depth, fit, self.resolution))
 
         return _latest(self._bodies, key, make, 6)
 
@@ -236,7 +238,7 @@ class World:
 class _Kept:
     """A body with its latest contacts and places."""
 
-    def __init__(self, body: Body | DeepBody):
+    def __init__(self, body):
         self.body = body
         self._contacts: OrderedDict = OrderedDict()
         self._places: OrderedDict = OrderedDict()
