@@ -105,13 +105,13 @@ def names_of(
     word, _, name = kind.partition(":")
     solver = _generator(generator)
     if word in ("single", "outside") and name in solver.unable:
-        able = ", ".join(sorted(g for g, one in GENERATORS.items() if one.does(name)))
+        able = ", ".join(g for g, one in GENERATORS.items() if one.does(name))
         raise InputError("case", f"generator of {kind}", repr(generator), able)
     if kind == "null":
         return [], None
     if word == "single" and name in strengths.DRAWN:
         return [name], None
-    if word == "outside" and name in outside.OUTSIDE:
+    if word == "outside" and name in outside.OUTSIDE | outside.OUTSIDE_SOLID:
         return [], name
     if kind in ("pair", "triple"):
         while True:
@@ -213,7 +213,8 @@ def scaled(shown, unit: float, most: float, wanted: float) -> tuple[float, float
 
 def draw(kind: str, seed: int, frames: int | None = None, generator: str = "boundary") -> Case:
     """One case. kind: null, single:<name>, pair, triple or outside:<law>; generator: who solves
-    what is stored, of `generators.GENERATORS`; strengths, and their SNR, are always the boundary's.
+    what is stored, of `generators.GENERATORS`; strengths, and their SNR, are found by the boundary
+    where it does the law.
 
     Skin: radius 50 to 90 mm, thickness 2 to 4 mm (10 to 25 as a body), contacts 4 to 9 mm wide
     of 5e-4 to 1e-2 ohm m2, conductivity up to 15 % off; 100 to 150 frames, or as many as `frames`
@@ -247,7 +248,8 @@ def draw(kind: str, seed: int, frames: int | None = None, generator: str = "boun
     channels = channel_table(N_ELECTRODES)
     states = recording_frames(rng, skin.radius_mm, frame_s, keep, frames)
     query = query_frames(rng, states, skin.radius_mm, frame_s, keep)
-    world = World(true, channels, frame_s, grounded)
+    searched = "boundary" if law in (None, *outside.OUTSIDE) else generator
+    world = World(true, channels, frame_s, grounded, generator=searched)
     shown = _Shown(world, states)
     plain = shown.readings([])
     median = float(np.median(np.abs(plain[0])))
@@ -265,7 +267,8 @@ def draw(kind: str, seed: int, frames: int | None = None, generator: str = "boun
     hidden = None
     if law is not None:
         hidden = _outside(rng, law, states, plain[0], skin, free)
-        makers = [(lambda a: replace(hidden, amount=a), 0.1 * hidden.most, hidden.most)]
+        unit = None if law in outside.OUTSIDE_SOLID else 0.1 * hidden.most
+        makers = [(lambda a: replace(hidden, amount=a), unit, hidden.amount)]
     band = OUTSIDE_SNR if law else SINGLE_SNR if len(names) < 2 else SET_SNR
     wanted = np.exp(rng.uniform(*np.log(band), len(makers)))
 
@@ -299,7 +302,7 @@ def draw(kind: str, seed: int, frames: int | None = None, generator: str = "boun
     if len(effects) > 1:
         rest = [[e for e in effects if e is not one] for one in effects]
         given = [signature(clean, shown.readings(r), noise) for r in rest]
-    if generator != "boundary":
+    if generator != searched:
         world = World(true, channels, frame_s, grounded, generator=generator)
         clean = world.readings(states, effects, hidden)
     largest = float(states["force_N"].max())
@@ -337,9 +340,11 @@ def draw(kind: str, seed: int, frames: int | None = None, generator: str = "boun
 
 
 def _strengths(show, makers: list[tuple], wanted: np.ndarray) -> list[tuple[float, float]]:
-    """Strength and SNR of each maker (at, unit, most), as `scaled`."""
+    """Strength and SNR of each maker (at, unit, most), as `scaled`; without a unit, of `most`."""
     return [
-        scaled(lambda a, at=at: show(at, a), unit, most, want)
+        (most, show(at, most))
+        if unit is None
+        else scaled(lambda a, at=at: show(at, a), unit, most, want)
         for (at, unit, most), want in zip(makers, wanted, strict=True)
     ]
 
@@ -348,7 +353,7 @@ def _outside(rng, law: str, states, untouched_V, skin, free) -> outside.Outside:
     presses = states["contact"].dropna().unique().astype(int)
     end = float(states["time_s"].iloc[-1])
     scene = outside.Scene(N_ELECTRODES, presses, end, skin.radius_mm, free, untouched_V)
-    drawn = outside.OUTSIDE[law].draw(rng, scene)
+    drawn = (outside.OUTSIDE | outside.OUTSIDE_SOLID)[law].draw(rng, scene)
     if law == "palm":
         drawn = replace(drawn, radius_mm=round(float(rng.uniform(4.0, 8.0)), 2))
     return drawn

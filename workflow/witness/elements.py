@@ -27,14 +27,15 @@ ELEMENTS = {2: ElementTriP2, 3: ElementTriP3, 4: ElementTriP4}
 
 @dataclass(frozen=True)
 class Fineness:
-    """Order of the elements; wanted sides: at an electrode's ends (of its half width), of the rim
-    and anywhere (of the skin's radius), on a circle (of its radius), where circles cross (of the
-    smaller radius), in a gap (of the gap)."""
+    """Order of the elements; wanted sides: at an electrode's ends (of its half width), of the rim,
+    anywhere and under an electrode (of the skin's radius), on a circle (of its radius), where
+    circles cross (of the smaller radius), in a gap (of the gap)."""
 
     order: int = 4
     end: float = 0.008
     rim: float = 0.12
     most: float = 0.2
+    arc: float = 1.0
     circle: float = 0.26
     crossing: float = 0.02
     gap: float = 0.7
@@ -176,11 +177,12 @@ class Body:
         self.rim = Curve(shape.rim, lambda phi: np.abs(shape.rim(phi, 1)), ends)
         fine = self.fineness
         even = 2.0 * np.pi * np.arange(256) / 256
-        at = np.concatenate([shape.rim(ends), shape.rim(even)])
+        under = (centre[:, None] + half[:, None] * np.linspace(-0.9, 0.9, 7)).ravel()
+        at = np.concatenate([shape.rim(ends), shape.rim(even), shape.rim(under)])
         # A side is a parabola: a rim of k lobes needs shorter ones.
         rim = fine.rim / max([1.0, *(0.5 * k for k, a in shape.harmonics.items() if a)])
-        near = np.concatenate([np.tile(fine.end * half, 2), np.full(len(even), rim)])
-        self.sizes = Sizes(at, near, fine.most)
+        near = [np.tile(fine.end * half, 2), np.full(len(even), rim), np.full(len(under), fine.arc)]
+        self.sizes = Sizes(at, np.concatenate(near), fine.most)
         mesh = triangulate([self.rim], self.sizes)
         self.start = mesh.place[len(mesh.nodes[0]) :]
         self.empty = mesh
@@ -248,14 +250,14 @@ def _circle(centre: complex, radius: float, fixed: np.ndarray) -> Curve:
 
 
 class Place:
-    """Inclusions at definite places on a body."""
+    """Inclusions at definite places on a body; rim: the angles of the rim's nodes, if given."""
 
-    def __init__(self, body: Body, discs: tuple[Disc, ...]):
+    def __init__(self, body: Body, discs: tuple[Disc, ...], rim: np.ndarray | None = None):
         self.body, self.discs = body, discs
         mesh, curves = body.empty, []
         if discs:
             curves, sizes = circles(body, discs)
-            mesh = triangulate([body.rim, *curves], sizes, body.start)
+            mesh = triangulate([body.rim, *curves], sizes, body.start, rim)
         self.domain = Domain(mesh, [body.rim, *curves], body.shape, body.fineness.order)
         self._latest: tuple | None = None
 

@@ -5,32 +5,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from witness import boundary, disc, elements
+from witness import boundary, disc, elements, slab
 from witness.boundary import Resolution
 from witness.curves import Shape
 from witness.deep import DeepBody, Depth
-from witness.outside import OUTSIDE
+from witness.outside import OUTSIDE, OUTSIDE_SOLID
+from witness.slab import Solid
 from witness.strengths import DRAWN
 
 Maker = Callable[
-    [Shape, np.ndarray, np.ndarray, Depth | None, float | None, Resolution | None], object
+    [Shape, np.ndarray, np.ndarray, Depth | Solid | None, float | None, Resolution | None], object
 ]
 
 
 @dataclass(frozen=True)
 class Generator:
     """body(shape, deg, width_mm, depth, clearance_mm, resolution): as `boundary.Body`; unable: the
-    laws of `strengths.DRAWN` and `outside.OUTSIDE` that it does not solve; least_level: the least
-    noise, over the median |v|, that its cases may have: three times its own error."""
+    laws of `strengths.DRAWN` and `outside` that it does not solve; least_level: the least noise,
+    over the median |v|, that its cases may have: three times its own error; solid: whether its
+    depth is a `slab.Solid`, whatever the laws."""
 
     name: str
     body: Maker
     unable: frozenset[str]
     least_level: float
+    solid: bool = False
 
     def does(self, law: str) -> bool:
         """Whether it solves a law's skin."""
-        return (law in DRAWN or law in OUTSIDE) and law not in self.unable
+        return law in {*DRAWN, *OUTSIDE, *OUTSIDE_SOLID} and law not in self.unable
 
     def can(self, kind: str) -> bool:
         """Whether `cases.draw` can draw a kind with it: null, pair, triple, single:<name> or
@@ -59,22 +62,30 @@ def _disc(shape, deg, width_mm, depth, clearance_mm, resolution):
     return disc.Body(shape, deg, width_mm)
 
 
-BEYOND_SHEET = frozenset({"third-dimension"})
-BEYOND_DISC = BEYOND_SHEET | {
-    "domain-shape",
-    "anisotropy",
-    "conductivity-gradient",
-    "conductivity-patch",
-    "indenter-grounding",
-    "smooth-dent",
-    "palm",
-    "slit",
-}
+def _slab(shape, deg, width_mm, depth, clearance_mm, resolution):
+    return slab.Body(shape, deg, width_mm, depth, clearance_mm)
+
+
+BEYOND_SHEET = frozenset(OUTSIDE_SOLID)
+BEYOND_TOUCH = frozenset(
+    {
+        "third-dimension",
+        "domain-shape",
+        "anisotropy",
+        "conductivity-gradient",
+        "conductivity-patch",
+        "indenter-grounding",
+        "smooth-dent",
+        "palm",
+        "slit",
+    }
+)
 GENERATORS = {
     one.name: one
     for one in (
-        Generator("boundary", _boundary, frozenset(), 1e-5),
-        Generator("elements", _elements, BEYOND_SHEET, 2e-4),
-        Generator("disc", _disc, BEYOND_DISC, 1e-9),
+        Generator("boundary", _boundary, BEYOND_SHEET, 1e-5),
+        Generator("elements", _elements, BEYOND_SHEET | {"third-dimension"}, 2e-4),
+        Generator("disc", _disc, BEYOND_SHEET | BEYOND_TOUCH, 1e-9),
+        Generator("slab", _slab, BEYOND_TOUCH, 3e-4, solid=True),
     )
 }

@@ -101,15 +101,19 @@ def _missing(corners: np.ndarray, nodes: list[np.ndarray], count: int) -> int:
 
 
 def triangulate(
-    curves: list[Curve], size: Callable[[np.ndarray], np.ndarray], start: np.ndarray | None = None
+    curves: list[Curve],
+    size: Callable[[np.ndarray], np.ndarray],
+    start: np.ndarray | None = None,
+    rim: np.ndarray | None = None,
 ) -> Mesh:
     """The mesh within the first curve, the rim; others lie inside it and may cross at `fixed`.
 
     size: the wanted side of a triangle at places; start: places within the rim to begin with,
-    kept where they are far enough from the curves. Raises ValueError where no mesh follows all
-    curves.
+    kept where they are far enough from the curves; rim: the angles of the rim's nodes. Raises
+    ValueError where no mesh follows all curves.
     """
-    angles = [curve.nodes(size) for curve in curves]
+    angles = [curve.nodes(size) for curve in curves[1:]]
+    angles.insert(0, curves[0].nodes(size) if rim is None else rim)
     place = np.zeros(0, complex)
     nodes = []
     for curve, phi in zip(curves, angles, strict=True):
