@@ -83,8 +83,7 @@ class Layers:
                 cuts |= {low + step} if low in inner else set()
                 cuts |= {high - step} if high in inner else set()
         self.mesh = MeshLine(np.array(sorted(cuts)))
-        order = grain.order if inner else 1
-        self.element = ElementLinePp(order)
+        self.element = ElementLinePp(grain.order)
         self.scale = (radius_mm / solid.depth_mm) ** 2
         mass, rise = self._part(_mass, 0.0, 1.0), self._part(_rise, 0.0, 1.0)
         values, vectors = eigh(rise * self.scale, mass)
