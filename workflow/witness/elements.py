@@ -218,7 +218,7 @@ def circles(body: Body, discs: tuple[Disc, ...]) -> tuple[list[Curve], Sizes]:
         to_rim = np.abs(centre - rim).min() - radius
         if to_rim <= 0:
             raise ValueError(f"inclusion {k} leaves the skin by {-to_rim * r:g} mm")
-        fixed = [0.0, np.pi]
+        fixed = []
         places = centre + radius * even
         gap = np.abs(places[:, None] - rim).min(axis=1)
         for j, (other, size) in enumerate(round_discs):
@@ -236,7 +236,7 @@ def circles(body: Body, discs: tuple[Disc, ...]) -> tuple[list[Curve], Sizes]:
                 gap = np.minimum(gap, np.abs(np.abs(places - other) - size))
         at.append(places)
         near.append(np.minimum(fine.circle * radius, fine.gap * gap))
-        curves.append(_circle(centre, radius, np.array(fixed)))
+        curves.append(_circle(centre, radius, np.array(fixed or [0.0, np.pi])))
     at, near = np.concatenate([body.sizes.at, *at]), np.concatenate([body.sizes.near, *near])
     return curves, Sizes(at, near, fine.most)
 
