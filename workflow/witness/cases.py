@@ -1,6 +1,7 @@
 """Recordings in which one knows what is concealed.
 
-    draw("single:contact-impedance", 7), draw("null", 1), draw("pair", 3), draw("outside:palm", 2)
+    draw("single:contact-impedance", 7), draw("null", 1), draw("pair", 3), draw("outside:palm", 2),
+    draw("null", 1, generator="elements")
 
 Sixteen electrodes, adjacent drives and pairs; what is drawn is in `draw`. Equal kinds and seeds
 give the same case bit for bit.
@@ -20,6 +21,7 @@ from eitskin.errors import InputError
 from eitskin.protocol import channel_table
 from eitskin.skin import Skin
 from witness import outside, strengths
+from witness.generators import GENERATORS, Generator
 from witness.plan import Keep, query_frames, recording_frames
 from witness.world import World
 
@@ -92,26 +94,40 @@ class _Shown:
         return self._known[key]
 
 
-def names_of(kind: str, rng: np.random.Generator) -> tuple[list[str], str | None]:
-    """The effects of a kind, drawn where it leaves them open, and the law outside the catalogue.
+def names_of(
+    kind: str, rng: np.random.Generator, generator: str = "boundary"
+) -> tuple[list[str], str | None]:
+    """The effects of a kind, drawn where it leaves them open among those that the generator does,
+    and the law outside the catalogue.
 
-    Raises InputError for an unknown kind.
+    Raises InputError for an unknown kind, or one that the generator cannot do.
     """
     word, _, name = kind.partition(":")
+    solver = _generator(generator)
+    if word in ("single", "outside") and name in solver.unable:
+        able = ", ".join(g for g, one in GENERATORS.items() if one.does(name))
+        raise InputError("case", f"generator of {kind}", repr(generator), able)
     if kind == "null":
         return [], None
     if word == "single" and name in strengths.DRAWN:
         return [name], None
-    if word == "outside" and name in outside.OUTSIDE:
+    if word == "outside" and name in outside.OUTSIDE | outside.OUTSIDE_SOLID:
         return [], name
     if kind in ("pair", "triple"):
         while True:
             size = 2 if kind == "pair" else 3
-            chosen = rng.choice(sorted(strengths.DRAWN), size, replace=False).tolist()
+            able = [drawn for drawn in sorted(strengths.DRAWN) if solver.does(drawn)]
+            chosen = rng.choice(able, size, replace=False).tolist()
             if all(len(set(group) & set(chosen)) < 2 for group in APART_NAMES):
                 return chosen, None
     expected = "null, single:<name>, pair, triple or outside:<law>"
     raise InputError("case", "kind", repr(kind), expected)
+
+
+def _generator(name: str) -> Generator:
+    if name not in GENERATORS:
+        raise InputError("case", "generator", repr(name), ", ".join(sorted(GENERATORS)))
+    return GENERATORS[name]
 
 
 def _draw_skin(rng: np.random.Generator) -> Skin:
@@ -195,18 +211,21 @@ def scaled(shown, unit: float, most: float, wanted: float) -> tuple[float, float
     return best
 
 
-def draw(kind: str, seed: int, frames: int | None = None) -> Case:
-    """One case. kind: null, single:<name>, pair, triple or outside:<law>.
+def draw(kind: str, seed: int, frames: int | None = None, generator: str = "boundary") -> Case:
+    """One case. kind: null, single:<name>, pair, triple or outside:<law>; generator: who solves
+    what is stored, of `generators.GENERATORS`; strengths, and their SNR, are found by the boundary
+    where it does the law.
 
     Skin: radius 50 to 90 mm, thickness 2 to 4 mm (10 to 25 as a body), contacts 4 to 9 mm wide
     of 5e-4 to 1e-2 ohm m2, conductivity up to 15 % off; 100 to 150 frames, or as many as `frames`
     says; noise 0.03 % to 2 % of the median |v|. SNR 10 to 60 for single effects, 15 to 80 in sets,
     20 to 100 outside the catalogue; where no physical strength shows that much, the noise falls to
-    0.03 % at the least.
-    Raises InputError for an unknown kind.
+    0.03 % at the least, or to the generator's least.
+    Raises InputError for an unknown kind, or one that the generator cannot do.
     """
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
-    names, law = names_of(kind, rng)
+    names, law = names_of(kind, rng, generator)
+    least = max(LEAST_LEVEL, GENERATORS[generator].least_level)
     skin = _draw_skin(rng)
     if "third-dimension" in names:
         skin = _deepened(rng, skin)
@@ -229,11 +248,13 @@ def draw(kind: str, seed: int, frames: int | None = None) -> Case:
     channels = channel_table(N_ELECTRODES)
     states = recording_frames(rng, skin.radius_mm, frame_s, keep, frames)
     query = query_frames(rng, states, skin.radius_mm, frame_s, keep)
-    world = World(true, channels, frame_s, grounded)
+    searched = "boundary" if law in (None, *outside.OUTSIDE) else generator
+    world = World(true, channels, frame_s, grounded, generator=searched)
     shown = _Shown(world, states)
     plain = shown.readings([])
     median = float(np.median(np.abs(plain[0])))
     level = float(f"{np.exp(rng.uniform(*np.log((LEAST_LEVEL, MOST_LEVEL)))):.3g}")
+    level = max(level, least)
     mixed = rng.uniform(0.2, 0.8) if rng.uniform() < 0.3 else 0.0
     scene = strengths.Scene(believed, channels, plain[0], free, grounded, skin.thickness_mm)
     drawn = [strengths.DRAWN[name](rng, scene) for name in names]
@@ -246,7 +267,8 @@ def draw(kind: str, seed: int, frames: int | None = None) -> Case:
     hidden = None
     if law is not None:
         hidden = _outside(rng, law, states, plain[0], skin, free)
-        makers = [(lambda a: replace(hidden, amount=a), 0.1 * hidden.most, hidden.most)]
+        unit = None if law in outside.OUTSIDE_SOLID else 0.1 * hidden.most
+        makers = [(lambda a: replace(hidden, amount=a), unit, hidden.amount)]
     band = OUTSIDE_SNR if law else SINGLE_SNR if len(names) < 2 else SET_SNR
     wanted = np.exp(rng.uniform(*np.log(band), len(makers)))
 
@@ -261,7 +283,7 @@ def draw(kind: str, seed: int, frames: int | None = None) -> Case:
     )
     if lack < 0.9:
         # What is physical is too weak in this noise: there is less of it then.
-        quieter = max(lack, LEAST_LEVEL / level)
+        quieter = max(lack, least / level)
         level, noise = level * quieter, noise * quieter
         found = _strengths(show, makers, wanted)
     amounts = iter(found)
@@ -280,6 +302,9 @@ def draw(kind: str, seed: int, frames: int | None = None) -> Case:
     if len(effects) > 1:
         rest = [[e for e in effects if e is not one] for one in effects]
         given = [signature(clean, shown.readings(r), noise) for r in rest]
+    if generator != searched:
+        world = World(true, channels, frame_s, grounded, generator=generator)
+        clean = world.readings(states, effects, hidden)
     largest = float(states["force_N"].max())
     metadata = {
         **recording.DEFAULTS,
@@ -315,9 +340,11 @@ def draw(kind: str, seed: int, frames: int | None = None) -> Case:
 
 
 def _strengths(show, makers: list[tuple], wanted: np.ndarray) -> list[tuple[float, float]]:
-    """Strength and SNR of each maker (at, unit, most), as `scaled`."""
+    """Strength and SNR of each maker (at, unit, most), as `scaled`; without a unit, of `most`."""
     return [
-        scaled(lambda a, at=at: show(at, a), unit, most, want)
+        (most, show(at, most))
+        if unit is None
+        else scaled(lambda a, at=at: show(at, a), unit, most, want)
         for (at, unit, most), want in zip(makers, wanted, strict=True)
     ]
 
@@ -326,7 +353,7 @@ def _outside(rng, law: str, states, untouched_V, skin, free) -> outside.Outside:
     presses = states["contact"].dropna().unique().astype(int)
     end = float(states["time_s"].iloc[-1])
     scene = outside.Scene(N_ELECTRODES, presses, end, skin.radius_mm, free, untouched_V)
-    drawn = outside.OUTSIDE[law].draw(rng, scene)
+    drawn = (outside.OUTSIDE | outside.OUTSIDE_SOLID)[law].draw(rng, scene)
     if law == "palm":
         drawn = replace(drawn, radius_mm=round(float(rng.uniform(4.0, 8.0)), 2))
     return drawn

@@ -392,6 +392,22 @@ class LastingDent(Outside):
                 rows.more[row] = [*rows.more.get(row, []), left]
 
 
+@dataclass(frozen=True)
+class ShallowDent(Outside):
+    """The touch reaches down through 1 - amount of the depth alone and changes what it reaches by
+    so much more that the sheet's conductance changes as it would; its strength is drawn."""
+
+    most: ClassVar[float] = 0.7
+
+    @classmethod
+    def draw(cls, rng, scene):
+        return cls(round(float(rng.uniform(0.3, cls.most)), 3))
+
+    def touch(self, rows, world):
+        rows.dent = 1.0 - self.amount
+        rows.contrast[:] = rows.contrast / rows.dent
+
+
 OUTSIDE = {
     "intermittent-contact": IntermittentContact,
     "gain-range": GainRange,
@@ -412,3 +428,6 @@ OUTSIDE = {
     "late-gain": LateGain,
     "lasting-dent": LastingDent,
 }
+
+# What a sheet cannot show, only a body of three dimensions.
+OUTSIDE_SOLID = {"shallow-dent": ShallowDent}

@@ -8,10 +8,12 @@ import pandas as pd
 
 from eitskin.skin import Skin
 from witness import laws as known
-from witness.boundary import Body, Disc, Radial, Resolution
-from witness.deep import DeepBody, Depth
+from witness.boundary import Disc, Radial, Resolution
+from witness.deep import Depth
+from witness.generators import GENERATORS
 from witness.outside import Outside
 from witness.press import Press
+from witness.slab import Solid
 
 LEAST_CONDUCTIVITY = 1e-3  # of the background's, inside a touch: contrast is kept above -1
 # Where between a frame's least and largest force, -1 to 1, it is solved if its force changes.
@@ -23,7 +25,7 @@ class Touches:
     """Rows of states: what the skin meets in each. All (R,); z (R, n) ohm m2; sigma (R,) S/m.
 
     more: {row: [(Disc, contrast)]}: inclusions beside the touch; layers: {row: (radii mm, relative
-    conductivities)}: a touch that is not sharp.
+    conductivities)}: a touch that is not sharp; dent: the share of the depth that touches reach.
     """
 
     touched: np.ndarray
@@ -38,12 +40,14 @@ class Touches:
     siemens: np.ndarray
     more: dict[int, list] = field(default_factory=dict)
     layers: dict[int, tuple] = field(default_factory=dict)
+    dent: float = 1.0
 
 
 class World:
     """A skin of true values `skin`, with its laws; solved bodies are kept for the next question.
 
-    channels (M, 4); frame_s: how long a frame takes; sink_grounded: what the source is tied to.
+    channels (M, 4); frame_s: how long a frame takes; sink_grounded: what the source is tied to;
+    resolution: the boundary's; generator: who solves it, of `generators.GENERATORS`.
     """
 
     def __init__(
@@ -53,7 +57,9 @@ class World:
         frame_s: float,
         sink_grounded: bool = False,
         resolution: Resolution | None = None,
+        generator: str = "boundary",
     ):
+        self.generator = GENERATORS[generator]
         self.skin, self.channels, self.frame_s = skin, channels, frame_s
         self.sink_grounded, self.resolution = sink_grounded, resolution or Resolution()
         self._bodies: OrderedDict = OrderedDict()
@@ -147,15 +153,21 @@ class World:
         deg = np.array(self.skin.electrode_deg)
         return known.electrodes(laws, deg, np.full(len(deg), self.skin.electrode_width_mm))
 
-    def _depth(self, laws: list[dict]) -> Depth | None:
-        """third-dimension: the body, or None for a sheet."""
-        for parameters in known.named(laws, "third-dimension"):
-            skin = self.skin
-            deep = parameters.get("depth_mm") or skin.thickness_mm
-            height = skin.electrode_height_mm or deep
-            z = 0.5 * deep if skin.electrode_z_mm is None else skin.electrode_z_mm
+    def _depth(self, laws: list[dict], dent: float) -> Depth | Solid | None:
+        """third-dimension: the body, or None for a sheet. Raises ValueError for that law on a body
+        that has a depth anyhow."""
+        skin = self.skin
+        given = next(known.named(laws, "third-dimension"), None)
+        if given is None and not self.generator.solid:
+            return None
+        deep = (given or {}).get("depth_mm") or skin.thickness_mm
+        height = skin.electrode_height_mm or deep
+        z = 0.5 * deep if skin.electrode_z_mm is None else skin.electrode_z_mm
+        if not self.generator.solid:
             return Depth(deep, height, z)
-        return None
+        if given is not None:
+            raise ValueError("third-dimension is a law of sheets")
+        return Solid(deep, height, z, dent)
 
     def _solve(self, rows: Touches, laws: list[dict]) -> np.ndarray:
         """(R, n, n) S: admittance of the skin in every row."""
@@ -169,7 +181,7 @@ class World:
             np.abs(complex(d.x_mm, d.y_mm) - rim).min() - d.radius_mm
             for d in {disc for inclusions in found for disc, _ in inclusions}
         ]
-        depth = self._depth(laws)
+        depth = self._depth(laws, rows.dent)
         body = self._body(shape, deg, width, depth, min(gaps, default=np.inf))
         thick_mm = skin.thickness_mm if depth is None else depth.depth_mm
         sheet = rows.sigma * thick_mm * 1e-3
@@ -216,7 +228,7 @@ class World:
                 value *= 1.0 + contrast
         return value
 
-    def _body(self, shape, deg, width, depth: Depth | None, gap_mm: float) -> "_Kept":
+    def _body(self, shape, deg, width, depth: Depth | Solid | None, gap_mm: float) -> "_Kept":
         """A body fit for a gap, rounded down so that near ones share it."""
         fit = None
         if np.isfinite(gap_mm):
@@ -226,9 +238,7 @@ class World:
         key = (repr(shape), deg.tobytes(), width.tobytes(), depth, fit)
 
         def make() -> _Kept:
-            if depth is None:
-                return _Kept(Body(shape, deg, width, fit, self.resolution))
-            return _Kept(DeepBody(shape, deg, width, depth, fit, self.resolution))
+            return _Kept(self.generator.body(shape, deg, width, depth, fit, self.resolution))
 
         return _latest(self._bodies, key, make, 6)
 
@@ -236,7 +246,7 @@ class World:
 class _Kept:
     """A body with its latest contacts and places."""
 
-    def __init__(self, body: Body | DeepBody):
+    def __init__(self, body):
         self.body = body
         self._contacts: OrderedDict = OrderedDict()
         self._places: OrderedDict = OrderedDict()

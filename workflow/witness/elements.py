@@ -1,0 +1,353 @@
+"""The complete electrode model by finite elements of high order on unstructured triangles.
+
+-div(s grad u) = 0, z sigma s du/dn = U - u under an electrode, none elsewhere (Somersalo, Cheney,
+Isaacson 1992), s a tensor where the conductivity has a direction. Quartics on triangles with curved
+sides, small towards electrodes' ends and circles; scikit-fem assembles. A place is meshed anew with
+its circles as sides and factored once per contact; a contrast changes what its inside draws at its
+edge, a small dense system.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.polynomial.legendre import leggauss
+from scipy.sparse import coo_matrix, csc_matrix
+from scipy.sparse.linalg import SuperLU, splu
+from skfem import Basis, BilinearForm, ElementTriP2, ElementTriP3, ElementTriP4, MeshTri, MeshTri2
+from skfem.helpers import grad
+
+from witness.boundary import Disc, Radial
+from witness.curves import Shape
+from witness.triangles import Curve, Mesh, Sizes, triangulate
+
+ELEMENTS = {2: ElementTriP2, 3: ElementTriP3, 4: ElementTriP4}
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """Order of the elements; wanted sides: at an electrode's ends (of its half width), of the rim,
+    anywhere and under an electrode (of the skin's radius), on a circle (of its radius), where
+    circles cross (of the smaller radius), in a gap (of the gap)."""
+
+    order: int = 4
+    end: float = 0.008
+    rim: float = 0.12
+    most: float = 0.2
+    arc: float = 1.0
+    circle: float = 0.26
+    crossing: float = 0.02
+    gap: float = 0.7
+
+    def finer(self) -> "Fineness":
+        """All these sides half as long."""
+        return replace(
+            self,
+            end=0.5 * self.end,
+            rim=0.5 * self.rim,
+            most=0.5 * self.most,
+            circle=0.5 * self.circle,
+            crossing=0.5 * self.crossing,
+            gap=0.5 * self.gap,
+        )
+
+
+@BilinearForm
+def _stiffness(u, v, w):
+    (xx, xy, yy), tilt = w.tensor, w.tilt
+    s = 1.0 + tilt.real * w.x[0] + tilt.imag * w.x[1]
+    du, dv = grad(u), grad(v)
+    return s * (xx * du[0] * dv[0] + xy * (du[0] * dv[1] + du[1] * dv[0]) + yy * du[1] * dv[1])
+
+
+def _trace(order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gauss places and weights on 0 to 1, and (Q, order + 1) the shape functions of a side: its
+    two ends', then those between, in order."""
+    node, weight = leggauss(order + 6)
+    t = 0.5 * (1.0 + node)
+    at = np.concatenate([[0.0, 1.0], np.arange(1, order) / order])
+    values = np.vander(t, order + 1) @ np.linalg.inv(np.vander(at, order + 1))
+    return t, 0.5 * weight, values
+
+
+class Domain:
+    """A meshed skin: sides of its curves, and the elements' matrices."""
+
+    def __init__(self, mesh: Mesh, curves: list[Curve], shape: Shape, order: int):
+        self.mesh, self.curves, self.shape, self.order = mesh, curves, shape, order
+        points = np.vstack([mesh.place.real, mesh.place.imag])
+        flat = MeshTri(points, mesh.corners.T.copy())
+        curved = MeshTri2.from_mesh(flat)
+        doflocs = curved.doflocs.copy()
+        self.sides = []
+        for curve, nodes, phi in zip(curves, mesh.nodes, mesh.angles, strict=True):
+            facets = self._facets(flat, nodes)
+            middle = curve.place(0.5 * (phi[1:] + phi[:-1]))
+            column = curved.dofs.facet_dofs[0, facets]
+            doflocs[:, column] = middle.real, middle.imag
+            self.sides.append((facets, middle))
+        self.fem = replace(curved, doflocs=doflocs)
+        self.element = ELEMENTS[order]()
+        self.dofs = Basis(self.fem, self.element, intorder=2, elements=np.array([0])).dofs
+        self.size = self.dofs.N
+
+    @staticmethod
+    def _facets(flat: MeshTri, nodes: np.ndarray) -> np.ndarray:
+        count = flat.p.shape[1]
+        have = flat.facets[0] * count + flat.facets[1]
+        order = np.argsort(have)
+        pairs = np.sort(np.column_stack([nodes, np.roll(nodes, -1)]), axis=1)
+        return order[np.searchsorted(have[order], pairs[:, 0] * count + pairs[:, 1])]
+
+    def matrix(self, form: BilinearForm, triangles: np.ndarray, **values) -> csc_matrix:
+        """A form over some triangles."""
+        basis = Basis(self.fem, self.element, intorder=2 * self.order, elements=triangles)
+        return form.assemble(basis, **values).tocsc()
+
+    def stiffness(self, triangles: np.ndarray) -> csc_matrix:
+        """Of the untouched skin's conductivity over some triangles."""
+        ratio, angle = self.shape.anisotropy
+        turn = np.exp(2j * np.radians(angle))
+        mean, half = 0.5 * (ratio**0.5 + ratio**-0.5), 0.5 * (ratio**0.5 - ratio**-0.5)
+        tensor = (mean + half * turn.real, half * turn.imag, mean - half * turn.real)
+        return self.matrix(_stiffness, triangles, tensor=tensor, tilt=0.5 * self.shape.tilt)
+
+    def side_dofs(self, curve: int) -> np.ndarray:
+        """(K, order + 1): of every side of a curve: lower end, higher end, between."""
+        facets = self.sides[curve][0]
+        ends = self.fem.facets[:, facets]
+        return np.vstack([self.dofs.nodal_dofs[0, ends], self.dofs.facet_dofs[:, facets]]).T
+
+    def along(self, curve: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Gauss places (K, Q) complex on every side of a curve, weights (K, Q) in length, shape
+        functions (Q, order + 1)."""
+        facets, middle = self.sides[curve]
+        t, weight, values = _trace(self.order)
+        first, last = (self.fem.p[0, e] + 1j * self.fem.p[1, e] for e in self.fem.facets[:, facets])
+        parts = np.column_stack([first, last, middle])
+        shape = np.column_stack([(1 - t) * (1 - 2 * t), t * (2 * t - 1), 4 * t * (1 - t)])
+        slope = np.column_stack([4 * t - 3, 4 * t - 1, 4 - 8 * t])
+        return parts @ shape.T, np.abs(parts @ slope.T) * weight, values
+
+    def rim_part(self, sides: np.ndarray) -> tuple[csc_matrix, np.ndarray]:
+        """Mass matrix and integrals of the shape functions over some sides of the rim."""
+        dofs = self.side_dofs(0)[sides]
+        _, weight, values = self.along(0)
+        local = np.einsum("kq,qi,qj->kij", weight[sides], values, values)
+        rows, columns = (np.broadcast_to(d, local.shape) for d in (dofs[:, :, None], dofs[:, None]))
+        entries = (local.ravel(), (rows.ravel(), columns.ravel()))
+        mass = coo_matrix(entries, shape=(self.size, self.size)).tocsc()
+        load = np.zeros(self.size)
+        np.add.at(load, dofs, weight[sides] @ values)
+        return mass, load
+
+
+def factored(matrix: csc_matrix) -> SuperLU:
+    """Of a symmetric definite matrix."""
+    options = {"SymmetricMode": True}
+    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+
+
+def condensed(matrix: csc_matrix, edge: np.ndarray, inner: np.ndarray) -> np.ndarray:
+    """(C, C): what a region draws at its edge's degrees of freedom, those inside eliminated."""
+    own = matrix[edge][:, edge].toarray()
+    if not len(inner):
+        return own
+    across = matrix[inner][:, edge].toarray()
+    return own - across.T @ factored(matrix[inner][:, inner].tocsc()).solve(across)
+
+
+class Body:
+    """As `boundary.Body`: a sheet, its contacts still open."""
+
+    def __init__(
+        self,
+        shape: Shape,
+        deg: np.ndarray,
+        width_mm: np.ndarray,
+        clearance_mm: float | None = None,
+        fineness: Fineness | None = None,
+    ):
+        self.shape, self.n, self.fineness = shape, len(deg), fineness or Fineness()
+        half = np.asarray(width_mm, float) / (2.0 * shape.radius_mm)
+        centre = np.radians(deg)
+        self.first, self.last = centre - half, centre + half
+        ends = np.concatenate([self.first, self.last])
+        self.rim = Curve(shape.rim, lambda phi: np.abs(shape.rim(phi, 1)), ends)
+        fine = self.fineness
+        even = 2.0 * np.pi * np.arange(256) / 256
+        under = (centre[:, None] + half[:, None] * np.linspace(-0.9, 0.9, 7)).ravel()
+        at = np.concatenate([shape.rim(ends), shape.rim(even), shape.rim(under)])
+        # A side is a parabola: a rim of k lobes needs shorter ones.
+        rim = fine.rim / max([1.0, *(0.5 * k for k, a in shape.harmonics.items() if a)])
+        near = [np.tile(fine.end * half, 2), np.full(len(even), rim), np.full(len(under), fine.arc)]
+        self.sizes = Sizes(at, np.concatenate(near), fine.most)
+        mesh = triangulate([self.rim], self.sizes)
+        self.start = mesh.place[len(mesh.nodes[0]) :]
+        self.empty = mesh
+
+    def contact(self, length: np.ndarray) -> np.ndarray:
+        """The contacts closed: length (n,) = z sigma, in radii."""
+        return np.array(length, float)
+
+    def place(self, discs: Sequence[Disc]) -> "Place":
+        """Inclusions at definite places, whatever their contrasts. Raises ValueError where one
+        leaves the skin."""
+        return Place(self, tuple(discs))
+
+    def electrode_sides(self, angles: np.ndarray) -> list[np.ndarray]:
+        """Of every electrode the rim's sides on it, by the rim's angles (K + 1,)."""
+        middle = 0.5 * (angles[1:] + angles[:-1])
+        centre, half = 0.5 * (self.first + self.last), 0.5 * (self.last - self.first)
+        away = np.angle(np.exp(1j * (middle[:, None] - centre)))
+        return [np.flatnonzero(np.abs(away[:, i]) < half[i]) for i in range(self.n)]
+
+
+def circles(body: Body, discs: tuple[Disc, ...]) -> tuple[list[Curve], Sizes]:
+    """The discs' edges, and the sizes that they, their gaps and crossings want beside the body's.
+
+    Raises ValueError where one leaves the skin.
+    """
+    fine, r = body.fineness, body.shape.radius_mm
+    rim = body.shape.rim(2.0 * np.pi * np.arange(2048) / 2048)
+    round_discs = [(complex(d.x_mm, d.y_mm) / r, d.radius_mm / r) for d in discs]
+    even = np.exp(2j * np.pi * np.arange(48) / 48)
+    curves, at, near = [], [], []
+    for k, (centre, radius) in enumerate(round_discs):
+        to_rim = np.abs(centre - rim).min() - radius
+        if to_rim <= 0:
+            raise ValueError(f"inclusion {k} leaves the skin by {-to_rim * r:g} mm")
+        fixed = []
+        places = centre + radius * even
+        gap = np.abs(places[:, None] - rim).min(axis=1)
+        for j, (other, size) in enumerate(round_discs):
+            apart = abs(other - centre)
+            if j == k:
+                continue
+            if abs(radius - size) < apart < radius + size:
+                turn = np.arccos((apart**2 + radius**2 - size**2) / (2.0 * apart * radius))
+                met = np.angle(other - centre) + np.array([-turn, turn])
+                fixed += met.tolist()
+                at.append(centre + radius * np.exp(1j * met))
+                near.append(np.full(2, fine.crossing * min(radius, size)))
+                # The sizes at the crossing, growing from it, see to the gap.
+            else:
+                gap = np.minimum(gap, np.abs(np.abs(places - other) - size))
+        at.append(places)
+        near.append(np.minimum(fine.circle * radius, fine.gap * gap))
+        curves.append(_circle(centre, radius, np.array(fixed or [0.0, np.pi])))
+    at, near = np.concatenate([body.sizes.at, *at]), np.concatenate([body.sizes.near, *near])
+    return curves, Sizes(at, near, fine.most)
+
+
+def _circle(centre: complex, radius: float, fixed: np.ndarray) -> Curve:
+    return Curve(
+        lambda phi: centre + radius * np.exp(1j * phi),
+        lambda phi: np.full(np.shape(phi), radius),
+        fixed,
+    )
+
+
+class Place:
+    """Inclusions at definite places on a body; rim: the angles of the rim's nodes, if given."""
+
+    def __init__(self, body: Body, discs: tuple[Disc, ...], rim: np.ndarray | None = None):
+        self.body, self.discs = body, discs
+        mesh, curves = body.empty, []
+        if discs:
+            curves, sizes = circles(body, discs)
+            mesh = triangulate([body.rim, *curves], sizes, body.start, rim)
+        self.domain = Domain(mesh, [body.rim, *curves], body.shape, body.fineness.order)
+        self._latest: tuple | None = None
+
+    @cached_property
+    def inside(self) -> np.ndarray:
+        """(T, discs): whether a triangle is inside a disc."""
+        centre = self.domain.mesh.place[self.domain.mesh.corners].mean(axis=1)
+        r = self.body.shape.radius_mm
+        found = [np.abs(centre - complex(d.x_mm, d.y_mm) / r) < d.radius_mm / r for d in self.discs]
+        return np.array(found, bool).reshape(len(self.discs), len(centre)).T
+
+    @cached_property
+    def parts(self) -> tuple[csc_matrix, np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
+        """Stiffness of the untouched skin; the curves' degrees of freedom (C,); of every region
+        within discs: which discs (discs,), and what it draws at them (C, C)."""
+        domain = self.domain
+        labels, region = np.unique(self.inside, axis=0, return_inverse=True)
+        region = region.ravel()
+        drawn, whole = [], csc_matrix((domain.size, domain.size))
+        curve_dofs = [domain.side_dofs(1 + k).ravel() for k in range(len(self.discs))]
+        edge = np.unique(np.concatenate([*curve_dofs, np.zeros(0, int)]))
+        for index, label in enumerate(labels):
+            triangles = np.flatnonzero(region == index)
+            matrix = domain.stiffness(triangles)
+            whole = whole + matrix
+            if label.any():
+                mine = np.unique(domain.dofs.element_dofs[:, triangles])
+                drawn.append((label, condensed(matrix, edge, np.setdiff1d(mine, edge))))
+        return whole, edge, drawn
+
+    @cached_property
+    def electrodes(self) -> list[tuple[csc_matrix, np.ndarray]]:
+        """Mass matrix and load of every electrode."""
+        sides = self.body.electrode_sides(self.domain.mesh.angles[0])
+        return [self.domain.rim_part(mine) for mine in sides]
+
+    def _met(self, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Untouched admittance (n, n), potential at the curves for the electrodes' (C, n) and for
+        currents into the curves (C, C); of the latest contact kept."""
+        if self._latest is None or not np.array_equal(self._latest[0], contact):
+            whole, edge, _ = self.parts
+            loads = np.array([load for _, load in self.electrodes]).T / contact
+            masses = (mass / z for (mass, _), z in zip(self.electrodes, contact, strict=True))
+            solver = factored(sum(masses, whole).tocsc())
+            unit = np.zeros((self.domain.size, len(edge)))
+            unit[edge, np.arange(len(edge))] = 1.0
+            solved = solver.solve(np.hstack([loads, unit]))
+            n = self.body.n
+            admittance = np.diag(loads.sum(axis=0)) - loads.T @ solved[:, :n]
+            self._latest = contact, admittance, solved[edge, :n], solved[edge, n:]
+        return self._latest[1:]
+
+    def admittance(
+        self, contact: np.ndarray, contrast: Sequence[float], radial: Radial | None = None
+    ) -> np.ndarray:
+        """(n, n): as `boundary.Place.admittance`. Raises ValueError where a disc that is not
+        sharp is no circle to the conductivity or is crossed."""
+        untouched, felt, among = self._met(contact)
+        _, edge, drawn = self.parts
+        more = np.zeros((len(edge), len(edge)))
+        for label, own in drawn:
+            relative = np.prod(1.0 + np.asarray(contrast)[label])
+            if radial is not None and label[0]:
+                more -= own
+            else:
+                more += (relative - 1.0) * own
+        if radial is not None:
+            more += self._drawn(radial, contrast)
+        if not more.any():
+            return untouched
+        change = np.linalg.solve(np.eye(len(edge)) + more @ among, more @ felt)
+        return untouched + felt.T @ change
+
+    def _drawn(self, radial: Radial, contrast: Sequence[float]) -> np.ndarray:
+        """(C, C): what the first disc draws at its edge, wave by wave."""
+        shape, disc, r = self.body.shape, self.discs[0], self.body.shape.radius_mm
+        if shape.anisotropy[0] != 1.0 or shape.tilt:
+            raise ValueError("round inclusions need a conductivity without direction or tilt")
+        labels = [label for label, _ in self.parts[2] if label[0]]
+        if len(labels) > 1:
+            raise ValueError("a round inclusion that another one meets")
+        around = np.prod(1.0 + np.asarray(contrast)[1:][labels[0][1:]])
+        place, weight, values = self.domain.along(1)
+        angle = np.angle(place - complex(disc.x_mm, disc.y_mm) / r)
+        edge, dofs = self.parts[1], self.domain.side_dofs(1)
+        count = min(len(radial.waves), dofs.shape[0] * self.domain.order // 2)
+        k = np.arange(count)
+        wave = np.exp(1j * k[:, None, None] * angle) * weight
+        seen = np.zeros((count, len(edge)), complex)
+        np.add.at(seen, (slice(None), np.searchsorted(edge, dofs)), wave @ values)
+        radius = disc.radius_mm / r
+        share = radial.waves[:count] * r * np.where(k == 0, 0.5, 1.0) / (np.pi * radius)
+        return around * ((seen.conj().T * share) @ seen).real
