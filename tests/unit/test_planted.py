@@ -104,7 +104,7 @@ def test_only_what_is_exact():
     by_order = small(clock="index")
     assert not planted.can(by_order, "mains-interference")
     difference = small(values="difference")
-    assert not planted.can(difference, "clipping") and not planted.can(difference, "offset")
+    assert not any(planted.can(difference, fault) for fault in (planted.NONE, *planted.FAULTS))
     lost = small()
     lost.voltage[0, 0] = np.nan
     assert not planted.can(lost, "multiplexer-memory") and planted.can(lost, "offset")
@@ -130,6 +130,16 @@ def test_excerpts_keep_presses_whole(tmp_path):
         assert np.array_equal(case.voltage, voltage[first[0] : first[0] + len(touch)])
         starts.add(int(first[0]))
     assert len(starts) > 6
+
+
+def test_faults_beside_channels_that_the_owner_lost(tmp_path):
+    rng = np.random.default_rng(3)
+    readings = 1.0 + 1e-3 * rng.standard_normal((40, 4)) + np.arange(4)
+    readings[:, 2] = np.nan
+    paths = written(tmp_path, small(40, range(20, 30), readings=readings))
+    case = planted.draw("real:own:drive-gain", 4, paths)
+    assert np.isnan(case.voltage[:, 2]).all() and np.isfinite(case.voltage[:, [0, 1, 3]]).all()
+    assert 7.5 <= case.snr[0] <= 42.0 and case.fault["drives"] != [2]
 
 
 def said(*effects) -> dict:

@@ -6,7 +6,9 @@ The second is the control: the same excerpt unharmed. What the recording's skin 
 besides is unknown, so what a tool says of the control is the reference (`found`). A fault is
 planted in a second instrument behind the real one, on its readings alone, and only where that is
 exact: offset, crosstalk, memory and mains need signs, which magnitudes have lost; mains the moment
-a channel is read; clipping absolute values; an exchange of two wires all channels that it makes.
+a channel is read; an exchange of two wires all channels that it makes. Recordings of differences
+are left out: they lack the untouched frames, which is all that can be simulated where nobody
+measured a force.
 """
 
 import os
@@ -85,17 +87,15 @@ def can(recorded: Recording, fault: str) -> bool:
     if fault not in (NONE, *FAULTS):
         raise InputError("case", "fault", repr(fault), f"{NONE} or one of {', '.join(FAULTS)}")
     metadata = recorded.metadata
-    absolute, signed = metadata["values"] == "absolute", metadata["voltage"] == "signed"
-    whole = not np.isnan(recorded.voltage).any()
+    signed, whole = metadata["voltage"] == "signed", not np.isnan(recorded.voltage).any()
+    if metadata["values"] != "absolute":
+        return False
     if fault == "mains-interference":
-        timed = metadata["clock"] == "measured" and metadata["frame_s"] is not None
-        return absolute and signed and timed
+        return signed and metadata["clock"] == "measured" and metadata["frame_s"] is not None
     if fault in ("crosstalk", "multiplexer-memory"):
         return signed and whole
     if fault == "offset":
-        return absolute and signed
-    if fault == "clipping":
-        return absolute
+        return signed
     if fault == "electrode-swap":
         return bool(swaps(recorded.channels))
     return True
@@ -245,8 +245,7 @@ def _declared(recorded: Recording) -> Recording:
 
 
 def _excerpt(recorded: Recording, rng: np.random.Generator) -> tuple[Recording, pd.DataFrame]:
-    """Frames in a row, presses whole, an untouched one among absolute values; and the states of
-    its query."""
+    """Frames in a row, presses whole, an untouched one among them; and the states of its query."""
     frames, press = recorded.frames, presses(recorded)
     count, wanted = len(frames), int(rng.integers(FEWEST, MOST + 1))
     still = ~frames["touch"].to_numpy(bool)
@@ -254,7 +253,7 @@ def _excerpt(recorded: Recording, rng: np.random.Generator) -> tuple[Recording, 
     cut = np.append(cut, count)
     first, last = 0, count
     if count > wanted:
-        stretches = list(_stretches(cut, wanted, still, recorded.metadata["values"]))
+        stretches = list(_stretches(cut, wanted, still))
         if not stretches:
             expected = f"an untouched frame among some {wanted} in a row"
             raise InputError(recorded.metadata["source"], "column touch", "none", expected)
@@ -263,7 +262,7 @@ def _excerpt(recorded: Recording, rng: np.random.Generator) -> tuple[Recording, 
     begin = float(frames["time_s"].iloc[first])
     query = frames[last:][still[last:]][:QUERIED]
     if query.empty:
-        query = frames[still][-1:] if still.any() else frames[:0]
+        query = frames[still][-1:]
     return (
         Recording(
             _renumbered(frames[chosen], begin),
@@ -276,17 +275,15 @@ def _excerpt(recorded: Recording, rng: np.random.Generator) -> tuple[Recording, 
     )
 
 
-def _stretches(
-    cut: np.ndarray, wanted: int, still: np.ndarray, values: str
-) -> Iterator[tuple[int, int]]:
+def _stretches(cut: np.ndarray, wanted: int, still: np.ndarray) -> Iterator[tuple[int, int]]:
     """First row and the one after the last, of stretches of at most `wanted` frames between rows
-    at which a recording may be cut; longer only where one press is."""
+    at which a recording may be cut, with an untouched one; longer only where one press is."""
     for i, first in enumerate(cut[:-1].tolist()):
         if first + wanted > cut[-1]:
             return
         end = int(np.searchsorted(cut, first + wanted, side="right")) - 1
         last = int(cut[max(end, i + 1)])
-        if values == "difference" or still[first:last].any():
+        if still[first:last].any():
             yield first, last
 
 
@@ -340,7 +337,7 @@ def _strength(rng: np.random.Generator, name: str, recorded: Recording) -> stren
 
         return strengths.Strength(at, 0.02, 0.5, "common")
     still = voltage[~recorded.frames["touch"].to_numpy(bool)]
-    untouched = np.nan_to_num(np.nanmean(still if len(still) else voltage, axis=0))
+    untouched = np.nan_to_num(still).mean(axis=0)
     skin = replace(recorded.skin, electrode_deg=angles)
     scene = strengths.Scene(skin, recorded.channels, untouched, None, False, 0.0)
     return strengths.DRAWN[name](rng, scene)
