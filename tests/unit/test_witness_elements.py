@@ -9,11 +9,10 @@ from eitskin.forward import channel_values
 from eitskin.protocol import channel_table
 from witness import boundary, elements
 from witness.boundary import Disc, Radial
-from witness.cases import draw, names_of
+from witness.cases import LAWS, draw, names_of
 from witness.curves import Shape
 from witness.elements import Fineness
 from witness.generators import GENERATORS
-from witness.outside import OUTSIDE, OUTSIDE_SOLID
 from witness.strengths import DRAWN
 
 N, R_MM, WIDTH_MM = 16, 70.0, 6.0
@@ -155,10 +154,9 @@ def test_a_case_is_the_boundarys():
 
 
 def test_generators_say_what_they_do():
-    outside = OUTSIDE | OUTSIDE_SOLID
-    kinds = [*(f"single:{name}" for name in DRAWN), *(f"outside:{law}" for law in outside)]
+    kinds = [*(f"single:{name}" for name in DRAWN), *(f"outside:{law}" for law in LAWS)]
     for name, generator in GENERATORS.items():
-        assert generator.unable <= set(DRAWN) | set(outside)
+        assert generator.unable <= set(DRAWN) | set(LAWS)
         assert generator.can("null") and generator.can("pair") and not generator.can("other")
         for kind in kinds:
             if generator.can(kind):

@@ -9,6 +9,7 @@ give the same case bit for bit.
 
 import json
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from eitskin.skin import Skin
 from witness import outside, strengths
 from witness.generators import GENERATORS, Generator
 from witness.plan import Keep, query_frames, recording_frames
+from witness.unseen import UNSEEN
 from witness.world import World
 
 N_ELECTRODES = 16
@@ -47,6 +49,7 @@ APART_NAMES = (
     ("anisotropy", "conductivity-gradient", "indenter-grounding"),
     ("electrode-open", "electrode-swap"),
 )
+LAWS = outside.OUTSIDE | outside.OUTSIDE_SOLID | UNSEEN
 NEEDS = {"contact-impedance": "contact_impedivity_ohm_m2", "touch-contrast": "contrast_per_N"}
 
 
@@ -94,6 +97,11 @@ class _Shown:
         return self._known[key]
 
 
+def together(names: Sequence[str]) -> bool:
+    """Whether the witness can put effects into one recording."""
+    return all(len(set(group) & set(names)) < 2 for group in APART_NAMES)
+
+
 def names_of(
     kind: str, rng: np.random.Generator, generator: str = "boundary"
 ) -> tuple[list[str], str | None]:
@@ -111,14 +119,14 @@ def names_of(
         return [], None
     if word == "single" and name in strengths.DRAWN:
         return [name], None
-    if word == "outside" and name in outside.OUTSIDE | outside.OUTSIDE_SOLID:
+    if word == "outside" and name in LAWS:
         return [], name
     if kind in ("pair", "triple"):
         while True:
             size = 2 if kind == "pair" else 3
             able = [drawn for drawn in sorted(strengths.DRAWN) if solver.does(drawn)]
             chosen = rng.choice(able, size, replace=False).tolist()
-            if all(len(set(group) & set(chosen)) < 2 for group in APART_NAMES):
+            if together(chosen):
                 return chosen, None
     expected = "null, single:<name>, pair, triple or outside:<law>"
     raise InputError("case", "kind", repr(kind), expected)
@@ -211,10 +219,17 @@ def scaled(shown, unit: float, most: float, wanted: float) -> tuple[float, float
     return best
 
 
-def draw(kind: str, seed: int, frames: int | None = None, generator: str = "boundary") -> Case:
-    """One case. kind: null, single:<name>, pair, triple or outside:<law>; generator: who solves
-    what is stored, of `generators.GENERATORS`; strengths, and their SNR, are found by the boundary
-    where it does the law.
+def draw(
+    kind: str,
+    seed: int,
+    frames: int | None = None,
+    generator: str = "boundary",
+    names: list[str] | None = None,
+) -> Case:
+    """One case. kind: null, single:<name>, pair, triple or outside:<law>; or any word, where the
+    `names` of its effects are given. generator: who solves what is stored, of
+    `generators.GENERATORS`; strengths, and their SNR, are found by the boundary where it does the
+    law.
 
     Skin: radius 50 to 90 mm, thickness 2 to 4 mm (10 to 25 as a body), contacts 4 to 9 mm wide
     of 5e-4 to 1e-2 ohm m2, conductivity up to 15 % off; 100 to 150 frames, or as many as `frames`
@@ -224,7 +239,7 @@ def draw(kind: str, seed: int, frames: int | None = None, generator: str = "boun
     Raises InputError for an unknown kind, or one that the generator cannot do.
     """
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
-    names, law = names_of(kind, rng, generator)
+    names, law = names_of(kind, rng, generator) if names is None else (names, None)
     least = max(LEAST_LEVEL, GENERATORS[generator].least_level)
     skin = _draw_skin(rng)
     if "third-dimension" in names:
@@ -237,10 +252,11 @@ def draw(kind: str, seed: int, frames: int | None = None, generator: str = "boun
     frame_s = round(float(rng.uniform(0.2, 0.4)), 3)
     grounded = "indenter-grounding" in names or ("ground-leak" in names and rng.uniform() < 0.5)
     free = _free_disc(rng, skin.radius_mm, 6.0, 13.0)
-    if law in ("palm", "slit"):
+    clear = law is not None and LAWS[law].keeps_clear
+    if clear:
         free = (*free[:2], 8.0)
     keep = Keep()
-    if law in ("palm", "slit"):
+    if clear:
         keep = Keep((free,), APART_MM)
     elif "conductivity-patch" in names:
         crossed = "indenter-grounding" not in names
@@ -353,7 +369,7 @@ def _outside(rng, law: str, states, untouched_V, skin, free) -> outside.Outside:
     presses = states["contact"].dropna().unique().astype(int)
     end = float(states["time_s"].iloc[-1])
     scene = outside.Scene(N_ELECTRODES, presses, end, skin.radius_mm, free, untouched_V)
-    drawn = (outside.OUTSIDE | outside.OUTSIDE_SOLID)[law].draw(rng, scene)
+    drawn = LAWS[law].draw(rng, scene)
     if law == "palm":
         drawn = replace(drawn, radius_mm=round(float(rng.uniform(4.0, 8.0)), 2))
     return drawn

@@ -12,6 +12,7 @@ from witness.deep import DeepBody, Depth
 from witness.outside import OUTSIDE, OUTSIDE_SOLID
 from witness.slab import Solid
 from witness.strengths import DRAWN
+from witness.unseen import UNSEEN
 
 Maker = Callable[
     [Shape, np.ndarray, np.ndarray, Depth | Solid | None, float | None, Resolution | None], object
@@ -21,9 +22,9 @@ Maker = Callable[
 @dataclass(frozen=True)
 class Generator:
     """body(shape, deg, width_mm, depth, clearance_mm, resolution): as `boundary.Body`; unable: the
-    laws of `strengths.DRAWN` and `outside` that it does not solve; least_level: the least noise,
-    over the median |v|, that its cases may have: three times its own error; solid: whether its
-    depth is a `slab.Solid`, whatever the laws."""
+    laws of `strengths.DRAWN`, `outside` and `unseen` that it does not solve; least_level: the least
+    noise, over the median |v|, that its cases may have: three times its own error; solid: whether
+    its depth is a `slab.Solid`, whatever the laws."""
 
     name: str
     body: Maker
@@ -33,7 +34,7 @@ class Generator:
 
     def does(self, law: str) -> bool:
         """Whether it solves a law's skin."""
-        return law in {*DRAWN, *OUTSIDE, *OUTSIDE_SOLID} and law not in self.unable
+        return law in {*DRAWN, *OUTSIDE, *OUTSIDE_SOLID, *UNSEEN} and law not in self.unable
 
     def can(self, kind: str) -> bool:
         """Whether `cases.draw` can draw a kind with it: null, pair, triple, single:<name> or
@@ -78,6 +79,10 @@ BEYOND_TOUCH = frozenset(
         "smooth-dent",
         "palm",
         "slit",
+        "drying-front",
+        "bubble",
+        "warming-patch",
+        "pile-up",
     }
 )
 GENERATORS = {
