@@ -8,6 +8,7 @@ give the same case bit for bit.
 
 import json
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from eitskin.protocol import channel_table
 from eitskin.skin import Skin
 from witness import outside, strengths
 from witness.plan import Keep, query_frames, recording_frames
+from witness.unseen import UNSEEN
 from witness.world import World
 
 N_ELECTRODES = 16
@@ -45,6 +47,7 @@ APART_NAMES = (
     ("anisotropy", "conductivity-gradient", "indenter-grounding"),
     ("electrode-open", "electrode-swap"),
 )
+LAWS = outside.OUTSIDE | UNSEEN
 NEEDS = {"contact-impedance": "contact_impedivity_ohm_m2", "touch-contrast": "contrast_per_N"}
 
 
@@ -92,6 +95,11 @@ class _Shown:
         return self._known[key]
 
 
+def together(names: Sequence[str]) -> bool:
+    """Whether the witness can put effects into one recording."""
+    return all(len(set(group) & set(names)) < 2 for group in APART_NAMES)
+
+
 def names_of(kind: str, rng: np.random.Generator) -> tuple[list[str], str | None]:
     """The effects of a kind, drawn where it leaves them open, and the law outside the catalogue.
 
@@ -102,13 +110,13 @@ def names_of(kind: str, rng: np.random.Generator) -> tuple[list[str], str | None
         return [], None
     if word == "single" and name in strengths.DRAWN:
         return [name], None
-    if word == "outside" and name in outside.OUTSIDE:
+    if word == "outside" and name in LAWS:
         return [], name
     if kind in ("pair", "triple"):
         while True:
             size = 2 if kind == "pair" else 3
             chosen = rng.choice(sorted(strengths.DRAWN), size, replace=False).tolist()
-            if all(len(set(group) & set(chosen)) < 2 for group in APART_NAMES):
+            if together(chosen):
                 return chosen, None
     expected = "null, single:<name>, pair, triple or outside:<law>"
     raise InputError("case", "kind", repr(kind), expected)
@@ -195,8 +203,9 @@ def scaled(shown, unit: float, most: float, wanted: float) -> tuple[float, float
     return best
 
 
-def draw(kind: str, seed: int, frames: int | None = None) -> Case:
-    """One case. kind: null, single:<name>, pair, triple or outside:<law>.
+def draw(kind: str, seed: int, frames: int | None = None, names: list[str] | None = None) -> Case:
+    """One case. kind: null, single:<name>, pair, triple or outside:<law>; or any word, where the
+    `names` of its effects are given.
 
     Skin: radius 50 to 90 mm, thickness 2 to 4 mm (10 to 25 as a body), contacts 4 to 9 mm wide
     of 5e-4 to 1e-2 ohm m2, conductivity up to 15 % off; 100 to 150 frames, or as many as `frames`
@@ -206,7 +215,7 @@ def draw(kind: str, seed: int, frames: int | None = None) -> Case:
     Raises InputError for an unknown kind.
     """
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
-    names, law = names_of(kind, rng)
+    names, law = names_of(kind, rng) if names is None else (names, None)
     skin = _draw_skin(rng)
     if "third-dimension" in names:
         skin = _deepened(rng, skin)
@@ -218,10 +227,11 @@ def draw(kind: str, seed: int, frames: int | None = None) -> Case:
     frame_s = round(float(rng.uniform(0.2, 0.4)), 3)
     grounded = "indenter-grounding" in names or ("ground-leak" in names and rng.uniform() < 0.5)
     free = _free_disc(rng, skin.radius_mm, 6.0, 13.0)
-    if law in ("palm", "slit"):
+    clear = law is not None and LAWS[law].keeps_clear
+    if clear:
         free = (*free[:2], 8.0)
     keep = Keep()
-    if law in ("palm", "slit"):
+    if clear:
         keep = Keep((free,), APART_MM)
     elif "conductivity-patch" in names:
         crossed = "indenter-grounding" not in names
@@ -326,7 +336,7 @@ def _outside(rng, law: str, states, untouched_V, skin, free) -> outside.Outside:
     presses = states["contact"].dropna().unique().astype(int)
     end = float(states["time_s"].iloc[-1])
     scene = outside.Scene(N_ELECTRODES, presses, end, skin.radius_mm, free, untouched_V)
-    drawn = outside.OUTSIDE[law].draw(rng, scene)
+    drawn = LAWS[law].draw(rng, scene)
     if law == "palm":
         drawn = replace(drawn, radius_mm=round(float(rng.uniform(4.0, 8.0)), 2))
     return drawn

@@ -28,9 +28,13 @@ class Scene:
 
 @dataclass(frozen=True)
 class Outside:
-    """No law; the hooks that laws override, in the order of the world."""
+    """No law; the hooks that laws override, in the order of the world.
+
+    keeps_clear: it sits in the scene's free disc, which nothing may touch.
+    """
 
     amount: float = 0.0
+    keeps_clear: ClassVar[bool] = False
     most: ClassVar[float] = 1.0
 
     @classmethod
@@ -138,6 +142,7 @@ class Palm(Outside):
     y_mm: float = 0.0
     radius_mm: float = 5.0
     presses: tuple[int, ...] = ()
+    keeps_clear: ClassVar[bool] = True
     most: ClassVar[float] = 5.0
 
     @classmethod
@@ -184,6 +189,7 @@ class Slit(Outside):
     x_mm: float = 0.0
     y_mm: float = 0.0
     deg: float = 0.0
+    keeps_clear: ClassVar[bool] = True
     most: ClassVar[float] = 0.999
 
     @classmethod
