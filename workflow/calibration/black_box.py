@@ -50,6 +50,16 @@ def predictions(
     return {name: centre + s @ components[:count] for name, s in learned.items()}
 
 
+def corrections(
+    states: pd.DataFrame, misfit: np.ndarray, sd: np.ndarray, query: pd.DataFrame, seed: int
+) -> dict[str, np.ndarray]:
+    """What each black box adds to a simulation of `query` (Q, M), having seen the `misfit` (N, M)
+    of that of `states`, both in the unit of the noise sd (M,); lost readings of it are NaN."""
+    scaled = np.nan_to_num(misfit / sd)
+    learned = predictions(features(states), scaled, features(query), seed)
+    return {name: values * sd for name, values in learned.items()}
+
+
 def _gaussian_process(known: np.ndarray, scores: np.ndarray, asked: np.ndarray) -> np.ndarray:
     kernel = ConstantKernel(1.0, (1e-3, 1e3)) * RBF(
         np.full(known.shape[1], 2.0), (0.1, 1e3)

@@ -1,5 +1,7 @@
 """One recording's diagnosis held against its truth: names, sites, intervals."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from eitskin.effects import EFFECTS
@@ -59,9 +61,32 @@ def sites_right(found: dict, item: dict) -> bool:
     return sorted(found[kind]) == sorted(item[kind])
 
 
+@dataclass(frozen=True)
+class Number:
+    """One number of a true effect beside the found one: which parameter and site; NaN where the
+    found effect does not tell it."""
+
+    key: str
+    place: int | None
+    true: float
+    value: float
+    low: float
+    high: float
+
+    @property
+    def inside(self) -> bool:
+        """Whether the interval holds the truth."""
+        return bool(self.low <= self.true <= self.high)
+
+
 def covered(found: dict, item: dict, scope: str) -> list[bool]:
-    """Whether each parameter of a true effect lies in the interval of the found one, which has its
-    name: one entry a number, at the true sites that were found.
+    """Whether each of `numbers` lies in its interval."""
+    return [number.inside for number in numbers(found, item, scope)]
+
+
+def numbers(found: dict, item: dict, scope: str) -> list[Number]:
+    """The parameters of a true effect beside those of the found one, which has its name: one entry
+    a number, at the true sites that were found.
 
     Angles count modulo their period; all are wrong where a whole number is; a law without the true
     one's parameter is wrong. Dense gains count after their common factor, which is the
@@ -70,7 +95,7 @@ def covered(found: dict, item: dict, scope: str) -> list[bool]:
     effect = EFFECTS[item["name"]]
     kind = site_kind(item)
     places = None if kind is None else item[kind]
-    told = []
+    told: list[Number] = []
     for key, true in item.get("parameters", {}).items():
         parameter = effect.parameters[key]
         angle = effect.polar is not None and key == effect.polar[1]
@@ -78,34 +103,40 @@ def covered(found: dict, item: dict, scope: str) -> list[bool]:
             continue
         if key not in found["parameters"]:
             if np.any(np.asarray(true) != parameter.neutral):
-                told.append(False)
+                told.append(_untold(key, true))
             continue
         given = found["parameters"][key]
-        at = [_at(given, found, kind, place) for place in places or [None]]
+        asked = places or [None]
+        at = [_at(given, found, kind, place) for place in asked]
         values = np.broadcast_to(np.asarray(true, float), (len(at),))
-        known = [(v, *one) for v, one in zip(values, at, strict=True) if one is not None]
+        known = [(place, v, *one) for place, v, one in zip(asked, values, at, strict=True) if one]
         if not known:
             continue
-        value, guess, low, high = np.array(known, float).T
+        value, guess, low, high = np.array([one[1:] for one in known], float).T
         if angle:
             period = 360.0 / effect.polar[2]
             value = value + period * np.round((guess - value) / period)
         if item["name"] in GAIN and scope == "dense":
             value = value / np.exp(np.median(np.log(value / guess)))
-        inside = (low <= value) & (value <= high)
         if parameter.whole:
-            if not inside.all():
-                return [False] * _numbers(item)
+            if not ((low <= value) & (value <= high)).all():
+                return _all_untold(item)
             continue
-        told.extend(inside.tolist())
+        rows = zip(known, value, guess, low, high, strict=True)
+        told.extend(Number(key, one[0], *map(float, four)) for one, *four in rows)
     return told
 
 
-def _numbers(item: dict) -> int:
-    """Numbers that a true effect's parameters are, whole ones not counted."""
+def _untold(key: str, true) -> Number:
+    nothing = float("nan")
+    return Number(key, None, float(np.ravel(true)[0]), nothing, nothing, nothing)
+
+
+def _all_untold(item: dict) -> list[Number]:
+    """Every number that a true effect's parameters are, whole ones not counted, told by none."""
     effect = EFFECTS[item["name"]]
-    kept = [v for k, v in item["parameters"].items() if not effect.parameters[k].whole]
-    return sum(np.size(v) for v in kept if v is not None)
+    kept = {k: v for k, v in item["parameters"].items() if not effect.parameters[k].whole}
+    return [_untold(k, one) for k, v in kept.items() if v is not None for one in np.ravel(v)]
 
 
 def _at(given: dict, found: dict, kind: str | None, place: int | None) -> tuple | None:

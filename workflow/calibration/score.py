@@ -101,14 +101,14 @@ def summary(rows: list[dict]) -> pd.DataFrame:
     return pd.DataFrame([line for part in parts for line in part], columns=list(SUMMARY))
 
 
-def _share(of: str, what: str, hits: int, n: int, wanted: tuple | None = None) -> dict:
+def share(of: str, what: str, hits: int, n: int, wanted: tuple | None = None) -> dict:
     """A line of the summary; wanted: (lowest, highest) value."""
     low, high = wilson(int(hits), int(n))
     value = hits / n if n else float("nan")
-    return {**_line(of, what, value, low, high, n, wanted), "hits": int(hits)}
+    return {**line(of, what, value, low, high, n, wanted), "hits": int(hits)}
 
 
-def _over(
+def over(
     of: str,
     what: str,
     n: int,
@@ -117,10 +117,10 @@ def _over(
 ) -> dict:
     """A line of a statistic(indices) over n recordings, its interval by bootstrap."""
     value = statistic(np.arange(n)) if n else float("nan")
-    return _line(of, what, value, *bootstrap(n, statistic), n, wanted)
+    return line(of, what, value, *bootstrap(n, statistic), n, wanted)
 
 
-def _line(of, what, value, low, high, n, wanted) -> dict:
+def line(of, what, value, low, high, n, wanted) -> dict:
     met = None
     if wanted is not None and not np.isnan(value):
         met = bool(wanted[0] <= value <= wanted[1])
@@ -135,11 +135,11 @@ def _wanted(low: float, high: float) -> str:
     return f"≤ {high:g}" if low == -np.inf else f"{low:g} to {high:g}"
 
 
-def _median(values: np.ndarray) -> Callable[[np.ndarray], float]:
+def median(values: np.ndarray) -> Callable[[np.ndarray], float]:
     return lambda index: float(np.median(values[index]))
 
 
-def _flagged(row: dict) -> bool:
+def flagged(row: dict) -> bool:
     return row["said"]["other"]["probability"] >= LIKELY
 
 
@@ -147,10 +147,10 @@ def _nulls(rows: list[dict]) -> list[dict]:
     """A null that breaks off counts as a false alarm."""
     nulls = [row for row in rows if row["kind"] == "null"]
     named = sum("failed" in row or bool(row["said"]["effects"]) for row in nulls)
-    flagged = sum("failed" in row or _flagged(row) for row in nulls)
+    noticed = sum("failed" in row or flagged(row) for row in nulls)
     return [
-        _share("nothing left out", "an effect named", named, len(nulls), (-np.inf, 0.02)),
-        _share("nothing left out", "something outside the catalogue flagged", flagged, len(nulls)),
+        share("nothing left out", "an effect named", named, len(nulls), (-np.inf, 0.02)),
+        share("nothing left out", "something outside the catalogue flagged", noticed, len(nulls)),
     ]
 
 
@@ -163,7 +163,7 @@ def _singles(table: pd.DataFrame) -> list[dict]:
         text = f"gap ≥ {low:g}" if high == np.inf else f"gap {low:g} to {high:g}"
         wanted = (0.95, np.inf) if low == APART else None
         what = f"right name or declared class, {text}"
-        lines.append(_share(of, what, band["right"].sum(), len(band), wanted))
+        lines.append(share(of, what, band["right"].sum(), len(band), wanted))
     gated = alone[alone["gap"] >= APART]
     sited = gated[gated["sited"]]
     named = sited[sited["right"]]
@@ -171,19 +171,19 @@ def _singles(table: pd.DataFrame) -> list[dict]:
     text = f"gap ≥ {APART:g}"
     at = "right electrode, drive, measuring pair or channels"
     lines += [
-        _share(of, f"{at}, {text}", sited["sites_right"].sum(), len(sited), (0.95, np.inf)),
-        _share(of, f"{at}, of those rightly named", named["sites_right"].sum(), len(named)),
-        _share(of, "class declared in full, of several", classes["declared"].sum(), len(classes)),
-        _coverage(of, f"90 % intervals that hold the truth, {text}", gated, (0.80, 0.97)),
+        share(of, f"{at}, {text}", sited["sites_right"].sum(), len(sited), (0.95, np.inf)),
+        share(of, f"{at}, of those rightly named", named["sites_right"].sum(), len(named)),
+        share(of, "class declared in full, of several", classes["declared"].sum(), len(classes)),
+        coverage(of, f"90 % intervals that hold the truth, {text}", gated, (0.80, 0.97)),
     ]
     return lines
 
 
-def _coverage(of: str, what: str, table: pd.DataFrame, wanted: tuple | None = None) -> dict:
+def coverage(of: str, what: str, table: pd.DataFrame, wanted: tuple | None = None) -> dict:
     """Every rightly named effect weighs the same, however many numbers it has."""
     counted = table[table["intervals"] > 0]
     inside = (counted["covered"] / counted["intervals"]).to_numpy(float)
-    return _over(of, what, len(inside), lambda index: float(inside[index].mean()), wanted)
+    return over(of, what, len(inside), lambda index: float(inside[index].mean()), wanted)
 
 
 def _sets(rows: list[dict], table: pd.DataFrame) -> list[dict]:
@@ -197,15 +197,15 @@ def _sets(rows: list[dict], table: pd.DataFrame) -> list[dict]:
             grouped = kept.groupby("seed")["right"].agg(["sum", "size"])
             found = np.array([said[seed] for seed in grouped.index])
             goal = (wanted, np.inf) if least == APART else None
-            score = _f1(grouped["sum"].to_numpy(), grouped["size"].to_numpy(), found)
-            lines.append(_over(of, f"F1 of the set, {text}", len(grouped), score, goal))
+            score = f1(grouped["sum"].to_numpy(), grouped["size"].to_numpy(), found)
+            lines.append(over(of, f"F1 of the set, {text}", len(grouped), score, goal))
             whole = (grouped["sum"] == grouped["size"]).to_numpy() & (found == grouped["size"])
-            lines.append(_share(of, f"the whole set right, {text}", whole.sum(), len(grouped)))
-        lines.append(_coverage(of, "90 % intervals that hold the truth", own))
+            lines.append(share(of, f"the whole set right, {text}", whole.sum(), len(grouped)))
+        lines.append(coverage(of, "90 % intervals that hold the truth", own))
     return lines
 
 
-def _f1(right: np.ndarray, true: np.ndarray, found: np.ndarray) -> Callable[[np.ndarray], float]:
+def f1(right: np.ndarray, true: np.ndarray, found: np.ndarray) -> Callable[[np.ndarray], float]:
     """F1 over the effects of all drawn recordings: 2 right / (true + found)."""
     return lambda i: float(2 * right[i].sum() / (true[i].sum() + found[i].sum()))
 
@@ -233,12 +233,12 @@ def _outside(rows: list[dict]) -> list[dict]:
         return auroc(probability[index][there], probability[index][~there])
 
     text = f"SNR ≥ {APART:g} after the best fit"
-    false = sum(map(_flagged, inside))
+    false = sum(map(flagged, inside))
     return [
-        _share(of, f"flagged, {text}", sum(map(_flagged, shown)), len(shown), (0.70, np.inf)),
-        _share(of, "flagged, all", sum(map(_flagged, every)), len(every)),
-        _share(of, "falsely flagged: all without it", false, len(inside), (-np.inf, 0.05)),
-        _over(of, f"AUROC of other.probability, {text}", len(hit), area),
+        share(of, f"flagged, {text}", sum(map(flagged, shown)), len(shown), (0.70, np.inf)),
+        share(of, "flagged, all", sum(map(flagged, every)), len(every)),
+        share(of, "falsely flagged: all without it", false, len(inside), (-np.inf, 0.05)),
+        over(of, f"AUROC of other.probability, {text}", len(hit), area),
     ]
 
 
@@ -275,39 +275,39 @@ def _hidden(rows: list[dict]) -> list[dict]:
     before, after = (np.array([f[f"chi2_per_dof_{k}"] for f in fits]) for k in ("before", "after"))
     n = len(own)
     lines = [
-        _over(of, "χ²/dof, median", n, _median(chi2), (-np.inf, 1.3)),
-        _over(
+        over(of, "χ²/dof, median", n, median(chi2), (-np.inf, 1.3)),
+        over(
             of,
             "RMSE over that of the better black box (GP, MLP), median",
             len(ratio),
-            _median(ratio),
+            median(ratio),
             (-np.inf, 0.5),
         ),
-        _over(
+        over(
             of,
             "noise-free values within the 90 % bands, mean",
             n,
             lambda i: float(within[i].mean()),
             (0.80, 0.97),
         ),
-        _over(of, "misfit closed, median", n, _median(closed)),
-        _over("held-out frames, an effect", "χ²/dof before, median", n, _median(before)),
-        _over("held-out frames, an effect", "χ²/dof after, median", n, _median(after)),
+        over(of, "misfit closed, median", n, median(closed)),
+        over("held-out frames, an effect", "χ²/dof before, median", n, median(before)),
+        over("held-out frames, an effect", "χ²/dof after, median", n, median(after)),
     ]
     return lines
 
 
 def _run(rows: list[dict], whole: list[dict]) -> list[dict]:
-    lines = [_share("the run", "trials broken off", len(rows) - len(whole), len(rows))]
+    lines = [share("the run", "trials broken off", len(rows) - len(whole), len(rows))]
     unknown = sum(np.isnan(judge.next_gap(g)) for row in whole for g in row["true_gaps"])
     of_all = sum(len(row["true_gaps"]) for row in whole)
-    lines.append(_share("the run", "true effects whose gap is not known", unknown, of_all))
+    lines.append(share("the run", "true effects whose gap is not known", unknown, of_all))
     for key, text in (("seconds", "seconds"), ("cpu_seconds", "processor seconds")):
         took = np.array([row[key] for row in whole if key in row])
         what = f"{text} a diagnosis"
-        lines.append(_over("the run", f"{what}, median", len(took), _median(took)))
+        lines.append(over("the run", f"{what}, median", len(took), median(took)))
         worst = took.max() if len(took) else np.nan
-        lines.append(_line("the run", f"{what}, worst", worst, np.nan, np.nan, len(took), None))
+        lines.append(line("the run", f"{what}, worst", worst, np.nan, np.nan, len(took), None))
     return lines
 
 

@@ -12,7 +12,7 @@ from calibration import black_box
 from eitskin.atomic import atomic_path
 from eitskin.diagnose import diagnose
 from eitskin.diagnose.candidates import Candidate
-from eitskin.diagnose.fit import fit
+from eitskin.diagnose.fit import Fit, fit
 from eitskin.diagnose.gaps import Gap, gaps
 from eitskin.diagnose.search import Search, State, gross
 from eitskin.fingerprint import fingerprint
@@ -37,9 +37,11 @@ def trial(kind: str, seed: int) -> dict:
     voltage, sd = diagnose.predict(found, query)
     plain, _ = diagnose.predict(found, query, found.before)
     error = voltage - case.query_clean
-    rmse = {"rmse_V": _rms(error), "rmse_before_V": _rms(plain - case.query_clean)}
-    for name, misfit in _black_boxes(found, case, seed).items():
-        rmse[f"rmse_{name}_V"] = _rms(plain + misfit - case.query_clean)
+    rmse = {"rmse_V": rms(error), "rmse_before_V": rms(plain - case.query_clean)}
+    misfit = case.voltage - found.before.fit.voltage()
+    learned = black_box.corrections(case.states, misfit, found.noise.sd, case.query, seed)
+    for name, added in learned.items():
+        rmse[f"rmse_{name}_V"] = rms(plain + added - case.query_clean)
     return {
         "kind": kind,
         "seed": seed,
@@ -52,7 +54,7 @@ def trial(kind: str, seed: int) -> dict:
         "snr": case.snr,
         "snr_given_others": case.snr_given_others,
         "outside": case.outside,
-        "snr_left": snr_left(found, case.clean),
+        "snr_left": snr_left(found.after.fit, case.clean),
         "true_gaps": true_gaps(found, case.effects, case.scopes),
         "said": said,
         "hidden": {
@@ -63,23 +65,14 @@ def trial(kind: str, seed: int) -> dict:
     }
 
 
-def _rms(values: np.ndarray) -> float:
+def rms(values: np.ndarray) -> float:
+    """Root mean square."""
     return float(np.sqrt((values**2).mean()))
 
 
-def _black_boxes(found: diagnose.Diagnosis, case: cases.Case, seed: int) -> dict[str, np.ndarray]:
-    """What black boxes add to the owner's simulation of the query, (Q, M) V each."""
-    sd = found.noise.sd
-    misfit = (case.voltage - found.before.fit.voltage()) / sd
-    known, asked = black_box.features(case.states), black_box.features(case.query)
-    learned = black_box.predictions(known, misfit, asked, seed)
-    return {name: values * sd for name, values in learned.items()}
-
-
-def snr_left(found: diagnose.Diagnosis, clean: np.ndarray) -> float:
-    """Length, in noise units, of what the noise-free recording (N, M) V has beyond the best fit,
-    all that was fitted projected out."""
-    fitted = found.after.fit
+def snr_left(fitted: Fit, clean: np.ndarray) -> float:
+    """Length, in noise units, of what the noise-free recording (N, M) V has beyond a fit, all that
+    was fitted projected out."""
     left = fitted.problem.whitening(clean - fitted.voltage()).ravel()
     slopes = fitted.jacobian.reshape(len(fitted.theta), -1).T
     return float(np.linalg.norm(left - slopes @ np.linalg.lstsq(slopes, left)[0]))
@@ -91,12 +84,12 @@ def true_gaps(
     """Gaps of each true effect to the other names, the nearest first, with the true set fitted;
     None where it cannot be fitted. Nothing of the diagnosis depends on it."""
     search, state = found.search, found.after
-    wanted = [_candidate(search.candidates, *pair) for pair in zip(truth, scopes, strict=True)]
+    wanted = [candidate_of(search.candidates, *pair) for pair in zip(truth, scopes, strict=True)]
     if not wanted:
         return []
     own = found.gaps
     if {(c.name, c.sites) for c in wanted} != {(c.name, c.sites) for c in state.effects}:
-        state = _with(search, found.before, wanted)
+        state = with_all(search, found.before, wanted)
         if state is None:
             return [None] * len(wanted)
         own = [gaps(search, state, i) for i in range(len(wanted))]
@@ -106,7 +99,7 @@ def true_gaps(
     return [[(g.rival, g.gap) for g in of[item["name"]]] for item in truth]
 
 
-def _with(search: Search, state: State, wanted: list[Candidate]) -> State | None:
+def with_all(search: Search, state: State, wanted: list[Candidate]) -> State | None:
     """`state` with candidates fitted one after the other, the gross faults first; None where one
     cannot be."""
     for candidate in sorted(wanted, key=lambda c: not gross(c)):
@@ -116,7 +109,7 @@ def _with(search: Search, state: State, wanted: list[Candidate]) -> State | None
     return search.state(fit(search.problem, state.effects, state.fit.theta, polish=True))
 
 
-def _candidate(candidates: list[Candidate], item: dict, scope: str) -> Candidate:
+def candidate_of(candidates: list[Candidate], item: dict, scope: str) -> Candidate:
     """The candidate that a true effect is, starting near its values."""
     kind = next((k for k in ("electrodes", "drives", "measures", "channels") if k in item), None)
     own = [c for c in candidates if c.name == item["name"]]

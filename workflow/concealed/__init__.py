@@ -1,1 +1,1 @@
-"""The proof on concealed effects: recordings whose truth is sealed until the verdicts are."""
+"""The proof: concealed effects, diagnosed from recordings alone, sealed, opened and scored."""

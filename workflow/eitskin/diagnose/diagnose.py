@@ -2,6 +2,7 @@
 
 import json
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -69,32 +70,13 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
     whole, recorded = len(recorded.frames), excerpt(recorded)
     if len(recorded.frames) < whole:
         report(f"an excerpt: {len(recorded.frames)} of {whole} frames")
-    noise = estimate(recorded)
-    report(f"noise {np.median(noise.sd):.3g} ({noise.source})")
-    problem, scales = problem_of(recorded, noise)
-    model = problem.model
-    candidates = catalogue(
-        recorded.skin,
-        model.believed,
-        np.where(problem.whitening.mask, recorded.voltage, np.nan),
-        site_counts(recorded.channels),
-        scales,
-        floating=not model.sink_grounded,
-        timed=recorded.metadata["clock"] == "measured",
-    )
-
-    def searching(problem: Problem) -> Search:
-        model = problem.model
-        fold = folds(model.touched & model.known, model.press, recorded.channels, seed)
-        return Search(problem, candidates, fold, seed, report)
-
+    noise, search = begun(recorded, seed, report)
     start = None
     if len(recorded.frames) >= 2 * FIRST_FRAMES:
-        first = _few(problem, recorded)
+        first = _few(search.problem, recorded)
         report(f"first on {len(first.recorded)} frames")
-        start = searching(first).run()[1]
+        start = _search(first, search.candidates, recorded.channels, seed, report).run()[1]
         report(f"then on {len(recorded.frames)}")
-    search = searching(problem)
     before, after = search.run(start)
     report("comparing with every other name")
     found = [gaps(search, after, i) for i in range(len(after.effects))]
@@ -112,6 +94,33 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
         strengths(search, after),
         left,
     )
+
+
+def begun(
+    recorded: Recording, seed: int, report: Callable[[str], None] = lambda line: None
+) -> tuple[Noise, Search]:
+    """The noise of a recording, and the search of its whole catalogue, which has not run yet;
+    InputError where nothing can be simulated."""
+    noise = estimate(recorded)
+    report(f"noise {np.median(noise.sd):.3g} ({noise.source})")
+    problem, scales = problem_of(recorded, noise)
+    model = problem.model
+    candidates = catalogue(
+        recorded.skin,
+        model.believed,
+        np.where(problem.whitening.mask, recorded.voltage, np.nan),
+        site_counts(recorded.channels),
+        scales,
+        floating=not model.sink_grounded,
+        timed=recorded.metadata["clock"] == "measured",
+    )
+    return noise, _search(problem, candidates, recorded.channels, seed, report)
+
+
+def _search(problem: Problem, candidates: list, channels: np.ndarray, seed: int, report) -> Search:
+    model = problem.model
+    fold = folds(model.touched & model.known, model.press, channels, seed)
+    return Search(problem, candidates, fold, seed, report)
 
 
 def problem_of(recorded: Recording, noise: Noise) -> tuple[Problem, Scales]:
@@ -235,7 +244,21 @@ def predict(
     """Voltages (N, M) of a query's states, noise-free, and their standard deviations; by another
     state than the one found, where that is given. InputError for touches of unknown state."""
     fit = (state or found.after).fit
-    problem = Problem(Model(found.recorded, query), np.zeros(1), fit.problem.whitening)
+    voltage = simulator(fit, found.recorded, query)
+    there = voltage(fit.theta)
+    slopes = np.array([difference(voltage, fit.theta, there, i) for i in range(len(fit.theta))])
+    slopes = slopes.reshape(len(fit.theta), *there.shape)
+    root = np.linalg.cholesky(fit.covariance)
+    spread = np.einsum("pq,pnm->qnm", root, slopes)
+    return there, np.sqrt((spread**2).sum(axis=0))
+
+
+def simulator(
+    fit: Fit, recorded: Recording, query: Recording
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Voltages (N, M) of a query's states, noise-free, of the coordinates (P,) of a recording's
+    fit. InputError for touches of unknown state."""
+    problem = Problem(Model(recorded, query), np.zeros(1), fit.problem.whitening)
     if not problem.model.known.all():
         row = int(np.flatnonzero(~problem.model.known)[0])
         raise InputError("query", f"row {row}", "a touch of unknown state", "x, y, force and probe")
@@ -244,12 +267,7 @@ def predict(
         knobs, chosen = problem.split(theta, fit.effects)
         return problem.model.voltage(knobs, chosen)
 
-    there = voltage(fit.theta)
-    slopes = np.array([difference(voltage, fit.theta, there, i) for i in range(len(fit.theta))])
-    slopes = slopes.reshape(len(fit.theta), *there.shape)
-    root = np.linalg.cholesky(fit.covariance)
-    spread = np.einsum("pq,pnm->qnm", root, slopes)
-    return there, np.sqrt((spread**2).sum(axis=0))
+    return voltage
 
 
 def write(

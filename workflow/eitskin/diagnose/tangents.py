@@ -77,7 +77,7 @@ class Tangents:
             length = np.linalg.norm(column, axis=0)
             blocks.append(column / np.where(length > 0, length, 1.0))
         rest = self.fit.slopes.columns
-        return blocks, _off(blocks, rest).reshape(len(rest), -1)
+        return blocks, _off(blocks, rest).reshape(len(rest), self.voltage.size)
 
     def away(self, columns: np.ndarray) -> np.ndarray:
         """(..., N M): columns less what the fitted coordinates can do."""
@@ -88,13 +88,18 @@ class Tangents:
 
     def of(self, candidate: Candidate) -> np.ndarray:
         """(k, N M) of a candidate, by its sites."""
-        singles = self._singles(candidate)
-        if candidate.scope == "common":
-            per_key = len(singles) // len(candidate.sites)
-            total = sum(s for s in singles[::per_key] if s is not None)
-            singles = [total] if np.any(total) else []
-        kept = [column for column in singles if column is not None]
+        kept = [column for column in self.each(candidate) if column is not None]
         return np.array(kept).reshape(len(kept), self.residual.size)
+
+    def each(self, candidate: Candidate) -> list[np.ndarray | None]:
+        """(N M,) of every linear coordinate, of a site each where there are several; None of those
+        that change nothing."""
+        singles = self._singles(candidate)
+        if candidate.scope != "common":
+            return singles
+        per_key = len(singles) // len(candidate.sites)
+        total = sum(s for s in singles[::per_key] if s is not None)
+        return [total if np.any(total) else None]
 
     def jacobian(self, candidate: Candidate) -> np.ndarray:
         """(size, N, M): whitened derivatives by every coordinate, NaN for those without, and for
