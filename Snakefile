@@ -1,4 +1,6 @@
 from calibration.plan import batches
+from concealed.panel import batches as case_batches
+from concealed.panel import names as case_names
 from eitskin import ablation
 from eitskin.chain import instrument_effects, last_link, link_before, skin_effects
 from eitskin.configuration import validate, with_continuous
@@ -40,6 +42,7 @@ include: "workflow/rules/figures.smk"
 include: "workflow/rules/limit.smk"
 include: "workflow/rules/transfer.smk"
 include: "workflow/rules/calibrate.smk"
+include: "workflow/rules/concealed.smk"
 include: "workflow/rules/held_out.smk"
 include: "workflow/rules/paper.smk"
 
@@ -56,3 +59,4 @@ rule all:
         ],
         expand("results/recordings/{recording}.check.txt", recording=config["recordings"]),
         expand("results/diagnosis/{recording}/report.html", recording=config["diagnoses"]),
+        expand(rules.open_truths.output, block="demo"),

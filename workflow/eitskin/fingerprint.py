@@ -8,12 +8,13 @@ PACKAGE = Path(__file__).parent
 
 
 def fingerprint(module: str) -> str:
-    """SHA-256, in hex, of the syntax trees of `module` and of all it imports from its package.
+    """SHA-256, in hex, of the syntax trees of `module` and of all it imports from this package and
+    those beside it.
 
     Follows import statements, also those inside functions, without importing anything; a package
     below the first level counts with all its modules, which it may find by name. Comments,
     docstrings and layout do not count; nor does package data. Raises ModuleNotFoundError for a
-    module that is not part of the package.
+    module that is part of none of them.
     """
     digest = hashlib.sha256()
     for name, tree in sorted(_closure(module).items()):
@@ -26,7 +27,7 @@ def _closure(module: str) -> dict[str, ast.Module]:
     trees: dict[str, ast.Module] = {}
     waiting = [module]
     if _file(module) is None:
-        raise ModuleNotFoundError(f"no module {module} in {PACKAGE}", name=module)
+        raise ModuleNotFoundError(f"no module {module} in {PACKAGE.parent}", name=module)
     while waiting:
         name = waiting.pop()
         file = _file(name)
@@ -36,17 +37,17 @@ def _closure(module: str) -> dict[str, ast.Module]:
         package = name if file.name == "__init__.py" else name.rpartition(".")[0]
         waiting.extend(_imports(trees[name], package))
         waiting.append(name.rpartition(".")[0])
-        if package == name != PACKAGE.name:
+        if package == name and "." in name:
             waiting.extend(f"{name}.{entry.stem}" for entry in file.parent.glob("[!_]*.py"))
     return trees
 
 
 def _file(name: str) -> Path | None:
-    """The file of a module of this package, or None for anything else."""
-    top, *parts = name.split(".")
-    if top != PACKAGE.name:
+    """The file of a module of these packages, or None for anything else."""
+    parts = name.split(".")
+    if not (PACKAGE.parent / parts[0] / "__init__.py").is_file():
         return None
-    base = PACKAGE.joinpath(*parts)
+    base = PACKAGE.parent.joinpath(*parts)
     return next((f for f in (base / "__init__.py", base.with_suffix(".py")) if f.is_file()), None)
 
 

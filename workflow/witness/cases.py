@@ -28,6 +28,7 @@ from witness.world import World
 N_ELECTRODES = 16
 LEAST_LEVEL, MOST_LEVEL = 3e-4, 2e-2  # noise over the median |v|
 SINGLE_SNR, SET_SNR, OUTSIDE_SNR = (10.0, 60.0), (15.0, 80.0), (20.0, 100.0)
+CLEAR_MM = 8.0  # radius of a disc that nobody touches, for laws that sit in one
 APART_MM, NO_TANGENT_MM = 1.5, 0.5  # from an edge to that of any touch; where they may cross
 # Two of a group would need what the witness does not solve, or not soon, or be one effect.
 APART_NAMES = (
@@ -49,6 +50,20 @@ APART_NAMES = (
 )
 LAWS = outside.OUTSIDE | UNSEEN
 NEEDS = {"contact-impedance": "contact_impedivity_ohm_m2", "touch-contrast": "contrast_per_N"}
+
+
+@dataclass(frozen=True)
+class Alike:
+    """A drawing in which frames and metadata tell nothing of the kind, but for what is `deep`.
+
+    Every source is sink-grounded and every owner knows the contrast, for else there are names that
+    nothing could show; a third do not know the contacts, whatever the kind; all touches keep clear
+    of a disc in which a law may sit. query_frames: of every query; deep: the owner tells of a body
+    with low electrodes, without which there is no third dimension to be seen.
+    """
+
+    query_frames: int
+    deep: bool = False
 
 
 @dataclass(frozen=True)
@@ -151,16 +166,28 @@ def _deepened(rng: np.random.Generator, skin: Skin) -> Skin:
     )
 
 
-def _forgotten(rng: np.random.Generator, skin: Skin, names: list[str]) -> Skin:
-    """In a third of the cases the owner does not know the contacts, or the contrast, or both."""
+def _forgotten(rng: np.random.Generator, skin: Skin, names: list[str], alike: bool) -> Skin:
+    """In a third of the cases the owner does not know the contacts, or the contrast, or both;
+    alike: the contacts, whatever the names."""
     unknown = rng.uniform() < 1 / 3
     which = int(rng.integers(3))
     if not unknown:
         return skin
+    if alike:
+        return replace(skin, contact_impedivity_ohm_m2=None)
     keys = ("contact_impedivity_ohm_m2", "contrast_per_N")
     keys = keys if which == 2 else keys[which : which + 1]
     kept = {NEEDS[name] for name in names if name in NEEDS}
     return replace(skin, **{key: None for key in keys if key not in kept})
+
+
+def _drawn(name: str, rng: np.random.Generator, scene: strengths.Scene) -> strengths.Strength:
+    """An effect as it is drawn; not all contacts alike where nobody knows their impedance."""
+    while True:
+        drawn = strengths.DRAWN[name](rng, scene)
+        known = scene.skin.contact_impedivity_ohm_m2 is not None
+        if known or name != "contact-impedance" or drawn.scope != "common":
+            return drawn
 
 
 def _free_disc(rng: np.random.Generator, radius_mm: float, low: float, high: float) -> tuple:
@@ -203,9 +230,15 @@ def scaled(shown, unit: float, most: float, wanted: float) -> tuple[float, float
     return best
 
 
-def draw(kind: str, seed: int, frames: int | None = None, names: list[str] | None = None) -> Case:
+def draw(
+    kind: str,
+    seed: int,
+    frames: int | None = None,
+    names: list[str] | None = None,
+    alike: Alike | None = None,
+) -> Case:
     """One case. kind: null, single:<name>, pair, triple or outside:<law>; or any word, where the
-    `names` of its effects are given.
+    `names` of its effects are given. alike: as of `Alike`.
 
     Skin: radius 50 to 90 mm, thickness 2 to 4 mm (10 to 25 as a body), contacts 4 to 9 mm wide
     of 5e-4 to 1e-2 ohm m2, conductivity up to 15 % off; 100 to 150 frames, or as many as `frames`
@@ -217,28 +250,33 @@ def draw(kind: str, seed: int, frames: int | None = None, names: list[str] | Non
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
     names, law = names_of(kind, rng) if names is None else (names, None)
     skin = _draw_skin(rng)
-    if "third-dimension" in names:
+    deep = "third-dimension" in names or (alike is not None and alike.deep)
+    if deep:
         skin = _deepened(rng, skin)
-    believed = _forgotten(rng, skin, names)
-    if "third-dimension" in names and rng.uniform() < 0.5:
+    believed = _forgotten(rng, skin, names, alike is not None)
+    if deep and rng.uniform() < 0.5:
         believed = replace(believed, thickness_mm=None)
     off = 1.0 + rng.uniform(-0.15, 0.15)
     true = replace(skin, conductivity_S_per_m=float(skin.conductivity_S_per_m * off))
     frame_s = round(float(rng.uniform(0.2, 0.4)), 3)
     grounded = "indenter-grounding" in names or ("ground-leak" in names and rng.uniform() < 0.5)
     free = _free_disc(rng, skin.radius_mm, 6.0, 13.0)
+    around = (*free[:2], max(free[2], CLEAR_MM))
     clear = law is not None and LAWS[law].keeps_clear
     if clear:
-        free = (*free[:2], 8.0)
+        free = (*free[:2], CLEAR_MM)
     keep = Keep()
-    if clear:
+    if alike is not None:
+        grounded, keep = True, Keep((around,), APART_MM, clear=True)
+    elif clear:
         keep = Keep((free,), APART_MM)
     elif "conductivity-patch" in names:
         crossed = "indenter-grounding" not in names
         keep = Keep((free,), NO_TANGENT_MM if crossed else APART_MM, crossed)
     channels = channel_table(N_ELECTRODES)
     states = recording_frames(rng, skin.radius_mm, frame_s, keep, frames)
-    query = query_frames(rng, states, skin.radius_mm, frame_s, keep)
+    number = None if alike is None else alike.query_frames
+    query = query_frames(rng, states, skin.radius_mm, frame_s, keep, number)
     world = World(true, channels, frame_s, grounded)
     shown = _Shown(world, states)
     plain = shown.readings([])
@@ -246,7 +284,7 @@ def draw(kind: str, seed: int, frames: int | None = None, names: list[str] | Non
     level = float(f"{np.exp(rng.uniform(*np.log((LEAST_LEVEL, MOST_LEVEL)))):.3g}")
     mixed = rng.uniform(0.2, 0.8) if rng.uniform() < 0.3 else 0.0
     scene = strengths.Scene(believed, channels, plain[0], free, grounded, skin.thickness_mm)
-    drawn = [strengths.DRAWN[name](rng, scene) for name in names]
+    drawn = [_drawn(name, rng, scene) for name in names]
     scopes = [one.scope for one in drawn]
     growing = [one for one in drawn if one.unit is not None]
     # Where a wire is off or on another electrode, the noise is that of what the board then reads.

@@ -15,17 +15,21 @@ OTHER_PROBE_MM = 12.0
 @dataclass(frozen=True)
 class Keep:
     """Discs (x, y, radius), mm, whose edges stay `apart_mm` from the edge of every touch; where
-    they may cross, not nearer to touching each other from within or without."""
+    they may cross, not nearer to touching each other from within or without. clear: no touch lies
+    within a disc either."""
 
     discs: tuple[tuple[float, float, float], ...] = ()
     apart_mm: float = 1.5
     crossed: bool = False
+    clear: bool = False
 
     def allows(self, x: float, y: float, radius: float) -> bool:
         """Whether a touch may be there."""
         for a, b, other in self.discs:
             apart = float(np.hypot(x - a, y - b))
-            gap = max(apart - other - radius, abs(other - radius) - apart)
+            gap = apart - other - radius
+            if not self.clear:
+                gap = max(gap, abs(other - radius) - apart)
             if (abs(gap) if self.crossed else gap) < self.apart_mm:
                 return False
         return True
@@ -113,16 +117,23 @@ def query_frames(
     radius_mm: float,
     frame_s: float,
     keep: Keep,
+    number: int | None = None,
 ) -> pd.DataFrame:
     """24 to 40 frames after the recording's, at places not yet seen: within its forces, in a
-    higher band, with another probe; loading and unloading, whole presses."""
+    higher band, with another probe; loading and unloading, whole presses. `number` of frames, 15 or
+    more, instead: five presses."""
     largest = float(recording["force_N"].max())
     known = sorted(recording["probe_mm"].dropna().unique())
     clock = Clock(rng, frame_s, float(recording["time_s"].iloc[-1]) + 5.0)
-    kinds = ["inside", "higher", "other probe", "higher", "inside"][: int(rng.integers(4, 6))]
+    kinds = ["inside", "higher", "other probe", "higher", "inside"]
+    if number is None:
+        kinds = kinds[: int(rng.integers(4, 6))]
+    else:
+        touched = np.full(len(kinds), number // len(kinds) - 1)
+        touched[: number % len(kinds)] += 1
     press = int(recording["contact"].max())
     rows, presses = [], []
-    for kind in kinds:
+    for index, kind in enumerate(kinds):
         probe = OTHER_PROBE_MM if kind == "other probe" else float(rng.choice(known))
         x, y = _place(rng, radius_mm, probe, keep)
         band = (1.05, 1.3) if kind == "higher" else (0.5, 1.0)
@@ -130,6 +141,9 @@ def query_frames(
         rows.append((clock.next(), False, np.nan, np.nan, 0.0, np.nan))
         presses.append(-1)
         loading, unloading = int(rng.integers(3, 5)), int(rng.integers(2, 4))
+        if number is not None:
+            loading = int(rng.integers(1, touched[index]))
+            unloading = int(touched[index]) - loading
         forces = _forces(rng, largest * rng.uniform(*band), loading, 0, unloading)
         for force in forces:
             rows.append((clock.next(), True, x, y, float(force), probe))

@@ -1,0 +1,230 @@
+"""Draw the cases of a block: recordings and queries for everybody, truths under lock.
+
+How plain a case is is set by its noise: the gaps that the true set has to every other name are
+judged on the noise-free recording, and the noise is scaled until the smallest is the wanted one.
+"""
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+from calibration.trial import rms, true_gaps
+from concealed import planted, sealing
+from concealed.panel import RECORDED, Planned, generators, plan
+from eitskin import recording
+from eitskin.atomic import atomic_path
+from eitskin.diagnose.diagnose import begun, problem_of
+from eitskin.diagnose.noise import Noise
+from eitskin.errors import InputError
+from eitskin.fingerprint import fingerprint
+from eitskin.recording import Recording
+from eitskin.similarity import MEASURES, Pool
+from witness.cases import Alike, Case, draw
+from witness.world import World
+
+LEAST_LEVEL, MOST_LEVEL = 2e-4, 3e-2  # noise over the median |v|
+NEAR = 0.1  # of the wanted gap: no more is asked of the reached one
+ROUNDS = 2
+KNOWN_DOF = 1e9  # of a noise that is known
+CODE = fingerprint("concealed.conceal")
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Frames of every simulated recording and query, and cases of the block."""
+
+    cases: int
+    frames: int
+    query_frames: int
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A case as it is shown: voltage (N, M) V with noise noise_V (M,) of `level` over the median
+    |v|; gaps: as `calibration.trial.true_gaps`, None where there are none to judge."""
+
+    voltage: np.ndarray
+    noise_V: np.ndarray
+    level: float
+    gaps: list | None
+
+
+def case_of(planned: Planned, sizes: Sizes) -> Case:
+    """What a plan draws, with the noise that its generator gave it."""
+    if planned.generator == RECORDED:
+        return planted.draw(planned.kind, planned.seed)
+    names = None if planned.names is None else list(planned.names)
+    alike = Alike(sizes.query_frames, planned.deep)
+    by = _by(planned.generator)
+    return draw(planned.kind, planned.seed, sizes.frames, names=names, alike=alike, **by)
+
+
+def _by(generator: str) -> dict:
+    return {} if len(generators()) == 1 else {"generator": generator}
+
+
+def shown(case: Case, planned: Planned, root: bytes, name: str) -> Shown:
+    """The case at the noise at which its smallest gap is the wanted one, as near as 0.02 % to 3 %
+    of the median |v| allow and as the covariance's other parts do; without a wanted gap at a level
+    drawn between these. A real recording stays as it is."""
+    if case.clean is None:
+        return Shown(case.voltage, case.noise_V, case.level, None)
+    least = max(LEAST_LEVEL, generators()[planned.generator].least_level)
+    rng = np.random.default_rng(int.from_bytes(sealing.derived(root, "noise", name)))
+    level = float(np.exp(rng.uniform(*np.log((least, MOST_LEVEL)))))
+    shape, gaps = case.noise_V / case.level, None
+    if planned.gap is not None:
+        level = float(np.clip(case.level, least, MOST_LEVEL))
+        for _ in range(ROUNDS):
+            gaps = gaps_at(case, shape * level)
+            nearest = smallest(gaps)
+            if nearest is None or abs(nearest / planned.gap - 1.0) < NEAR:
+                break
+            wanted = float(np.clip(level * nearest / planned.gap, least, MOST_LEVEL))
+            if wanted == level:
+                break
+            level, gaps = wanted, None
+    noise = shape * level
+    if gaps is None:
+        gaps = gaps_at(case, noise)
+    return Shown(case.clean + noise * rng.standard_normal(case.clean.shape), noise, level, gaps)
+
+
+def smallest(gaps: list | None) -> float | None:
+    """The smallest gap of a set's effects to any other name; None where none is known."""
+    found = [listed[0][1] for listed in gaps or [] if listed]
+    return min(found, default=None)
+
+
+def gaps_at(case: Case, noise_V: np.ndarray) -> list | None:
+    """`calibration.trial.true_gaps` of a case's effects in noise (M,) V, on its noise-free
+    recording; None of one without effects."""
+    if not case.effects:
+        return None
+    clean = Recording(case.states, case.clean, None, None, dict(case.metadata))
+    _, search = begun(clean, 1)
+    problem, _ = problem_of(clean, Noise(noise_V, KNOWN_DOF, "known"))
+    search = replace(search, problem=problem)
+    before = search.calibrated()
+    return true_gaps(
+        SimpleNamespace(search=search, before=before, after=before, gaps=[]),
+        case.effects,
+        case.scopes,
+    )
+
+
+def likeness(case: Case, seen: Shown, generator: str, seed: int) -> dict:
+    """How little the effects show: {similarity, similarity_without, changed}; None each of a real
+    recording, which nobody knows without them.
+
+    similarity: Table II's measures between the recording and one of the same skin without its
+    effects, its noise drawn anew; similarity_without: between two such without effects; changed:
+    RMS of what the effects change, an overall factor taken away, over that of the readings.
+    """
+    if case.clean is None:
+        return dict.fromkeys(("similarity", "similarity_without", "changed"))
+    grounded = case.metadata["source_reference"] == "sink-grounded"
+    channels, frame_s = np.array(case.metadata["channels"]), case.metadata["frame_s"]
+    world = World(case.true, channels, frame_s, grounded, **_by(generator))
+    plain = world.readings(case.states, [])
+    rng = np.random.default_rng([seed, 2])
+    one, other = (plain + seen.noise_V * rng.standard_normal(plain.shape) for _ in range(2))
+    first, second = np.arange(len(plain)), len(plain) + np.arange(len(plain))
+    of = [
+        Pool(np.concatenate([recorded, one]), first, seed).compare(second, first).tolist()
+        for recorded in (seen.voltage, other)
+    ]
+    factor = float((plain * case.clean).sum() / (plain**2).sum())
+    return {
+        "similarity": dict(zip(MEASURES, of[0], strict=True)),
+        "similarity_without": dict(zip(MEASURES, of[1], strict=True)),
+        "changed": rms(case.clean - factor * plain) / rms(plain),
+    }
+
+
+def truth_of(
+    name: str, planned: Planned, case: Case, seen: Shown, salt: str
+) -> tuple[dict, dict[str, np.ndarray]]:
+    """What is put under lock: a JSON object, and the arrays noise_V (M,) and, of a simulated case,
+    clean_V (N, M) and query_clean_V (Q, M)."""
+    louder = seen.level / case.level
+    outside = case.outside and {**case.outside, "snr": case.outside["snr"] / louder}
+    truth = {
+        "case": name,
+        "generator": planned.generator,
+        "kind": planned.kind,
+        "seed": planned.seed,
+        "effects": case.effects,
+        "scopes": case.scopes,
+        "snr": [snr / louder for snr in case.snr],
+        "snr_given_others": [snr / louder for snr in case.snr_given_others],
+        "outside": outside,
+        "fault": getattr(case, "fault", None),
+        "gaps": seen.gaps,
+        "gap_wanted": planned.gap,
+        "gap_reached": smallest(seen.gaps),
+        "deep": planned.deep,
+        "true": None if case.true is None else case.true.metadata(),
+        "noise_V": seen.noise_V.tolist(),
+        "level": seen.level,
+        **likeness(case, seen, planned.generator, planned.seed),
+        "salt": salt,
+        "code": CODE,
+    }
+    arrays = {"noise_V": seen.noise_V}
+    if case.clean is not None:
+        arrays |= {"clean_V": case.clean, "query_clean_V": case.query_clean}
+    return truth, arrays
+
+
+def conceal(
+    block: str, names: list[str], sizes: Sizes, seed: int | None, public: Path, truths: Path
+) -> dict[str, dict]:
+    """Draw cases of a block and return their commitments by name.
+
+    Written are recordings/<name>.parquet and queries/<name>.parquet in `public`, <name>.sealed in
+    `truths`. What is there already stays, if the same code drew it or if the block's root is
+    random (seed None): such a block is drawn once.
+    """
+    if sealing.complete(seed, truths):
+        known = sealing.check_commitments(public)["cases"]
+        return {name: known[name] for name in names}
+    root = sealing.root_of(block, seed, truths)
+    planned = plan(block, sizes.cases, root)
+    made = {}
+    for name in names:
+        files = [public / folder / f"{name}.parquet" for folder in ("recordings", "queries")]
+        sealed = truths / f"{name}.sealed"
+        plain = _kept(root, block, name, [*files, sealed], seed is None)
+        if plain is None:
+            plain = _draw(root, name, planned[name], sizes, files)
+            with atomic_path(sealed) as temporary:
+                temporary.write_bytes(sealing.seal_truth(root, block, name, plain))
+        made[name] = sealing.commitment(root, name, *files, plain)
+    return made
+
+
+def _kept(root: bytes, block: str, name: str, files: list[Path], once: bool) -> bytes | None:
+    """The packed truth of a case that need not be drawn again."""
+    if not all(file.is_file() for file in files):
+        return None
+    try:
+        plain = sealing.open_truth(sealing.derived(root, "key"), block, name, files[-1])
+    except InputError:  # another root's
+        return None
+    code = json.loads(sealing.unpacked(plain)[0])["code"]
+    return plain if once or code == CODE else None
+
+
+def _draw(root: bytes, name: str, planned: Planned, sizes: Sizes, files: list[Path]) -> bytes:
+    case = case_of(planned, sizes)
+    seen = shown(case, planned, root, name)
+    for path, frames, voltage in zip(
+        files, (case.states, case.query), (seen.voltage, None), strict=True
+    ):
+        recording.write(Recording(frames, voltage, None, None, case.metadata), path)
+    salt = sealing.derived(root, "salt", name, "truth").hex()
+    return sealing.packed(*truth_of(name, planned, case, seen, salt))

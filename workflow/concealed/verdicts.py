@@ -1,0 +1,67 @@
+"""Diagnose concealed recordings as their owner would: from a recording and its query alone."""
+
+import hashlib
+import json
+import shutil
+import traceback
+from pathlib import Path
+
+from concealed import sealing
+from eitskin import recording
+from eitskin.atomic import atomic_path
+from eitskin.diagnose import diagnose
+from eitskin.fingerprint import fingerprint
+
+MADE = "made.json"
+
+
+def run(names: list[str], block: Path, schema: Path, seed: int, code: str) -> None:
+    """The verdict of every case in the folder of its block, each whole before the next begins.
+
+    verdicts/<name> holds what `eitskin.diagnose.diagnose.write` writes, and made.json: {code,
+    recording, query}, the fingerprint of the diagnosis and the SHA-256 of what it was given. A case
+    that breaks off leaves {recording, failed: why} for diagnosis.json. A verdict of the same files
+    by the same code stays, in the final block one by any code. New verdicts take away the seal and
+    the opened truths of the old ones; InputError in the final block, once it has been opened.
+    """
+    for name in names:
+        folder = block / "verdicts" / name
+        files = [block / part / f"{name}.parquet" for part in ("recordings", "queries")]
+        digests = (hashlib.sha256(file.read_bytes()).hexdigest() for file in files)
+        made = {"code": code, **dict(zip(("recording", "query"), digests, strict=True))}
+        if _stands(folder, made, block.name == sealing.FINAL):
+            continue
+        sealing.forget(block)
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        _diagnose(name, *files, folder, schema, seed)
+        with atomic_path(folder / MADE) as path:
+            path.write_text(json.dumps(made, indent=1) + "\n", "utf-8")
+
+
+def code() -> str:
+    """The fingerprint of the diagnosis, and of how it is called here."""
+    return fingerprint("concealed.verdicts")
+
+
+def _stands(folder: Path, made: dict, any_code: bool) -> bool:
+    """Whether a whole verdict of these files, and by this code, is there."""
+    path = folder / MADE
+    if not path.is_file() or not (folder / "diagnosis.json").is_file():
+        return False
+    known = json.loads(path.read_text("utf-8"))
+    return known == ({**made, "code": known["code"]} if any_code else made)
+
+
+def _diagnose(name: str, path: Path, query: Path, folder: Path, schema: Path, seed: int) -> None:
+    try:
+        recorded = recording.read(path)
+        diagnose.read_query(query, recorded)
+        found = diagnose.diagnose(recorded, seed, progress=True)
+        diagnose.write(found, name, folder, schema, query)
+    except Exception as error:  # whatever it is, it is a verdict
+        traceback.print_exc()
+        shutil.rmtree(folder)
+        with atomic_path(folder / "diagnosis.json") as failed:
+            text = json.dumps({"recording": name, "failed": repr(error)}, ensure_ascii=False)
+            failed.write_text(text + "\n", "utf-8")

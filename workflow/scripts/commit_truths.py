@@ -1,0 +1,15 @@
+"""Say in public, salted and hashed, what a block's recordings, queries and truths are."""
+
+from pathlib import Path
+
+from concealed import sealing
+from eitskin.errors import reported
+
+with reported(snakemake.log[0]):
+    sealing.commit(
+        snakemake.wildcards.block,
+        snakemake.params.seed,
+        snakemake.input,
+        Path(snakemake.output.commitments).parent,
+        Path(snakemake.output.key).parent,
+    )

@@ -1,0 +1,20 @@
+"""Draw a batch of a block's cases: recordings and queries in the open, truths under lock."""
+
+import json
+from pathlib import Path
+
+from concealed import conceal
+from eitskin.atomic import atomic_path
+from eitskin.errors import reported
+
+with reported(snakemake.log[0]):
+    made = conceal.conceal(
+        snakemake.params.block,
+        snakemake.params.cases,
+        conceal.Sizes(**snakemake.params.sizes),
+        snakemake.params.seed,
+        Path(snakemake.output.recordings[0]).parents[1],
+        Path(snakemake.output.truths[0]).parent,
+    )
+    with atomic_path(snakemake.output.commitments) as path:
+        path.write_text(json.dumps(made, indent=1, sort_keys=True) + "\n", "utf-8")
