@@ -57,7 +57,7 @@ def case_of(planned: Planned, sizes: Sizes) -> Case:
     if planned.generator == RECORDED:
         return planted.draw(planned.kind, planned.seed)
     names = None if planned.names is None else list(planned.names)
-    alike = Alike(sizes.query_frames, planned.deep)
+    alike = Alike(sizes.query_frames, planned.deep, (LEAST_LEVEL, MOST_LEVEL))
     by = _by(planned.generator)
     return draw(planned.kind, planned.seed, sizes.frames, names=names, alike=alike, **by)
 
@@ -68,16 +68,14 @@ def _by(generator: str) -> dict:
 
 def shown(case: Case, planned: Planned, root: bytes, name: str) -> Shown:
     """The case at the noise at which its smallest gap is the wanted one, as near as 0.02 % to 3 %
-    of the median |v| allow and as the covariance's other parts do; without a wanted gap at a level
-    drawn between these. A real recording stays as it is."""
+    of the median |v| allow and as the covariance's other parts do; without a wanted gap at the
+    level that was drawn for it. A real recording stays as it is."""
     if case.clean is None:
         return Shown(case.voltage, case.noise_V, case.level, None)
     least = max(LEAST_LEVEL, generators()[planned.generator].least_level)
-    rng = np.random.default_rng(int.from_bytes(sealing.derived(root, "noise", name)))
-    level = float(np.exp(rng.uniform(*np.log((least, MOST_LEVEL)))))
     shape, gaps = case.noise_V / case.level, None
+    level = float(np.clip(case.level, least, MOST_LEVEL))
     if planned.gap is not None:
-        level = float(np.clip(case.level, least, MOST_LEVEL))
         for _ in range(ROUNDS):
             gaps = gaps_at(case, shape * level)
             nearest = smallest(gaps)
@@ -90,6 +88,7 @@ def shown(case: Case, planned: Planned, root: bytes, name: str) -> Shown:
     noise = shape * level
     if gaps is None:
         gaps = gaps_at(case, noise)
+    rng = np.random.default_rng(int.from_bytes(sealing.derived(root, "noise", name)))
     return Shown(case.clean + noise * rng.standard_normal(case.clean.shape), noise, level, gaps)
 
 

@@ -16,6 +16,7 @@ from witness.cases import LAWS, together
 from witness.outside import OUTSIDE
 from witness.strengths import DRAWN
 
+REAL = "real"
 GAPS = (3.0, 5.0, 8.0, 12.0, 20.0, 40.0)  # wanted of singles and sets, in turn
 SHARES = {  # of a block of 300
     "null": 63,
@@ -25,9 +26,9 @@ SHARES = {  # of a block of 300
     "triple": 18,
     "decoy": 24,
     "outside": 36,
-    "real": 24,
+    REAL: 24,
 }
-LEVEL_DRAWN = ("null", "decoy", "outside")  # groups without a wanted gap
+LEVEL_DRAWN = ("null", "decoy", "outside", REAL)  # groups without a wanted gap
 RECORDED = "recorded"  # the generator of real recordings
 DEEP = "third-dimension"
 DEEP_COMPANIONS = ("null", "single", "decoy")  # of every body, as many owners tell of one in vain
@@ -84,10 +85,10 @@ def plan(block: str, size: int, root: bytes) -> dict[str, Planned]:
     rng = np.random.default_rng(int.from_bytes(sealing.derived(root, "panel")))
     groups = tuple(SHARES)
     real: list[str] = []
-    if numbers(size, groups)["real"]:
+    if numbers(size, groups)[REAL]:
         real = planted.kinds()
         if not real:
-            groups = tuple(group for group in SHARES if group != "real")
+            groups = tuple(group for group in SHARES if group != REAL)
             print(f"SKIPPED: no real recordings for block {block}", file=sys.stderr)
     count = numbers(size, groups)
     laws = list(LAWS if block in LAST else OUTSIDE)
@@ -101,13 +102,14 @@ def plan(block: str, size: int, root: bytes) -> dict[str, Planned]:
         "triple": [("triple", _set(rng, 3)) for _ in range(count["triple"])],
         "decoy": [_decoy(rng, kind) for kind in _turns(rng, _decoys(), count["decoy"])],
         "outside": [(f"outside:{law}", None) for law in _turns(rng, laws, count["outside"])],
-        "real": [(kind, None) for kind in _turns(rng, real, count.get("real", 0))],
+        REAL: [(kind, None) for kind in _turns(rng, real, count.get(REAL, 0))],
     }
-    planned = [
-        _planned(rng, group, index, kind, of)
-        for group, members in drawn.items()
-        for index, (kind, of) in enumerate(members)
-    ]
+    planned = []
+    for group, members in drawn.items():
+        gaps = _turns(rng, list(GAPS), len(members))
+        for index, (kind, of) in enumerate(members):
+            gap = None if group in LEVEL_DRAWN else gaps[index]
+            planned.append(_planned(rng, group, index, kind, of, gap))
     planned = _with_companions(rng, planned)
     order = rng.permutation(size)
     return {name: planned[i] for name, i in zip(names(size), order, strict=True)}
@@ -138,15 +140,19 @@ def _decoy(rng: np.random.Generator, kind: str) -> tuple[str, tuple[str, ...]]:
 
 
 def _planned(
-    rng: np.random.Generator, group: str, index: int, kind: str, of: tuple[str, ...] | None
+    rng: np.random.Generator,
+    group: str,
+    index: int,
+    kind: str,
+    of: tuple[str, ...] | None,
+    gap: float | None,
 ) -> Planned:
     seed = int(rng.integers(2**31))
-    if group == "real":
+    if group == REAL:
         return Planned(kind, seed, RECORDED, None, None)
     words = [kind] if of is None else ["null", *(f"single:{name}" for name in of)]
     able = [name for name, one in generators().items() if all(one.can(w) for w in words)]
     turn = index if group == "null" else int(rng.integers(len(able)))
-    gap = None if group in LEVEL_DRAWN else GAPS[index % len(GAPS)]
     deep = DEEP in (of or ()) or kind == f"{confusable.DECOY}:{DEEP}"
     return Planned(kind, seed, able[turn % len(able)], of, gap, deep)
 

@@ -59,11 +59,13 @@ class Alike:
     Every source is sink-grounded and every owner knows the contrast, for else there are names that
     nothing could show; a third do not know the contacts, whatever the kind; all touches keep clear
     of a disc in which a law may sit. query_frames: of every query; deep: the owner tells of a body
-    with low electrodes, without which there is no third dimension to be seen.
+    with low electrodes, without which there is no third dimension to be seen; levels: the noise
+    over the median |v|, from and to.
     """
 
     query_frames: int
     deep: bool = False
+    levels: tuple[float, float] = (LEAST_LEVEL, MOST_LEVEL)
 
 
 @dataclass(frozen=True)
@@ -281,7 +283,8 @@ def draw(
     shown = _Shown(world, states)
     plain = shown.readings([])
     median = float(np.median(np.abs(plain[0])))
-    level = float(f"{np.exp(rng.uniform(*np.log((LEAST_LEVEL, MOST_LEVEL)))):.3g}")
+    least, most = (LEAST_LEVEL, MOST_LEVEL) if alike is None else alike.levels
+    level = float(f"{np.exp(rng.uniform(*np.log((least, most)))):.3g}")
     mixed = rng.uniform(0.2, 0.8) if rng.uniform() < 0.3 else 0.0
     scene = strengths.Scene(believed, channels, plain[0], free, grounded, skin.thickness_mm)
     drawn = [_drawn(name, rng, scene) for name in names]
@@ -309,7 +312,7 @@ def draw(
     )
     if lack < 0.9:
         # What is physical is too weak in this noise: there is less of it then.
-        quieter = max(lack, LEAST_LEVEL / level)
+        quieter = max(lack, least / level)
         level, noise = level * quieter, noise * quieter
         found = _strengths(show, makers, wanted)
     amounts = iter(found)
