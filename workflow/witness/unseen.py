@@ -29,9 +29,8 @@ def _largest_so_far(rows) -> np.ndarray:
 
 def _begun(press: np.ndarray) -> np.ndarray:
     """(R,): the latest press that has begun; before the first in sight, the one before that."""
-    begun = np.where(press >= 0, press, -1)
-    begun = np.maximum.accumulate(begun)
-    first = press[press >= 0].min(initial=0)
+    begun = np.maximum.accumulate(press)
+    first = press[press >= 0].min() if (press >= 0).any() else 0
     return np.where(begun < 0, first - 1, begun)
 
 
