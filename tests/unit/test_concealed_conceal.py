@@ -1,5 +1,6 @@
 """What a concealed case shows, and what is put under lock."""
 
+import io
 import json
 from collections.abc import Iterable
 
@@ -41,7 +42,7 @@ def block(tmp_path_factory):
 
 
 def truth(block, name):
-    public, truths, made = block
+    _public, truths, _made = block
     key = sealing.derived(sealing.root_of("demo", 4, truths), "key")
     plain = sealing.open_truth(key, "demo", name, truths / f"{name}.sealed")
     return json.loads(sealing.unpacked(plain)[0])
@@ -107,8 +108,15 @@ def test_the_hints_of_calibration_would_be_seen(monkeypatch):
     drawn = blind(monkeypatch, ["null", "single:contact-impedance"], range(60))
     unknown = {k: [s.contact_impedivity_ohm_m2 is None for s, *_ in v] for k, v in drawn.items()}
     assert 0.15 < np.mean(unknown["single:contact-impedance"]) < 0.55
-    plain = [cases._forgotten(np.random.default_rng(s), cases._draw_skin(np.random.default_rng(s)),
-                              ["contact-impedance"], False) for s in range(60)]
+    plain = [
+        cases._forgotten(
+            np.random.default_rng(s),
+            cases._draw_skin(np.random.default_rng(s)),
+            ["contact-impedance"],
+            False,
+        )
+        for s in range(60)
+    ]
     assert not any(skin.contact_impedivity_ohm_m2 is None for skin in plain)
 
 
@@ -127,13 +135,17 @@ def test_nobody_varies_all_contacts_where_nobody_knows_them(seed):
     for _ in range(60):
         scene = cases.strengths.Scene(
             cases.replace(skin, contact_impedivity_ohm_m2=None),
-            cases.channel_table(16), np.ones(208), None, True, 3.0,
+            cases.channel_table(16),
+            np.ones(208),
+            None,
+            True,
+            3.0,
         )
         assert cases._drawn("contact-impedance", rng, scene).scope != "common"
 
 
 def test_files_are_told_apart_by_their_number_alone(block):
-    public, truths, made = block
+    public, truths, _made = block
     for folder, suffix in (("recordings", "parquet"), ("queries", "parquet")):
         found = sorted((public / folder).iterdir())
         assert [f.name for f in found] == [f"{name}.{suffix}" for name in PLAN]
@@ -156,11 +168,13 @@ def test_files_are_told_apart_by_their_number_alone(block):
 
 
 def test_commitments_say_what_lies_there(block):
-    public, truths, made = block
+    public, _truths, made = block
     for name in PLAN:
         promised = made[name]
         path = public / "recordings" / f"{name}.parquet"
-        assert promised["recording"]["sha256"] == sealing.salted(promised["recording"]["salt"], path)
+        assert promised["recording"]["sha256"] == sealing.salted(
+            promised["recording"]["salt"], path
+        )
     salts = [made[name][part]["salt"] for name in PLAN for part in ("recording", "query")]
     assert len(set(salts)) == 6
     assert set(made["case-001"]) == {"recording", "query", "truth"}
@@ -174,9 +188,7 @@ def test_a_gap_is_reached_by_the_noise(block):
     assert not inside or abs(told["gap_reached"] / 8.0 - 1.0) < 2 * NEAR
     assert LEAST_LEVEL <= told["level"] <= MOST_LEVEL
     assert 0.0 < told["changed"] < 1.0
-    assert set(told["similarity"]) == set(told["similarity_without"]) == {
-        "mmd", "coral", "ncc", "swd",
-    }
+    assert set(told["similarity"]) == {"mmd", "coral", "ncc", "swd"}
 
 
 def test_a_null_has_neither_effects_nor_gaps(block):
@@ -184,8 +196,7 @@ def test_a_null_has_neither_effects_nor_gaps(block):
     assert told["effects"] == [] and told["gaps"] is None and told["outside"] is None
     assert told["changed"] == pytest.approx(0.0, abs=1e-9)
     assert LEAST_LEVEL <= told["level"] <= MOST_LEVEL
-    for key, value in told["similarity"].items():
-        assert value == pytest.approx(told["similarity_without"][key], rel=1.0, abs=0.1)
+    assert sum(one["moved"] for one in told["similarity"].values()) <= 1  # 1 in 20 is chance
 
 
 def test_the_recording_is_the_truth_and_its_noise(block):
@@ -193,8 +204,6 @@ def test_the_recording_is_the_truth_and_its_noise(block):
     key = sealing.derived(sealing.root_of("demo", 4, truths), "key")
     for name in PLAN:
         plain = sealing.open_truth(key, "demo", name, truths / f"{name}.sealed")
-        import io
-
         with np.load(io.BytesIO(sealing.unpacked(plain)[1])) as arrays:
             read = recording.read(public / "recordings" / f"{name}.parquet")
             left = (read.voltage - arrays["clean_V"]) / arrays["noise_V"]

@@ -117,7 +117,7 @@ def test_a_missing_verdict_opens_nothing(block):
 
 
 def test_a_byte_changed_after_opening_is_noticed(opened):
-    public, truths = opened
+    public, _truths = opened
     verdict = public / "verdicts/case-002/diagnosis.json"
     flipped(verdict)
     for check in (sealing.check_opened, sealing.seal):

@@ -14,6 +14,7 @@ import numpy as np
 from calibration.trial import rms, true_gaps
 from concealed import planted, sealing
 from concealed.panel import RECORDED, Planned, generators, plan
+from concealed.resemblance import moves
 from eitskin import recording
 from eitskin.atomic import atomic_path
 from eitskin.diagnose.diagnose import begun, problem_of
@@ -21,7 +22,6 @@ from eitskin.diagnose.noise import Noise
 from eitskin.errors import InputError
 from eitskin.fingerprint import fingerprint
 from eitskin.recording import Recording
-from eitskin.similarity import MEASURES, Pool
 from witness.cases import Alike, Case, draw
 from witness.world import World
 
@@ -116,30 +116,18 @@ def gaps_at(case: Case, noise_V: np.ndarray) -> list | None:
 
 
 def likeness(case: Case, seen: Shown, generator: str, seed: int) -> dict:
-    """How little the effects show: {similarity, similarity_without, changed}; None each of a real
-    recording, which nobody knows without them.
-
-    similarity: Table II's measures between the recording and one of the same skin without its
-    effects, its noise drawn anew; similarity_without: between two such without effects; changed:
-    RMS of what the effects change, an overall factor taken away, over that of the readings.
-    """
+    """How little the effects show: similarity, as `resemblance.moves` has it, and changed: RMS of
+    what they change, an overall factor taken away, over that of the readings without them. None
+    each of a real recording, which nobody knows without."""
     if case.clean is None:
-        return dict.fromkeys(("similarity", "similarity_without", "changed"))
+        return {"similarity": None, "changed": None}
     grounded = case.metadata["source_reference"] == "sink-grounded"
     channels, frame_s = np.array(case.metadata["channels"]), case.metadata["frame_s"]
     world = World(case.true, channels, frame_s, grounded, **_by(generator))
     plain = world.readings(case.states, [])
-    rng = np.random.default_rng([seed, 2])
-    one, other = (plain + seen.noise_V * rng.standard_normal(plain.shape) for _ in range(2))
-    first, second = np.arange(len(plain)), len(plain) + np.arange(len(plain))
-    of = [
-        Pool(np.concatenate([recorded, one]), first, seed).compare(second, first).tolist()
-        for recorded in (seen.voltage, other)
-    ]
     factor = float((plain * case.clean).sum() / (plain**2).sum())
     return {
-        "similarity": dict(zip(MEASURES, of[0], strict=True)),
-        "similarity_without": dict(zip(MEASURES, of[1], strict=True)),
+        "similarity": moves(seen.voltage, plain, case.clean, seen.noise_V, seed),
         "changed": rms(case.clean - factor * plain) / rms(plain),
     }
 

@@ -19,8 +19,8 @@ from witness.strengths import DRAWN
 REAL = "real"
 GAPS = (3.0, 5.0, 8.0, 12.0, 20.0, 40.0)  # wanted of singles and sets, in turn
 SHARES = {  # of a block of 300
-    "null": 63,
-    "single": 99,
+    "null": 57,
+    "single": 105,
     "pair": 18,
     "confusable": 18,
     "triple": 18,
