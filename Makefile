@@ -1,4 +1,4 @@
-# make · make paper · make test · make lint · make real · make bench · make accuracy · make clean
+# make · make paper · make concealed · make concealed_final · make test · make lint · make real · make bench · make accuracy · make clean
 # Needs Python 3.11 or 3.12 (PYTHON=… picks one); after the installs nothing needs the network.
 
 BIN := .venv/bin
@@ -19,7 +19,7 @@ export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
 
 .DELETE_ON_ERROR:
-.PHONY: run paper test lint real bench accuracy clean
+.PHONY: run paper concealed concealed_final test lint real bench accuracy clean
 
 run: .venv/installed
 	@echo "eitskin: simulating, training and writing results/tables/table_1.csv on $(CORES) cores"
@@ -28,6 +28,14 @@ run: .venv/installed
 paper: .venv/installed
 	@echo "eitskin: reproducing the paper at the budget full on $(CORES) cores, days without a GPU; results/report.html"
 	@$(RUN) paper --config budget=full && $(SNAKEMAKE) paper --config budget=full --report results/report.html
+
+concealed: .venv/installed
+	@echo "eitskin: concealing effects, diagnosing them unseen, opening the truths, on $(CORES) cores"
+	@$(RUN) concealed
+
+concealed_final: .venv/installed
+	@echo "eitskin: the final block of concealed effects on $(CORES) cores, hours; what is done stays"
+	@$(RUN) concealed_final
 
 test: .venv/installed-test
 	@echo "eitskin: testing"

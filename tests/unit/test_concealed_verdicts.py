@@ -13,6 +13,7 @@ from eitskin import recording
 from eitskin.errors import InputError
 from eitskin.fingerprint import _closure
 from eitskin.recording import Recording
+from witness.cases import Alike, draw
 
 ROOT = Path(__file__).parents[2]
 SCHEMA = ROOT / "workflow/schemas/diagnosis.schema.yaml"
@@ -131,8 +132,16 @@ def test_new_verdicts_take_away_seal_and_truths(block, quick):
     assert not (block / "seal.json").exists() and not (block / "opened").exists()
 
 
-def test_the_same_verdict_without_the_truths(block):
+def test_the_same_verdict_without_the_truths(tmp_path):
     """The real diagnosis, byte for byte, whether truths lie beside it or not."""
+    block = tmp_path / "results/concealed/demo"
+    case = draw("null", 3, 40, alike=Alike(20))
+    for folder, frames, voltage in (
+        ("recordings", case.states, case.voltage),
+        ("queries", case.query, None),
+    ):
+        made = Recording(frames, voltage, None, None, case.metadata)
+        recording.write(made, block / folder / "case-001.parquet")
     truths = block.parents[1] / "truths" / "demo"
     truths.mkdir(parents=True)
     (truths / "case-001.sealed").write_bytes(bytes(100))

@@ -12,6 +12,7 @@ pytestmark = pytest.mark.xdist_group("finished")
 LEARNED = "results/metrics/simulated-tiny/session/small/physics-informed-mlp.csv"
 DIAGNOSED = "results/diagnosis/simulated-twin/diagnosis.json"
 LIMIT = "results/limit/simulated-tiny-continuous.csv"
+OPENED = "results/concealed/demo/opened/opened.json"
 
 
 def unlocked(house):
@@ -35,9 +36,9 @@ def test_every_result_is_there(finished):
 
 def test_one_core_gives_the_same_bytes(fresh, finished, tmp_path):
     house = fresh.copy(tmp_path / "house")
-    run = house.snakemake("--", LEARNED, DIAGNOSED, LIMIT, cores=1)
+    run = house.snakemake("--", LEARNED, DIAGNOSED, LIMIT, OPENED, cores=1)
     assert run.returncode == 0, run.stdout + run.stderr
-    assert house.digests().keys() >= {LEARNED, DIAGNOSED, LIMIT}
+    assert house.digests().keys() >= {LEARNED, DIAGNOSED, LIMIT, OPENED}
     assert house.digests().items() <= finished.digests().items()
 
 
