@@ -22,9 +22,7 @@ for block, part in BLOCKS.items():
                 recordings=update(
                     expand(f"{PUBLIC}/{block}/recordings/{{case}}.parquet", case=cases)
                 ),
-                queries=update(
-                    expand(f"{PUBLIC}/{block}/queries/{{case}}.parquet", case=cases)
-                ),
+                queries=update(expand(f"{PUBLIC}/{block}/queries/{{case}}.parquet", case=cases)),
                 truths=update(expand(f"{TRUTHS}/{block}/{{case}}.sealed", case=cases)),
                 commitments=f"{PUBLIC}/{block}/batches/{number:03d}.json",
             log:
@@ -58,16 +56,10 @@ for block, part in BLOCKS.items():
             input:
                 schema="workflow/schemas/diagnosis.schema.yaml",
                 commitments=f"{PUBLIC}/{block}/commitments.json",
-                recordings=expand(
-                    f"{PUBLIC}/{block}/recordings/{{case}}.parquet", case=cases
-                ),
+                recordings=expand(f"{PUBLIC}/{block}/recordings/{{case}}.parquet", case=cases),
                 queries=expand(f"{PUBLIC}/{block}/queries/{{case}}.parquet", case=cases),
             output:
-                update(
-                    expand(
-                        f"{PUBLIC}/{block}/verdicts/{{case}}/diagnosis.json", case=cases
-                    )
-                ),
+                update(expand(f"{PUBLIC}/{block}/verdicts/{{case}}/diagnosis.json", case=cases)),
             log:
                 f"logs/verdicts/{block}/{number:03d}.log",
             benchmark:
@@ -93,11 +85,7 @@ rule commit_truths:
         lambda wildcards: expand(
             "results/concealed/{block}/batches/{number:03d}.json",
             block=wildcards.block,
-            number=range(
-                len(
-                    case_batches(BLOCKS[wildcards.block]["cases"], CONCEALED["batch"])
-                )
-            ),
+            number=range(len(case_batches(BLOCKS[wildcards.block]["cases"], CONCEALED["batch"]))),
         ),
     output:
         commitments=update("results/concealed/{block}/commitments.json"),
