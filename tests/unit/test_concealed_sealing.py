@@ -232,17 +232,6 @@ def test_a_final_block_is_committed_once(tmp_path):
     plain = sealing.packed(truth(CASES[0]), {"clean_V": np.zeros((4, 3))})
     sealed = sealing.seal_truth(bytes.fromhex(root), "final", CASES[0], plain)
     assert sealed == (truths / f"{CASES[0]}.sealed").read_bytes()
-    with pytest.raises(InputError, match="a block that is open"):
-        sealing.forget(public)
-
-
-def test_new_verdicts_forget_the_old_seal(opened):
-    public, truths = opened
-    flipped(public / "verdicts/case-001/diagnosis.json")
-    sealing.forget(public)
-    sealing.seal(public)
-    sealing.unlock(public, truths)
-    sealing.check_opened(public)
 
 
 @settings(deadline=None, max_examples=25)

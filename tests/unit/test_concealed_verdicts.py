@@ -3,12 +3,13 @@
 import ast
 import hashlib
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from concealed import sealing, verdicts
+from concealed import verdicts
 from eitskin import recording
 from eitskin.errors import InputError
 from eitskin.fingerprint import _closure
@@ -150,23 +151,20 @@ def test_the_same_verdict_without_the_truths(tmp_path):
     run(block, "case-001")
     before = said(block)
     assert "failed" not in json.loads(before[Path("verdicts/case-001/diagnosis.json")])
-    sealing.shutil.rmtree(truths)
-    sealing.shutil.rmtree(block / "verdicts")
-    sealing.shutil.rmtree(block / "opened", ignore_errors=True)
+    shutil.rmtree(truths)
+    shutil.rmtree(block / "verdicts")
+    shutil.rmtree(block / "opened", ignore_errors=True)
     run(block, "case-001")
     assert said(block) == before and len(before) > 8
 
 
-def test_verdicts_import_nothing_that_draws():
-    """Neither the witness nor what conceals is part of a diagnosis' code."""
+def test_verdicts_import_nothing_that_draws_or_opens():
+    """Neither the witness nor what conceals or opens is part of a diagnosis' code."""
     used = _closure("concealed.verdicts")
     assert "eitskin.diagnose.search" in used
     tops = {name.split(".")[0] for name in used}
     assert tops == {"concealed", "eitskin"}
-    assert {name for name in used if name.startswith("concealed.")} == {
-        "concealed.sealing",
-        "concealed.verdicts",
-    }
+    assert {name for name in used if name.startswith("concealed.")} == {"concealed.verdicts"}
 
 
 def test_the_tool_never_imports_the_proof():

@@ -20,7 +20,6 @@ import hmac
 import io
 import json
 import os
-import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -38,7 +37,6 @@ HEADER = 8  # bytes that say how long the JSON part is, and the arrays
 ROOT = "root.json"  # there only while a block with a random root is being concealed
 KEY = "key.json"
 SEALED = ("verdicts", "baselines")  # folders of a block that the seal is over
-FINAL = "final"
 
 
 def derived(root: bytes, *words: str) -> bytes:
@@ -295,16 +293,6 @@ def check_opened(block: Path) -> str:
         if found != promised["truth"]:
             raise InputError(text, f"truth of {case}", found, promised["truth"])
     return made
-
-
-def forget(block: Path) -> None:
-    """Take away seal and opened truths of a block whose verdicts are to be made anew; InputError
-    for one that has been opened and is drawn once."""
-    opened = block / "opened" / "opened.json"
-    if block.name == FINAL and opened.is_file():
-        raise InputError(opened, "file", "a block that is open", "one whose truths nobody has seen")
-    shutil.rmtree(block / "opened", ignore_errors=True)
-    (block / "seal.json").unlink(missing_ok=True)
 
 
 def _sha256(path: Path) -> str:

@@ -6,13 +6,13 @@ import shutil
 import traceback
 from pathlib import Path
 
-from concealed import sealing
 from eitskin import recording
 from eitskin.atomic import atomic_path
 from eitskin.diagnose import diagnose
-from eitskin.fingerprint import fingerprint
+from eitskin.errors import InputError
 
 MADE = "made.json"
+FINAL = "final"
 
 
 def run(names: list[str], block: Path, schema: Path, seed: int, code: str) -> None:
@@ -29,9 +29,9 @@ def run(names: list[str], block: Path, schema: Path, seed: int, code: str) -> No
         files = [block / part / f"{name}.parquet" for part in ("recordings", "queries")]
         digests = (hashlib.sha256(file.read_bytes()).hexdigest() for file in files)
         made = {"code": code, **dict(zip(("recording", "query"), digests, strict=True))}
-        if _stands(folder, made, block.name == sealing.FINAL):
+        if _stands(folder, made, block.name == FINAL):
             continue
-        sealing.forget(block)
+        forget(block)
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         _diagnose(name, *files, folder, schema, seed)
@@ -39,9 +39,14 @@ def run(names: list[str], block: Path, schema: Path, seed: int, code: str) -> No
             path.write_text(json.dumps(made, indent=1) + "\n", "utf-8")
 
 
-def code() -> str:
-    """The fingerprint of the diagnosis, and of how it is called here."""
-    return fingerprint("concealed.verdicts")
+def forget(block: Path) -> None:
+    """Take away seal and opened truths of a block whose verdicts are to be made anew; InputError
+    for the final one, once it is open."""
+    opened = block / "opened" / "opened.json"
+    if block.name == FINAL and opened.is_file():
+        raise InputError(opened, "file", "a block that is open", "one whose truths nobody has seen")
+    shutil.rmtree(block / "opened", ignore_errors=True)
+    (block / "seal.json").unlink(missing_ok=True)
 
 
 def _stands(folder: Path, made: dict, any_code: bool) -> bool:
