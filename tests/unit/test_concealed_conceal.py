@@ -78,7 +78,7 @@ def blind(monkeypatch, kinds: Iterable[str], seeds: range):
 
 
 def test_metadata_and_frames_do_not_depend_on_the_kind(monkeypatch):
-    drawn = blind(monkeypatch, KINDS, range(300))
+    drawn = blind(monkeypatch, KINDS, range(150))
     looks = {
         "unknown contacts": lambda skin, *_: skin.contact_impedivity_ohm_m2 is None,
         "radius": lambda skin, *_: skin.radius_mm,
@@ -100,7 +100,10 @@ def test_metadata_and_frames_do_not_depend_on_the_kind(monkeypatch):
         assert len(keys) == 1 and keys == {tuple(drawn["null"][0][0].metadata())}
         for name, look in looks.items():
             here, there = ([float(look(*one)) for one in drawn[k]] for k in (kind, "null"))
-            assert kind == "null" or ks_2samp(here, there).pvalue > 1e-4, (kind, name)
+            assert kind == "null" or ks_2samp(here, there, method="asymp").pvalue > 1e-4, (
+                kind,
+                name,
+            )
 
 
 def test_the_hints_of_calibration_would_be_seen(monkeypatch):

@@ -21,7 +21,7 @@ from eitskin.diagnose.diagnose import begun, problem_of
 from eitskin.diagnose.noise import Noise
 from eitskin.errors import InputError
 from eitskin.fingerprint import fingerprint
-from eitskin.recording import Recording
+from eitskin.recording import Recording, frames_table
 from witness.cases import Alike, Case, draw
 from witness.world import World
 
@@ -209,8 +209,11 @@ def _kept(root: bytes, block: str, name: str, files: list[Path], once: bool) -> 
 def _draw(root: bytes, name: str, planned: Planned, sizes: Sizes, files: list[Path]) -> bytes:
     case = case_of(planned, sizes)
     seen = shown(case, planned, root, name)
+    query = case.query
+    if query.empty:  # no frame of a real recording is left: an untouched one, a second later
+        query = frames_table(case.states["time_s"].to_numpy()[-1:] + 1.0, np.array([False]))
     for path, frames, voltage in zip(
-        files, (case.states, case.query), (seen.voltage, None), strict=True
+        files, (case.states, query), (seen.voltage, None), strict=True
     ):
         recording.write(Recording(frames, voltage, None, None, case.metadata), path)
     salt = sealing.derived(root, "salt", name, "truth").hex()
