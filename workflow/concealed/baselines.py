@@ -7,10 +7,9 @@ recording. `gp` and `mlp`: black boxes on the residual. What is linear predicts 
 the calibrations following.
 """
 
-import json
-import traceback
 import warnings
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +19,11 @@ from scipy.stats import norm
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import lasso_path
 
-from calibration import black_box
+from calibration import black_box, result
 from eitskin import recording
 from eitskin.atomic import atomic_path
 from eitskin.diagnose import tones
-from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.candidates import Candidate, log_ways
 from eitskin.diagnose.diagnose import begun, read_query, simulator
 from eitskin.diagnose.excerpt import excerpt
 from eitskin.diagnose.fit import Fit, Problem, difference, fit
@@ -241,8 +240,8 @@ def _fitted(made: Linear, chosen: np.ndarray) -> np.ndarray:
 
 def lasso(made: Linear) -> tuple[np.ndarray, np.ndarray]:
     """Columns (k,) and values (k,) of the lasso (Tibshirani 1996) on unit columns, at the penalty
-    whose columns, fitted without it (Belloni and Chernozhukov 2013), have the least chi squared +
-    number · log dof."""
+    whose columns, fitted without it (Belloni and Chernozhukov 2013), have the least extended BIC
+    (Chen and Chen 2008): chi squared + number · log dof + 2 log (ways to choose them)."""
     size, turn = np.linalg.eigh(made.gram)
     kept = size > RIDGE * size[-1]
     root = np.sqrt(size[kept])
@@ -258,7 +257,8 @@ def lasso(made: Linear) -> tuple[np.ndarray, np.ndarray]:
         active = np.flatnonzero(values)
         if len(active):
             gain = made.slope[active] @ _fitted(made, active)
-            criterion = made.chi2 - gain + len(active) * np.log(made.dof)
+            ways = log_ways(len(made.columns), len(active))
+            criterion = made.chi2 - gain + len(active) * np.log(made.dof) + 2.0 * ways
             if criterion < best:
                 best, chosen = criterion, active
     return chosen, _fitted(made, chosen)
@@ -327,22 +327,17 @@ GREEDY = {"matched-filter": matched_filter, "lasso": lasso}
 
 
 def run(cases: list[str], recordings: Path, queries: Path, folder: Path, seed: int) -> None:
-    """Every case that has no file in `folder` yet: CASE.npz, predictions (Q, M) by method, then
+    """Every case that has no file in `folder` yet: CASE.npz, predictions (Q, M) by method, and
     CASE.json, {case, effects: by method}, or {case, failed: why}; each as soon as it is done."""
     folder.mkdir(parents=True, exist_ok=True)
+
+    def one(case: str) -> dict:
+        recorded = recording.read(recordings / f"{case}.parquet")
+        query = read_query(queries / f"{case}.parquet", recorded)
+        said, predicted = compare(recorded, query, seed)
+        with atomic_path(folder / f"{case}.npz") as path, path.open("wb") as file:
+            np.savez_compressed(file, **predicted)
+        return {"case": case, "effects": said}
+
     for case in cases:
-        path = folder / f"{case}.json"
-        if path.exists():
-            continue
-        try:
-            recorded = recording.read(recordings / f"{case}.parquet")
-            query = read_query(queries / f"{case}.parquet", recorded)
-            said, predicted = compare(recorded, query, seed)
-            row = {"case": case, "effects": said}
-            with atomic_path(folder / f"{case}.npz") as temporary, temporary.open("wb") as file:
-                np.savez_compressed(file, **predicted)
-        except Exception as error:  # whatever it is, it is a result
-            traceback.print_exc()
-            row = {"case": case, "failed": repr(error)}
-        with atomic_path(path) as temporary:
-            temporary.write_text(json.dumps(row, ensure_ascii=False) + "\n", "utf-8")
+        result.keep(folder / f"{case}.json", {"case": case}, partial(one, case))

@@ -1,0 +1,149 @@
+"""One concealed case as a picture: the residual, the sentence, the corrected fit, the truth."""
+
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from calibration import judge
+from concealed import opened, scoring
+from eitskin import drawing
+from eitskin.diagnose import evidence
+from eitskin.diagnose.evidence import Evidence
+from eitskin.diagnose.figures import (
+    AFTER,
+    BEFORE,
+    CULPRIT,
+    QUIET,
+    draw_matrices,
+    layout,
+    log_limits,
+    matrix_bar,
+    style,
+)
+from eitskin.diagnose.words import number, quantity, where
+from eitskin.effects import EFFECTS
+from eitskin.effects.effect import SITES
+
+WIDTH = 40  # characters of a line of the sentence
+
+
+def shown(rows: list[dict]) -> str:
+    """The case to show: a single effect that was rightly named, on electrodes if there is one, the
+    one whose misfit on hidden frames fell most; the first case where there is none."""
+
+    def worth(row: dict) -> tuple:
+        right = row["kind"] == "single" and "failed" not in row
+        right = right and len(row["said"]["effects"]) == 1 == sum(map(bool, judge.matched(row)))
+        at = right and bool(row["said"]["effects"][0]["electrodes"])
+        fell = row["hidden"]["none"] / row["hidden"]["eitskin"] if right else 0.0
+        return right, at, 0.0 if np.isnan(fell) else fell
+
+    return max(rows, key=worth)["case"]
+
+
+def hidden(block: Path, truths: Path, case: str) -> pd.DataFrame:
+    """time_s, force_N, before and after of every hidden frame: root mean square over the channels
+    of prediction minus truth, in units of a reading's noise."""
+    truth, arrays = opened.read(truths, case)
+    clean, noise = arrays["query_clean_V"], np.asarray(truth["noise_V"])
+    table = pd.read_parquet(block / "queries" / f"{case}.parquet", columns=["time_s", "force_N"])
+    after, _ = scoring.predicted(block / "verdicts" / case / "predicted.parquet", clean.shape)
+    with np.load(block / "baselines" / f"{case}.npz", allow_pickle=False) as file:
+        before = file["none"]
+
+    def rms(voltage: np.ndarray) -> np.ndarray:
+        return np.sqrt((((voltage - clean) / noise) ** 2).mean(axis=1))
+
+    return table.assign(before=rms(before), after=rms(after))
+
+
+def truth_of(item: dict) -> str:
+    """A true effect in words: name, place, values."""
+    effect = EFFECTS[item["name"]]
+    at = where({"name": item["name"], **{kind: item.get(kind, []) for kind in SITES}})
+    values = []
+    for key, given in item.get("parameters", {}).items():
+        if given is None:
+            continue
+        several = np.size(given) > 4
+        unit = effect.parameters[key].unit
+        text = ", ".join(quantity(float(v), unit) for v in np.ravel(given)[: 1 if several else 4])
+        values.append(f"{key} {text}{' …' if several else ''}")
+    return f"{item['name']}, {at}" + (f": {'; '.join(values)}" if values else "")
+
+
+def draw(shown: Evidence, frames: pd.DataFrame, truth: dict) -> Figure:
+    """Four panels: residual of the owner's simulation, verdict and truth, residual of the corrected
+    one, true error on hidden frames."""
+    with style():
+        figure = drawing.sheet(drawing.FULL_MM, 68.0)
+        grid = figure.add_gridspec(1, 4, width_ratios=(1, 1.1, 1, 1.05))
+        first = figure.add_subplot(grid[0])
+        third = figure.add_subplot(grid[2], sharey=first)
+        image = draw_matrices((first, third), shown)
+        for axes, text in ((first, "as the owner simulates it"), (third, "corrected")):
+            axes.set_title(f"{text}\n{axes.get_title()}", color=axes.title.get_color())
+            matrix_bar(figure, image, [axes])
+        _sentence(figure.add_subplot(grid[1]), shown, truth)
+        _hidden(figure.add_subplot(grid[3]), frames)
+    return figure
+
+
+def _sentence(axes: Axes, shown: Evidence, truth: dict) -> None:
+    angle, radius = layout(shown)
+    drawing.disc(axes, radius, angle)
+    touched = shown.frames[shown.frames["touch"]][["x_mm", "y_mm"]].drop_duplicates()
+    axes.plot(touched["x_mm"], touched["y_mm"], ".", color=QUIET, markersize=2)
+    rim = radius * np.exp(1j * np.radians(angle))
+    effects = shown.diagnosis["effects"]
+    for site in {site for effect in effects for site in effect["electrodes"]}:
+        axes.plot(rim[site].real, rim[site].imag, "s", color=CULPRIT, markersize=4.5)
+        at = 1.17 * rim[site]
+        axes.text(at.real, at.imag, str(site), color=CULPRIT, ha="center", va="center")
+    axes.set_axis_off()
+    axes.set(xlim=(-1.25 * radius, 1.25 * radius), ylim=(-4.1 * radius, 1.3 * radius))
+    said = " ".join(effect["sentence"] for effect in effects)
+    said = said or shown.diagnosis["other"]["sentence"] or "Nothing is missing."
+    concealed = "; ".join(truth_of(item) for item in truth["effects"]) or "nothing"
+    if truth["outside"]:
+        concealed = truth["outside"]["law"]
+    parts = (
+        ("verdict, sealed", QUIET, "normal"),
+        (said, AFTER, "bold"),
+        ("", QUIET, "normal"),
+        ("truth, opened afterwards", QUIET, "normal"),
+        (concealed, CULPRIT, "bold"),
+    )
+    y = -1.35 * radius
+    for text, colour, weight in parts:
+        lines = textwrap.wrap(text, WIDTH) or [""]
+        for line in lines:
+            axes.text(0, y, line, color=colour, weight=weight, ha="center", va="top", fontsize=5.8)
+            y -= 0.235 * radius
+
+
+def _hidden(axes: Axes, frames: pd.DataFrame) -> None:
+    for key, colour in (("before", BEFORE), ("after", AFTER)):
+        middle = number(float(np.sqrt((frames[key] ** 2).mean())))
+        axes.plot(frames["force_N"], frames[key], ".", color=colour, markersize=4, alpha=0.7, mew=0)
+        axes.plot([], [], ".", color=colour, label=f"{key}: rms {middle}")
+    axes.axhline(1.0, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)), label="noise")
+    axes.set_yscale("log")
+    log_limits(axes.yaxis, frames[["before", "after"]].to_numpy())
+    axes.set_xlabel("force, N (0: untouched)")
+    axes.set_ylabel("true error of a reading, in units of its noise")
+    axes.set_title("hidden frames: new places,\nhigher forces, another probe")
+    axes.legend(loc="best", borderpad=0.1, handletextpad=0.2)
+
+
+def write(block: Path, truths: Path, schema: Path, case: str, out: tuple[Path, Path, Path]) -> None:
+    """The picture of a case as SVG and PNG, its hidden frames as CSV."""
+    folder = block / "verdicts" / case
+    found = evidence.read(folder, block / "recordings" / f"{case}.parquet", schema)
+    frames = hidden(block, truths, case)
+    truth, _ = opened.read(truths, case)
+    drawing.write(draw(found, frames, truth), frames, *out)
