@@ -1,13 +1,15 @@
 """One recording with known truth: drawn, diagnosed, and what came of it kept as a row."""
 
+import json
 import time
+import traceback
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from calibration import black_box, result
+from calibration import black_box
+from eitskin.atomic import atomic_path
 from eitskin.diagnose import diagnose
 from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.fit import Fit, fit
@@ -137,5 +139,12 @@ def run(trials: list[tuple[str, int]], folder: Path) -> None:
     """
     folder.mkdir(parents=True, exist_ok=True)
     for kind, seed in trials:
-        head = {"kind": kind, "seed": seed, "code": CODE}
-        result.keep(file_of(folder, kind, seed), head, partial(trial, kind, seed))
+        path = file_of(folder, kind, seed)
+        if not path.exists():
+            try:
+                row = trial(kind, seed)
+            except Exception as error:  # whatever it is, it is a result
+                traceback.print_exc()
+                row = {"kind": kind, "seed": seed, "code": CODE, "failed": repr(error)}
+            with atomic_path(path) as temporary:
+                temporary.write_text(json.dumps(row, ensure_ascii=False) + "\n", "utf-8")

@@ -19,7 +19,8 @@ from scipy.stats import norm
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import lasso_path
 
-from calibration import black_box, result
+from calibration import black_box
+from concealed import kept, sealing
 from eitskin import recording
 from eitskin.atomic import atomic_path
 from eitskin.diagnose import tones
@@ -326,18 +327,31 @@ def compare(recorded: Recording, query: Recording, seed: int) -> tuple[dict, dic
 GREEDY = {"matched-filter": matched_filter, "lasso": lasso}
 
 
-def run(cases: list[str], recordings: Path, queries: Path, folder: Path, seed: int) -> None:
-    """Every case that has no file in `folder` yet: CASE.npz, predictions (Q, M) by method, and
-    CASE.json, {case, effects: by method}, or {case, failed: why}; each as soon as it is done."""
-    folder.mkdir(parents=True, exist_ok=True)
+def run(cases: list[str], block: Path, seed: int, code: str) -> None:
+    """baselines/CASE.npz, predictions (Q, M) by method, and CASE.json, {effects: by method} or
+    {failed: why}, of every case of a block, each whole before the next begins.
 
-    def one(case: str) -> dict:
-        recorded = recording.read(recordings / f"{case}.parquet")
-        query = read_query(queries / f"{case}.parquet", recorded)
-        said, predicted = compare(recorded, query, seed)
-        with atomic_path(folder / f"{case}.npz") as path, path.open("wb") as file:
-            np.savez_compressed(file, **predicted)
-        return {"case": case, "effects": said}
-
+    One of the same recording and query by the same code stays, in the final block by any code. New
+    ones take away the seal and the opened truths; InputError in a final block that was opened.
+    """
     for case in cases:
-        result.keep(folder / f"{case}.json", {"case": case}, partial(one, case))
+        folder = block / "baselines"
+        files = {
+            name: block / part / f"{case}.parquet"
+            for name, part in (("recording", "recordings"), ("query", "queries"))
+        }
+        made = kept.made_of(code, **files)
+        path = folder / f"{case}.json"
+        if not kept.stands(path, made, block.name == sealing.FINAL):
+            sealing.forget(block)
+            path.unlink(missing_ok=True)
+            kept.write(path, made, partial(_one, files, folder / f"{case}.npz", seed))
+
+
+def _one(files: dict[str, Path], arrays: Path, seed: int) -> dict:
+    recorded = recording.read(files["recording"])
+    said, predicted = compare(recorded, read_query(files["query"], recorded), seed)
+    arrays.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_path(arrays) as path, path.open("wb") as file:
+        np.savez_compressed(file, **predicted)
+    return {"effects": said}

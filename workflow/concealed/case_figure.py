@@ -45,11 +45,11 @@ def shown(rows: list[dict]) -> str:
     return max(rows, key=worth)["case"]
 
 
-def hidden(block: Path, truths: Path, case: str) -> pd.DataFrame:
+def hidden(block: Path, case: str) -> pd.DataFrame:
     """time_s, force_N, before and after of every hidden frame: root mean square over the channels
     of prediction minus truth, in units of a reading's noise."""
-    truth, arrays = opened.read(truths, case)
-    clean, noise = arrays["query_clean_V"], np.asarray(truth["noise_V"])
+    _, arrays = opened.read(block / "opened", case)
+    clean, noise = arrays["query_clean_V"], arrays["noise_V"]
     table = pd.read_parquet(block / "queries" / f"{case}.parquet", columns=["time_s", "force_N"])
     after, _ = scoring.predicted(block / "verdicts" / case / "predicted.parquet", clean.shape)
     with np.load(block / "baselines" / f"{case}.npz", allow_pickle=False) as file:
@@ -140,10 +140,10 @@ def _hidden(axes: Axes, frames: pd.DataFrame) -> None:
     axes.legend(loc="best", borderpad=0.1, handletextpad=0.2)
 
 
-def write(block: Path, truths: Path, schema: Path, case: str, out: tuple[Path, Path, Path]) -> None:
+def write(block: Path, schema: Path, case: str, out: tuple[Path, Path, Path]) -> None:
     """The picture of a case as SVG and PNG, its hidden frames as CSV."""
     folder = block / "verdicts" / case
     found = evidence.read(folder, block / "recordings" / f"{case}.parquet", schema)
-    frames = hidden(block, truths, case)
-    truth, _ = opened.read(truths, case)
+    frames = hidden(block, case)
+    truth, _ = opened.read(block / "opened", case)
     drawing.write(draw(found, frames, truth), frames, *out)

@@ -48,7 +48,8 @@ def accuracy(table: pd.DataFrame) -> Figure:
         axes.set(xlim=(1.5, 60), ylim=(-0.02, 1.05))
         axes.set_xlabel("gap to the nearest other name, in units of the noise (median)")
         axes.set_ylabel("right name or declared class")
-        figure.legend(loc="outside upper center", ncols=4, columnspacing=1.2, handlelength=1.4)
+        if len(table):
+            figure.legend(loc="outside upper center", ncols=4, columnspacing=1.2, handlelength=1.4)
     return figure
 
 

@@ -17,7 +17,8 @@ def cases(folder: Path) -> list[str]:
 
 
 def read(folder: Path, case: str) -> tuple[dict, dict[str, np.ndarray]]:
-    """A case's truth, and its arrays: clean_V (N, M) and query_clean_V (Q, M)."""
+    """A case's truth, and its arrays: noise_V (M,) and, of a simulated case, clean_V (N, M) and
+    query_clean_V (Q, M)."""
     truth = json.loads((folder / f"{case}.json").read_text("utf-8"))
     with np.load(folder / f"{case}.npz", allow_pickle=False) as file:
         return truth, {name: file[name] for name in file.files}

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration import result
 from calibration.trial import candidate_of, rms, snr_left, with_all
-from concealed import opened
+from concealed import kept, opened, planted
 from eitskin import recording
+from eitskin.diagnose import diagnose
 from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.diagnose import begun, read_query, simulator
 from eitskin.diagnose.estimates import estimates
@@ -79,22 +79,39 @@ def _told(state: State, index: int) -> dict:
     return {"name": candidate.name, "parameters": estimates(state.fit, index), **sites}
 
 
-def run(cases: list[str], block: Path, truths: Path, folder: Path, seed: int) -> None:
-    """CASE.json, {case, rmse_V, effects, snr_left}, of every case of a block that has none in
-    `folder` yet; snr_left where physics outside the catalogue is present, else None."""
-    folder.mkdir(parents=True, exist_ok=True)
+def control(kind: str, seed: int, name: str) -> list[dict]:
+    """What a diagnosis names in a real recording's excerpt without the fault planted in it."""
+    word, of, _ = kind.split(":")
+    case = planted.draw(f"{word}:{of}:{planted.NONE}", seed)
+    recorded = Recording(case.states, case.voltage, None, None, case.metadata)
+    return diagnose.result(diagnose.diagnose(recorded, 1), name)["effects"]
 
-    def one(case: str) -> dict:
-        truth, arrays = opened.read(truths, case)
-        recorded = recording.read(block / "recordings" / f"{case}.parquet")
-        query = read_query(block / "queries" / f"{case}.parquet", recorded)
-        row = {"case": case, **oracle(recorded, query, truth, arrays["query_clean_V"], seed)}
-        verdict = block / "verdicts" / case / "diagnosis.json"
-        row["snr_left"] = None
-        if truth["outside"] and verdict.exists():
-            said = json.loads(verdict.read_text("utf-8"))["effects"]
-            row["snr_left"] = left(recorded, said, arrays["clean_V"], seed)
-        return row
 
+def run(cases: list[str], block: Path, seed: int, code: str) -> None:
+    """oracle/CASE.json of every opened case of a block: {rmse_V, effects}, as `oracle`; snr_left
+    where physics outside the catalogue is present; control where a fault was planted in a real
+    recording, whose hidden readings nobody knows. One of the same files by the same code stays."""
     for case in cases:
-        result.keep(folder / f"{case}.json", {"case": case}, partial(one, case))
+        truth, arrays = opened.read(block / "opened", case)
+        files = {
+            "truth": block / "opened" / f"{case}.json",
+            "recording": block / "recordings" / f"{case}.parquet",
+            "query": block / "queries" / f"{case}.parquet",
+            "verdict": block / "verdicts" / case / "diagnosis.json",
+        }
+        made, path = kept.made_of(code, **files), block / "oracle" / f"{case}.json"
+        if not kept.stands(path, made, False):
+            kept.write(path, made, partial(_one, files, case, truth, arrays, seed))
+
+
+def _one(files: dict[str, Path], case: str, truth: dict, arrays: dict, seed: int) -> dict:
+    if "query_clean_V" not in arrays:
+        known = truth.get("fault") is None
+        return {"control": None if known else control(truth["kind"], truth["seed"], case)}
+    recorded = recording.read(files["recording"])
+    query = read_query(files["query"], recorded)
+    row = oracle(recorded, query, truth, arrays["query_clean_V"], seed)
+    said = json.loads(files["verdict"].read_text("utf-8"))
+    if truth["outside"] and "failed" not in said:
+        row["snr_left"] = left(recorded, said["effects"], arrays["clean_V"], seed)
+    return row

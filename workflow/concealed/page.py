@@ -7,7 +7,7 @@ import pandas as pd
 
 from calibration import figures as calibrated
 from calibration import judge, score
-from concealed import figures, scoring
+from concealed import figures, scoring, sealing
 from concealed.baselines import NAMING
 from eitskin.atomic import atomic_path
 from eitskin.drawing import write as write_figure
@@ -257,10 +257,11 @@ def _misses(rows: list[dict]) -> list[str]:
     return [text, "", *_table(head, lines), ""]
 
 
-def write(block: Path, truths: Path, folder: Path, command: str) -> None:
-    """Score an opened block into a folder: score.csv and .md, cases.csv, baselines.csv, and each
-    figure of `figures` as .svg, .png and .csv."""
-    rows = scoring.rows(block, truths)
+def write(block: Path, folder: Path, command: str) -> None:
+    """Score an opened block, everything in it being as it was sealed, into a folder: score.csv and
+    .md, cases.csv, baselines.csv, and each figure of `figures` as .svg, .png and .csv."""
+    sealing.check_seal(block)
+    rows = scoring.rows(block)
     lines, methods = scoring.whole(rows), scoring.by_method(rows)
     told = [row for row in rows if "failed" not in row]
     tables = {"score": lines, "cases": cases(rows), "baselines": methods}

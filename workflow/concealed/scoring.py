@@ -18,7 +18,7 @@ from scipy.stats import norm
 
 from calibration import judge, score
 from calibration.trial import rms
-from concealed import baselines, opened
+from concealed import baselines, opened, planted
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import LeakEffect
 from eitskin.errors import InputError
@@ -42,16 +42,17 @@ LINE = (
 HIGHEST = np.inf
 
 
-def rows(block: Path, truths: Path) -> list[dict]:
+def rows(block: Path) -> list[dict]:
     """One row a case of an opened block, in order: the truth, what was said, how the hidden frames
     (the query, without noise) were predicted, by whom."""
-    return [_row(block, truths, case) for case in opened.cases(truths)]
+    return [_row(block, case) for case in opened.cases(block / "opened")]
 
 
-def _row(block: Path, truths: Path, case: str) -> dict:
-    truth, arrays = opened.read(truths, case)
-    verdict, told = block / "verdicts" / case, _json(block / "baselines" / f"{case}.json")
-    best = _json(block / "oracle" / f"{case}.json")
+def _row(block: Path, case: str) -> dict:
+    truth, arrays = opened.read(block / "opened", case)
+    verdict = block / "verdicts" / case
+    said = _json(verdict / "diagnosis.json")
+    told, best = (_json(block / part / f"{case}.json") for part in ("baselines", "oracle"))
     word, _, of = truth["kind"].partition(":")
     row = {
         "case": case,
@@ -63,31 +64,39 @@ def _row(block: Path, truths: Path, case: str) -> dict:
         "strength": truth["gap_wanted"],
         "truth": truth["effects"],
         "scopes": truth["scopes"],
-        "true_gaps": truth["gaps"],
+        "true_gaps": truth["gaps"] or [None] * len(truth["effects"]),
         "outside": truth["outside"],
+        "fault": truth.get("fault"),
+        "control": best.get("control"),
         "level": truth["level"],
-        "similarity": truth["similarity"],
         "changed": truth["changed"],
+        "similarity": truth["similarity"],
+        "similarity_without": truth["similarity_without"],
         "snr_left": best.get("snr_left") or np.nan,
         "best": best.get("effects"),
         "baselines": told.get("effects", {}),
-        "broken": [n for n, row in (("baselines", told), ("oracle", best)) if "failed" in row],
+        "broken": [n for n, made in (("baselines", told), ("oracle", best)) if "failed" in made],
+        "said": SAID_NOTHING if "failed" in said else said,
+        **({"failed": said["failed"]} if "failed" in said else {}),
     }
+    took = block / "seconds" / f"{case}.json"
+    if took.is_file():
+        row["seconds"] = _json(took)["seconds"]
+    if "query_clean_V" not in arrays:
+        return {**row, "hidden": _hidden({})}
     clean = arrays["query_clean_V"]
     hidden = {"oracle": best.get("rmse_V")}
     if "failed" not in told:
         with np.load(block / "baselines" / f"{case}.npz", allow_pickle=False) as file:
             hidden |= {name: rms(file[name] - clean) for name in file.files}
-    if not (verdict / "diagnosis.json").is_file():
-        return {**row, "said": SAID_NOTHING, "failed": True, "hidden": _hidden(hidden)}
-    row["said"] = _json(verdict / "diagnosis.json")
-    voltage, sd = predicted(verdict / "predicted.parquet", clean.shape)
-    error = voltage - clean
-    hidden |= {
-        "eitskin": rms(error),
-        "chi2_per_dof": float(1.0 + ((error / np.asarray(truth["noise_V"])) ** 2).mean()),
-        "within_90": float((np.abs(error) <= 0.5 * FRACTION_90 * sd).mean()),
-    }
+    if "failed" not in said:
+        voltage, sd = predicted(verdict / "predicted.parquet", clean.shape)
+        error = voltage - clean
+        hidden |= {
+            "eitskin": rms(error),
+            "chi2_per_dof": float(1.0 + ((error / arrays["noise_V"]) ** 2).mean()),
+            "within_90": float((np.abs(error) <= 0.5 * FRACTION_90 * sd).mean()),
+        }
     return {**row, "hidden": _hidden(hidden)}
 
 
@@ -184,6 +193,17 @@ def _with_effects(rows: list[dict]) -> list[dict]:
 
 def _band(rows: list[dict], low: float, high: float = HIGHEST) -> list[dict]:
     return [row for row in rows if low <= smallest_gap(row) < high or smallest_gap(row) == high]
+
+
+def _planted(rows: list[dict]) -> dict:
+    """Faults planted in real recordings, against what is named of the same frames without."""
+    own = [row for row in _of("real", rows) if row["fault"]]
+    hits = sum(
+        "failed" not in row
+        and planted.found(row["said"], {"effects": row["control"] or []}, row["fault"])
+        for row in own
+    )
+    return score.share("a fault in a real recording", "found, at its site", hits, len(own))
 
 
 def _false_alarms(rows: list[dict]) -> dict:
@@ -399,6 +419,7 @@ BESIDE = (
     Claim(_within),
     Claim(_broken),
 )
+REAL = (Claim(_planted), Claim(_seconds), Claim(_broken))
 
 
 def table(rows: list[dict], claims: tuple[Claim, ...]) -> pd.DataFrame:
@@ -430,7 +451,11 @@ def whole(rows: list[dict]) -> pd.DataFrame:
     """Every line (rows, then LINE) of all rows and of each stratum that has any."""
     made = []
     for name, own in {"all": rows, **strata(rows)}.items():
-        lines = table(own, CLAIMS + BESIDE)
+        real = _of("real", own)
+        lines = table([row for row in own if row not in real], CLAIMS + BESIDE)
+        if real:
+            joined = pd.concat([lines, table(real, REAL[:1] if len(real) < len(own) else REAL)])
+            lines = joined
         made.append((lines if name == "all" else lines[lines["n"] > 0]).assign(rows=name))
     joined = pd.concat(made, ignore_index=True)
     return joined[["rows", *LINE]]
