@@ -43,6 +43,7 @@ include: "workflow/rules/limit.smk"
 include: "workflow/rules/transfer.smk"
 include: "workflow/rules/calibrate.smk"
 include: "workflow/rules/concealed.smk"
+include: "workflow/rules/concealed_score.smk"
 include: "workflow/rules/held_out.smk"
 include: "workflow/rules/paper.smk"
 

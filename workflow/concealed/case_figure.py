@@ -140,8 +140,10 @@ def _hidden(axes: Axes, frames: pd.DataFrame) -> None:
     axes.legend(loc="best", borderpad=0.1, handletextpad=0.2)
 
 
-def write(block: Path, schema: Path, case: str, out: tuple[Path, Path, Path]) -> None:
-    """The picture of a case as SVG and PNG, its hidden frames as CSV."""
+def write(block: Path, schema: Path, out: tuple[Path, Path, Path]) -> None:
+    """The picture of the case that is `shown` of an opened block, as SVG and PNG, its hidden frames
+    as CSV."""
+    case = shown(scoring.rows(block))
     folder = block / "verdicts" / case
     found = evidence.read(folder, block / "recordings" / f"{case}.parquet", schema)
     frames = hidden(block, case)
