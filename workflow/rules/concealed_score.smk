@@ -1,4 +1,8 @@
 SHOWN_BLOCK = "demo"
+JUDGED = {
+    name: fingerprint(f"concealed.{name}")
+    for name in ("baselines", "oracle", "page", "case_figure")
+}
 
 
 def of_every_case(template):
@@ -36,7 +40,7 @@ for block, part in BLOCKS.items():
             params:
                 cases=cases,
                 seed=config["seed"],
-                code=fingerprint("concealed.baselines"),
+                code=JUDGED["baselines"],
             message:
                 f"What others make of concealed recordings: {block}, batch {number}"
             script:
@@ -65,7 +69,7 @@ for block, part in BLOCKS.items():
             params:
                 cases=cases,
                 seed=config["seed"],
-                code=fingerprint("concealed.oracle"),
+                code=JUDGED["oracle"],
             message:
                 f"Fitting what was concealed: {block}, batch {number}"
             script:
@@ -120,7 +124,7 @@ rule concealed_score:
         mem_mb=1000,
         runtime=15,
     params:
-        code=fingerprint("concealed.page"),
+        code=JUDGED["page"],
     message:
         "Scoring the opened block {wildcards.block}"
     script:
@@ -152,7 +156,7 @@ rule concealed_case:
         mem_mb=1000,
         runtime=5,
     params:
-        code=fingerprint("concealed.case_figure"),
+        code=JUDGED["case_figure"],
     message:
         "Drawing one concealed case"
     script:
