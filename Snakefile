@@ -60,4 +60,5 @@ rule all:
         ],
         expand("results/recordings/{recording}.check.txt", recording=config["recordings"]),
         expand("results/diagnosis/{recording}/report.html", recording=config["diagnoses"]),
-        expand(rules.open_truths.output, block="demo"),
+        "results/concealed/demo/score/score.md",
+        rules.concealed_case.output,

@@ -11,6 +11,7 @@ from calibration.judge import numbers
 from concealed import figures, page, scoring
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
+from eitskin.similarity import MEASURES
 
 NAMES = (
     ("contact-impedance", {"electrodes": [7], "parameters": {"ratio": [2.0]}}),
@@ -67,7 +68,11 @@ def a_row(number, kind, truth=(), gap=8.0, outside=None, off=0.0):
         "true_gaps": [[["common-mode", gap + 0.1]] for _ in truth],
         "outside": outside,
         "level": 1e-3,
-        "similarity": {"mmd": 0.1, "coral": 1.0, "ncc": 0.99, "swd": 0.1},
+        "similarity": {
+            measure: {"plain": 0.1, "change": 0.01, "moved": kind == "pair"} for measure in MEASURES
+        },
+        "fault": None,
+        "control": None,
         "changed": 0.01,
         "snr_left": 20.0 if outside else np.nan,
         "best": None if outside else [said_of(item) for item in truth],
@@ -113,7 +118,7 @@ ASKED = (
     ("F1 of the set", "≥ 0.65", "≥ 0.82"),
     ("instrument or skin", "≥ 0.95", "≥ 0.99"),
     ("electrode exactly right", "≥ 0.93", "≥ 0.99"),
-    ("|error| over its Cramér-Rao sd", "≤ 2", "≤ 1.3"),
+    ("error over its Cramér-Rao sd", "≤ 2", "≤ 1.3"),
     ("90 % intervals", "0.75 to 0.98", "0.85 to 0.95"),
     ("misfit closed", "≥ 0.85", "≥ 0.97"),
     ("χ²/dof", "≤ 1.3", "0.95 to 1.1"),
@@ -151,8 +156,8 @@ def test_what_a_perfect_diagnosis_scores():
     assert told["RMSE of the best black box (GP"] == 4.0
     singles = [row for row in a_block() if row["kind"] == "single"]
     # Each value lies half a standard deviation off in singles, on the truth elsewhere.
-    assert values(singles)[0]["|error| over its Cramér-Rao sd"] == pytest.approx(0.5, rel=1e-3)
-    assert told["|error| over its Cramér-Rao sd"] == 0.0
+    assert values(singles)[0]["error over its Cramér-Rao sd"] == pytest.approx(0.5, rel=1e-3)
+    assert told["error over its Cramér-Rao sd"] == 0.0
     ceiling = table.set_index("what")["ceiling"]
     at_3 = norm.cdf(0.5 * 3.1)
     assert ceiling["right name or declared class, gap 3 to 5"] == pytest.approx(at_3)
@@ -289,6 +294,8 @@ def test_the_page_says_everything_and_lists_the_misses():
         (line, *_) = [x for x in text.splitlines() if f"| {start}" in x and f"| {gate} |" in x]
         assert target in line
     assert "**missed**" in text
+    plain = text.partition("Concealed in the plain sense too, 30 recordings")[2]
+    assert "case-008" in plain and "MMD" in plain
     assert f"Verdicts that were not right as a whole, 1 of {len(rows)}" in text
     told = page.cases(rows)
     assert told["right"].sum() == len(rows) - 1

@@ -65,7 +65,8 @@ PENALTIES, SMALLEST = 60, 1e-4  # of the lasso, from the one that leaves nothing
 class Linear:
     """The catalogue's tangents about a fit of the calibrations, in noise units, orthogonal to them.
 
-    columns (K,): candidate and which of its linear coordinates;
+    columns (K,): candidate and which of its linear coordinates; length (K,) of what is left of
+    each, of a change of typical size;
     gram (K, K) and slope (K,): products of unit columns with each other and with the
     residual; asked (K, Q M): V that the query changes by for one unit column, the calibrations
     following; groups: candidates with their columns' indices; dof: of the residual; chi2.
@@ -74,6 +75,7 @@ class Linear:
     columns: list[tuple[Candidate, int]]
     gram: np.ndarray
     slope: np.ndarray
+    length: np.ndarray
     asked: np.ndarray
     groups: list[tuple[Candidate, np.ndarray]]
     chi2: float
@@ -155,6 +157,7 @@ def _projected(fitted, recorded, query, columns, own, asked, groups) -> Linear:
         columns=[columns[k] for k in kept],
         gram=left[np.ix_(kept, kept)] / np.outer(length, length),
         slope=slope[kept] / length,
+        length=length,
         asked=asked,
         groups=[(c, at) for c, at in remaining if len(at)],
         chi2=float(residual @ residual),
@@ -177,15 +180,18 @@ def _products(own: np.ndarray, residual: np.ndarray, knobs: np.ndarray) -> tuple
 
 
 def everything(made: Linear) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Least squares on every column at once but those that are a sum of others, with a ridge of
-    RIDGE: which columns (k,), their values (k,), and those of them that stand out (n,): |z| beyond
-    SIGNIFICANT over all of them (Bonferroni)."""
+    """Least squares on every column at once but those that are a sum of others: which columns (k,),
+    their values (k,), and those of them that stand out (n,), |z| beyond SIGNIFICANT over all of
+    them (Bonferroni).
+
+    The ridge is that of coordinates with a normal prior of their typical size: with less, what the
+    recording leaves open runs away in the query.
+    """
     chosen = np.array([k for k, (c, _) in enumerate(made.columns) if c.scope != "common"])
     gram = made.gram[np.ix_(chosen, chosen)]
-    size, turn = np.linalg.eigh(gram)
-    lifted = np.maximum(size, 0.0) + RIDGE * size[-1]
-    values = turn @ ((turn.T @ made.slope[chosen]) / lifted)
-    sd = np.sqrt((turn**2) @ (np.maximum(size, 0.0) / lifted**2))
+    inverse = np.linalg.inv(gram + np.diag(made.length[chosen] ** -2))
+    values = inverse @ made.slope[chosen]
+    sd = np.sqrt(((inverse @ gram) * inverse).sum(axis=1))
     least = norm.isf(0.5 * SIGNIFICANT / len(chosen))
     return chosen, values, chosen[np.abs(values) > least * sd]
 

@@ -11,9 +11,8 @@ from concealed import figures, scoring, sealing
 from concealed.baselines import NAMING
 from eitskin.atomic import atomic_path
 from eitskin.drawing import write as write_figure
+from eitskin.similarity import MEASURES
 
-HARDLY = 0.05  # of what the touches change, by which a concealed effect changes the readings
-MEASURES = ("mmd", "coral", "ncc", "swd")
 STRATA = {  # columns of the page's second table: what they are called there, and their line
     "detected": "something noticed",
     "named ≥ 8": "right name or declared class, gap ≥ 8",
@@ -50,7 +49,11 @@ def _case(row: dict) -> dict:
         "gap": scoring.smallest_gap(row),
         "noise_share": row["level"],
         "changed": row["changed"],
-        **{key: row["similarity"][key] for key in MEASURES},
+        **{
+            f"{measure}_{key}": told[key]
+            for measure, told in (row["similarity"] or {}).items()
+            for key in ("plain", "change", "moved")
+        },
         "verdict": said["verdict"],
         "said": _joined(_where(found) for found in said["effects"]),
         "alternatives": _joined(n for f in said["effects"] for n in f["alternatives"]),
@@ -212,26 +215,37 @@ def _method(line: dict) -> tuple:
 
 
 def _plain(rows: list[dict]) -> list[str]:
-    """Cases with an effect that Table II's measures would hardly notice, beside their verdicts."""
-    own = [row for row in rows if row["truth"] and row["changed"] < HARDLY]
+    """Cases with an effect of which no measure of Table II tells, beside their verdicts."""
+    own = [
+        row
+        for row in rows
+        if row["truth"]
+        and row["similarity"]
+        and not any(told["moved"] for told in row["similarity"].values())
+    ]
     if not own:
         return []
     text = (
-        f"Concealed in the plain sense too: the effect changes the readings by less than"
-        f" {100 * HARDLY:g} %; MMD, CORAL, NCC and SWD between the owner's simulation and the"
-        " recording, and the verdict:"
+        f"Concealed in the plain sense too, {len(own)} recordings with an effect: MMD, CORAL, NCC"
+        " and SWD between plain simulation and recording, and what they change by when the effect"
+        " is put in, which for all four is no more than noise makes of it:"
     )
     lines = [
         (
             row["case"],
             _joined(_where(item) for item in row["truth"]),
-            *(_number(row["similarity"][key], False) for key in MEASURES),
+            _number(scoring.smallest_gap(row), False),
+            *(
+                f"{_number(row['similarity'][key]['plain'], False)}"
+                f" ({row['similarity'][key]['change']:+.2g})"
+                for key in MEASURES
+            ),
             row["said"]["verdict"],
             _joined(_where(found) for found in row["said"]["effects"]) or "nothing",
         )
         for row in own
     ]
-    head = ("case", "concealed", "MMD", "CORAL", "NCC", "SWD", "verdict", "said")
+    head = ("case", "concealed", "gap", *map(str.upper, MEASURES), "verdict", "said")
     return [text, "", *_table(head, lines), ""]
 
 

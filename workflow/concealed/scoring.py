@@ -18,7 +18,7 @@ from scipy.stats import norm
 
 from calibration import judge, score
 from calibration.trial import rms
-from concealed import baselines, opened, planted
+from concealed import baselines, opened, planted, verdicts
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import LeakEffect
 from eitskin.errors import InputError
@@ -71,7 +71,6 @@ def _row(block: Path, case: str) -> dict:
         "level": truth["level"],
         "changed": truth["changed"],
         "similarity": truth["similarity"],
-        "similarity_without": truth["similarity_without"],
         "snr_left": best.get("snr_left") or np.nan,
         "best": best.get("effects"),
         "baselines": told.get("effects", {}),
@@ -79,7 +78,7 @@ def _row(block: Path, case: str) -> dict:
         "said": SAID_NOTHING if "failed" in said else said,
         **({"failed": said["failed"]} if "failed" in said else {}),
     }
-    took = block / "seconds" / f"{case}.json"
+    took = block / verdicts.SECONDS / f"{case}.json"
     if took.is_file():
         row["seconds"] = _json(took)["seconds"]
     if "query_clean_V" not in arrays:
@@ -294,7 +293,7 @@ def _sited(kinds: tuple[str, ...], least: float, rows: list[dict]) -> dict:
 
 def _errors(rows: list[dict]) -> dict:
     ratio = np.array([one for row in rows for one in errors(row)])
-    what = "|error| over its Cramér-Rao sd, median (efficient: 0.67)"
+    what = "error over its Cramér-Rao sd, median (efficient: 0.67)"
     return score.over("rightly named", what, len(ratio), score.median(ratio))
 
 
