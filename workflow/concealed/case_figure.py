@@ -28,7 +28,7 @@ from eitskin.diagnose.words import number, quantity, where
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
 
-WIDTH = 40  # characters of a line of the sentence
+WIDTH = 92  # characters of a line of the sentence
 
 
 def shown(rows: list[dict]) -> str:
@@ -77,53 +77,56 @@ def truth_of(item: dict) -> str:
 
 
 def draw(shown: Evidence, frames: pd.DataFrame, truth: dict) -> Figure:
-    """Four panels: residual of the owner's simulation, verdict and truth, residual of the corrected
-    one, true error on hidden frames."""
+    """Four panels over what was said and what was true: residual of the owner's simulation, the
+    skin, residual of the corrected simulation, true error on hidden frames."""
     with style():
-        figure = drawing.sheet(drawing.FULL_MM, 68.0)
-        grid = figure.add_gridspec(1, 4, width_ratios=(1, 1.1, 1, 1.05))
-        first = figure.add_subplot(grid[0])
-        third = figure.add_subplot(grid[2], sharey=first)
+        figure = drawing.sheet(drawing.FULL_MM, 76.0)
+        grid = figure.add_gridspec(2, 4, height_ratios=(1, 0.3), width_ratios=(1, 0.85, 1, 1))
+        first = figure.add_subplot(grid[0, 0])
+        third = figure.add_subplot(grid[0, 2], sharey=first)
         image = draw_matrices((first, third), shown)
         for axes, text in ((first, "as the owner simulates it"), (third, "corrected")):
-            axes.set_title(f"{text}\n{axes.get_title()}", color=axes.title.get_color())
-            matrix_bar(figure, image, [axes])
-        _sentence(figure.add_subplot(grid[1]), shown, truth)
-        _hidden(figure.add_subplot(grid[3]), frames)
+            axes.set_title(f"{text},\n{axes.get_title()}", color=axes.title.get_color())
+            bar = matrix_bar(figure, image, [axes])
+            bar.set_label("mean residual, in noise units")
+        _skin(figure.add_subplot(grid[0, 1]), shown)
+        _hidden(figure.add_subplot(grid[0, 3]), frames)
+        _said(figure.add_subplot(grid[1, :]), shown, truth)
     return figure
 
 
-def _sentence(axes: Axes, shown: Evidence, truth: dict) -> None:
+def _skin(axes: Axes, shown: Evidence) -> None:
     angle, radius = layout(shown)
     drawing.disc(axes, radius, angle)
     touched = shown.frames[shown.frames["touch"]][["x_mm", "y_mm"]].drop_duplicates()
-    axes.plot(touched["x_mm"], touched["y_mm"], ".", color=QUIET, markersize=2)
+    axes.plot(touched["x_mm"], touched["y_mm"], ".", color=QUIET, markersize=3)
     rim = radius * np.exp(1j * np.radians(angle))
-    effects = shown.diagnosis["effects"]
-    for site in {site for effect in effects for site in effect["electrodes"]}:
-        axes.plot(rim[site].real, rim[site].imag, "s", color=CULPRIT, markersize=4.5)
-        at = 1.17 * rim[site]
+    named = {site for effect in shown.diagnosis["effects"] for site in effect["electrodes"]}
+    for site in sorted(named):
+        axes.plot(rim[site].real, rim[site].imag, "s", color=CULPRIT, markersize=5)
+        at = 1.2 * rim[site]
         axes.text(at.real, at.imag, str(site), color=CULPRIT, ha="center", va="center")
     axes.set_axis_off()
-    axes.set(xlim=(-1.25 * radius, 1.25 * radius), ylim=(-4.1 * radius, 1.3 * radius))
+    axes.set(xlim=(-1.3 * radius, 1.3 * radius), ylim=(-1.3 * radius, 1.3 * radius))
+    axes.set_title("electrodes named; dots: touches" if named else "dots: touches", color=QUIET)
+
+
+def _said(axes: Axes, shown: Evidence, truth: dict) -> None:
+    axes.set_axis_off()
+    axes.set(xlim=(0, 1), ylim=(0, 1))
+    effects = shown.diagnosis["effects"]
     said = " ".join(effect["sentence"] for effect in effects)
     said = said or shown.diagnosis["other"]["sentence"] or "Nothing is missing."
     concealed = "; ".join(truth_of(item) for item in truth["effects"]) or "nothing"
     if truth["outside"]:
         concealed = truth["outside"]["law"]
-    parts = (
-        ("verdict, sealed", QUIET, "normal"),
-        (said, AFTER, "bold"),
-        ("", QUIET, "normal"),
-        ("truth, opened afterwards", QUIET, "normal"),
-        (concealed, CULPRIT, "bold"),
-    )
-    y = -1.35 * radius
-    for text, colour, weight in parts:
-        lines = textwrap.wrap(text, WIDTH) or [""]
-        for line in lines:
-            axes.text(0, y, line, color=colour, weight=weight, ha="center", va="top", fontsize=5.8)
-            y -= 0.235 * radius
+    for y, head, text, colour in (
+        (1.0, "said, and sealed", said, AFTER),
+        (0.36, "concealed, and opened afterwards", concealed, CULPRIT),
+    ):
+        lines = "\n".join(textwrap.wrap(text, WIDTH, max_lines=2))
+        axes.text(0.24, y, head, color=QUIET, ha="right", va="top")
+        axes.text(0.26, y, lines, color=colour, weight="bold", va="top")
 
 
 def _hidden(axes: Axes, frames: pd.DataFrame) -> None:
@@ -135,8 +138,8 @@ def _hidden(axes: Axes, frames: pd.DataFrame) -> None:
     axes.set_yscale("log")
     log_limits(axes.yaxis, frames[["before", "after"]].to_numpy())
     axes.set_xlabel("force, N (0: untouched)")
-    axes.set_ylabel("true error of a reading, in units of its noise")
-    axes.set_title("hidden frames: new places,\nhigher forces, another probe")
+    axes.set_ylabel("true error, in noise units")
+    axes.set_title("hidden frames: other places,\nforces and another probe")
     axes.legend(loc="best", borderpad=0.1, handletextpad=0.2)
 
 

@@ -25,7 +25,7 @@ def accuracy(table: pd.DataFrame) -> Figure:
         axes = figure.add_subplot()
         gaps = np.geomspace(1.5, 60, 200)
         axes.plot(gaps, norm.cdf(0.5 * gaps), color=QUIET, linestyle="--", linewidth=0.9)
-        axes.text(1.6, norm.cdf(0.5 * 1.6) + 0.03, "ceiling Φ(gap / 2)", color=QUIET)
+        axes.text(2.1, 0.8, "ceiling Φ(gap / 2)", color=QUIET)
         for k, (method, own) in enumerate(table.groupby("method", sort=False)):
             own = own.sort_values("gap")
             ends = np.array([own["right"] - own["low"], own["high"] - own["right"]]).clip(0.0)
@@ -90,8 +90,9 @@ def misfit_closed(table: pd.DataFrame) -> Figure:
                 middle = max(float(np.median(values)), LEAST_CLOSED)
                 axes.plot([middle, middle], [y - 0.34, y + 0.34], color=colour, linewidth=2)
         axes.set_yticks(range(len(methods)), methods)
+        axes.set_xticks([-1, -0.5, 0, 0.5, 1])
         axes.set(xlim=(LEAST_CLOSED - 0.05, 1.15), ylim=(-0.6, len(methods) - 0.4))
-        axes.set_xlabel("misfit closed on hidden frames (0: owner's belief, 1: oracle)")
+        axes.set_xlabel("misfit closed on hidden frames (0: belief, 1: oracle)")
     return figure
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import QuadMesh
+from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
@@ -264,7 +265,7 @@ def draw_matrices(row: Sequence[Axes], evidence: Evidence) -> QuadMesh:
     return image
 
 
-def matrix_bar(figure: Figure, image: QuadMesh, beside: Sequence[Axes]) -> None:
+def matrix_bar(figure: Figure, image: QuadMesh, beside: Sequence[Axes]) -> Colorbar:
     """The colours' scale of `draw_matrices`, under some axes."""
     limit = image.norm.vmax
     bar = figure.colorbar(
@@ -276,6 +277,7 @@ def matrix_bar(figure: Figure, image: QuadMesh, beside: Sequence[Axes]) -> None:
         f"recording {MINUS} simulation, mean over the frames,\nin units of the noise of a reading"
     )
     bar.outline.set_linewidth(0.4)
+    return bar
 
 
 TITLES = (("before", BEFORE), ("after", AFTER))
