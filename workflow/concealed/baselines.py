@@ -20,7 +20,8 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import lasso_path
 
 from calibration import black_box
-from concealed import kept, sealing
+from concealed import kept
+from concealed.verdicts import FINAL, forget
 from eitskin import recording
 from eitskin.atomic import atomic_path
 from eitskin.diagnose import tones
@@ -348,8 +349,8 @@ def run(cases: list[str], block: Path, seed: int, code: str) -> None:
         }
         made = kept.made_of(code, **files)
         path = folder / f"{case}.json"
-        if not kept.stands(path, made, block.name == sealing.FINAL):
-            sealing.forget(block)
+        if not kept.stands(path, made, block.name == FINAL):
+            forget(block)
             path.unlink(missing_ok=True)
             kept.write(path, made, partial(_one, files, folder / f"{case}.npz", seed))
 

@@ -272,9 +272,9 @@ def _misses(rows: list[dict]) -> list[str]:
 
 
 def write(block: Path, folder: Path, command: str) -> None:
-    """Score an opened block, everything in it being as it was sealed, into a folder: score.csv and
+    """Score an opened block, everything in it as it was sealed and promised, into a folder: score.csv and
     .md, cases.csv, baselines.csv, and each figure of `figures` as .svg, .png and .csv."""
-    sealing.check_seal(block)
+    sealing.check_opened(block)
     rows = scoring.rows(block)
     lines, methods = scoring.whole(rows), scoring.by_method(rows)
     told = [row for row in rows if "failed" not in row]
