@@ -272,7 +272,7 @@ def _misses(rows: list[dict]) -> list[str]:
 
 
 def write(block: Path, folder: Path, command: str) -> None:
-    """Score an opened block, everything in it as it was sealed and promised, into a folder: score.csv and
+    """Score an opened block, all of it as it was sealed and promised, into a folder: score.csv and
     .md, cases.csv, baselines.csv, and each figure of `figures` as .svg, .png and .csv."""
     sealing.check_opened(block)
     rows = scoring.rows(block)
