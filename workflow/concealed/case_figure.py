@@ -71,7 +71,9 @@ def truth_of(item: dict) -> str:
             continue
         several = np.size(given) > 4
         unit = effect.parameters[key].unit
-        text = ", ".join(quantity(float(v), unit) for v in np.ravel(given)[: 1 if several else 4])
+        text = ", ".join(
+            quantity(float(v), unit, 4) for v in np.ravel(given)[: 1 if several else 4]
+        )
         values.append(f"{key} {text}{' …' if several else ''}")
     return f"{item['name']}, {at}" + (f": {'; '.join(values)}" if values else "")
 
@@ -88,6 +90,8 @@ def draw(shown: Evidence, frames: pd.DataFrame, truth: dict) -> Figure:
         for axes, text in ((first, "as the owner simulates it"), (third, "corrected")):
             axes.set_title(f"{text},\n{axes.get_title()}", color=axes.title.get_color())
             bar = matrix_bar(figure, image, [axes])
+            limit = image.norm.vmax
+            bar.set_ticks([-limit, 0, limit], labels=[number(v, 2) for v in (-limit, 0.0, limit)])
             bar.set_label("mean residual, in noise units")
         _skin(figure.add_subplot(grid[0, 1]), shown)
         _hidden(figure.add_subplot(grid[0, 3]), frames)
@@ -139,7 +143,7 @@ def _hidden(axes: Axes, frames: pd.DataFrame) -> None:
     log_limits(axes.yaxis, frames[["before", "after"]].to_numpy())
     axes.set_xlabel("force, N (0: untouched)")
     axes.set_ylabel("true error, in noise units")
-    axes.set_title("hidden frames: other places,\nforces and another probe")
+    axes.set_title("hidden frames: other\nplaces, forces and probe")
     axes.legend(loc="best", borderpad=0.1, handletextpad=0.2)
 
 

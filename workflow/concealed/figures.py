@@ -24,8 +24,8 @@ def accuracy(table: pd.DataFrame) -> Figure:
         figure = sheet(COLUMN_MM, 62)
         axes = figure.add_subplot()
         gaps = np.geomspace(1.5, 60, 200)
-        axes.plot(gaps, norm.cdf(0.5 * gaps), color=QUIET, linestyle="--", linewidth=0.9)
-        axes.text(2.1, 0.8, "ceiling Φ(gap / 2)", color=QUIET)
+        ceiling = {"color": QUIET, "linestyle": "--", "linewidth": 0.9, "label": "ceiling"}
+        axes.plot(gaps, norm.cdf(0.5 * gaps), **ceiling)
         for k, (method, own) in enumerate(table.groupby("method", sort=False)):
             own = own.sort_values("gap")
             ends = np.array([own["right"] - own["low"], own["high"] - own["right"]]).clip(0.0)
@@ -48,8 +48,7 @@ def accuracy(table: pd.DataFrame) -> Figure:
         axes.set(xlim=(1.5, 60), ylim=(-0.02, 1.05))
         axes.set_xlabel("gap to the nearest other name, in units of the noise (median)")
         axes.set_ylabel("right name or declared class")
-        if len(table):
-            figure.legend(loc="outside upper center", ncols=4, columnspacing=1.2, handlelength=1.4)
+        figure.legend(loc="outside upper center", ncols=3, columnspacing=1.2, handlelength=1.4)
     return figure
 
 
