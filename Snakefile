@@ -43,6 +43,7 @@ include: "workflow/rules/limit.smk"
 include: "workflow/rules/transfer.smk"
 include: "workflow/rules/calibrate.smk"
 include: "workflow/rules/concealed.smk"
+include: "workflow/rules/concealed_score.smk"
 include: "workflow/rules/held_out.smk"
 include: "workflow/rules/paper.smk"
 
@@ -59,4 +60,5 @@ rule all:
         ],
         expand("results/recordings/{recording}.check.txt", recording=config["recordings"]),
         expand("results/diagnosis/{recording}/report.html", recording=config["diagnoses"]),
-        expand(rules.open_truths.output, block="demo"),
+        "results/concealed/demo/score/score.md",
+        rules.concealed_case.output,

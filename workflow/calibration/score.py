@@ -363,8 +363,8 @@ def markdown(lines: pd.DataFrame, rows: list[dict], planned: int, block: str, si
     ]
     for line in lines.to_dict("records"):
         share = line["hits"] is not None and not np.isnan(line["hits"])
-        said = _number(line["value"], share)
-        ends = [_number(line[end], share) for end in ("low", "high")]
+        said = number(line["value"], share)
+        ends = [number(line[end], share) for end in ("low", "high")]
         ends = " to ".join(ends) if all(ends) else ""
         met = {True: "yes", False: "**no**"}.get(line["met"], "")
         cells = (line["of"], line["what"], said, ends, line["n"], line["wanted"], met)
@@ -372,7 +372,7 @@ def markdown(lines: pd.DataFrame, rows: list[dict], planned: int, block: str, si
     return "\n".join(head) + "\n"
 
 
-def _number(value: float, share: bool) -> str:
+def number(value: float, share: bool) -> str:
     if np.isnan(value):
         return ""
     return f"{100 * value:.1f} %" if share else f"{value:.3g}"

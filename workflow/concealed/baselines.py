@@ -7,10 +7,9 @@ recording. `gp` and `mlp`: black boxes on the residual. What is linear predicts 
 the calibrations following.
 """
 
-import json
-import traceback
 import warnings
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +20,12 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import lasso_path
 
 from calibration import black_box
+from concealed import kept
+from concealed.verdicts import FINAL, forget
 from eitskin import recording
 from eitskin.atomic import atomic_path
 from eitskin.diagnose import tones
-from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.candidates import Candidate, log_ways
 from eitskin.diagnose.diagnose import begun, read_query, simulator
 from eitskin.diagnose.excerpt import excerpt
 from eitskin.diagnose.fit import Fit, Problem, difference, fit
@@ -65,7 +66,8 @@ PENALTIES, SMALLEST = 60, 1e-4  # of the lasso, from the one that leaves nothing
 class Linear:
     """The catalogue's tangents about a fit of the calibrations, in noise units, orthogonal to them.
 
-    columns (K,): candidate and which of its linear coordinates;
+    columns (K,): candidate and which of its linear coordinates; length (K,) of what is left of
+    each, of a change of typical size;
     gram (K, K) and slope (K,): products of unit columns with each other and with the
     residual; asked (K, Q M): V that the query changes by for one unit column, the calibrations
     following; groups: candidates with their columns' indices; dof: of the residual; chi2.
@@ -74,6 +76,7 @@ class Linear:
     columns: list[tuple[Candidate, int]]
     gram: np.ndarray
     slope: np.ndarray
+    length: np.ndarray
     asked: np.ndarray
     groups: list[tuple[Candidate, np.ndarray]]
     chi2: float
@@ -155,6 +158,7 @@ def _projected(fitted, recorded, query, columns, own, asked, groups) -> Linear:
         columns=[columns[k] for k in kept],
         gram=left[np.ix_(kept, kept)] / np.outer(length, length),
         slope=slope[kept] / length,
+        length=length,
         asked=asked,
         groups=[(c, at) for c, at in remaining if len(at)],
         chi2=float(residual @ residual),
@@ -177,15 +181,18 @@ def _products(own: np.ndarray, residual: np.ndarray, knobs: np.ndarray) -> tuple
 
 
 def everything(made: Linear) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Least squares on every column at once but those that are a sum of others, with a ridge of
-    RIDGE: which columns (k,), their values (k,), and those of them that stand out (n,): |z| beyond
-    SIGNIFICANT over all of them (Bonferroni)."""
+    """Least squares on every column at once but those that are a sum of others: which columns (k,),
+    their values (k,), and those of them that stand out (n,), |z| beyond SIGNIFICANT over all of
+    them (Bonferroni).
+
+    The ridge is that of coordinates with a normal prior of their typical size: with less, what the
+    recording leaves open runs away in the query.
+    """
     chosen = np.array([k for k, (c, _) in enumerate(made.columns) if c.scope != "common"])
     gram = made.gram[np.ix_(chosen, chosen)]
-    size, turn = np.linalg.eigh(gram)
-    lifted = np.maximum(size, 0.0) + RIDGE * size[-1]
-    values = turn @ ((turn.T @ made.slope[chosen]) / lifted)
-    sd = np.sqrt((turn**2) @ (np.maximum(size, 0.0) / lifted**2))
+    inverse = np.linalg.inv(gram + np.diag(made.length[chosen] ** -2))
+    values = inverse @ made.slope[chosen]
+    sd = np.sqrt(((inverse @ gram) * inverse).sum(axis=1))
     least = norm.isf(0.5 * SIGNIFICANT / len(chosen))
     return chosen, values, chosen[np.abs(values) > least * sd]
 
@@ -241,8 +248,8 @@ def _fitted(made: Linear, chosen: np.ndarray) -> np.ndarray:
 
 def lasso(made: Linear) -> tuple[np.ndarray, np.ndarray]:
     """Columns (k,) and values (k,) of the lasso (Tibshirani 1996) on unit columns, at the penalty
-    whose columns, fitted without it (Belloni and Chernozhukov 2013), have the least chi squared +
-    number · log dof."""
+    whose columns, fitted without it (Belloni and Chernozhukov 2013), have the least extended BIC
+    (Chen and Chen 2008): chi squared + number · log dof + 2 log (ways to choose them)."""
     size, turn = np.linalg.eigh(made.gram)
     kept = size > RIDGE * size[-1]
     root = np.sqrt(size[kept])
@@ -258,7 +265,8 @@ def lasso(made: Linear) -> tuple[np.ndarray, np.ndarray]:
         active = np.flatnonzero(values)
         if len(active):
             gain = made.slope[active] @ _fitted(made, active)
-            criterion = made.chi2 - gain + len(active) * np.log(made.dof)
+            ways = log_ways(len(made.columns), len(active))
+            criterion = made.chi2 - gain + len(active) * np.log(made.dof) + 2.0 * ways
             if criterion < best:
                 best, chosen = criterion, active
     return chosen, _fitted(made, chosen)
@@ -326,23 +334,31 @@ def compare(recorded: Recording, query: Recording, seed: int) -> tuple[dict, dic
 GREEDY = {"matched-filter": matched_filter, "lasso": lasso}
 
 
-def run(cases: list[str], recordings: Path, queries: Path, folder: Path, seed: int) -> None:
-    """Every case that has no file in `folder` yet: CASE.npz, predictions (Q, M) by method, then
-    CASE.json, {case, effects: by method}, or {case, failed: why}; each as soon as it is done."""
-    folder.mkdir(parents=True, exist_ok=True)
+def run(cases: list[str], block: Path, seed: int, code: str) -> None:
+    """baselines/CASE.npz, predictions (Q, M) by method, and CASE.json, {effects: by method} or
+    {failed: why}, of every case of a block, each whole before the next begins.
+
+    One of the same recording and query by the same code stays, in the final block by any code. New
+    ones take away the seal and the opened truths; InputError in a final block that was opened.
+    """
     for case in cases:
+        folder = block / "baselines"
+        files = {
+            name: block / part / f"{case}.parquet"
+            for name, part in (("recording", "recordings"), ("query", "queries"))
+        }
+        made = kept.made_of(code, **files)
         path = folder / f"{case}.json"
-        if path.exists():
-            continue
-        try:
-            recorded = recording.read(recordings / f"{case}.parquet")
-            query = read_query(queries / f"{case}.parquet", recorded)
-            said, predicted = compare(recorded, query, seed)
-            row = {"case": case, "effects": said}
-            with atomic_path(folder / f"{case}.npz") as temporary, temporary.open("wb") as file:
-                np.savez_compressed(file, **predicted)
-        except Exception as error:  # whatever it is, it is a result
-            traceback.print_exc()
-            row = {"case": case, "failed": repr(error)}
-        with atomic_path(path) as temporary:
-            temporary.write_text(json.dumps(row, ensure_ascii=False) + "\n", "utf-8")
+        if not kept.stands(path, made, block.name == FINAL):
+            forget(block)
+            path.unlink(missing_ok=True)
+            kept.write(path, made, partial(_one, files, folder / f"{case}.npz", seed))
+
+
+def _one(files: dict[str, Path], arrays: Path, seed: int) -> dict:
+    recorded = recording.read(files["recording"])
+    said, predicted = compare(recorded, read_query(files["query"], recorded), seed)
+    arrays.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_path(arrays) as path, path.open("wb") as file:
+        np.savez_compressed(file, **predicted)
+    return {"effects": said}

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import shutil
+import time
 import traceback
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from eitskin.errors import InputError
 
 MADE = "made.json"
 FINAL = "final"
+SECONDS = "seconds"  # folder of what each took, which no seal is over: it is never the same twice
 
 
 def run(names: list[str], block: Path, schema: Path, seed: int, code: str) -> None:
@@ -34,7 +36,11 @@ def run(names: list[str], block: Path, schema: Path, seed: int, code: str) -> No
         forget(block)
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
+        began = time.perf_counter()
         _diagnose(name, *files, folder, schema, seed)
+        took = {"seconds": round(time.perf_counter() - began, 2)}
+        with atomic_path(block / SECONDS / f"{name}.json") as path:
+            path.write_text(json.dumps(took) + "\n", "utf-8")
         with atomic_path(folder / MADE) as path:
             path.write_text(json.dumps(made, indent=1) + "\n", "utf-8")
 

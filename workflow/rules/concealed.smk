@@ -5,9 +5,12 @@ CODE = {name: fingerprint(f"concealed.{name}") for name in ("conceal", "verdicts
 
 
 def verdicts_of(wildcards):
-    """What a seal is over: the verdict of every case of a block."""
+    """What a seal is over: verdict and baselines of every case of a block."""
     return expand(
-        f"{PUBLIC}/{wildcards.block}/verdicts/{{case}}/diagnosis.json",
+        [
+            f"{PUBLIC}/{wildcards.block}/verdicts/{{case}}/diagnosis.json",
+            f"{PUBLIC}/{wildcards.block}/baselines/{{case}}.json",
+        ],
         case=case_names(BLOCKS[wildcards.block]["cases"]),
     )
 
@@ -171,9 +174,9 @@ rule open_truths:
 
 rule concealed:
     input:
-        expand(rules.open_truths.output, block=CONCEALED["block"]),
+        f"{PUBLIC}/{CONCEALED['block']}/score/score.md",
 
 
 rule concealed_final:
     input:
-        expand(rules.open_truths.output, block="final"),
+        f"{PUBLIC}/final/score/score.md",

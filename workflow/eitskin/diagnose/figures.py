@@ -4,12 +4,14 @@ import contextlib
 import io
 import re
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import QuadMesh
+from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
@@ -230,13 +232,20 @@ def _tag(axes: Axes, at: complex, text: object) -> None:
 
 def residual_matrix(evidence: Evidence) -> Figure:
     """Mean residual of every channel over the frames, in noise units, before and after."""
+    figure = _figure(58)
+    row = figure.subplots(1, 2, sharey=True)
+    image = draw_matrices(row, evidence)
+    matrix_bar(figure, image, row)
+    return figure
+
+
+def draw_matrices(row: Sequence[Axes], evidence: Evidence) -> QuadMesh:
+    """`residual_matrix` on two axes that share y, before and after, in one scale of colours."""
     panels = [_matrix(evidence.channels, _mean(r)) for r in (evidence.before, evidence.after)]
     drives, pairs = (_pairs(evidence.channels, ends)[0] for ends in ((0, 1), (2, 3)))
     quiet = 10 / np.sqrt(len(evidence.frames))  # noise alone stays in the palest third
     limit = max(quiet, *(np.nanquantile(np.abs(panel), SHOWN) for panel in panels))
     colours = matplotlib.colormaps[DIVERGING].resampled(STEPS).with_extremes(bad="#c8c8c8")
-    figure = _figure(58)
-    row = figure.subplots(1, 2, sharey=True)
     for axes, panel, (title, colour) in zip(row, panels, TITLES, strict=True):
         cells = np.arange(panel.shape[1] + 1) - 0.5, np.arange(panel.shape[0] + 1) - 0.5
         norm = Normalize(-limit, limit)
@@ -253,8 +262,14 @@ def residual_matrix(evidence: Evidence) -> Figure:
         _pair_ticks(axes.yaxis, drives)
     row[0].set_ylabel("drive, source electrode")
     row[0].invert_yaxis()
+    return image
+
+
+def matrix_bar(figure: Figure, image: QuadMesh, beside: Sequence[Axes]) -> Colorbar:
+    """The colours' scale of `draw_matrices`, under some axes."""
+    limit = image.norm.vmax
     bar = figure.colorbar(
-        image, ax=row, location="bottom", aspect=40, shrink=0.8, pad=0.03, extend="both"
+        image, ax=beside, location="bottom", aspect=40, shrink=0.8, pad=0.03, extend="both"
     )
     bar.set_ticks([-limit, -limit / 2, 0, limit / 2, limit])
     bar.ax.set_xticklabels([number(v, 2) for v in (-limit, -limit / 2, 0.0, limit / 2, limit)])
@@ -262,7 +277,7 @@ def residual_matrix(evidence: Evidence) -> Figure:
         f"recording {MINUS} simulation, mean over the frames,\nin units of the noise of a reading"
     )
     bar.outline.set_linewidth(0.4)
-    return figure
+    return bar
 
 
 TITLES = (("before", BEFORE), ("after", AFTER))
@@ -380,7 +395,7 @@ def _misfit(evidence: Evidence, x: np.ndarray, label: str) -> Figure:
     axes.set_xlabel(label)
     axes.set_ylabel("χ² per reading")
     axes.set_yscale("log")
-    _log_limits(axes.yaxis, np.concatenate(values))
+    log_limits(axes.yaxis, np.concatenate(values))
     figure.legend(loc="outside upper center", ncols=3, borderpad=0.1, columnspacing=1.5)
     return figure
 
@@ -411,7 +426,7 @@ def held_out(evidence: Evidence) -> Figure:
         text = number(value)
         axes.annotate(text, (value, y), color=colour, weight="bold", bbox=PLAIN, **beside)
     axes.set_xscale("log")
-    _log_limits(axes.xaxis, np.array(values), room=1.8)
+    log_limits(axes.xaxis, np.array(values), room=1.8)
     axes.set(ylim=(-0.6, 1.6), yticks=[1, 0], yticklabels=[title for title, _ in TITLES])
     axes.set_xlabel("held-out χ² per degree of freedom; noise alone: 1")
     for tick, (_, colour) in zip(axes.get_yticklabels(), TITLES, strict=True):
@@ -446,7 +461,7 @@ def rivals(evidence: Evidence) -> Figure | str:
         axes.annotate(name, (value, y), xytext=(0, y - 0.45), ha="left", bbox=PLAIN, **above)
         axes.annotate(text, (value, y), xytext=(1, y - 0.45), ha="right", bbox=PLAIN, **above)
     axes.set_xscale("log")
-    _log_limits(axes.xaxis, np.array([value for _, value, *_ in rows]))
+    log_limits(axes.xaxis, np.array([value for _, value, *_ in rows]))
     axes.set(ylim=(len(rows) - 0.6, -0.8), yticks=[])
     axes.set_xlabel("held-out χ² per degree of freedom")
     return figure
@@ -476,7 +491,7 @@ def next_experiment(evidence: Evidence) -> Figure | str:
     return figure
 
 
-def _log_limits(axis: matplotlib.axis.Axis, values: np.ndarray, room: float = 1.15) -> None:
+def log_limits(axis: matplotlib.axis.Axis, values: np.ndarray, room: float = 1.15) -> None:
     """A logarithmic axis over `values` and the noise, at least from a half to two."""
     values = values[np.isfinite(values) & (values > 0)]
     low, high = min(0.5, values.min(initial=1.0) / 1.15), max(2.0, values.max(initial=1.0) * room)

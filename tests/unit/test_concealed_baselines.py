@@ -1,0 +1,111 @@
+"""Other methods find what they can find, and nothing where there is nothing."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from calibration.trial import rms
+from concealed import baselines, oracle
+from concealed.baselines import Linear, everything, lasso, matched_filter, named
+from eitskin.recording import Recording
+from witness import cases
+
+KNOWN, READINGS, ASKED = 12, 400, 50
+GREEDY = (matched_filter, lasso)
+
+
+def candidate(name, site=None, scope="sparse", **start):
+    kind = None if site is None else "electrodes"
+    sites = None if site is None else (site,)
+    return SimpleNamespace(name=name, kind=kind, sites=sites, scope=scope, start=start, looks=KNOWN)
+
+
+def made(strengths, seed=1):
+    """KNOWN columns, those given of `strengths` (index: in noise units) in the residual."""
+    rng = np.random.default_rng(seed)
+    columns = rng.standard_normal((KNOWN, READINGS))
+    columns /= np.linalg.norm(columns, axis=1)[:, None]
+    asked = rng.standard_normal((KNOWN, ASKED))
+    residual = rng.standard_normal(READINGS)
+    for k, strength in strengths.items():
+        residual = residual + strength * columns[k]
+    kinds = [candidate("contact-impedance", k) for k in range(KNOWN - 3)]
+    kinds += [candidate("domain-shape", scope="", harmonic=k) for k in (2, 3)]
+    kinds += [candidate("crosstalk", scope="")]
+    truth = sum((s * asked[k] for k, s in strengths.items()), np.zeros(ASKED))
+    return truth, Linear(
+        columns=[(c, 0) for c in kinds],
+        gram=columns @ columns.T,
+        slope=columns @ residual,
+        length=np.full(KNOWN, 30.0),
+        asked=asked,
+        groups=[(c, np.array([k])) for k, c in enumerate(kinds)],
+        chi2=float(residual @ residual),
+        dof=READINGS,
+    )
+
+
+@pytest.mark.parametrize("method", GREEDY)
+def test_what_is_strong_is_found_and_predicted(method):
+    truth, tangents = made({4: 25.0, 11: -20.0})
+    chosen, values = method(tangents)
+    assert sorted(chosen) == [4, 11]
+    assert values @ tangents.asked[chosen] == pytest.approx(truth, abs=6.0)
+    assert rms(truth) > 20
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_nothing_is_found_in_noise(seed):
+    truth, tangents = made({}, seed)
+    for method in GREEDY:
+        chosen, values = method(tangents)
+        assert len(chosen) == 0
+        assert (values @ tangents.asked[chosen] == truth).all()
+    assert len(everything(tangents)[2]) == 0
+
+
+def test_least_squares_on_everything_names_what_stands_out():
+    truth, tangents = made({4: 25.0, 11: -20.0})
+    chosen, values, shown = everything(tangents)
+    assert len(chosen) == KNOWN
+    assert sorted(shown) == [4, 11]
+    assert rms(values @ tangents.asked[chosen] - truth) < 0.3 * rms(truth)
+
+
+def test_columns_of_one_name_are_one_effect_harmonics_several():
+    _, tangents = made({})
+    told = named(tangents, np.array([3, 1, 9, 10, 11]))
+    assert [entry["name"] for entry in told] == [
+        *("contact-impedance", "domain-shape", "domain-shape", "crosstalk")
+    ]
+    assert told[0]["electrodes"] == [1, 3]
+    assert told[3]["electrodes"] == []
+
+
+@pytest.fixture(scope="module")
+def small():
+    case = cases.draw("single:contact-impedance", 3, 40)
+    recorded = Recording(case.states, case.voltage, None, None, dict(case.metadata))
+    return case, recorded, Recording(case.query, None, None, None, dict(case.metadata))
+
+
+def test_every_method_says_and_predicts_something_of_a_witness_recording(small):
+    case, recorded, query = small
+    said, predicted = baselines.compare(recorded, query, 1)
+    assert set(said) == set(predicted) == set(baselines.METHODS)
+    assert {name for name, told in said.items() if told is not None} == set(baselines.NAMING)
+    left = {name: rms(voltage - case.query_clean) for name, voltage in predicted.items()}
+    assert np.isfinite(list(left.values())).all()
+    assert left["matched-filter"] < 0.5 * left["none"]
+    assert left["lasso"] < 0.5 * left["none"]
+    truth = {
+        "effects": case.effects,
+        "scopes": case.scopes,
+        "outside": None,
+    }
+    best = oracle.oracle(recorded, query, truth, case.query_clean, 1)
+    assert best["rmse_V"] < 0.5 * left["none"]
+    assert [told["name"] for told in best["effects"]] == ["contact-impedance"]
+    unknown = oracle.oracle(recorded, query, {**truth, "outside": {"law": "palm"}}, None, 1)
+    assert unknown == {"rmse_V": None, "effects": None}

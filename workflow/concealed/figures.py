@@ -1,0 +1,121 @@
+"""The figures of a block's score."""
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from scipy.stats import norm
+
+from concealed import scoring
+from eitskin.diagnose.figures import AFTER, BEFORE, QUIET, style
+from eitskin.drawing import COLUMN_MM, sheet
+
+COLOURS = {
+    "eitskin": AFTER,
+    "matched-filter": BEFORE,
+    "lasso": "#009e73",
+    "everything": "#cc79a7",
+}
+LEAST_CLOSED = -1.0  # of the figure; what is less stands at its edge
+
+
+def accuracy(table: pd.DataFrame) -> Figure:
+    """Right names of single effects against the gap, by method, under the ceiling Φ(gap / 2)."""
+    with style():
+        figure = sheet(COLUMN_MM, 62)
+        axes = figure.add_subplot()
+        gaps = np.geomspace(1.5, 60, 200)
+        ceiling = {"color": QUIET, "linestyle": "--", "linewidth": 0.9, "label": "ceiling"}
+        axes.plot(gaps, norm.cdf(0.5 * gaps), **ceiling)
+        for k, (method, own) in enumerate(table.groupby("method", sort=False)):
+            own = own.sort_values("gap")
+            ends = np.array([own["right"] - own["low"], own["high"] - own["right"]]).clip(0.0)
+            axes.errorbar(
+                own["gap"] * 1.03 ** (k - 1.5),
+                own["right"],
+                yerr=ends,
+                color=COLOURS[method],
+                marker="o",
+                markersize=3,
+                capsize=1.5,
+                linewidth=1.4 if method == "eitskin" else 0.8,
+                elinewidth=0.6,
+                label=method,
+                zorder=3 if method == "eitskin" else 2,
+            )
+        axes.set_xscale("log")
+        axes.set_xticks([2, 3, 5, 8, 12, 20, 40], ["2", "3", "5", "8", "12", "20", "40"])
+        axes.minorticks_off()
+        axes.set(xlim=(1.5, 60), ylim=(-0.02, 1.05))
+        axes.set_xlabel("gap to the nearest other name, in units of the noise (median)")
+        axes.set_ylabel("right name or declared class")
+        figure.legend(loc="outside upper center", ncols=3, columnspacing=1.2, handlelength=1.4)
+    return figure
+
+
+def closed_table(rows: list[dict]) -> pd.DataFrame:
+    """One line a case with an effect and a method: the misfit closed on hidden frames."""
+    made = [
+        {
+            "case": row["case"],
+            "method": method,
+            "misfit_closed": scoring.misfit_closed(row["hidden"], method),
+        }
+        for row in rows
+        if row["truth"]
+        for method in scoring.METHODS
+        if method not in ("none", "oracle")
+    ]
+    return pd.DataFrame(made, columns=["case", "method", "misfit_closed"])
+
+
+def misfit_closed(table: pd.DataFrame) -> Figure:
+    """How much of the misfit on hidden frames each method closes: every case, and the median."""
+    methods = [m for m in reversed(scoring.METHODS) if m in set(table["method"])]
+    rng = np.random.default_rng(1)
+    with style():
+        figure = sheet(COLUMN_MM, 12 + 7 * max(len(methods), 2))
+        axes = figure.add_subplot()
+        for end, colour in ((0.0, BEFORE), (1.0, QUIET)):
+            axes.axvline(end, color=colour, linewidth=0.8, linestyle="--")
+        for y, method in enumerate(methods):
+            values = table.loc[table["method"] == method, "misfit_closed"].dropna().to_numpy()
+            shown = np.maximum(values, LEAST_CLOSED)
+            lift = y + rng.uniform(-0.22, 0.22, len(values))
+            colour = COLOURS.get(method, "#404040")
+            off = values < LEAST_CLOSED
+            axes.plot(shown[~off], lift[~off], ".", color=colour, markersize=3, alpha=0.5, mew=0)
+            axes.plot(shown[off], lift[off], "<", color=colour, markersize=3, alpha=0.5, mew=0)
+            if len(values):
+                middle = max(float(np.median(values)), LEAST_CLOSED)
+                axes.plot([middle, middle], [y - 0.34, y + 0.34], color=colour, linewidth=2)
+        axes.set_yticks(range(len(methods)), methods)
+        axes.set_xticks([-1, -0.5, 0, 0.5, 1])
+        axes.set(xlim=(LEAST_CLOSED - 0.05, 1.15), ylim=(-0.6, len(methods) - 0.4))
+        axes.set_xlabel("misfit closed on hidden frames (0: belief, 1: oracle)")
+    return figure
+
+
+def p_values(table: pd.DataFrame) -> Figure:
+    """The share of p-values up to p, where nothing is concealed."""
+    with style():
+        figure = sheet(COLUMN_MM, COLUMN_MM)
+        axes = figure.add_subplot()
+        axes.plot([5e-4, 1], [5e-4, 1], color=QUIET, linewidth=0.8, linestyle="--")
+        kept = table[(table["n"] > 0) & (table["share"] > 0)]
+        ends = np.array([kept["share"] - kept["low"], kept["high"] - kept["share"]])
+        axes.errorbar(
+            kept["p"],
+            kept["share"],
+            yerr=np.nan_to_num(ends).clip(0.0),
+            fmt="o",
+            color=AFTER,
+            markersize=3,
+            capsize=2,
+            linewidth=0.8,
+        )
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set(xlim=(5e-4, 1.2), ylim=(5e-4, 1.2), aspect="equal")
+        axes.set_xlabel("p-value of the atlas, nothing concealed")
+        axes.set_ylabel("share of statistics with this p-value or less")
+    return figure

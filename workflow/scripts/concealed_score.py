@@ -1,0 +1,11 @@
+"""Score an opened block."""
+
+from pathlib import Path
+
+from concealed import page
+from eitskin.errors import reported
+
+with reported(snakemake.log[0]):
+    block = snakemake.wildcards.block
+    command = f"snakemake --cores 2 results/concealed/{block}/score/score.md"
+    page.write(Path(snakemake.input.opened).parents[1], Path(snakemake.output.page).parent, command)
