@@ -5,6 +5,7 @@ from eitskin.configuration import validate, with_continuous
 from eitskin.errors import reported
 from eitskin.fingerprint import fingerprint
 from eitskin.rows import rows
+from loop.plan import DIAGNOSIS, LABELS, SOURCES, TRUTH, named
 from snakemake.utils import min_version
 
 min_version("9.0")
@@ -41,6 +42,7 @@ include: "workflow/rules/limit.smk"
 include: "workflow/rules/transfer.smk"
 include: "workflow/rules/calibrate.smk"
 include: "workflow/rules/held_out.smk"
+include: "workflow/rules/loop.smk"
 include: "workflow/rules/paper.smk"
 
 

@@ -26,6 +26,7 @@ from witness.world import World
 N_ELECTRODES = 16
 LEAST_LEVEL, MOST_LEVEL = 3e-4, 2e-2  # noise over the median |v|
 SINGLE_SNR, SET_SNR, OUTSIDE_SNR = (10.0, 60.0), (15.0, 80.0), (20.0, 100.0)
+BEYOND = 1e12  # an SNR that no strength shows
 APART_MM, NO_TANGENT_MM = 1.5, 0.5  # from an edge to that of any touch; where they may cross
 # Two of a group would need what the witness does not solve, or not soon, or be one effect.
 APART_NAMES = (
@@ -195,14 +196,14 @@ def scaled(shown, unit: float, most: float, wanted: float) -> tuple[float, float
     return best
 
 
-def draw(kind: str, seed: int, frames: int | None = None) -> Case:
+def draw(kind: str, seed: int, frames: int | None = None, share: float | None = None) -> Case:
     """One case. kind: null, single:<name>, pair, triple or outside:<law>.
 
     Skin: radius 50 to 90 mm, thickness 2 to 4 mm (10 to 25 as a body), contacts 4 to 9 mm wide
     of 5e-4 to 1e-2 ohm m2, conductivity up to 15 % off; 100 to 150 frames, or as many as `frames`
     says; noise 0.03 % to 2 % of the median |v|. SNR 10 to 60 for single effects, 15 to 80 in sets,
     20 to 100 outside the catalogue; where no physical strength shows that much, the noise falls to
-    0.03 % at the least.
+    0.03 % at the least. With `share`, strengths are that of the largest physical ones instead.
     Raises InputError for an unknown kind.
     """
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
@@ -249,6 +250,9 @@ def draw(kind: str, seed: int, frames: int | None = None) -> Case:
         makers = [(lambda a: replace(hidden, amount=a), 0.1 * hidden.most, hidden.most)]
     band = OUTSIDE_SNR if law else SINGLE_SNR if len(names) < 2 else SET_SNR
     wanted = np.exp(rng.uniform(*np.log(band), len(makers)))
+    if share is not None:
+        makers = [(at, min(unit, share * most), share * most) for at, unit, most in makers]
+        wanted[:] = BEYOND
 
     def show(at, a: float) -> float:
         made = at(a)
@@ -259,7 +263,7 @@ def draw(kind: str, seed: int, frames: int | None = None) -> Case:
     lack = min(
         (reached / want for (_, reached), want in zip(found, wanted, strict=True)), default=1
     )
-    if lack < 0.9:
+    if lack < 0.9 and share is None:
         # What is physical is too weak in this noise: there is less of it then.
         quieter = max(lack, LEAST_LEVEL / level)
         level, noise = level * quieter, noise * quieter
