@@ -6,6 +6,7 @@ import pytest
 from eitskin import dataset, recording, splits, transfer
 from eitskin.train import Budget, Optimiser
 from loop import errors, labelled
+from loop.alike import alike
 from loop.plan import AUTHORS, BELIEF, DIAGNOSIS, LABELS, TRUTH, named
 from loop_skin import FORCES, JITTER, LAW
 from small_skin import SKIN, small_recording
@@ -47,8 +48,14 @@ def test_a_diagnosis_sees_no_tested_touch_and_few_labels(folder):
     assert 0 < len(labels) <= 0.1 * (part != "test").sum()
     places = {*target.table["place"][part == "test"]}
     assert places and not places & {*target.table["place"][part != "test"]}
-    untouched = (~seen.frames["touch"]).sum()
-    assert untouched == 4 + 40 - len(places)
+    free = [k for k in range(40) if k not in places]  # places are presses here
+    untouched = ~seen.frames["touch"]
+    assert untouched.sum() == len(free) + 4 * (0 in free)
+    pressed = np.unique(labels["place"])
+    imitated = seen.frames["note_imitated"].astype(bool)
+    assert imitated[~untouched].all() and imitated[untouched].sum() == len(pressed)
+    again = alike(seen, 1, np.random.default_rng(1), FORCES, 8.0)
+    assert (~again["touch"]).sum() == len(pressed)
 
 
 @pytest.mark.parametrize("source", [BELIEF, AUTHORS, DIAGNOSIS, TRUTH])
@@ -64,9 +71,15 @@ def test_every_source_gives_errors_for_every_seed(folder, source):
     }
 
 
-def test_labels_alone_are_the_reference(folder):
+def test_labels_alone_are_the_reference_where_they_are_enough(folder):
     rows = run(folder, LABELS)
-    assert set(rows["method"]) == {transfer.TRAINED_FEW} and set(rows["seed"]) == {1, 2}
+    assert set(rows["method"]) == {transfer.TRAINED_FEW}
+    assert rows["left_out"].str.contains("no spread").all()
+    target, part = parts(folder)
+    part = np.where(part == "validation", "train", part)
+    settings = (Optimiser(), Budget(150, 2, 2, 2), 1, 4, 5.0, 0.0)
+    rows = errors.errors(LABELS, "mlp", folder, target, part, *settings, [JITTER], FORCES, 8.0)
+    assert set(rows["seed"]) == {1, 2} and set(rows["left_out"]) == {""}
 
 
 def test_cases_are_named_by_kind_and_seed():

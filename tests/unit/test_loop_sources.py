@@ -43,7 +43,7 @@ def test_sets_of_one_seed_differ_in_physics_alone(recorded):
 
 def test_noise_is_the_recording_s_on_touched_and_untouched_frame(recorded):
     clean = sources.Simulator(SKIN, [])
-    one, _ = made_by(clean, recorded, 1, 1500)
+    one, _ = made_by(clean, recorded, 1, 600)
     sessions = one.table["session"].nunique()
     frames = sources.alike(recorded, sessions, np.random.default_rng([1, 4]), FORCES, 8.0)
     exact = Recording(frames, clean.readings(frames, recorded, 1), None, None, METADATA)

@@ -303,11 +303,9 @@ def references(
         for method, state in ((CONSTANT, mean), (NEAREST, alike)):
             table += _scored(method, draw, -1, len(few), truth[test], state, variables, every)
         job = (optimiser, budget, (part == "train").sum(), seed + draw, draw)
-        try:
-            settings = (latent_dim, force_weight, lambda_latent)
-            table += few_alone(target, test, few, name, *job, *settings)
-        except InputError as error:
-            table.append(_left_out(TRAINED_FEW, str(error)))
+        rows = few_alone(target, test, few, name, *job, latent_dim, force_weight, lambda_latent)
+        table += rows
+        if rows[0]["left_out"]:
             break
     return pd.DataFrame(table, columns=list(RUNS))
 
@@ -327,11 +325,15 @@ def few_alone(
     lambda_latent: float,
 ) -> list[dict]:
     """Rows (RUNS) of a model trained on the rows `few` (n,) alone, on the rows `test` (N,), with as
-    many steps of Adam as `whole` training frames would take."""
+    many steps of Adam as `whole` training frames would take; a row with the reason where they are
+    too few."""
     own = few_parts(target.table, few, seed)
     spent = same_steps(budget, whole, (own == "train").sum(), optimiser)
     settings = (latent_dim, force_weight, lambda_latent)
-    trained = train.train_model(target, own, model, optimiser, spent, seed, *settings)
+    try:
+        trained = train.train_model(target, own, model, optimiser, spent, seed, *settings)
+    except InputError as error:
+        return [_left_out(TRAINED_FEW, str(error))]
     (state,) = predict_seeds(trained, target.delta_V[test])
     variables = target.metadata["targets"]
     found = (TRAINED_FEW, draw, seed, len(few), _states(target, variables)[test], state)

@@ -7,6 +7,8 @@ from eitskin import states
 from eitskin.errors import InputError
 from eitskin.recording import Recording, frames_table, presses
 
+IMITATED = "note_imitated"  # of a recording of which not all presses are left
+
 
 def alike(
     recorded: Recording, sessions: int, rng: np.random.Generator, forces: dict, probe_mm: float
@@ -18,9 +20,13 @@ def alike(
     recording's, drawn; its place is drawn evenly from the disc that the recording's touches reach,
     its largest force from theirs (interpolated quantiles), the others in proportion. A force that
     nobody measured is drawn, one a press, by `forces` (mean_N, sd_N, max_N); an unknown probe is
-    `probe_mm`. Raises InputError without a touch at a known place.
+    `probe_mm`. Where the recording has a column IMITATED, frames without it are left aside.
+    Raises InputError without a touch at a known place.
     """
     frames, press = recorded.frames, presses(recorded)
+    if IMITATED in frames:
+        kept = frames[IMITATED].to_numpy(bool)
+        frames, press = frames[kept].reset_index(drop=True), press[kept]
     xy = frames[["x_mm", "y_mm"]].to_numpy(float)
     if not np.isfinite(xy[press >= 0]).all() or not (press >= 0).any():
         raise InputError("recording", "x_mm, y_mm", "no touch, or an unknown place", "known places")

@@ -7,6 +7,7 @@ import pandas as pd
 
 from eitskin import dataset, recording, splits, transfer
 from eitskin.recording import Recording, presses
+from loop.alike import IMITATED
 
 
 def write(recorded: Recording, target: dataset.Dataset, folder: str | Path, seed: int) -> None:
@@ -14,7 +15,8 @@ def write(recorded: Recording, target: dataset.Dataset, folder: str | Path, seed
 
     Whole places are tested; of the others the frames that `transfer.labelled` draws are "train",
     the rest "validation", known without labels. The recording keeps the labelled presses and the
-    untouched frames, those apart that only precede a tested press.
+    untouched frames, those apart that precede a tested press; IMITATED are the labelled presses and
+    the untouched frames before them.
     """
     folder = Path(folder)
     part = splits.assign(target.table, "place", seed)
@@ -29,7 +31,8 @@ def write(recorded: Recording, target: dataset.Dataset, folder: str | Path, seed
     following = pd.Series(np.where(press >= 0, press, np.nan)).bfill().to_numpy()
     spared = np.isin(following, press[tested])
     kept = labelled | ((press < 0) & ~spared)
-    frames = recorded.frames[kept].reset_index(drop=True)
+    imitated = labelled | ((press < 0) & np.isin(following, press[labelled]))
+    frames = recorded.frames.assign(**{IMITATED: imitated})[kept].reset_index(drop=True)
     frames["frame"] = np.arange(len(frames), dtype=np.int64)
     seen = Recording(frames, recorded.voltage[kept], None, None, recorded.metadata)
     recording.write(seen, folder / "recording.parquet")
