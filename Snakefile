@@ -7,6 +7,7 @@ from eitskin.configuration import validate, with_continuous
 from eitskin.errors import reported
 from eitskin.fingerprint import fingerprint
 from eitskin.rows import rows
+from loop.plan import DIAGNOSIS, LABELS, SOURCES, TRUTH, named
 from snakemake.utils import min_version
 
 min_version("9.0")
@@ -45,6 +46,7 @@ include: "workflow/rules/calibrate.smk"
 include: "workflow/rules/concealed.smk"
 include: "workflow/rules/concealed_score.smk"
 include: "workflow/rules/held_out.smk"
+include: "workflow/rules/loop.smk"
 include: "workflow/rules/paper.smk"
 
 

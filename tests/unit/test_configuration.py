@@ -124,6 +124,14 @@ def test_the_paper_s_configuration_is_accepted():
         ),
         (("diagnoses", ["a-twin"]), "config.yaml: diagnoses[0]: found 'a-twin', expected one of"),
         (
+            ("loop", "recordings", ["bench"]),
+            "config.yaml: loop.recordings[0]: found 'bench', expected one of simulated-twin",
+        ),
+        (
+            ("loop", "budget", "samples", None),
+            "config.yaml: loop.budget.samples: found null, expected a whole number",
+        ),
+        (
             ("table_1", "recordings", "simulated-twin", ["continuous"]),
             "config.yaml: table_1.recordings.simulated-twin[0]: found 'continuous', "
             "expected one of random, place, session",

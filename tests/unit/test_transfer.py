@@ -57,9 +57,14 @@ def quick(monkeypatch):
     monkeypatch.setattr(transfer, "STEPS", 100)
 
 
-def run(simulated, target, seed=1):
+def drawn(target, part):
+    """The labelled rows of every draw."""
+    return [transfer.labelled(target.table, part, 1 + draw) for draw in range(transfer.DRAWS)]
+
+
+def run(simulated, target):
     part = splits.assign(target.table, "place", 1)
-    return transfer.transferred(*simulated, target, part, ANGLES, seed)
+    return transfer.transferred(*simulated, target, part, ANGLES, drawn(target, part))
 
 
 def mean_errors(rows, variable="F"):
@@ -260,14 +265,14 @@ def test_labels_beyond_the_5_percent_and_the_test_part_are_not_used(simulated):
     target = recorded(touches(1200, seed=5))
     part = splits.assign(target.table, "place", 1)
     rows = run(simulated, target)
-    used = [transfer.labelled(target.table, part, 1 + draw) for draw in range(transfer.DRAWS)]
+    used = drawn(target, part)
     unused = np.setdiff1d(np.flatnonzero(part != "test"), np.concatenate(used))
     assert len(unused) > 200
     target.table.loc[unused, ["x_mm", "y_mm", "force_N"]] = 1e6
-    again = transfer.transferred(*simulated, target, part, ANGLES, 1)
+    again = transfer.transferred(*simulated, target, part, ANGLES, used)
     assert rows.equals(again)
     target.table.loc[used[0], "force_N"] += 3.0
-    changed = transfer.transferred(*simulated, target, part, ANGLES, 1)
+    changed = transfer.transferred(*simulated, target, part, ANGLES, used)
     unlabelled = rows["method"].isin(["zero-shot", "z-score", "CORAL"])
     assert rows[unlabelled].equals(changed[unlabelled]) and not rows.equals(changed)
 

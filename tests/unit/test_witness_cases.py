@@ -135,3 +135,11 @@ def test_longer_recordings_have_more_presses(null):
     ratio = long.states["contact"].nunique() / null.states["contact"].nunique()
     assert 3.5 < ratio < 4.5
     assert long.true.radius_mm == null.true.radius_mm
+
+
+def test_a_share_of_the_largest_strength_is_drawn_in_place_of_an_snr():
+    case, own = draw("single:force-offset", 2, share=0.4), draw("single:force-offset", 2)
+    (effect,) = case.effects
+    assert abs(effect["parameters"]["offset_N"]) == pytest.approx(0.8)
+    assert case.true == own.true and case.states.equals(own.states) and case.level >= own.level
+    assert case.snr[0] > own.snr[0]

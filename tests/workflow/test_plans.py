@@ -214,3 +214,19 @@ def test_the_paper_s_second_table_and_figures_can_be_planned_by_name(fresh, tmp_
     for number in range(1, 5):
         figure = f"results/figures/figure_{number}"
         assert {f"{figure}.{kind}" for kind in ("svg", "png", "csv")} <= planned
+
+
+def test_the_loop_can_be_planned_by_name_and_is_no_part_of_all(fresh, tmp_path):
+    house = fresh.copy(tmp_path / "house")
+    plan = house.snakemake("--summary", "loop")
+    assert plan.returncode == 0, plan.stderr
+    planned = {line.split("\t")[0] for line in plan.stdout.splitlines()}
+    case = "results/loop/single-touch-contrast-1"
+    sources = ("belief", "authors", "diagnosis", "truth", "labels")
+    assert {f"{case}/errors/mlp/{source}.csv" for source in sources} <= planned
+    assert {f"{case}/truth.json", f"{case}/diagnosis/effects.yaml"} <= planned
+    assert {f"results/loop/{file}" for file in ("loop.csv", "loop.md", "mlp.svg")} <= planned
+    assert not {file for file in planned if file.startswith("results/models/")}
+    whole = house.snakemake("--summary")
+    assert whole.returncode == 0, whole.stderr
+    assert "results/loop/" not in whole.stdout

@@ -49,4 +49,4 @@ def draw(kind: str, seed: int, frames: int | None = None) -> cases.Case:
         raise InputError("case", "kind", repr(kind), f"{PAIR} or {DECOY}:<name>")
     rng = np.random.default_rng([zlib.crc32(f"names of {kind}".encode()), seed])
     possible = cells() if word == PAIR else [(other,) for other in confounders(name)]
-    return cases.draw(kind, seed, frames, list(possible[int(rng.integers(len(possible)))]))
+    return cases.draw(kind, seed, frames, names=list(possible[int(rng.integers(len(possible)))]))

@@ -243,8 +243,8 @@ def _yaml_number(text: str) -> str:
 
 
 def _unknown_name(config: dict) -> tuple[list, str, str] | None:
-    """A name in a table, a figure, `ablation`, `transfer`, `diagnoses` or `tanks` that is defined
-    nowhere."""
+    """A name in a table, a figure, `ablation`, `transfer`, `diagnoses`, `tanks` or `loop` that is
+    defined nowhere."""
     for kind in ("configurations", "recordings"):
         for name, splits in config["table_1"][kind].items():
             if name not in config[kind]:
@@ -264,6 +264,7 @@ def _unknown_name(config: dict) -> tuple[list, str, str] | None:
         (["transfer", "targets"], recordings),
         (["diagnoses"], recordings),
         (["tanks"], recordings),
+        (["loop", "recordings"], recordings),
     ):
         for k, name in enumerate(_at(place, config)):
             if name not in known:

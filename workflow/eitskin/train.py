@@ -25,6 +25,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import torch
@@ -351,6 +352,32 @@ def train_predictor(
     fitted_by = Tube() if model == networks.SVR else optimiser
     header = _header(dataset, model, fitted_by, budget, settings)
     _train_seeds(header, material, output, seed, train_seed, taught)
+
+
+def train_model(
+    dataset: Dataset,
+    part: np.ndarray,
+    model: str,
+    optimiser: Optimiser,
+    budget: Budget,
+    seed: int,
+    latent_dim: int,
+    force_weight: float,
+    lambda_latent: float,
+) -> Trained:
+    """A predictor after all of its stages, as `train_predictor` writes it; nothing is kept."""
+    with TemporaryDirectory() as folder:
+        encoder, regressor, output = (Path(folder, f"{k}.pt") for k in range(3))
+        job, teachers = (optimiser, budget, seed), []
+        if lambda_latent or model.endswith("autoencoder-mlp"):
+            train_autoencoder(dataset, part, encoder, *job, latent_dim)
+            teachers.append(encoder)
+        if lambda_latent:
+            train_regressor(dataset, part, encoder, regressor, *job)
+            teachers.append(regressor)
+        loss = (force_weight, lambda_latent, teachers)
+        train_predictor(dataset, part, model, output, *job, *loss)
+        return models.read(output)
 
 
 def _moved(material: Material, device: torch.device) -> list[list[Tensor]]:

@@ -20,9 +20,9 @@ References know nothing of a simulation: the mean of the 5 %, the mean of the th
 most alike, the same model trained on the 5 % alone, and on the recording's whole training part.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
@@ -32,7 +32,7 @@ from sklearn.isotonic import IsotonicRegression
 from sklearn.linear_model import Ridge
 from sklearn.neighbors import KNeighborsRegressor
 
-from eitskin import models, networks, train
+from eitskin import networks, train
 from eitskin.alignment import homogeneous_readings
 from eitskin.atomic import atomic_path
 from eitskin.dataset import Dataset
@@ -212,11 +212,11 @@ def transferred(
     target: Dataset,
     part: np.ndarray,
     electrode_deg: list[float] | None,
-    seed: int,
+    draws: Sequence[np.ndarray],
 ) -> pd.DataFrame:
     """Rows (RUNS) of the simulation's model on the recording's test part by every method of its own
     (METHODS): one for each run, variable and metric. A run is a seed of the model or, where labels
-    are used, a draw of them (else -1) with one of the seeds in turn.
+    are used, one of the `draws` of them, rows (n,) each (else -1), with one of the seeds in turn.
 
     What cannot be compared is a row with a reason in `left_out` in place of a value. Statistics of
     the recording are those of its training and validation frames, whose labels are not used.
@@ -256,8 +256,7 @@ def transferred(
             table += scored(method, -1, 0, k, state[k][test], every)
     force = [i for i in every if variables[i] == "F"]
     aligned = inputs["CORAL"]
-    for draw in range(DRAWS):
-        few = labelled(target.table, part, seed + draw)
+    for draw, few in enumerate(draws):
         k = draw % len(model.seeds())
         if ZERO_SHOT in states:
             plain = states[ZERO_SHOT][k]
@@ -303,18 +302,42 @@ def references(
         alike = nearest(target.delta_V, part != "test", few, truth[few])[test]
         for method, state in ((CONSTANT, mean), (NEAREST, alike)):
             table += _scored(method, draw, -1, len(few), truth[test], state, variables, every)
-        own = few_parts(target.table, few, seed + draw)
-        settings = (latent_dim, force_weight, lambda_latent)
-        spent = same_steps(budget, (part == "train").sum(), (own == "train").sum(), optimiser)
-        try:
-            model = _train_few(target, own, name, optimiser, spent, seed + draw, *settings)
-        except InputError as error:
-            table.append(_left_out(TRAINED_FEW, str(error)))
+        job = (optimiser, budget, (part == "train").sum(), seed + draw, draw)
+        rows = few_alone(target, test, few, name, *job, latent_dim, force_weight, lambda_latent)
+        table += rows
+        if rows[0]["left_out"]:
             break
-        (state,) = predict_seeds(model, target.delta_V[test])
-        found = (TRAINED_FEW, draw, seed + draw, len(few))
-        table += _scored(*found, truth[test], state, variables, every)
     return pd.DataFrame(table, columns=list(RUNS))
+
+
+def few_alone(
+    target: Dataset,
+    test: np.ndarray,
+    few: np.ndarray,
+    model: str,
+    optimiser: Optimiser,
+    budget: Budget,
+    whole: int,
+    seed: int,
+    draw: int,
+    latent_dim: int,
+    force_weight: float,
+    lambda_latent: float,
+) -> list[dict]:
+    """Rows (RUNS) of a model trained on the rows `few` (n,) alone, on the rows `test` (N,), with as
+    many steps of Adam as `whole` training frames would take; a row with the reason where they are
+    too few."""
+    own = few_parts(target.table, few, seed)
+    spent = same_steps(budget, whole, (own == "train").sum(), optimiser)
+    settings = (latent_dim, force_weight, lambda_latent)
+    try:
+        trained = train.train_model(target, own, model, optimiser, spent, seed, *settings)
+    except InputError as error:
+        return [_left_out(TRAINED_FEW, str(error))]
+    (state,) = predict_seeds(trained, target.delta_V[test])
+    variables = target.metadata["targets"]
+    found = (TRAINED_FEW, draw, seed, len(few), _states(target, variables)[test], state)
+    return _scored(*found, variables, list(range(len(variables))))
 
 
 def nearest(
@@ -347,31 +370,6 @@ def same_steps(budget: Budget, whole: int, few: int, optimiser: Optimiser) -> Bu
     stretch = np.ceil(used / optimiser.batch_size) / np.ceil(few / optimiser.batch_size)
     longer = {key: round(getattr(budget, key) * stretch) for key in ("epochs", "patience")}
     return replace(budget, samples=None, seeds=1, **longer)
-
-
-def _train_few(
-    target: Dataset,
-    part: np.ndarray,
-    name: str,
-    optimiser: Optimiser,
-    budget: Budget,
-    seed: int,
-    latent_dim: int,
-    force_weight: float,
-    lambda_latent: float,
-) -> Trained:
-    with TemporaryDirectory() as folder:
-        encoder, regressor, output = (Path(folder, f"{k}.pt") for k in range(3))
-        job, teachers = (optimiser, budget, seed), []
-        if lambda_latent or name.endswith("autoencoder-mlp"):
-            train.train_autoencoder(target, part, encoder, *job, latent_dim)
-            teachers.append(encoder)
-        if lambda_latent:
-            train.train_regressor(target, part, encoder, regressor, *job)
-            teachers.append(regressor)
-        loss = (force_weight, lambda_latent, teachers)
-        train.train_predictor(target, part, name, output, *job, *loss)
-        return models.read(output)
 
 
 def _states(target: Dataset, variables: list[str]) -> np.ndarray:

@@ -10,5 +10,7 @@ with reported(snakemake.log[0]):
     part = splits.read(files.split, target.table)
     angles = recording.read(files.recording).skin.electrode_deg
     sides = (source, source_part, target, part)
-    rows = transfer.transferred(models.read(files.model), *sides, angles, snakemake.params.seed)
+    seeds = range(snakemake.params.seed, snakemake.params.seed + transfer.DRAWS)
+    draws = [transfer.labelled(target.table, part, seed) for seed in seeds]
+    rows = transfer.transferred(models.read(files.model), *sides, angles, draws)
     transfer.write(rows, snakemake.output[0])

@@ -31,6 +31,7 @@ N_ELECTRODES = 16
 LEAST_LEVEL, MOST_LEVEL = 3e-4, 2e-2  # noise over the median |v|
 SINGLE_SNR, SET_SNR, OUTSIDE_SNR = (10.0, 60.0), (15.0, 80.0), (20.0, 100.0)
 CLEAR_MM = 8.0  # radius of a disc that nobody touches, for laws that sit in one
+BEYOND = 1e12  # an SNR that no strength shows
 APART_MM, NO_TANGENT_MM = 1.5, 0.5  # from an edge to that of any touch; where they may cross
 # Two of a group would need what the witness does not solve, or not soon, or be one effect.
 APART_NAMES = (
@@ -255,6 +256,7 @@ def draw(
     generator: str = "boundary",
     names: list[str] | None = None,
     alike: Alike | None = None,
+    share: float | None = None,
 ) -> Case:
     """One case. kind: null, single:<name>, pair, triple or outside:<law>; or any word, where the
     `names` of its effects are given. generator: who solves what is stored, of
@@ -265,7 +267,8 @@ def draw(
     of 5e-4 to 1e-2 ohm m2, conductivity up to 15 % off; 100 to 150 frames, or as many as `frames`
     says; noise 0.03 % to 2 % of the median |v|. SNR 10 to 60 for single effects, 15 to 80 in sets,
     20 to 100 outside the catalogue; where no physical strength shows that much, the noise falls to
-    0.03 % at the least, or to the generator's least.
+    0.03 % at the least, or to the generator's least. With `share`, strengths are that of the
+    largest physical ones instead.
     Raises InputError for an unknown kind, or one that the generator cannot do.
     """
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
@@ -323,6 +326,9 @@ def draw(
         makers = [(lambda a: replace(hidden, amount=a), unit, hidden.amount)]
     band = OUTSIDE_SNR if law else SINGLE_SNR if len(names) < 2 else SET_SNR
     wanted = np.exp(rng.uniform(*np.log(band), len(makers)))
+    if share is not None:
+        makers = [(at, min(unit, share * most), share * most) for at, unit, most in makers]
+        wanted[:] = BEYOND
 
     def show(at, a: float) -> float:
         made = at(a)
@@ -333,7 +339,7 @@ def draw(
     lack = min(
         (reached / want for (_, reached), want in zip(found, wanted, strict=True)), default=1
     )
-    if lack < 0.9:
+    if lack < 0.9 and share is None:
         # What is physical is too weak in this noise: there is less of it then.
         quieter = max(lack, floor / level)
         level, noise = level * quieter, noise * quieter

@@ -1,0 +1,74 @@
+"""Errors on the recording of models trained on a source, as they are and aligned."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from eitskin import recording, train, transfer
+from eitskin.dataset import Dataset
+from eitskin.recording import Recording
+from eitskin.train import Budget, Optimiser
+from loop import sources
+from loop.plan import BELIEF, DIAGNOSIS, LABELS, TRUTH
+
+
+def simulator(source: str, recorded: Recording, folder: str | Path, authors: list[dict]):
+    """The simulator of a source of the case in `folder`; `authors`: the effects of AUTHORS."""
+    folder = Path(folder)
+    if source == TRUTH:
+        told = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+        return sources.truth(told, recorded)
+    if source == DIAGNOSIS:
+        found = folder / "diagnosis"
+        said = json.loads((found / "diagnosis.json").read_text(encoding="utf-8"))
+        return sources.diagnosed(found / "effects.yaml", said)
+    believed = sources.belief(recorded)
+    if source == BELIEF:
+        return believed
+    return sources.Simulator(believed.skin, authors, believed.factor, drawn=True)
+
+
+def errors(
+    source: str,
+    model: str,
+    folder: str | Path,
+    target: Dataset,
+    part: np.ndarray,
+    optimiser: Optimiser,
+    budget: Budget,
+    seed: int,
+    latent_dim: int,
+    force_weight: float,
+    lambda_latent: float,
+    authors: list[dict],
+    forces: dict,
+    probe_mm: float,
+) -> pd.DataFrame:
+    """Rows (`transfer.RUNS`) of a model on the test part of `target`, for every seed of the budget.
+
+    Each seed has source samples and noise of its own, the same for all sources, and trains one
+    network; the rows "train" of `part` are the labels that methods with labels use. `LABELS`
+    trains on these alone, as `transfer.references`.
+    """
+    recorded = recording.read(Path(folder) / "recording.parquet")
+    few = np.flatnonzero(part == "train")
+    settings = (latent_dim, force_weight, lambda_latent)
+    tables = []
+    taught = None if source == LABELS else simulator(source, recorded, folder, authors)
+    for own in range(seed, seed + budget.seeds):
+        if taught is None:
+            job = (optimiser, budget, budget.samples, own, own - seed)
+            rows = transfer.few_alone(target, part == "test", few, model, *job, *settings)
+            tables.append(pd.DataFrame(rows, columns=list(transfer.RUNS)))
+            continue
+        made, parts = sources.source_set(
+            taught, recorded, budget.samples, own, forces, probe_mm, f"{source} {own}"
+        )
+        spent = Budget(budget.samples, budget.epochs, budget.patience, seeds=1)
+        trained = train.train_model(made, parts, model, optimiser, spent, own, *settings)
+        sides = (made, parts, target, part, recorded.skin.electrode_deg)
+        rows = transfer.transferred(trained, *sides, [few])
+        tables.append(rows.assign(seed=own))
+    return pd.concat(tables, ignore_index=True)

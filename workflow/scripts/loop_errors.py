@@ -1,0 +1,19 @@
+"""A model trained on one simulator of a skin, tested on the skin's recording."""
+
+from pathlib import Path
+
+from eitskin import dataset, splits, transfer
+from eitskin.errors import reported
+from eitskin.train import Budget, Optimiser
+from loop import errors
+
+with reported(snakemake.log[0]):
+    params, files = snakemake.params, snakemake.input
+    target = dataset.read(files.target)
+    part = splits.read(files.split, target.table)
+    chosen = (snakemake.wildcards.source, snakemake.wildcards.model, Path(files.recording).parent)
+    optimiser = Optimiser(params.learning_rate, params.weight_decay, params.batch_size)
+    job = (target, part, optimiser, Budget(**params.budget), params.seed)
+    settings = (params.latent_dim, params.force_weight, params.lambda_latent)
+    rows = errors.errors(*chosen, *job, *settings, params.authors, params.forces, params.probe_mm)
+    transfer.write(rows, snakemake.output[0])
