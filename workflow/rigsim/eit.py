@@ -12,12 +12,11 @@ from collections.abc import Callable
 import numpy as np
 
 from rigsim.log import EventLog
-from rigsim.ptys import MOST_SHOWN, SerialPort
+from rigsim.ptys import Backlog, SerialPort
 from rigsim.world import N_ELECTRODES, World
 
 STEP_V = 2.2 / 1024  # of a 10-bit converter of 2.2 V
 MOST_V = 1.1  # RMS
-PATIENCE_S = 2.0  # of unread lines
 
 
 def quantised(reading_V: np.ndarray) -> np.ndarray:
@@ -42,12 +41,12 @@ class Board:
 
     def __init__(self, config: dict, world: World, speedup: float, log: EventLog, start: float):
         self.port = SerialPort(config["link"])
+        self.backlog = Backlog("board", self.port, log)
         self.baud = config["baud"]
         self.frame_s, self.period_s = config["frame_s"] / speedup, config["period_s"] / speedup
         self.world, self.log, self.start = world, log, start
         self.frames = 0
         self.corrupt: Callable[[np.ndarray, bytes], bytes] = lambda values, line: line
-        self._full_since: float | None = None
         self._open = False
 
     async def warm(self) -> None:
@@ -94,7 +93,7 @@ class Board:
         self.frames += 1
         data = self.corrupt(line_V, text(line_V))
         force = 0.0 if press is None else float(press.at(np.array([ended - self.start]))[0])
-        unread = self.port.unread()
+        unread = self.backlog.look(ended)
         sent = self.port.write(data)
         self.log.write(
             "frame",
@@ -107,10 +106,3 @@ class Board:
             lost=len(data) - sent,
             unread=unread,
         )
-        if unread < MOST_SHOWN:
-            self._full_since = None
-        elif self._full_since is None:
-            self._full_since = ended
-        elif ended - self._full_since > PATIENCE_S:
-            self.log.violation("bytes never read", port="board", s=ended - self._full_since)
-            self._full_since = ended

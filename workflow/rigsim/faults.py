@@ -5,8 +5,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from eitskin.errors import InputError
 from rigsim.eit import MOST_V, Board, text
-from rigsim.load import LoadCell
+from rigsim.load import KG, LBS, LoadCell, OpenScale
 from rigsim.log import EventLog
 from rigsim.robot import Controller
 from rigsim.ur import RtdeServer
@@ -21,8 +22,9 @@ LONG_VALUES = 512  # as in the first line of logs by DSHardman's lab
 class Faults:
     """The faults that wait, and those that last.
 
-    A fault: {fault: its name, what must hold when it begins (contact, depth_mm, force_N, pressing_s,
-    time_s, moving), for_s, count, size}. `refuse` opens and closes RTDE's port (an argument says which).
+    A fault: {fault: its name, what must hold when it begins (contact, depth_mm, force_N,
+    pressing_s, time_s, moving), for_s, count, size}, as the configuration's schema says. refuse:
+    closes (True) and opens RTDE's port; start: the world's beginning, s.
     """
 
     def __init__(
@@ -35,13 +37,14 @@ class Faults:
         log: EventLog,
         refuse: Callable[[bool], None],
         seed: int,
+        start: float,
     ):
         self.world, self.robot, self.rtde, self.board, self.cell = world, robot, rtde, board, cell
         self.log, self.refuse = log, refuse
         self.rng = np.random.default_rng([seed, 4])
         self.waiting: list[dict] = []
         self._lasting: list[tuple[float, str, Callable[[], None]]] = []
-        self._started = time.monotonic()
+        self._start = start
 
     def tick(self, t: float) -> None:
         """Begin and end what is due at t s."""
@@ -61,11 +64,11 @@ class Faults:
             return False
         if "force_N" in fault and world.force_N < fault["force_N"]:
             return False
-        if "pressing_s" in fault and t - self._started - world.touched_at < fault["pressing_s"]:
+        if "pressing_s" in fault and t - self._start - world.touched_at < fault["pressing_s"]:
             return False
         if "moving" in fault and self.robot.moving != fault["moving"]:
             return False
-        return t - self._started >= fault.get("time_s", 0.0)
+        return t - self._start >= fault.get("time_s", 0.0)
 
     def begin(self, fault: dict, t: float) -> None:
         """Let a fault happen now."""
@@ -111,9 +114,8 @@ class Faults:
 
     def _garbled(self, values: np.ndarray, line: bytes) -> bytes:
         data = np.frombuffer(line[:-1], dtype=np.uint8).copy()
-        at = self.rng.choice(len(data), size=8, replace=False)
-        data[at] ^= np.uint8(1) << self.rng.integers(0, 8, size=8).astype(np.uint8)
-        return data.tobytes().replace(b"\n", b"?") + b"\n"
+        data[self.rng.choice(len(data), size=8, replace=False)] |= 0x80
+        return data.tobytes() + b"\n"
 
     def _duplicated(self, values: np.ndarray, line: bytes) -> bytes:
         return line + line
@@ -124,7 +126,7 @@ class Faults:
         return text(spoilt)
 
     def _saturated(self, values: np.ndarray, line: bytes) -> bytes:
-        return text(np.where(values > np.quantile(values, 0.9), MOST_V, values))
+        return text(np.where(values >= np.quantile(values, 0.9), MOST_V, values))
 
     def _board_silent(self, fault: dict, t: float) -> Callable[[], None]:
         self.board.corrupt = lambda values, line: b""
@@ -172,13 +174,11 @@ class Faults:
         return self._say(said)
 
     def _load_cell_spike(self, fault: dict, t: float) -> None:
-        left = [1]
-
         def felt(force: float) -> float:
-            left[0] -= 1
-            return force + fault.get("size", SPIKE_N) if left[0] >= 0 else force
+            undo()
+            return force + fault.get("size", SPIKE_N)
 
-        self._feel(felt)
+        undo = self._feel(felt)
 
     def _load_cell_drift(self, fault: dict, t: float) -> Callable[[], None]:
         rate = fault.get("size", DRIFT_N_PER_S)
@@ -188,10 +188,12 @@ class Faults:
         return self._feel(lambda force: force + fault.get("size", OFFSET_N))
 
     def _load_cell_lbs(self, fault: dict, t: float) -> Callable[[], None]:
-        self.cell.unit = "lbs"
+        if not isinstance(self.cell, OpenScale):
+            raise InputError("fault", "fault", "load_cell_lbs", "it with an OpenScale")
+        self.cell.unit = LBS
 
         def undo() -> None:
-            self.cell.unit = "kg"
+            self.cell.unit = KG
 
         return undo
 

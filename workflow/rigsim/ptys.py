@@ -10,6 +10,9 @@ import termios
 import tty
 from pathlib import Path
 
+from rigsim.log import EventLog
+
+PATIENCE_S = 2.0  # with a host that does not read
 # Linux shows at most this many unread bytes of a terminal; more wait behind them.
 MOST_SHOWN = 4095
 
@@ -94,3 +97,24 @@ class SerialPort:
             return count[0]
         finally:
             os.close(terminal)
+
+
+class Backlog:
+    """Watches for a host that leaves bytes unread for longer than `patience_s`."""
+
+    def __init__(self, name: str, port: SerialPort, log: EventLog):
+        self.name, self.port, self.log = name, port, log
+        self.patience_s = PATIENCE_S
+        self._since: float | None = None
+
+    def look(self, t: float) -> int:
+        """Unread bytes at t s; a violation where they have been too many for too long."""
+        unread = self.port.unread()
+        if unread < MOST_SHOWN:
+            self._since = None
+        elif self._since is None:
+            self._since = t
+        elif t - self._since > self.patience_s:
+            self.log.violation("bytes never read", port=self.name)
+            self._since = t
+        return unread
