@@ -6,10 +6,10 @@ import struct
 
 import pytest
 
-from emulated_rig import CENTRE, free_host, in_background
 from rigsim.log import EventLog
 from rigsim.robot import Controller
 from rigsim.ur import RTDE_PORT, RtdeServer
+from rigsim_process import CENTRE, free_host, in_background
 from rtde_client import RtdeClient
 
 RULES = {

@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from emulated_rig import PATIENCE_S, configuration, in_background
+from rigsim_process import PATIENCE_S, configuration, in_background
 
 serial = pytest.importorskip("serial", reason="pyserial, of the extra rig, is not installed")
 
@@ -233,6 +233,19 @@ def test_a_spike_is_over_after_the_mean(tmp_path):
         lines = [float(port.readline()) for _ in range(20)]
     assert sum(force > 7.0 for force in lines) == 4
     assert abs(lines[-1]) < 0.05
+
+
+def test_a_load_cell_that_resets_under_load_says_its_banner_and_has_another_zero(tmp_path):
+    rig = made(tmp_path, load_cell={"noise_N": 0.0})
+    with in_background(rig.cell.run()), opened(rig, "load_cell") as port:
+        port.readline()
+        rig.world.force_N = 5.0
+        for _ in range(6):
+            port.readline()
+        rig.faults.begin({"fault": "load_cell_reset"}, time.monotonic())
+        while not port.readline().startswith(b"Load cell ready"):
+            pass
+        assert float(port.readline()) == 0.0
 
 
 def test_pounds_are_an_openscales(tmp_path):

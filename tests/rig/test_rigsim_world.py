@@ -4,9 +4,9 @@ import pytest
 
 from eitskin.errors import InputError
 from eitskin.readings import simulate
-from emulated_rig import CENTRE, SURFACE_Z_M, configuration
 from rigsim import eit
 from rigsim.world import World
+from rigsim_process import CENTRE, SURFACE_Z_M, configuration
 
 
 def made(tmp_path, **changed) -> World:

@@ -187,6 +187,13 @@ class Faults:
     def _load_cell_offset(self, fault: dict, t: float) -> Callable[[], None]:
         return self._feel(lambda force: force + fault.get("size", OFFSET_N))
 
+    def _load_cell_reset(self, fault: dict, t: float) -> None:
+        self.cell.resets = True
+
+    def _load_cell_unplugged(self, fault: dict, t: float) -> Callable[[], None]:
+        self.cell.port.unplug()
+        return self.cell.port.plug_in
+
     def _load_cell_lbs(self, fault: dict, t: float) -> Callable[[], None]:
         if not isinstance(self.cell, OpenScale):
             raise InputError("fault", "fault", "load_cell_lbs", "it with an OpenScale")

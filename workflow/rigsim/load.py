@@ -28,7 +28,8 @@ class LoadCell:
     """The paper's sketch: it tares over 10 readings, says its banner, then prints, after each
     reading, the mean of up to 4.
 
-    Faults change what the cell feels (`felt`, N) and what it says (`said`; None: nothing).
+    Faults change what the cell feels (`felt`, N) and what it says (`said`; None: nothing), or
+    reset it (`resets`).
     """
 
     def __init__(self, config: dict, world: World, speedup: float, log: EventLog, seed: int):
@@ -40,6 +41,7 @@ class LoadCell:
         self.rng = np.random.default_rng([seed, 3])
         self.felt: Callable[[float], float] = lambda force: force
         self.said: Callable[[bytes], bytes | None] = lambda line: line
+        self.resets = False
         self.zero_N = 0.0
         self.recent: deque[float] = deque(maxlen=MEAN_OF)
 
@@ -57,9 +59,12 @@ class LoadCell:
             self.log.write("load cell opened", baud=baud)
             if baud != self.baud:
                 self.log.violation("load cell baud", found=baud, expected=self.baud)
-            await self.setup()
+            self.resets = True
             due = time.monotonic()
             while self.port.open_by_host():
+                if self.resets:
+                    self.resets = False
+                    await self.setup()
                 due = max(due + self.period_s, time.monotonic())
                 await asyncio.sleep(due - time.monotonic())
                 await self.loop()
