@@ -72,6 +72,23 @@ def test_the_version_and_the_pose_come_as_the_protocol_says(served, client):
     assert not served.violations()
 
 
+def test_a_moving_tool_has_a_speed_and_rests_without_one(served, client):
+    client.outputs(125.0, "timestamp,actual_TCP_pose,actual_TCP_speed")
+    client.ask("S")
+    served.robot.move([*CENTRE[:2], CENTRE[2] + 0.1, *CENTRE[3:]], 0.02, 0.5)
+    served.robot.tick(0.015)
+    for speed, stop in ((0.0075, True), (0.0, False)):
+        z_speed = None
+        while z_speed != pytest.approx(speed, abs=1e-12):
+            z_speed = struct.unpack(">Bd6d6d", client.receive()[1])[10]
+        if stop:
+            served.robot.halt(10.0)
+            served.robot.tick(0.015)
+    stamp, *pose = struct.unpack(">Bd6d6d", client.receive()[1])[1:8]
+    assert stamp == served.robot.now == pytest.approx(0.03)
+    assert CENTRE[2] < pose[2] < CENTRE[2] + 1e-4
+
+
 def test_protocol_version_1_is_refused(served):
     client = RtdeClient(served.host)
     assert client.ask("V", struct.pack(">H", 1)) == b"\x00"

@@ -14,13 +14,14 @@ class EventLog:
     def __init__(self, path: str | Path):
         Path(path).parent.mkdir(parents=True, exist_ok=True)
         self.path = Path(path)
+        self.path.touch()
         self.violations = 0
-        self._file = self.path.open("a", encoding="utf-8", buffering=1)
 
     def write(self, event: str, **values) -> None:
         """One entry, on disk's way before this returns."""
         entry = {"t": round(time.monotonic(), 6), "event": event, **values}
-        self._file.write(json.dumps(entry) + "\n")
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(entry) + "\n")
 
     def violation(self, rule: str, **values) -> None:
         """The driver broke a rule."""

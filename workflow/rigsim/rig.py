@@ -58,6 +58,7 @@ class Rig:
         self.faults.waiting = list(config["faults"])
         self._said: set[str] = set()
         self._over = asyncio.Event()
+        self._bug: BaseException | None = None
         self._listening: dict[int, asyncio.Server] = {}
 
     async def run(self) -> int:
@@ -70,6 +71,7 @@ class Rig:
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self._over.set)
+        loop.set_exception_handler(self._broken)
         await self.board.warm()
         servers = {
             RTDE_PORT: self.rtde.serve,
@@ -97,7 +99,18 @@ class Rig:
         self.log.write("end", violations=self.log.violations, **self.world.felt())
         for task in done - {over}:
             task.result()
+        if self._bug is not None:
+            raise self._bug
         return RULES_BROKEN if self.log.violations else 0
+
+    def _broken(self, loop: asyncio.AbstractEventLoop, context: dict) -> None:
+        """A connection met a bug of the emulator itself: it ends, so that no test goes on."""
+        error = context.get("exception")
+        if error is None or isinstance(error, ConnectionError):
+            loop.default_exception_handler(context)
+            return
+        self._bug = error
+        self._over.set()
 
     async def _tick(self) -> None:
         """The world's clock: the controller's cycle."""
