@@ -18,8 +18,10 @@ from rigsim.log import EventLog
 from rigsim.rig import Rig
 from rigsim.robot import Controller
 from rigsim.ur import SCRIPT_PORT, ScriptServer
+from rigsim.world import World
 from rigsim_process import (
     CENTRE,
+    ROOT,
     SURFACE_Z_M,
     client,
     configuration,
@@ -222,6 +224,14 @@ def test_a_wrong_configuration_is_one_line(tmp_path, change, message):
     with pytest.raises(InputError) as refused:
         read_config(path)
     assert message in str(refused.value)
+
+
+def test_the_paper_like_rig_reads_as_real_boards_do():
+    config = read_config(ROOT / "workflow" / "config" / "rigsim.yaml")
+    world = World(config["world"], config["seed"])
+    reading = world.readings(world.voltages(0.0, 0.3, None))
+    # Frames of real boards go down to 0.0365 V; a sine at full scale has 0.778 V.
+    assert reading.min() > 0.0365 and reading.max() < 0.778
 
 
 def test_a_wrong_configuration_ends_the_program_with_code_1(tmp_path):
