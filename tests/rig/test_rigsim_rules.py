@@ -50,6 +50,9 @@ def playing(folder, monkeypatch, script: bytes = SCRIPT) -> Controller:
     controller = Controller("cb3", CENTRE, 1.0, STRICT, EventLog(folder / "events.jsonl"))
     monkeypatch.setattr(robot, "SCRIPTS", {robot.digest(SCRIPT): "a test's"})
     controller.start(script)
+    assert not controller.playing
+    for _ in range(10):
+        controller.tick(0.02)
     return controller
 
 
@@ -85,6 +88,14 @@ def test_a_move_beyond_the_rules_is_a_violation(tmp_path, monkeypatch, doubles, 
     command(controller, 35, [10.0])
     command(controller, 3, doubles, asynchronous)
     assert broken(controller.log) == [rule]
+
+
+def test_a_move_before_the_last_is_over_is_a_violation(tmp_path, monkeypatch):
+    controller = playing(tmp_path, monkeypatch)
+    command(controller, 35, [10.0])
+    command(controller, 3, [*CENTRE[:2], -0.08, *CENTRE[3:], 0.01, 0.5])
+    command(controller, 3, [*CENTRE, 0.01, 0.5])
+    assert broken(controller.log) == ["moves begin at rest"]
 
 
 def test_a_move_without_a_watchdog_is_a_violation(tmp_path, monkeypatch):

@@ -23,8 +23,8 @@ class Faults:
     """The faults that wait, and those that last.
 
     A fault: {fault: its name, what must hold when it begins (contact, depth_mm, force_N,
-    pressing_s, time_s, moving), for_s, count, size}, as the configuration's schema says. refuse:
-    closes (True) and opens RTDE's port; start: the world's beginning, s.
+    pressing_s, time_s, moving), for_s, end, count, size}, as the configuration's schema says.
+    refuse: closes (True) and opens RTDE's port; start: the world's beginning, s.
     """
 
     def __init__(
@@ -51,7 +51,10 @@ class Faults:
         for fault in [fault for fault in self.waiting if self._due(fault, t)]:
             self.waiting.remove(fault)
             self.begin(fault, t)
-        for lasting in [lasting for lasting in self._lasting if lasting[0] <= t]:
+        self._end([lasting for lasting in self._lasting if lasting[0] <= t])
+
+    def _end(self, over: list[tuple[float, str, Callable[[], None]]]) -> None:
+        for lasting in over:
             self._lasting.remove(lasting)
             lasting[2]()
             self.log.write("fault over", fault=lasting[1])
@@ -73,6 +76,9 @@ class Faults:
     def begin(self, fault: dict, t: float) -> None:
         """Let a fault happen now."""
         name = fault["fault"]
+        if fault.get("end"):
+            self._end([lasting for lasting in self._lasting if lasting[1] == name])
+            return
         self.log.write(
             "fault",
             **fault,
@@ -87,8 +93,8 @@ class Faults:
             self._spoil(getattr(self, f"_{what}"), fault.get("count", 1))
             return
         undo = getattr(self, f"_{name}")(fault, t)
-        if undo is not None and "for_s" in fault:
-            self._lasting.append((t + fault["for_s"], name, undo))
+        if undo is not None:
+            self._lasting.append((t + fault.get("for_s", np.inf), name, undo))
 
     # Board: what becomes of a line.
 

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import signal
+import socket
 import sys
 import time
 
@@ -60,6 +61,7 @@ class Rig:
         self._over = asyncio.Event()
         self._bug: BaseException | None = None
         self._listening: dict[int, asyncio.Server] = {}
+        self._reopening: asyncio.Task | None = None
 
     async def run(self) -> int:
         """Listen, say where, and live until standard input ends or a signal comes.
@@ -174,13 +176,14 @@ class Rig:
 
     def _refuse_rtde(self, refused: bool) -> None:
         """Stop or start listening for RTDE."""
-
-        async def listen() -> None:
-            self._listening[RTDE_PORT] = await asyncio.start_server(
-                self.rtde.serve, self.config["host"], RTDE_PORT
-            )
-
         if refused:
             self._listening[RTDE_PORT].close()
-        else:
-            asyncio.get_running_loop().create_task(listen())
+            return
+        # Clients may connect from here on; they are served once the loop comes to it.
+        listener = socket.create_server((self.config["host"], RTDE_PORT))
+
+        async def serve() -> None:
+            served = await asyncio.start_server(self.rtde.serve, sock=listener)
+            self._listening[RTDE_PORT] = served
+
+        self._reopening = asyncio.get_running_loop().create_task(serve())

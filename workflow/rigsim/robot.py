@@ -17,6 +17,8 @@ STOPPED, PLAYING = 1, 2  # runtime_state
 READY, DONE = 1, 2  # output_int_register_0
 SAFETY_STOP_M_S2 = 20.0
 PROGRAM_STOP_M_S2 = 4.0
+START_S = 0.1  # from a program's upload to its first line
+UNLOCK_S = 5.0  # from a protective stop to its release, at least
 MOST_LATE_S = 0.02  # a cycle may be, before the robot's clock waits for it
 
 # sha256[:16] of ur_rtde 1.6.5's control script as it reaches a controller, by polyscope version.
@@ -71,6 +73,8 @@ class Controller:
         self.tcp_force_N = 0.0
         self.program: ControlProgram | None = None
         self.felt: Callable[[], dict[str, float]] = dict
+        self._uploaded: tuple[float, bytes] | None = None
+        self._stopped_at = 0.0
         self._was_moving = False
 
     @property
@@ -95,6 +99,8 @@ class Controller:
         if moving != self._was_moving:
             self.log_motion("moving" if moving else "still")
             self._was_moving = moving
+        if self._uploaded is not None and self.now >= self._uploaded[0]:
+            self._play(self._uploaded[1])
         if self.program is not None:
             self.program.tick()
 
@@ -119,11 +125,15 @@ class Controller:
             self.motion = motion.stop(self.motion, deceleration * self.speedup**2, self.now)
 
     def start(self, script: bytes) -> None:
-        """Run an uploaded program, as far as it is one that this controller knows."""
+        """Run an uploaded program, START_S later."""
         if self.robot_mode != RUNNING or self.safety_mode != NORMAL:
             self.log.write("program refused", robot_mode=self.robot_mode, safety=self.safety_mode)
             return
         self.stop_program("another program")
+        self._uploaded = self.now + START_S, script
+
+    def _play(self, script: bytes) -> None:
+        self._uploaded = None
         found = digest(script)
         self.log.write("program", bytes=len(script), sha256=found, known=SCRIPTS.get(found))
         for rule, broken in {
@@ -135,7 +145,8 @@ class Controller:
         self.program = ControlProgram(self, _offset(script, b"int"), _offset(script, b"float"))
 
     def stop_program(self, reason: str) -> None:
-        """End the program that runs, if one does; the arm comes to rest."""
+        """End the program that runs or is about to, if one does; the arm comes to rest."""
+        self._uploaded = None
         if self.program is None:
             return
         self.program = None
@@ -144,7 +155,7 @@ class Controller:
 
     def protective_stop(self) -> None:
         """As where the controller itself meets a fault: the arm stops, the program ends."""
-        self.safety_mode = PROTECTIVE_STOP
+        self.safety_mode, self._stopped_at = PROTECTIVE_STOP, self.now
         self._safety_stop("protective stop")
 
     def emergency_stop(self) -> None:
@@ -158,12 +169,13 @@ class Controller:
         self.stop_program(reason)
 
     def unlock(self) -> bool:
-        """After a protective stop; whether there was one."""
-        was = self.safety_mode == PROTECTIVE_STOP
-        if was:
-            self.safety_mode = NORMAL
-            self.log.write("unlocked")
-        return was
+        """After a protective stop, but not for the first UNLOCK_S; whether it is over."""
+        waited = self.now - self._stopped_at >= UNLOCK_S / self.speedup
+        if self.safety_mode != PROTECTIVE_STOP or not waited:
+            return False
+        self.safety_mode = NORMAL
+        self.log.write("unlocked")
+        return True
 
     def release_emergency(self) -> None:
         """The button is pulled out again; the arm still has no power."""
@@ -324,6 +336,8 @@ class ControlProgram:
 
     def _check_motion(self, target: np.ndarray | None, speed: float, acceleration: float) -> None:
         rules = self.rules
+        if target is not None and self.robot.moving:
+            self.log.violation("moves begin at rest")
         if rules["watchdog"] and self.watchdog_s is None:
             self.log.violation("a watchdog before any motion")
         most = {"max_speed_m_s": speed, "max_acceleration_m_s2": acceleration}

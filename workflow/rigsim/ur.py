@@ -311,7 +311,8 @@ class DashboardServer:
             return "Stopped"
         if command == "unlock protective stop":
             unlocked = robot.unlock()
-            return "Protective stop releasing" if unlocked else "Cannot unlock protective stop"
+            early = "Cannot unlock protective stop until 5s after occurrence"
+            return "Protective stop releasing" if unlocked else early
         if command == "power on" and robot.safety_mode == NORMAL:
             robot.robot_mode = max(robot.robot_mode, IDLE)
             return "Powering on"
