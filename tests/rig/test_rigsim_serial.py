@@ -128,27 +128,33 @@ def test_the_wrong_baud_is_a_violation(tmp_path, which):
     rig = made(tmp_path)
     part = {"board": rig.board, "load_cell": rig.cell}[which]
     with in_background(part.run()), opened(rig, which, 9600) as port:
-        port.readline()
+        until(port, lambda line: events(rig, "violation"))
     (violation,) = events(rig, "violation")
     assert violation["found"] == 9600 and violation["expected"] == 115200
 
 
-def test_a_pulled_cable_ends_reads_and_a_new_one_is_another_terminal(tmp_path):
+@pytest.mark.parametrize("which", ["board", "load_cell"])
+def test_a_pulled_cable_ends_reads_and_the_next_terminal_has_the_same_link(tmp_path, which):
     rig = made(tmp_path)
-    with in_background(rig.board.run()):
-        port = opened(rig, "board")
+    part = {"board": rig.board, "load_cell": rig.cell}[which]
+    with in_background(part.run()) as loop:
+        port = opened(rig, which)
         port.readline()
-        before = rig.board.port.link.resolve()
-        rig.faults.begin({"fault": "board_unplugged"}, time.monotonic())
+
+        def let(fault: dict) -> None:
+            loop.call_soon_threadsafe(rig.faults.begin, fault, time.monotonic())
+
+        let({"fault": f"{which}_unplugged"})
         with pytest.raises(serial.SerialException):
             while True:
                 port.readline()
-        assert not rig.board.port.link.exists()
-        rig.board.port.plug_in()
-        with opened(rig, "board") as again:
-            assert len(line_of(again)) == 256
+        assert not part.port.link.is_symlink()
+        let({"fault": f"{which}_unplugged", "end": True})
+        while not part.port.link.is_symlink():
+            time.sleep(0.01)
+        with opened(rig, which) as again:
+            assert again.readline().endswith(b"\n")
         port.close()
-        assert rig.board.port.link.resolve() is not before
 
 
 def test_a_terminal_takes_one_host_at_a_time_and_has_no_modem_lines(tmp_path):
@@ -162,7 +168,7 @@ def test_a_terminal_takes_one_host_at_a_time_and_has_no_modem_lines(tmp_path):
 
 def test_lines_that_nobody_reads_are_a_violation(tmp_path):
     rig = made(tmp_path)
-    rig.board.backlog.patience_s = 0.05
+    rig.board.host.patience_s = 0.05
     with in_background(rig.board.run()), opened(rig, "board"):
         give_up = time.monotonic() + PATIENCE_S
         while not events(rig, "violation") and time.monotonic() < give_up:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from rigsim.log import EventLog
-from rigsim.ptys import Backlog, SerialPort
+from rigsim.ptys import Host, SerialPort
 from rigsim.world import N_ELECTRODES, World
 
 STEP_V = 2.2 / 1024  # of a 10-bit converter of 2.2 V
@@ -41,13 +41,11 @@ class Board:
 
     def __init__(self, config: dict, world: World, speedup: float, log: EventLog, start: float):
         self.port = SerialPort(config["link"])
-        self.backlog = Backlog("board", self.port, log)
-        self.baud = config["baud"]
+        self.host = Host("board", self.port, config["baud"], log)
         self.frame_s, self.period_s = config["frame_s"] / speedup, config["period_s"] / speedup
         self.world, self.log, self.start = world, log, start
         self.frames = 0
         self.corrupt: Callable[[np.ndarray, bytes], bytes] = lambda values, line: line
-        self._open = False
 
     async def warm(self) -> None:
         """A first solve, which takes far longer than a frame."""
@@ -58,9 +56,11 @@ class Board:
         """Frame after frame, while the host has the port open."""
         loop = asyncio.get_running_loop()
         while True:
-            if not self._listening():
+            if not self.host.listens():
                 await asyncio.sleep(0.02)
                 continue
+            if said := self.port.read():
+                self.log.write("board heard", bytes=said.decode("latin-1"))
             began = time.monotonic()
             await asyncio.sleep(self.frame_s)
             ended = time.monotonic()
@@ -70,31 +70,17 @@ class Board:
                 None, self.world.voltages, begin, ended - began, press
             )
             line_V = values(self.world.readings(clean), self.world.channels)
-            self._send(line_V, began, ended, press)
+            await self._send(line_V, began, ended, press)
             await asyncio.sleep(max(began + self.period_s - time.monotonic(), 0.0))
 
-    def _listening(self) -> bool:
-        opened = self.port.open_by_host()
-        if opened and not self._open:
-            baud = self.port.baud()
-            self.log.write("board opened", baud=baud)
-            if baud != self.baud:
-                self.log.violation("board baud", found=baud, expected=self.baud)
-        if self._open and not opened:
-            self.log.write("board closed")
-        self._open = opened
-        if opened and (said := self.port.read()):
-            self.log.write("board heard", bytes=said.decode("latin-1"))
-        return opened
-
-    def _send(self, line_V: np.ndarray, began: float, ended: float, press) -> None:
+    async def _send(self, line_V: np.ndarray, began: float, ended: float, press) -> None:
         if not self.port.open_by_host():
             return
         self.frames += 1
         data = self.corrupt(line_V, text(line_V))
         force = 0.0 if press is None else float(press.at(np.array([ended - self.start]))[0])
-        unread = self.backlog.look(ended)
-        sent = self.port.write(data)
+        unread = self.host.unread()
+        sent = await self.port.send(data, self.host.patience_s)
         self.log.write(
             "frame",
             frame=self.frames,

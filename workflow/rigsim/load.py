@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from rigsim.log import EventLog
-from rigsim.ptys import Backlog, SerialPort
+from rigsim.ptys import Host, SerialPort
 from rigsim.world import World
 
 BANNER = b"Load cell ready. Readings in Newtons (N):\r\n"
@@ -34,8 +34,8 @@ class LoadCell:
 
     def __init__(self, config: dict, world: World, speedup: float, log: EventLog, seed: int):
         self.port = SerialPort(config["link"])
-        self.backlog = Backlog("load cell", self.port, log)
-        self.baud, self.period_s = config["baud"], 1.0 / (config["rate_Hz"] * speedup)
+        self.host = Host("load cell", self.port, config["baud"], log)
+        self.period_s = 1.0 / (config["rate_Hz"] * speedup)
         self.noise_N = config["noise_N"]
         self.world, self.log = world, log
         self.rng = np.random.default_rng([seed, 3])
@@ -52,23 +52,18 @@ class LoadCell:
     async def run(self) -> None:
         """Reset whenever the host opens the port; then reading after reading."""
         while True:
-            if not self.port.open_by_host():
+            if not self.host.listens():
                 await asyncio.sleep(0.02)
                 continue
-            baud = self.port.baud()
-            self.log.write("load cell opened", baud=baud)
-            if baud != self.baud:
-                self.log.violation("load cell baud", found=baud, expected=self.baud)
             self.resets = True
             due = time.monotonic()
-            while self.port.open_by_host():
+            while self.host.listens():
                 if self.resets:
                     self.resets = False
                     await self.setup()
                 due = max(due + self.period_s, time.monotonic())
                 await asyncio.sleep(due - time.monotonic())
                 await self.loop()
-            self.log.write("load cell closed")
 
     async def setup(self) -> None:
         """What the device does after a reset."""
@@ -96,7 +91,7 @@ class LoadCell:
         """Print, or what a fault makes of it."""
         data = self.said(line)
         if data and self.port.open_by_host():
-            self.backlog.look(time.monotonic())
+            self.host.unread()
             self.port.write(data)
 
 

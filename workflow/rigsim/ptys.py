@@ -1,18 +1,21 @@
 """A serial port that is none: a pseudo-terminal with a published link."""
 
 import array
+import asyncio
 import contextlib
 import errno
 import fcntl
 import os
 import select
 import termios
+import time
 import tty
 from pathlib import Path
 
 from rigsim.log import EventLog
 
 PATIENCE_S = 2.0  # with a host that does not read
+SETTING_UP_S = 0.5  # from a port's opening to its speed
 # Linux shows at most this many unread bytes of a terminal; more wait behind them.
 MOST_SHOWN = 4095
 
@@ -73,6 +76,8 @@ class SerialPort:
 
     def write(self, data: bytes) -> int:
         """Send; how many bytes found room."""
+        if not self.plugged:
+            return 0
         try:
             return os.write(self._master, data)
         except BlockingIOError:
@@ -82,10 +87,19 @@ class SerialPort:
                 raise
             return 0  # the host has just closed it
 
+    async def send(self, data: bytes, patience_s: float) -> int:
+        """Send all, waiting for room as a device does; how many bytes found some in time."""
+        sent, give_up = self.write(data), time.monotonic() + patience_s
+        while sent < len(data) and self.open_by_host() and time.monotonic() < give_up:
+            await asyncio.sleep(0.005)
+            sent += self.write(data[sent:])
+        return sent
+
     def read(self) -> bytes:
         """What the host has sent."""
-        with contextlib.suppress(OSError):
-            return os.read(self._master, 4096)
+        if self.plugged:
+            with contextlib.suppress(OSError):
+                return os.read(self._master, 4096)
         return b""
 
     def unread(self) -> int:
@@ -99,22 +113,41 @@ class SerialPort:
             os.close(terminal)
 
 
-class Backlog:
-    """Watches for a host that leaves bytes unread for longer than `patience_s`."""
+class Host:
+    """Watches whoever has a port open: the speed it sets, bytes that it leaves unread for longer
+    than `patience_s`."""
 
-    def __init__(self, name: str, port: SerialPort, log: EventLog):
-        self.name, self.port, self.log = name, port, log
+    def __init__(self, name: str, port: SerialPort, baud: int, log: EventLog):
+        self.name, self.port, self.baud, self.log = name, port, baud, log
         self.patience_s = PATIENCE_S
-        self._since: float | None = None
+        self._opened_at: float | None = None
+        self._baud_seen = False
+        self._full_since: float | None = None
 
-    def look(self, t: float) -> int:
-        """Unread bytes at t s; a violation where they have been too many for too long."""
-        unread = self.port.unread()
+    def listens(self) -> bool:
+        """Whether the port is open; logs when that changes."""
+        is_open, t = self.port.open_by_host(), time.monotonic()
+        if is_open and self._opened_at is None:
+            self._opened_at, self._baud_seen, self._full_since = t, False, None
+            self.log.write(f"{self.name} opened")
+        if not is_open and self._opened_at is not None:
+            self._opened_at = None
+            self.log.write(f"{self.name} closed")
+        # A host opens first and sets the speed then.
+        if is_open and not self._baud_seen and t - self._opened_at > SETTING_UP_S:
+            self._baud_seen = True
+            if (found := self.port.baud()) != self.baud:
+                self.log.violation(f"{self.name} baud", found=found, expected=self.baud)
+        return is_open
+
+    def unread(self) -> int:
+        """Bytes that wait for it; a violation where they have been too many for too long."""
+        unread, t = self.port.unread(), time.monotonic()
         if unread < MOST_SHOWN:
-            self._since = None
-        elif self._since is None:
-            self._since = t
-        elif t - self._since > self.patience_s:
+            self._full_since = None
+        elif self._full_since is None:
+            self._full_since = t
+        elif t - self._full_since > self.patience_s:
             self.log.violation("bytes never read", port=self.name)
-            self._since = t
+            self._full_since = t
         return unread
