@@ -13,7 +13,7 @@ import numpy as np
 
 from rigsim.log import EventLog
 from rigsim.ptys import Host, SerialPort
-from rigsim.world import N_ELECTRODES, World
+from rigsim.world import N_ELECTRODES, Press, World
 
 STEP_V = 2.2 / 1024  # of a 10-bit converter of 2.2 V
 MOST_V = 1.1  # RMS
@@ -73,7 +73,9 @@ class Board:
             await self._send(line_V, began, ended, press)
             await asyncio.sleep(max(began + self.period_s - time.monotonic(), 0.0))
 
-    async def _send(self, line_V: np.ndarray, began: float, ended: float, press) -> None:
+    async def _send(
+        self, line_V: np.ndarray, began: float, ended: float, press: Press | None
+    ) -> None:
         if not self.port.open_by_host():
             return
         self.frames += 1

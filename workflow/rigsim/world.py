@@ -46,7 +46,8 @@ class World:
     """The skin in the robot's base frame and what happens to it.
 
     Times are s from the world's beginning; a pose is a TCP pose (6,), m and rotation vector, the
-    probe's tip at its origin.
+    probe's tip at its origin. Where an effect on the force reported is chosen, force_N is what the
+    load cell feels and the skin feels what that effect makes of it.
     """
 
     def __init__(self, config: dict, seed: int):
