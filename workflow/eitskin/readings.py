@@ -192,9 +192,11 @@ def sense(
     force_max_N: float | None = None,
     near: Neighbours | None = None,
     progress: bool = False,
+    history: ForceHistory | None = None,
 ) -> Sensed:
     """The stages of touch, skin and clock of `simulate`; arguments and errors as there, but for
-    those of the skin's solve, which waits until it is asked for."""
+    those of the skin's solve, which waits until it is asked for. `history`: the force in each
+    press, where it is known better than from the frames."""
     for key in ("current_A", "contrast_per_N"):
         if getattr(skin, key) is None:
             raise InputError("skin", key, "null", "a value, to simulate with")
@@ -207,7 +209,7 @@ def sense(
     time_s = states["time_s"].to_numpy(float)
     force_N = np.where(touched, states["force_N"].to_numpy(float), 0.0)
     largest = force_N.max(initial=0.0) if force_max_N is None else force_max_N
-    history = ForceHistory.of_frames(time_s, force_N, press)
+    history = history or ForceHistory.of_frames(time_s, force_N, press)
     frames = Frames(time_s, force_N, channels, history, frame_s, float(largest))
     frames = apply_force(frames, chosen)
     frames, middle, half = _skewed(frames, chosen)

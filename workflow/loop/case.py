@@ -32,7 +32,7 @@ def write(
     kind, seed, frames, share: as `witness.cases.draw`; forces, probe_mm: as `alike`.
     """
     folder = Path(folder)
-    case = cases.draw(kind, seed, frames, share)
+    case = cases.draw(kind, seed, frames, share=share)
     recorded = Recording(case.states, case.voltage, None, None, case.metadata)
     told = {
         "kind": kind,

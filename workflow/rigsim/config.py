@@ -1,0 +1,45 @@
+"""The emulated rig's configuration and the faults that come by its standard input."""
+
+import json
+from pathlib import Path
+
+import jsonschema
+import yaml
+
+from eitskin.configuration import Validator, explained
+from eitskin.errors import InputError
+
+SCHEMA = Path(__file__).parents[1] / "schemas" / "rigsim.schema.yaml"
+
+
+def read_config(path: str | Path) -> dict:
+    """The configuration. Raises InputError, one line, where it is no YAML or breaks the schema."""
+    try:
+        config = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(path, "file", reason, "the emulated rig's YAML") from error
+    _refuse(path, config, _schema())
+    return config
+
+
+def read_fault(line: str) -> dict:
+    """A fault of one line of JSON. Raises InputError where it is none."""
+    try:
+        fault = json.loads(line)
+    except ValueError as error:
+        raise InputError("standard input", "line", repr(line), "a fault as JSON") from error
+    schema = _schema()
+    _refuse("standard input", fault, {**schema["$defs"]["fault"], "$defs": schema["$defs"]})
+    return fault
+
+
+def _schema() -> dict:
+    return yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
+
+
+def _refuse(file: str | Path, value: object, schema: dict) -> None:
+    error = jsonschema.exceptions.best_match(Validator(schema).iter_errors(value))
+    if error is not None:
+        place, found, expected = explained(error)
+        raise InputError(file, ".".join(map(str, place)) or "top level", found, expected)

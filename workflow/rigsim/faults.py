@@ -1,0 +1,257 @@
+"""What goes wrong, by script: when a fault begins, what it does, when it is over."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from eitskin.errors import InputError
+from rigsim.eit import MOST_V, Board, text
+from rigsim.load import KG, LBS, LoadCell, OpenScale
+from rigsim.log import EventLog
+from rigsim.robot import Controller
+from rigsim.ur import RtdeServer
+from rigsim.world import N_ELECTRODES, World
+
+DRIVEN_V = 0.0215
+SPIKE_N, OFFSET_N, DRIFT_N_PER_S = 30.0, 2.0, 1.0
+LINES = ("short", "long", "joined", "garbled", "duplicated", "driven", "saturated")
+LONG_VALUES = 512  # as in the first line of logs by DSHardman's lab
+
+
+class Faults:
+    """The faults that wait, and those that last.
+
+    A fault: {fault: its name, what must hold when it begins (contact, depth_mm, force_N,
+    pressing_s, time_s, moving), for_s, end, count, size}, as the configuration's schema says.
+    refuse: closes (True) and opens RTDE's port; start: the world's beginning, s.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        robot: Controller,
+        rtde: RtdeServer,
+        board: Board,
+        cell: LoadCell,
+        log: EventLog,
+        refuse: Callable[[bool], None],
+        seed: int,
+        start: float,
+    ):
+        self.world, self.robot, self.rtde, self.board, self.cell = world, robot, rtde, board, cell
+        self.log, self.refuse = log, refuse
+        self.rng = np.random.default_rng([seed, 4])
+        self.waiting: list[dict] = []
+        self._lasting: list[tuple[float, str, Callable[[], None]]] = []
+        self._start = start
+
+    def tick(self, t: float) -> None:
+        """Begin and end what is due at t s."""
+        for fault in [fault for fault in self.waiting if self._due(fault, t)]:
+            self.waiting.remove(fault)
+            self.begin(fault, t)
+        self._end([lasting for lasting in self._lasting if lasting[0] <= t])
+
+    def _end(self, over: list[tuple[float, str, Callable[[], None]]]) -> None:
+        for lasting in over:
+            self._lasting.remove(lasting)
+            lasting[2]()
+            self.log.write("fault over", fault=lasting[1])
+
+    def _due(self, fault: dict, t: float) -> bool:
+        world = self.world
+        if "contact" in fault and world.contacts < fault["contact"]:
+            return False
+        if "depth_mm" in fault and world.depth_mm < fault["depth_mm"]:
+            return False
+        if "force_N" in fault and world.force_N < fault["force_N"]:
+            return False
+        if "pressing_s" in fault and t - self._start - world.touched_at < fault["pressing_s"]:
+            return False
+        if "moving" in fault and self.robot.moving != fault["moving"]:
+            return False
+        return t - self._start >= fault.get("time_s", 0.0)
+
+    def begin(self, fault: dict, t: float) -> None:
+        """Let a fault happen now."""
+        name = fault["fault"]
+        if fault.get("end"):
+            self._end([lasting for lasting in self._lasting if lasting[1] == name])
+            return
+        self.log.write(
+            "fault",
+            **fault,
+            now={
+                "contact": self.world.contacts,
+                "depth_mm": round(self.world.depth_mm, 4),
+                **self.world.felt(),
+            },
+        )
+        part, _, what = name.partition("_")
+        if part == "board" and what in LINES:
+            self._spoil(getattr(self, f"_{what}"), fault.get("count", 1))
+            return
+        undo = getattr(self, f"_{name}")(fault, t)
+        if undo is not None:
+            self._lasting.append((t + fault.get("for_s", np.inf), name, undo))
+
+    # Board: what becomes of a line.
+
+    def _spoil(self, change: Callable, count: int) -> None:
+        left = [count]
+
+        def corrupt(values: np.ndarray, line: bytes) -> bytes:
+            left[0] -= 1
+            if left[0] <= 0:
+                self.board.corrupt = unspoiled
+            return change(values, line)
+
+        self.board.corrupt = corrupt
+
+    def _short(self, values: np.ndarray, line: bytes) -> bytes:
+        return text(values[: int(self.rng.integers(1, len(values)))])
+
+    def _long(self, values: np.ndarray, line: bytes) -> bytes:
+        return text(np.concatenate([values, np.resize(values, LONG_VALUES)]))
+
+    def _joined(self, values: np.ndarray, line: bytes) -> bytes:
+        return line[:-1] + line
+
+    def _garbled(self, values: np.ndarray, line: bytes) -> bytes:
+        data = np.frombuffer(line[:-1], dtype=np.uint8).copy()
+        data[self.rng.choice(len(data), size=8, replace=False)] |= 0x80
+        return data.tobytes() + b"\n"
+
+    def _duplicated(self, values: np.ndarray, line: bytes) -> bytes:
+        return line + line
+
+    def _driven(self, values: np.ndarray, line: bytes) -> bytes:
+        spoilt = values.copy()
+        spoilt[:: N_ELECTRODES + 1] = DRIVEN_V
+        return text(spoilt)
+
+    def _saturated(self, values: np.ndarray, line: bytes) -> bytes:
+        return text(np.where(values >= np.quantile(values, 0.9), MOST_V, values))
+
+    def _board_silent(self, fault: dict, t: float) -> Callable[[], None]:
+        self.board.corrupt = lambda values, line: b""
+
+        def undo() -> None:
+            self.board.corrupt = unspoiled
+
+        return undo
+
+    def _board_unplugged(self, fault: dict, t: float) -> Callable[[], None]:
+        self.board.port.unplug()
+        return self.board.port.plug_in
+
+    # Load cell.
+
+    def _say(self, said: Callable[[bytes], bytes | None]) -> Callable[[], None]:
+        self.cell.said = said
+
+        def undo() -> None:
+            self.cell.said = lambda line: line
+
+        return undo
+
+    def _feel(self, felt: Callable[[float], float]) -> Callable[[], None]:
+        self.cell.felt = felt
+
+        def undo() -> None:
+            self.cell.felt = lambda force: force
+
+        return undo
+
+    def _load_cell_silent(self, fault: dict, t: float) -> Callable[[], None]:
+        return self._say(lambda line: None)
+
+    def _load_cell_nan(self, fault: dict, t: float) -> Callable[[], None]:
+        return self._say(lambda line: b"nan\r\n")
+
+    def _load_cell_frozen(self, fault: dict, t: float) -> Callable[[], None]:
+        frozen: list[bytes] = []
+
+        def said(line: bytes) -> bytes:
+            frozen.append(line)
+            return frozen[0]
+
+        return self._say(said)
+
+    def _load_cell_spike(self, fault: dict, t: float) -> None:
+        def felt(force: float) -> float:
+            undo()
+            return force + fault.get("size", SPIKE_N)
+
+        undo = self._feel(felt)
+
+    def _load_cell_drift(self, fault: dict, t: float) -> Callable[[], None]:
+        rate = fault.get("size", DRIFT_N_PER_S)
+        return self._feel(lambda force: force + rate * (time.monotonic() - t))
+
+    def _load_cell_offset(self, fault: dict, t: float) -> Callable[[], None]:
+        return self._feel(lambda force: force + fault.get("size", OFFSET_N))
+
+    def _load_cell_reset(self, fault: dict, t: float) -> None:
+        self.cell.resets = True
+
+    def _load_cell_unplugged(self, fault: dict, t: float) -> Callable[[], None]:
+        self.cell.port.unplug()
+        return self.cell.port.plug_in
+
+    def _load_cell_lbs(self, fault: dict, t: float) -> Callable[[], None]:
+        if not isinstance(self.cell, OpenScale):
+            raise InputError("fault", "fault", "load_cell_lbs", "it with an OpenScale")
+        self.cell.unit = LBS
+
+        def undo() -> None:
+            self.cell.unit = KG
+
+        return undo
+
+    # Robot.
+
+    def _rtde_stalled(self, fault: dict, t: float) -> Callable[[], None]:
+        self.rtde.stalled = True
+
+        def undo() -> None:
+            self.rtde.stalled = False
+
+        return undo
+
+    def _rtde_reset(self, fault: dict, t: float) -> None:
+        self.rtde.reset()
+
+    def _rtde_mute(self, fault: dict, t: float) -> Callable[[], None]:
+        self.rtde.muted = self.rtde.stalled = True
+
+        def undo() -> None:
+            self.rtde.muted = self.rtde.stalled = False
+
+        return undo
+
+    def _rtde_refused(self, fault: dict, t: float) -> Callable[[], None]:
+        self.refuse(True)
+        self.rtde.reset()
+        return lambda: self.refuse(False)
+
+    def _rtde_in_use(self, fault: dict, t: float) -> Callable[[], None]:
+        somebody = object()
+        self.rtde.claim_all(somebody)
+        return lambda: self.rtde.release_all(somebody)
+
+    def _protective_stop(self, fault: dict, t: float) -> None:
+        self.robot.protective_stop()
+
+    def _emergency_stop(self, fault: dict, t: float) -> Callable[[], None]:
+        self.robot.emergency_stop()
+        return self.robot.release_emergency
+
+    def _program_killed(self, fault: dict, t: float) -> None:
+        self.robot.stop_program("killed")
+
+
+def unspoiled(values: np.ndarray, line: bytes) -> bytes:
+    """What a board sends when nothing is wrong."""
+    return line

@@ -1,0 +1,29 @@
+"""What happened in the emulated world, one JSON object a line."""
+
+import json
+import time
+from pathlib import Path
+
+
+class EventLog:
+    """Append-only JSONL; every entry has `t`, the machine's monotonic clock in s, and `event`.
+
+    violations: how many rules the driver has broken so far.
+    """
+
+    def __init__(self, path: str | Path):
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        self.path = Path(path)
+        self.path.touch()
+        self.violations = 0
+
+    def write(self, event: str, **values) -> None:
+        """One entry, on disk's way before this returns."""
+        entry = {"t": round(time.monotonic(), 6), "event": event, **values}
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(entry) + "\n")
+
+    def violation(self, rule: str, **values) -> None:
+        """The driver broke a rule."""
+        self.violations += 1
+        self.write("violation", rule=rule, **values)

@@ -1,0 +1,190 @@
+"""The physical world: a skin that a probe on a robot's tool presses.
+
+Force F = k depth^p, k by the probe and scattered smoothly over the skin; voltages by eitskin's own
+forward model, with effects of choice, of the place, the true force and its history.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from eitskin.effects.settings import settings, site_counts
+from eitskin.errors import InputError
+from eitskin.force_history import ForceHistory
+from eitskin.neighbours import Neighbours
+from eitskin.protocol import channel_table
+from eitskin.readings import of_stage, read, sense
+from eitskin.skin import Skin
+
+N_ELECTRODES = 16
+WAVES = 8  # of the stiffness' scatter over the skin
+TOOL_DOWN_RAD = 0.05  # the tool may lean this much
+DRAG_MM = 0.5  # sideways in a press
+
+
+@dataclass(frozen=True)
+class Press:
+    """What one frame sees of a press: where, by what, and the true force so far.
+
+    x_mm, y_mm on the skin; probe_mm; time_s (K,), force_N (K,): knots, linear between.
+    """
+
+    x_mm: float
+    y_mm: float
+    probe_mm: float
+    time_s: np.ndarray
+    force_N: np.ndarray
+
+    def at(self, time_s: np.ndarray) -> np.ndarray:
+        """The force at times (N,)."""
+        return np.interp(time_s, self.time_s, self.force_N, left=0.0, right=0.0)
+
+
+class World:
+    """The skin in the robot's base frame and what happens to it.
+
+    Times are s from the world's beginning; a pose is a TCP pose (6,), m and rotation vector, the
+    probe's tip at its origin. Where an effect on the force reported is chosen, force_N is what the
+    load cell feels and the skin feels what that effect makes of it.
+    """
+
+    def __init__(self, config: dict, seed: int):
+        self.skin = Skin.from_metadata(config["skin"], "world")
+        self.channels = channel_table(N_ELECTRODES)
+        self.effects = settings(config["effects"], site_counts(self.channels), (seed, 0))
+        if of_stage(self.effects, "clock"):
+            found = of_stage(self.effects, "clock")[0].effect.name
+            expected = "none of the stage clock: the board reads one channel after another"
+            raise InputError("world", "effects", repr(found), expected)
+        self.accuracy, self.force_max_N = config["accuracy"], config["force_max_N"]
+        self.noise = config["noise"]
+        self._near = Neighbours()
+        self._place = config["place"]
+        self._stiffness = config["stiffness"]
+        self._probe_mm, self._probe_file = config["probe_mm"], config["probe_file"]
+        self._readings_rng = np.random.default_rng([seed, 1])
+        field = np.random.default_rng([seed, 2])
+        length = 2.0 * np.pi / self.skin.radius_mm
+        self._waves = field.standard_normal((WAVES, 2)) * length / 2.0
+        self._phases = field.uniform(0.0, 2.0 * np.pi, WAVES)
+        self.contacts = 0
+        self.depth_mm = self.force_N = self.largest_N = 0.0
+        self.dragged_mm = 0.0
+        self._knots: list[tuple[float, float]] = []
+        self._latest = (0.0, 0.0, 0.0)  # x mm, y mm and probe mm of the last press
+        self.touching = False  # whether it goes on
+        self.touched_at = np.inf
+        self._k = 0.0
+
+    def probe_mm(self) -> float:
+        """Diameter of the probe that is mounted: what the probe file says, where there is one."""
+        if self._probe_file is not None and Path(self._probe_file).is_file():
+            text = Path(self._probe_file).read_text(encoding="utf-8").strip()
+            if text:
+                return float(text)
+        return self._probe_mm
+
+    def on_skin_mm(self, pose: np.ndarray) -> tuple[float, float]:
+        """Where on the skin, or beside it, the probe's axis stands."""
+        place = self._place
+        x, y = 1e3 * (pose[0] - place["x_m"]), 1e3 * (pose[1] - place["y_m"])
+        turn = np.radians(place["angle_deg"])
+        return x * np.cos(turn) + y * np.sin(turn), y * np.cos(turn) - x * np.sin(turn)
+
+    def stiffness(self, x_mm: float, y_mm: float, probe_mm: float) -> float:
+        """k in N per mm^p of the gel under a probe."""
+        law = self._stiffness
+        waves = np.cos(self._waves @ [x_mm, y_mm] + self._phases).sum() * np.sqrt(2.0 / WAVES)
+        return law["N_per_mm"] * probe_mm / 10.0 * float(np.exp(law["scatter"] * waves))
+
+    def follow(self, pose: np.ndarray, t: float) -> str | None:
+        """The probe is at `pose` at t s. Returns "touched" or "released" where that begins or ends
+        a press."""
+        x, y = self.on_skin_mm(pose)
+        self.depth_mm = max(1e3 * (self._place["surface_z_m"] - pose[2]), 0.0)
+        if not self.touching and self.depth_mm == 0.0:
+            return None
+        if not self.touching:
+            self.touching, self.touched_at = True, t
+            self.contacts += 1
+            self._latest = (x, y, self.probe_mm())
+            self._k = self.stiffness(*self._latest)
+            self._knots = [(t - 1e-6, 0.0)]
+        begun = len(self._knots) == 1
+        self.force_N = self._k * self.depth_mm ** self._stiffness["exponent"]
+        self.largest_N = max(self.largest_N, self.force_N)
+        self.dragged_mm = float(np.hypot(x - self._latest[0], y - self._latest[1]))
+        knots = self._knots
+        if len(knots) > 2 and knots[-1][1] == knots[-2][1] == self.force_N:
+            knots[-1] = (t, self.force_N)
+        elif t > knots[-1][0]:
+            knots.append((t, self.force_N))
+        if self.depth_mm > 0.0:
+            return "touched" if begun else None
+        self.touching, self.touched_at = False, np.inf
+        return "released"
+
+    def felt(self) -> dict[str, float]:
+        """The true force and the largest so far, for the log."""
+        return {"force_N": round(self.force_N, 5), "largest_N": round(self.largest_N, 5)}
+
+    def tool_leans(self, pose: np.ndarray) -> bool:
+        """Whether the tool points elsewhere than straight down."""
+        x, y, z = pose[3:]
+        angle = np.sqrt(x * x + y * y + z * z)
+        if angle == 0.0:
+            return True
+        # The tool's z axis, by Rodrigues' formula, against base -z.
+        cosine = np.cos(angle) + (z / angle) ** 2 * (1.0 - np.cos(angle))
+        return cosine > -np.cos(TOOL_DOWN_RAD)
+
+    def press_since(self, begin: float, now: float) -> Press | None:
+        """The press that a frame from `begin` to `now` s has seen; None: none."""
+        if self.touching:
+            self._knots.append((max(now, self._knots[-1][0] + 1e-6), self.force_N))
+        if not self._knots or self._knots[-1][0] < begin:
+            return None
+        time, force = np.array(self._knots).T
+        return Press(*self._latest, time, force)
+
+    def voltages(self, begin: float, frame_s: float, press: Press | None) -> np.ndarray:
+        """Noise-free signed readings (M,) V of a frame from `begin` s on, its drives one after
+        another, each at the moment's true force."""
+        moments = np.array([begin])
+        if press is not None:
+            drives = begin + frame_s * np.arange(N_ELECTRODES) / N_ELECTRODES
+            if np.ptp(press.at(drives)) > 0.0:
+                moments = drives
+        force = np.zeros(len(moments)) if press is None else press.at(moments)
+        touch = force > 0.0
+        states = pd.DataFrame({"time_s": moments, "touch": touch, "force_N": force})
+        states["x_mm"] = states["y_mm"] = states["probe_mm"] = np.nan
+        history = None
+        if touch.any():
+            states.loc[touch, ["x_mm", "y_mm"]] = press.x_mm, press.y_mm
+            states.loc[touch, "probe_mm"] = press.probe_mm
+            rows = np.flatnonzero(touch)
+            history = ForceHistory(moments, (rows,), ((press.time_s, press.force_N),))
+        sensed = sense(
+            states,
+            np.where(touch, 0, -1),
+            self.skin,
+            self.channels,
+            self.effects,
+            self.accuracy,
+            frame_s,
+            self.force_max_N,
+            self._near,
+            history=history,
+        )
+        voltage = read(sensed, self.skin.current_A, self.effects)
+        if len(moments) == 1:
+            return voltage[0]
+        return voltage[self.channels[:, 0], np.arange(len(self.channels))]
+
+    def readings(self, voltage: np.ndarray) -> np.ndarray:
+        """Magnitudes (M,) V of noise-free ones, with noise."""
+        scale = self.noise * np.median(np.abs(voltage))
+        return np.abs(voltage + scale * self._readings_rng.standard_normal(len(voltage)))
