@@ -2,6 +2,7 @@
 
 import ast
 import hashlib
+from functools import cache
 from pathlib import Path
 
 PACKAGE = Path(__file__).parent
@@ -18,28 +19,37 @@ def fingerprint(module: str) -> str:
     """
     digest = hashlib.sha256()
     for name, tree in sorted(_closure(module).items()):
-        digest.update(f"{name}\n{ast.dump(_without_docstrings(tree))}\n".encode())
+        digest.update(f"{name}\n{tree}\n".encode())
     return digest.hexdigest()
 
 
-def _closure(module: str) -> dict[str, ast.Module]:
-    """Syntax trees by module name: `module`, the packages that hold it, and all their imports."""
-    trees: dict[str, ast.Module] = {}
-    waiting = [module]
+def _closure(module: str) -> dict[str, str]:
+    """What code says by module name: `module`, the packages that hold it, and all their imports."""
+    said: dict[str, str] = {}
+    waiting, met = [module], set()
     if _file(module) is None:
         raise ModuleNotFoundError(f"no module {module} in {PACKAGE.parent}", name=module)
     while waiting:
         name = waiting.pop()
-        file = _file(name)
-        if file is None or name in trees:
+        file = None if name in met else _file(name)
+        met.add(name)
+        if file is None:
             continue
-        trees[name] = ast.parse(file.read_text(encoding="utf-8"), str(file))
         package = name if file.name == "__init__.py" else name.rpartition(".")[0]
-        waiting.extend(_imports(trees[name], package))
+        said[name], imports = _parsed(file.read_text(encoding="utf-8"), str(file), package)
+        waiting.extend(imports)
         waiting.append(name.rpartition(".")[0])
         if package == name and "." in name:
             waiting.extend(f"{name}.{entry.stem}" for entry in file.parent.glob("[!_]*.py"))
-    return trees
+    return said
+
+
+@cache
+def _parsed(code: str, file: str, package: str) -> tuple[str, tuple[str, ...]]:
+    """What a module's code says, and the names it imports."""
+    tree = ast.parse(code, file)
+    names = tuple(_imports(tree, package))
+    return hashlib.sha256(ast.dump(_without_docstrings(tree)).encode()).hexdigest(), names
 
 
 def _file(name: str) -> Path | None:
