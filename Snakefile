@@ -1,6 +1,6 @@
 from calibration.plan import batches
-from concealed.panel import batches as case_batches
-from concealed.panel import names as case_names
+from concealed.naming import batches as case_batches
+from concealed.naming import names as case_names
 from eitskin import ablation
 from eitskin.chain import instrument_effects, last_link, link_before, skin_effects
 from eitskin.configuration import validate, with_continuous

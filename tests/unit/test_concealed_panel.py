@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from concealed import confusable, panel
-from concealed.panel import GAPS, Planned, batches, names, numbers, plan
+from concealed.naming import batches, names
+from concealed.panel import GAPS, Planned, numbers, plan
 from witness.cases import LAWS, together
+from witness.generators import GENERATORS
 from witness.outside import OUTSIDE
 from witness.strengths import DRAWN
 
@@ -85,12 +87,12 @@ def test_what_nothing_was_tuned_on_is_kept_from_tuning(real):
 def test_every_generator_has_nulls(real):
     block = plan("final", 300, ROOT).values()
     nulls = {one.generator for one in block if one.kind == "null"}
-    able = {name for name, one in panel.generators().items() if one.can("null")}
+    able = {name for name, one in GENERATORS.items() if one.can("null")}
     assert nulls == able
     for one in block:
         if one.generator != panel.RECORDED:
             words = [one.kind] if one.names is None else [f"single:{n}" for n in one.names]
-            assert all(panel.generators()[one.generator].can(word) for word in words)
+            assert all(GENERATORS[one.generator].can(word) for word in words)
 
 
 def test_a_body_is_told_of_more_often_than_there_is_one(real):

@@ -13,7 +13,7 @@ import numpy as np
 
 from calibration.trial import rms, true_gaps
 from concealed import planted, sealing
-from concealed.panel import RECORDED, Planned, generators, plan
+from concealed.panel import RECORDED, Planned, plan
 from concealed.resemblance import moves
 from eitskin import recording
 from eitskin.atomic import atomic_path
@@ -23,6 +23,7 @@ from eitskin.errors import InputError
 from eitskin.fingerprint import fingerprint
 from eitskin.recording import Recording, frames_table
 from witness.cases import Alike, Case, draw
+from witness.generators import GENERATORS
 from witness.world import World
 
 LEAST_LEVEL, MOST_LEVEL = 2e-4, 3e-2  # noise over the median |v|
@@ -58,12 +59,7 @@ def case_of(planned: Planned, sizes: Sizes) -> Case:
         return planted.draw(planned.kind, planned.seed)
     names = None if planned.names is None else list(planned.names)
     alike = Alike(sizes.query_frames, planned.deep, (LEAST_LEVEL, MOST_LEVEL))
-    by = _by(planned.generator)
-    return draw(planned.kind, planned.seed, sizes.frames, names=names, alike=alike, **by)
-
-
-def _by(generator: str) -> dict:
-    return {} if len(generators()) == 1 else {"generator": generator}
+    return draw(planned.kind, planned.seed, sizes.frames, planned.generator, names, alike)
 
 
 def shown(case: Case, planned: Planned, root: bytes, name: str) -> Shown:
@@ -72,7 +68,7 @@ def shown(case: Case, planned: Planned, root: bytes, name: str) -> Shown:
     level that was drawn for it. A real recording stays as it is."""
     if case.clean is None:
         return Shown(case.voltage, case.noise_V, case.level, None)
-    least = max(LEAST_LEVEL, generators()[planned.generator].least_level)
+    least = max(LEAST_LEVEL, GENERATORS[planned.generator].least_level)
     shape, gaps = case.noise_V / case.level, None
     level = float(np.clip(case.level, least, MOST_LEVEL))
     if planned.gap is not None:
@@ -123,7 +119,7 @@ def likeness(case: Case, seen: Shown, generator: str, seed: int) -> dict:
         return {"similarity": None, "changed": None}
     grounded = case.metadata["source_reference"] == "sink-grounded"
     channels, frame_s = np.array(case.metadata["channels"]), case.metadata["frame_s"]
-    world = World(case.true, channels, frame_s, grounded, **_by(generator))
+    world = World(case.true, channels, frame_s, grounded, generator=generator)
     plain = world.readings(case.states, [])
     factor = float((plain * case.clean).sum() / (plain**2).sum())
     return {

@@ -4,15 +4,15 @@ A block is as large as the configuration says; its parts keep their shares. Ever
 from the block's root, and what has no name of its own stands in a drawn order.
 """
 
-import importlib
 import sys
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 
 import numpy as np
 
 from concealed import confusable, planted, sealing
+from concealed.naming import names
 from witness.cases import LAWS, together
+from witness.generators import GENERATORS
 from witness.outside import OUTSIDE
 from witness.strengths import DRAWN
 
@@ -49,17 +49,6 @@ class Planned:
     deep: bool = False
 
 
-def names(size: int) -> list[str]:
-    """Names of a block's cases: they tell the number and nothing else."""
-    return [f"case-{number:03d}" for number in range(1, size + 1)]
-
-
-def batches(size: int, batch: int) -> list[list[str]]:
-    """The names, `batch` at a time: a job each."""
-    whole = names(size)
-    return [whole[i : i + batch] for i in range(0, size, batch)]
-
-
 def numbers(size: int, groups: tuple[str, ...]) -> dict[str, int]:
     """How many cases of each group a block of `size` has: by SHARES, largest remainders first."""
     total = sum(SHARES[group] for group in groups)
@@ -69,14 +58,6 @@ def numbers(size: int, groups: tuple[str, ...]) -> dict[str, int]:
     for group in rest[: size - sum(found.values())]:
         found[group] += 1
     return found
-
-
-def generators() -> dict:
-    """Who simulates, by name: `can(kind)`, and the least noise of its cases, `least_level`."""
-    try:
-        return importlib.import_module("witness.generators").GENERATORS
-    except ModuleNotFoundError:
-        return {"boundary": SimpleNamespace(can=lambda kind: True, least_level=0.0)}
 
 
 def plan(block: str, size: int, root: bytes) -> dict[str, Planned]:
@@ -151,7 +132,7 @@ def _planned(
     if group == REAL:
         return Planned(kind, seed, RECORDED, None, None)
     words = [kind] if of is None else ["null", *(f"single:{name}" for name in of)]
-    able = [name for name, one in generators().items() if all(one.can(w) for w in words)]
+    able = [name for name, one in GENERATORS.items() if all(one.can(w) for w in words)]
     turn = index if group == "null" else int(rng.integers(len(able)))
     deep = DEEP in (of or ()) or kind == f"{confusable.DECOY}:{DEEP}"
     return Planned(kind, seed, able[turn % len(able)], of, gap, deep)
