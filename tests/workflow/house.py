@@ -73,9 +73,10 @@ class House:
         return {line[file] for line in lines if line[plan] != "no update"}
 
     def digests(self) -> dict[str, str]:
-        """SHA-256 of every result by its path; parts that a kill left behind are no results."""
+        """SHA-256 of every result by its path; parts that a kill left behind are no results, and
+        what a diagnosis took is never the same twice."""
         return {
             str(file.relative_to(self.folder)): hashlib.sha256(file.read_bytes()).hexdigest()
             for file in sorted((self.folder / "results").rglob("*"))
-            if file.is_file() and file.suffix != ".part"
+            if file.is_file() and file.suffix != ".part" and file.parent.name != "seconds"
         }
