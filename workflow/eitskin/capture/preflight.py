@@ -14,7 +14,7 @@ from eitskin.capture.rtde import RobotState, RtdeError, robot_state
 from eitskin.capture.wire import BOARDS, LOAD_CELLS, Reject, Restart, measured
 from eitskin.errors import InputError
 
-EMULATED = "EMULATED"  # an emulated robot's serial number begins so
+EMULATED = "EMULATED"  # stands in an emulated robot's serial number or PolyScope version
 MAJOR = {"cb3": 3, "e": 5}
 READINGS = 5  # of the load cell
 FRAMES = 3  # of the board
@@ -70,7 +70,7 @@ def robot(config: dict) -> tuple[list[Finding], dict]:
     said = f"serial number {identity['serial']}, {identity['polyscope']}"
     if not remote:
         findings.append(Finding("dashboard", False, "the robot is not in remote control"))
-    identity["emulated"] = identity["serial"].startswith(EMULATED)
+    identity["emulated"] = EMULATED in identity["serial"] + identity["polyscope"]
     if identity["emulated"] != config["emulated"]:
         claimed = "emulated" if config["emulated"] else "real"
         text = f"{said}: not what the configuration says, {claimed}"

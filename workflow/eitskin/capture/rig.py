@@ -209,6 +209,8 @@ class Rig:
         """
         pose = [*position_m, *self.config["pose"]["centre"][3:]]
         distance_m = math.dist(position_m, self.position_m)
+        if distance_m <= ARRIVED_M and self.robot.state.still:
+            return True
         request = self.robot.request(
             "move", pose=pose, speed=speed_m_s, acceleration=acceleration_m_s2
         )

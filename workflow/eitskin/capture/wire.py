@@ -1,9 +1,10 @@
 """What the devices' serial lines say: bytes to values, or why not. No clock, no port.
 
 A line that is not exactly what the firmware prints is refused whole: nothing is repaired, decoded
-loosely or counted by value. What no reader can see is one digit in place of another.
+loosely or counted by value. What one line cannot show is a value in place of another possible one.
 """
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,8 +13,8 @@ import numpy as np
 
 N_PER_KG = 9.80665
 LARGEST_N = 500.0  # no load cell of a tactile rig reads more
-RMS_FULL_SCALE_V = 1.1  # hard maximum of the RMS of a 2.2 V converter's readings
-RMS_VALUE = re.compile(rb"\d\.\d{4}")
+RMS_STEP_V = 2.2 / 1024  # the firmware's RMS is a whole number of steps of its 10-bit converter
+RMS_STEPS = 512  # at most: half the converter's range
 NEWTON = re.compile(rb"-?(?:0|[1-9]\d{0,2})\.\d{4}")
 OPENSCALE = re.compile(
     rb"(?P<ms>\d{1,10}),(?P<reading>-?(?:0|[1-9]\d{0,2})\.(?P<decimals>\d{1,5})),"
@@ -38,12 +39,27 @@ class Restart:
     banner: str
 
 
+def _rms_values() -> dict[bytes, float]:
+    """Every text that the firmware can print for an RMS, and its volts: `%.4f`, where a tie may be
+    rounded either way."""
+    found = {}
+    for step in range(RMS_STEPS + 1):
+        tenths_mV = 1e4 * RMS_STEP_V * step
+        for printed in {math.ceil(tenths_mV - 0.5 - 1e-6), math.floor(tenths_mV + 0.5 + 1e-6)}:
+            text = b"%.4f" % (1e-4 * printed)
+            found[text] = float(text)
+    return found
+
+
+RMS_VALUES = _rms_values()
+
+
 def rms_frame(line: bytes, n_electrodes: int) -> np.ndarray | Reject:
     """(n, n) V: RMS of electrode pair j, j + 1 (column) while k, k + 1 drive (row).
 
-    The line is n² values, each printed `%.4f` and followed by a comma and a space, then a newline
-    (circulartest_0731.ino of knazari/eit_hybrid_state_estimation). Pairs that touch a driven
-    electrode are not measured and must be 0.
+    The line is n² values, each followed by a comma and a space, then a newline; each is a step of
+    the converter, printed `%.4f` (circulartest_0731.ino of knazari/eit_hybrid_state_estimation).
+    Pairs that touch a driven electrode are not measured and must be 0.
     """
     if not line.endswith(b"\n"):
         return Reject("half line", f"{len(line)} bytes without an end")
@@ -52,12 +68,11 @@ def rms_frame(line: bytes, n_electrodes: int) -> np.ndarray | Reject:
         return Reject("form", "no ', ' before the line's end")
     if len(fields) != n_electrodes**2:
         return Reject("count", f"{len(fields)} values, expected {n_electrodes**2}")
-    for place, field in enumerate(fields):
-        if not RMS_VALUE.fullmatch(field):
-            return Reject("form", f"value {place} is {field[:20]!r}")
-    frame = np.array([float(field) for field in fields]).reshape(n_electrodes, n_electrodes)
-    if frame.max() > RMS_FULL_SCALE_V:
-        return Reject("range", f"{frame.max()} V, expected at most {RMS_FULL_SCALE_V}")
+    values = [RMS_VALUES.get(field, math.nan) for field in fields]
+    frame = np.array(values).reshape(n_electrodes, n_electrodes)
+    if np.isnan(frame).any():
+        place = int(np.flatnonzero(np.isnan(frame))[0])
+        return Reject("value", f"value {place} is {fields[place][:20]!r}, no step of the converter")
     driven = frame[~measured(n_electrodes)]
     if driven.any():
         return Reject("driven pair", f"{driven.max()} V at a pair that touches a driven electrode")

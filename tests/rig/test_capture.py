@@ -1,0 +1,213 @@
+"""The driver against the emulated rig, through the real libraries: a capture, and what goes wrong.
+
+What the robot did is judged by the emulator's log, never by the driver's word.
+"""
+
+import contextlib
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("rtde_control", reason="ur_rtde is not installed: extra `rig`")
+pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
+
+from emulated_rig import CENTRE, CLEARANCE_M, HARD_N, Emulated, emulated_rig  # noqa: E402
+
+from eitskin import recording  # noqa: E402
+from eitskin.capture import journal  # noqa: E402
+
+FAULT, WAIT_S, LOOK_S = 4, 300, 0.05
+SURFACE_M, STEP_MM = CENTRE[2] - CLEARANCE_M, 1.0
+
+
+@pytest.fixture
+def rig(tmp_path) -> Iterator[Emulated]:
+    """An emulated CB3 rig."""
+    with emulated_rig(tmp_path) as emulated:
+        yield emulated
+
+
+def begun(rig: Emulated, do: str = "run", *more: str) -> subprocess.Popen:
+    """`eitskin rig run` in a process of its own."""
+    files = ["--journal", str(rig.folder / "journal.jsonl"), "--out", str(rig.folder / "it.parquet")]
+    return subprocess.Popen(
+        [sys.executable, "-m", "eitskin.cli", "rig", do, str(rig.path), *files, *more],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def ended(process: subprocess.Popen) -> tuple[int, str]:
+    """Its exit code and all it said."""
+    out, err = process.communicate(timeout=WAIT_S)
+    return process.returncode, out + err
+
+
+def capture(rig: Emulated, do: str = "run", *more: str) -> tuple[int, str]:
+    return ended(begun(rig, do, *more))
+
+
+def records(rig: Emulated) -> list[dict]:
+    return journal.read(rig.folder / "journal.jsonl").records
+
+
+def stop_reason(rig: Emulated) -> str:
+    return next(r["reason"] for r in reversed(records(rig)) if r["kind"] == "stop")
+
+
+def wait_for(rig: Emulated, process: subprocess.Popen, event: str, count: int = 1) -> None:
+    """Until the emulator has logged an event `count` times."""
+    while len(rig.named(event)) < count:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            raise AssertionError(f"it ended before {event}: {process.communicate(timeout=LOOK_S)}")
+
+
+def assert_stopped(rig: Emulated, fault: dict, lifted: bool) -> None:
+    """The arm went no deeper than the step under way, and stands: above the skin where lifted."""
+    poses = [e for e in rig.events if e["event"] in ("moving", "stopping", "still")]
+    depths = [1e3 * (SURFACE_M - e["pose"][2]) for e in poses if e["t"] > fault["t"]]
+    assert max(depths, default=0.0) <= fault["depth_now_mm"] + STEP_MM + 0.05
+    assert poses[-1]["event"] == "still"
+    if lifted:
+        assert poses[-1]["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
+    assert rig.named("end") == [] and max(e.get("largest_N", 0.0) for e in rig.events) < HARD_N
+    assert_kept_every_rule(rig)
+
+
+def assert_kept_every_rule(rig: Emulated) -> None:
+    assert rig.named("violation") == []
+
+
+def test_three_contacts(rig):
+    code, said = capture(rig)
+    assert code == 0, said
+    assert_kept_every_rule(rig)
+    recorded = recording.read(rig.folder / "it.parquet")
+    frames = recorded.frames
+    assert recorded.metadata["source"] == "emulated rig"
+    assert frames["contact"].dropna().unique().tolist() == [0, 1, 2]
+    assert (frames[~frames["touch"]]["note_phase"] == "untouched").all()
+    assert (~frames["touch"]).sum() == 6
+    last = frames[frames["touch"]].groupby("contact")["force_N"].last()
+    assert (last >= 2.0).all()
+    manifest = json.loads((rig.folder / "it.manifest.json").read_text())
+    assert manifest["source"] == "emulated rig"
+    assert manifest["ends"] == {"target": 3}
+    assert manifest["runs"][0]["robot"]["emulated"]
+
+
+def test_every_frame_began_after_the_arm_had_settled(rig):
+    code, said = capture(rig)
+    assert code == 0, said
+    printed = rig.named("frame")
+    for frame in (r for r in records(rig) if r["kind"] == "frame"):
+        measured = [f for f in printed if f["ended"] <= frame["end_s"]][-1]
+        assert measured["began"] >= frame["settled_s"]
+        assert measured["force_N"] == pytest.approx(frame["force_N"], abs=0.05)
+        still = [e for e in rig.events if e["event"] in ("moving", "still")]
+        before = [e for e in still if e["t"] <= measured["ended"]]
+        assert not before or before[-1]["event"] == "still"
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        ("load_cell_silent", "load cell silent"),
+        ("load_cell_nan", "load cell rejects"),
+        ("load_cell_frozen", "load cell frozen"),
+        ("load_cell_spike", "force"),
+        ("board_silent", "late"),
+        ("board_unplugged", "board lost"),
+    ],
+)
+def test_a_device_that_fails_in_a_press(rig, fault, reason):
+    rig.begin(fault=fault, contact=1, depth_mm=0.8)
+    code, said = capture(rig)
+    assert (code, stop_reason(rig)) == (FAULT, reason), said
+    assert "stopped by stopL; lifted off" in said
+    assert_stopped(rig, rig.named("fault")[0], lifted=True)
+
+
+@pytest.mark.parametrize(
+    ("fault", "reasons", "lifted"),
+    [
+        ("rtde_stalled", {"robot clock"}, False),
+        ("rtde_reset", {"robot lost", "robot clock"}, False),
+        ("protective_stop", {"robot safety", "robot program"}, False),
+        ("emergency_stop", {"robot safety", "robot program", "robot mode"}, False),
+        ("program_killed", {"robot program"}, True),
+    ],
+)
+def test_a_robot_that_fails_in_a_press(rig, fault, reasons, lifted):
+    rig.begin(fault=fault, contact=1, depth_mm=0.8, moving=True)
+    code, said = capture(rig)
+    assert code == FAULT, said
+    assert stop_reason(rig) in reasons
+    assert_stopped(rig, rig.named("fault")[0], lifted)
+    assert ("lift by hand" in said) == (not lifted)
+
+
+@pytest.mark.parametrize("fault", ["load_cell_offset", "load_cell_drift"])
+def test_a_load_cell_whose_zero_moves(rig, fault):
+    rig.begin(fault=fault, contact=1, depth_mm=0.8)
+    code, said = capture(rig)
+    assert (code, stop_reason(rig)) == (FAULT, "load cell zero"), said
+    assert_stopped(rig, rig.named("fault")[0], lifted=True)
+
+
+def test_lines_that_are_no_frames_are_counted_kept_and_never_used(rig):
+    for depth_mm, fault in enumerate(("short", "long", "joined", "garbled", "driven")):
+        rig.begin(fault=f"board_{fault}", contact=1, depth_mm=0.5 * depth_mm)
+    rig.begin(fault="board_duplicated", contact=2, depth_mm=0.5)
+    code, said = capture(rig)
+    assert code == 0, said
+    rejects = [r["reason"] for r in records(rig) if r["kind"] == "reject"]
+    assert {"count", "value", "driven pair"} <= set(rejects)
+    assert len(recording.read(rig.folder / "it.parquet").frames) == sum(
+        r["kind"] == "frame" for r in records(rig)
+    )
+
+
+@pytest.mark.parametrize("fault", ["rtde_mute", "rtde_refused", "rtde_in_use"])
+def test_a_robot_that_cannot_be_had_is_one_message_and_nothing_moves(rig, fault):
+    rig.begin(fault=fault)
+    code, said = capture(rig)
+    assert code == 1
+    assert said.count("\n") == 1
+    assert "robot" in said
+    assert rig.named("moveL") == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_and_lifts(rig, number):
+    process = begun(rig)
+    wait_for(rig, process, "touched")
+    process.send_signal(number)
+    code, said = ended(process)
+    assert code == 128 + number, said
+    assert stop_reason(rig) == "signal"
+    assert rig.named("still")[-1]["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
+    assert_kept_every_rule(rig)
+
+
+def test_a_killed_host_leaves_an_arm_that_stands_and_a_journal_that_goes_on(rig):
+    process = begun(rig)
+    wait_for(rig, process, "touched", count=2)
+    process.kill()
+    ended(process)
+    while rig.named("rtde gone")[-1:] == [] or len(rig.named("rtde gone")) < 3:
+        pass
+    assert rig.named("still")[-1]["t"] > rig.named("touched")[-1]["t"]
+    code, said = capture(rig, "resume")
+    assert code == 0, said
+    assert_kept_every_rule(rig)
+    ends = [r["contact"] for r in records(rig) if r["kind"] == "end"]
+    assert ends == [0, 1, 2]
+    frames = recording.read(rig.folder / "it.parquet").frames
+    pressed = frames[frames["touch"]].groupby("contact")["depth_mm"]
+    assert (pressed.count() == pressed.nunique()).all()
