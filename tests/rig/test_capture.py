@@ -15,10 +15,10 @@ import pytest
 pytest.importorskip("rtde_control", reason="ur_rtde is not installed: extra `rig`")
 pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
 
-from emulated_rig import CENTRE, CLEARANCE_M, HARD_N, Emulated, emulated_rig  # noqa: E402
+from emulated_rig import CENTRE, CLEARANCE_M, HARD_N, Emulated, emulated_rig
 
-from eitskin import recording  # noqa: E402
-from eitskin.capture import journal  # noqa: E402
+from eitskin import recording
+from eitskin.capture import journal
 
 FAULT, WAIT_S, LOOK_S = 4, 300, 0.05
 SURFACE_M, STEP_MM = CENTRE[2] - CLEARANCE_M, 1.0
@@ -33,7 +33,12 @@ def rig(tmp_path) -> Iterator[Emulated]:
 
 def begun(rig: Emulated, do: str = "run", *more: str) -> subprocess.Popen:
     """`eitskin rig run` in a process of its own."""
-    files = ["--journal", str(rig.folder / "journal.jsonl"), "--out", str(rig.folder / "it.parquet")]
+    files = [
+        "--journal",
+        str(rig.folder / "journal.jsonl"),
+        "--out",
+        str(rig.folder / "it.parquet"),
+    ]
     return subprocess.Popen(
         [sys.executable, "-m", "eitskin.cli", "rig", do, str(rig.path), *files, *more],
         stdout=subprocess.PIPE,

@@ -76,7 +76,7 @@ def _check_forces(rig: dict, file: str | Path) -> None:
         expected = f"at most {margin_N:g} N, from soft_N to hard_N"
         raise InputError(file, "rig.motion", found, expected)
     step_N = plan["step_mm"] * limits["stiffness_N_per_mm"]
-    if high + step_N > limits["hard_N"]:
+    if high + step_N >= limits["hard_N"]:
         found = f"{plan['step_mm']} mm, up to {step_N:g} N more"
         expected = f"a step from {high} N that stays below hard_N, {limits['hard_N']}"
         raise InputError(file, "rig.plan.step_mm", found, expected)
