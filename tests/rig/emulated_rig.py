@@ -180,8 +180,8 @@ def driver_config(endpoints: dict, series: str, cell: dict, folder: Path) -> dic
                 "hard_N": HARD_N,
                 "zero_N": 0.3,
                 "jump_N": 4.0,
-                "stale_s": 0.5,
-                "clock_s": 0.3,
+                "stale_s": 1.0,
+                "clock_s": 1.0,  # a busy machine's emulator pauses
                 "rejects": 5,
                 "frozen_readings": 8,
                 "latency_s": 0.4,
