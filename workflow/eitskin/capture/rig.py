@@ -20,7 +20,7 @@ from eitskin.capture.wire import BOARDS, Reject, Restart, measured
 Found = TypeVar("Found")
 
 LOOK_S = 0.005  # from one look at everything to the next, at most
-ARRIVED_M = 1e-4
+ARRIVED_M = 2e-4
 ARRIVAL_MARGIN_S = 3.0
 ANSWER_S = 5.0
 RELOADED_S = 10.0
@@ -263,10 +263,18 @@ class Rig:
             return f"{error}; use the emergency stop"
 
     def _reupload(self) -> None:
-        """Start the robot's program again after the dashboard has stopped it."""
+        """Start the robot's program again after it was stopped, and wait for news of it."""
+        if self.robot.state.safety_mode != interlock.NORMAL_SAFETY:
+            raise RobotError("its safety system holds it")
         request = self.robot.request("reupload")
+        self._await(lambda: self.robot.answer(request))
+        answered_s = self._clock()
+        self._await(lambda: self.robot.clock_s > answered_s)
+
+    def _await(self, done: Callable[[], bool]) -> None:
+        """Wait for an arm that has no program and cannot move."""
         end_s = self._clock() + RELOADED_S
-        while not self.robot.answer(request):
+        while not done():
             if self.robot.lost is not None or self._clock() > end_s:
                 raise RobotError(self.robot.lost or "its program does not start again")
             self.robot.alive()

@@ -26,6 +26,8 @@ RATE_HZ = 125.0
 STATE_S = 0.008  # from one state to the next
 WATCHDOG_HZ = 10.0
 KICK_S = 0.02
+REFUSED_KICKS = 5  # in a row
+PLAYS_S = 5.0
 SILENT_S = 0.5  # without a line from the host, while the robot moves
 STILL_M_S = 5e-4
 STOP_M_S2 = 1.0
@@ -43,6 +45,7 @@ class Worker:
             raise RuntimeError("the controller refuses the watchdog")
         self._halted: str | None = None
         self._kicked_s = -math.inf
+        self._refused = 0  # kicks in a row
 
     def serve(self, commands: queue.SimpleQueue) -> None:
         """Do as told until told to end (None); the robot stands when this returns."""
@@ -84,17 +87,29 @@ class Worker:
                 self._control.stopL(command["deceleration"], True)
                 return True
             case "reupload":
-                uploaded = self._control.reuploadScript()
-                return bool(uploaded and self._control.setWatchdog(WATCHDOG_HZ))
+                return self._reupload()
         raise ValueError(f"unknown command {command['do']!r}")
+
+    def _reupload(self) -> bool:
+        """Start the program again; the library does not wait until it plays."""
+        if not self._control.reuploadScript():
+            return False
+        end_s = time.monotonic() + PLAYS_S
+        while self._receive.getRuntimeState() != PLAYING or not self._control.isProgramRunning():
+            if time.monotonic() > end_s:
+                return False
+            time.sleep(STATE_S)
+        return bool(self._control.setWatchdog(WATCHDOG_HZ))
 
     def _kick(self) -> None:
         """Keep the controller's watchdog quiet; a program that is not there has none."""
         now = time.monotonic()
         if now - self._kicked_s >= KICK_S and self._receive.getRuntimeState() == PLAYING:
             self._kicked_s = now
-            if not self._control.kickWatchdog():
-                self._halted = "the controller did not take the watchdog's kick"
+            # A program that was just stopped refuses a kick before its state says so.
+            self._refused = 0 if self._control.kickWatchdog() else self._refused + 1
+            if self._refused >= REFUSED_KICKS:
+                self._halted = "the controller does not take the watchdog's kicks"
 
     def _moving(self) -> bool:
         running = self._control.getAsyncOperationProgressEx().isAsyncOperationRunning()
