@@ -61,7 +61,8 @@ def test_the_fingerprint_follows_what_decides_the_samples():
     assert plan_sha256(changed("board", "port", to="/dev/ttyACM7")) == same
     assert plan_sha256(changed("session", "operator", to="B")) == same
     assert plan_sha256(changed("plan", "step_mm", to=0.5)) != same
-    assert plan_sha256(changed("limits", "soft_N", to=11.0)) != same
+    assert plan_sha256(changed("limits", "soft_N", to=11.0)) == same
+    assert plan_sha256(changed("pose", "centre", to=[-0.5, -0.2, -0.1, 0.0, 3.14, 0.0])) != same
     assert plan_sha256(changed("skin", "id", to="gelatin-2")) != same
     assert plan_sha256(changed("emulated", to=True)) != same
 

@@ -9,9 +9,6 @@ import pandas as pd
 
 from eitskin.mesh import polar_grid
 
-# What decides the samples: a capture goes on only where these are the same.
-DECISIVE = ("emulated", "skin", "pose", "motion", "plan", "limits")
-
 
 @dataclass(frozen=True)
 class Contact:
@@ -54,7 +51,9 @@ def contacts(plan: dict) -> list[Contact]:
 
 
 def plan_sha256(rig: dict) -> str:
-    """Fingerprint of what decides the samples: not the ports, nor who sits there."""
-    decisive = {key: rig[key] for key in DECISIVE}
+    """Fingerprint of what decides the samples; a capture goes on only where it is the same. Ports,
+    speeds and limits may change from run to run, and stand in each run's record."""
+    decisive = {key: rig[key] for key in ("emulated", "skin", "plan")}
     decisive |= {"board": rig["board"]["profile"], "load_cell": rig["load_cell"]["profile"]}
+    decisive |= {"centre": rig["pose"]["centre"]}
     return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()

@@ -102,7 +102,7 @@ def to_recording(records: list[dict], file: str | Path) -> tuple[Recording, int]
         "version": 1,
         "channels": channel_table(BOARDS[config["board"]["profile"]].n_electrodes).tolist(),
         "voltage": "magnitude",
-        "frame_s": float(min(frame_s, *np.diff(time_s))),
+        "frame_s": float(min([frame_s, *np.diff(time_s)])),
         "position_frame": "robot",
         "source": source(records),
         "skin": believed_skin(config, file).metadata(),

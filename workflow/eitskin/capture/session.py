@@ -21,6 +21,7 @@ from eitskin.errors import InputError
 
 PACKAGES = ("eitskin", "numpy", "pyserial", "ur-rtde")
 PROBE_CHANGE_S = 600.0
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 COMMAND_FAILED = "the probe was not changed"
 
 
@@ -192,12 +193,12 @@ def _refuse(findings: list[preflight.Finding], file: str | Path) -> None:
 
 @contextlib.contextmanager
 def _signals(rig: Rig) -> Iterator[None]:
-    """SIGINT and SIGTERM are told to the rig; further ones change nothing."""
+    """SIGINT, SIGTERM and SIGHUP are told to the rig; further ones change nothing."""
 
     def handle(number: int, _frame: object) -> None:
         rig.signal = rig.signal or number
 
-    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, handle) for number in SIGNALS}
     try:
         yield
     finally:
@@ -210,9 +211,7 @@ def _run_record(config: dict, run: int, identity: dict) -> dict:
         "kind": "run",
         "run": run,
         "robot": identity,
-        "board": config["board"],
-        "load_cell": config["load_cell"],
-        "session": config["session"],
+        **{key: config[key] for key in ("board", "load_cell", "session", "motion", "limits")},
         "packages": {name: version(name) for name in PACKAGES},
         "python": platform.python_version(),
         **_clocks(),
