@@ -70,25 +70,29 @@ def wait_for(rig: Emulated, process: subprocess.Popen, event: str, count: int = 
             raise AssertionError(f"it ended before {event}: {process.communicate(timeout=LOOK_S)}")
 
 
+def motions(rig: Emulated) -> list[dict]:
+    """The events that tell where the arm is and how it moves, in order."""
+    return [event for event in rig.events if event["event"] in ("moving", "stopping", "still")]
+
+
 def assert_stopped(rig: Emulated, fault: dict, lifted: bool) -> None:
     """The arm went no deeper than the step under way, and stands: above the skin where lifted."""
-    poses = [e for e in rig.events if e["event"] in ("moving", "stopping", "still")]
-    depths = [1e3 * (SURFACE_M - e["pose"][2]) for e in poses if e["t"] > fault["t"]]
+    depths = [1e3 * (SURFACE_M - e["pose"][2]) for e in motions(rig) if e["t"] > fault["t"]]
     assert max(depths, default=0.0) <= fault["now"]["depth_mm"] + STEP_MM + 0.05
-    assert poses[-1]["event"] == "still"
+    last = motions(rig)[-1]
+    assert last["velocity"] == [0.0] * 6
     if lifted:
-        assert poses[-1]["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
-    assert max(e.get("largest_N", 0.0) for e in rig.events) < HARD_N
+        assert last["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
+    assert max(event.get("largest_N", 0.0) for event in rig.events) < HARD_N
     assert_kept_every_rule(rig)
 
 
 def assert_stands(rig: Emulated) -> None:
-    """Both of the driver's connections end, and the arm stands then."""
+    """Once both of the driver's connections have ended, the arm stands."""
     while len(rig.named("rtde gone")) < len(rig.named("rtde connected")):
         with contextlib.suppress(subprocess.TimeoutExpired):
             raise AssertionError(f"the emulator ended: {rig.process.wait(LOOK_S)}")
-    poses = [e["event"] for e in rig.events if e["event"] in ("moving", "stopping", "still")]
-    assert poses[-1] == "still"
+    assert motions(rig)[-1]["velocity"] == [0.0] * 6
 
 
 def assert_kept_every_rule(rig: Emulated) -> None:

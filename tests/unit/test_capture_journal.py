@@ -20,8 +20,9 @@ def contact(number: int, attempt: int = 0, frames: int = 2) -> list[dict]:
 
 
 def written(path, *records: dict) -> None:
-    writer = Writer(path, None)
-    writer.append(HEAD, *records)
+    journal.begin(path, HEAD)
+    writer = Writer(path, journal.read(path))
+    writer.append(*records)
     writer.close()
 
 
@@ -128,7 +129,8 @@ def test_a_new_journal_does_not_overwrite(tmp_path):
     path = tmp_path / "j.jsonl"
     written(path)
     with pytest.raises(InputError, match="resume"):
-        Writer(path, None)
+        journal.begin(path, HEAD)
+    assert [file.name for file in tmp_path.iterdir()] == ["j.jsonl"]
 
 
 def test_one_capture_at_a_time(tmp_path):

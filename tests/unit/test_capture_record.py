@@ -9,8 +9,7 @@ import pytest
 import yaml
 
 from eitskin import check, recording
-from eitskin.capture import configuration, record
-from eitskin.capture.journal import Writer
+from eitskin.capture import configuration, journal, record
 from eitskin.capture.plan import contacts, plan_sha256
 from eitskin.capture.wire import RMS_STEP_V, measured
 from eitskin.errors import InputError
@@ -80,8 +79,9 @@ class Rig:
             self.add("end", **about, end="target")
 
     def journal(self, path):
-        writer = Writer(path, None)
-        writer.append(*self.records)
+        journal.begin(path, self.records[0])
+        writer = journal.Writer(path, journal.read(path))
+        writer.append(*self.records[1:])
         writer.close()
         return path
 

@@ -72,51 +72,58 @@ def _record(line: bytes) -> dict | None:
     return record if isinstance(record.get("kind"), str) else None
 
 
+def begin(path: str | Path, head: dict) -> None:
+    """Make a journal of one record, there whole or not at all; raises InputError where a file is
+    there already."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.part")
+    with part.open("w", encoding="utf-8") as stream:
+        stream.write(_text(0, head))
+        stream.flush()
+        os.fsync(stream.fileno())
+    try:
+        os.link(part, path)
+    except FileExistsError as error:
+        expected = "none; `eitskin rig resume` goes on with one"
+        raise InputError(path, "file", "a journal", expected) from error
+    finally:
+        part.unlink()
+    folder = os.open(path.parent, os.O_RDONLY)
+    os.fsync(folder)
+    os.close(folder)
+
+
+def _text(number: int, record: dict) -> str:
+    return json.dumps({"number": number, **record}, allow_nan=False) + "\n"
+
+
 class Writer:
-    """Appends to one journal; nobody else can while it is open."""
+    """Appends to a journal; nobody else can while it is open."""
 
-    def __init__(self, path: str | Path, found: Journal | None):
-        """A new journal where `found` is None, else the one that `found` was read from: what was
-        cut short at its end is taken off.
-
-        Raises InputError where the file is there although none was expected, or is being written.
+    def __init__(self, path: str | Path, found: Journal):
+        """Go on with the journal that `found` was read from: what was cut short at its end is taken
+        off. Raises InputError where it is being written by another.
         """
-        self.path = Path(path)
-        flags = os.O_RDWR | (os.O_CREAT | os.O_EXCL if found is None else 0)
-        if found is None:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            self._file = os.open(self.path, flags, 0o644)
-        except FileExistsError as error:
-            expected = "no journal; `eitskin rig resume` goes on with one"
-            raise InputError(path, "file", "a journal", expected) from error
+        self._file = os.open(path, os.O_RDWR)
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             os.close(self._file)
             raise InputError(path, "file", "another capture's lock", "one at a time") from error
-        self._number = 0
-        if found is not None:
-            self._number = len(found.records)
-            os.ftruncate(self._file, found.length)
-            os.lseek(self._file, 0, os.SEEK_END)
-            os.fsync(self._file)
-        else:
-            folder = os.open(self.path.parent, os.O_RDONLY)
-            os.fsync(folder)
-            os.close(folder)
+        self._number = len(found.records)
+        os.ftruncate(self._file, found.length)
+        os.lseek(self._file, 0, os.SEEK_END)
+        os.fsync(self._file)
 
     def append(self, *records: dict) -> None:
         """Write records, in order, and return once they are on the disk."""
-        text = "".join(self._line(record) for record in records).encode()
+        numbered = enumerate(records, start=self._number)
+        text = "".join(_text(number, record) for number, record in numbered).encode()
+        self._number += len(records)
         while text:
             text = text[os.write(self._file, text) :]
         os.fsync(self._file)
-
-    def _line(self, record: dict) -> str:
-        line = json.dumps({"number": self._number, **record}, allow_nan=False) + "\n"
-        self._number += 1
-        return line
 
     def close(self) -> None:
         """Let go of the journal."""

@@ -56,17 +56,20 @@ class Force:
 
 
 class Rig:
-    """Robot, load cell and board of a configuration, open. Whoever opened the ports closes them."""
+    """Robot, load cell and board of a configuration, open. Whoever opened them closes them.
+
+    Before `listen` it has a robot alone, which may only retreat.
+    """
 
     def __init__(
         self,
         config: dict,
         robot: Robot,
-        load: Port,
-        board: Port,
         clock: Callable[[], float] = time.monotonic,
     ):
-        self.config, self.robot, self.load, self.board = config, robot, load, board
+        self.config, self.robot = config, robot
+        self._load: Port | None = None
+        self._board: Port | None = None
         self.signal: int | None = None  # set by a signal's handler
         self.zero_N = 0.0  # what the untouched load cell reads
         self._clock = clock
@@ -79,6 +82,10 @@ class Rig:
         self._rejects: list[dict] = []
         self._jump_N = 0.0
         self._retreat_from_N: float | None = None
+
+    def listen(self, load: Port, board: Port) -> None:
+        """Take the load cell and the board, all their lines from the first on."""
+        self._load, self._board = load, board
 
     # Watching
 
@@ -104,8 +111,10 @@ class Rig:
             self.robot.wait(LOOK_S)
 
     def _look(self) -> State:
-        self._read_load()
-        self._read_board()
+        if self._load is not None:
+            self._read_load()
+        if self._board is not None:
+            self._read_board()
         state = self.robot.state
         force_s, force_N = self._forces[-1] if self._forces else (-math.inf, math.nan)
         jump_N, self._jump_N = self._jump_N, 0.0
@@ -118,7 +127,7 @@ class Rig:
             load_rejects=self._load_rejects,
             frozen_readings=self._frozen,
             load_restarts=self._load_restarts,
-            load_lost=self.load.lost,
+            load_lost="not open" if self._load is None else self._load.lost,
             robot_lost=self.robot.lost,
             robot_clock_s=self.robot.clock_s,
             robot_mode=state.robot_mode,
@@ -130,7 +139,7 @@ class Rig:
         )
 
     def _read_load(self) -> None:
-        for line in self.load.since(self._load_number):
+        for line in self._load.since(self._load_number):
             self._load_number = line.number
             if isinstance(line.value, Restart):
                 # The greeting of a cell that our opening of the port has restarted is no fault.
@@ -147,7 +156,7 @@ class Rig:
                 self._forces.append((line.end_s, line.value))
 
     def _read_board(self) -> None:
-        for line in self.board.since(self._board_number):
+        for line in self._board.since(self._board_number):
             self._board_number = line.number
             if isinstance(line.value, Reject):
                 self._board_rejects += 1
@@ -231,20 +240,25 @@ class Rig:
             self.robot.stop(self.config["motion"]["stop_m_s2"])
         return arrived
 
-    def stop_and_retreat(self, height_m: float) -> list[str]:
-        """Stop the arm by whatever way works, then lift the probe straight to `height_m` if the
-        robot still can; what was done, for a person. Never raises for a device."""
+    @property
+    def hovers(self) -> bool:
+        """Whether the probe is as high as above the centre, or higher."""
+        return self.position_m[2] >= self.config["pose"]["centre"][2] - ARRIVED_M
+
+    def stop_and_retreat(self) -> list[str]:
+        """Stop the arm by whatever way works, then lift the probe straight to the centre's height
+        if the robot still can; what was done, for a person. Never raises for a device."""
         done = []
         try:
             way = self.robot.stop(self.config["motion"]["stop_m_s2"])
             done.append(f"stopped by {way}")
-            if self.position_m[2] >= height_m - ARRIVED_M:
+            if self.hovers:
                 return done
             self._retreat_from_N = abs(self._forces[-1][1]) if self._forces else math.nan
             if way != "stopL":
                 self._reupload()
-            x, y, _ = self.position_m
-            motion = self.config["motion"]
+            motion, (x, y, _) = self.config["motion"], self.position_m
+            height_m = self.config["pose"]["centre"][2]
             self.move((x, y, height_m), motion["press_m_s"], motion["travel_m_s2"])
             done.append("lifted off")
         except RobotError as error:
@@ -297,12 +311,12 @@ class Rig:
         seen = [self._board_number]
 
         def next_frame() -> Line | None:
-            if self.board.lost is not None:
-                raise Fault(Stop("board lost", f"the board's port is gone: {self.board.lost}"))
+            if self._board.lost is not None:
+                raise Fault(Stop("board lost", f"the board's port is gone: {self._board.lost}"))
             if self._board_rejects >= self._limits.rejects:
                 said = f"{self._board_rejects} lines in a row were no frame"
                 raise Fault(Stop("board rejects", f"the board cannot be read: {said}"))
-            for line in self.board.since(seen[0]):
+            for line in self._board.since(seen[0]):
                 seen[0] = line.number
                 whole = began_after(line, settled_s, board["period_s"])
                 if whole and self._force(line) is not None:

@@ -61,29 +61,41 @@ def capture(
     if not todo:
         return
     _check_probe(config, file, todo[0], mounted_mm)
+    if found is None and Path(path).exists():
+        raise InputError(path, "file", "a journal", "none; `eitskin rig resume` goes on with one")
     findings, identity = preflight.robot(config)
     _refuse(findings, file)
-    with (
-        preflight.opened_load_cell(config) as load,
-        preflight.opened_board(config) as board,
-    ):
-        _refuse([preflight.load_cell(load, config), preflight.board(board, config)], file)
-        with contextlib.closing(journal.Writer(path, found)) as writer:
-            runs = [r for r in found.records if r["kind"] == "run"] if found else []
+    try:
+        robot = Robot(config["robot"]["host"])
+    except RobotError as error:
+        raise InputError(file, "robot", error, "a robot that lets itself be driven") from error
+    rig = Rig(config, robot)
+    with contextlib.closing(robot), _signals(rig):
+        _lift(rig)
+        with (
+            preflight.opened_load_cell(config) as load,
+            preflight.opened_board(config) as board,
+        ):
+            _refuse([preflight.load_cell(load, config), preflight.board(board, config)], file)
+            rig.listen(load, board)
             if found is None:
                 head = {"kind": "capture", "format": "eit-capture", "version": 1}
-                writer.append({**head, "config": config, "plan_sha256": plan_sha256(config)})
-            run = len(runs)
-            writer.append(_run_record(config, run, identity))
-            try:
-                robot = Robot(config["robot"]["host"])
-            except RobotError as error:
-                raise InputError(
-                    file, "robot", error, "a robot that lets itself be driven"
-                ) from error
-            rig = Rig(config, robot, load, board)
-            with contextlib.closing(robot), _signals(rig):
+                sha256 = plan_sha256(config)
+                journal.begin(path, {**head, "config": config, "plan_sha256": sha256})
+                found = journal.read(path)
+            with contextlib.closing(journal.Writer(path, found)) as writer:
+                run = sum(record["kind"] == "run" for record in found.records)
+                writer.append(_run_record(config, run, identity))
                 _drive(rig, todo, len(planned), run, found, writer, mounted_mm, show)
+
+
+def _lift(rig: Rig) -> None:
+    """Off the skin, where an earlier run left the probe on it: many load cells take their zero when
+    their port is opened."""
+    if not rig.hovers:
+        did = rig.stop_and_retreat()
+        if not rig.hovers:
+            raise Stopped(f"the probe is on the skin; {'; '.join(did)}", FAULT)
 
 
 def _drive(
@@ -91,7 +103,7 @@ def _drive(
     todo: list[Contact],
     total: int,
     run: int,
-    found: journal.Journal | None,
+    found: journal.Journal,
     writer: journal.Writer,
     mounted_mm: float | None,
     show: Callable[[dict], None],
@@ -107,7 +119,7 @@ def _drive(
                 _change_probe(rig, contact.probe_mm)
                 probe_mm = contact.probe_mm
                 writer.append({"kind": "probe", "run": run, "probe_mm": probe_mm})
-            attempt = found.attempts(contact.number) if found else 0
+            attempt = found.attempts(contact.number)
             about = {"contact": contact.number, "attempt": attempt, "run": run}
             writer.append({"kind": "begin", **about, **_planned(contact), **_clocks()})
 
@@ -133,12 +145,12 @@ def _drive(
     except RobotError as error:
         stopped, reason = Stopped(str(error), FAULT), "robot"
     except BaseException as error:
-        rig.stop_and_retreat(rig.config["pose"]["centre"][2])
+        rig.stop_and_retreat()
         with contextlib.suppress(OSError):
             writer.append({"kind": "stop", "run": run, "reason": "error", "message": repr(error)})
         raise
     last_N = rig.last_force_N
-    did = rig.stop_and_retreat(rig.config["pose"]["centre"][2])
+    did = rig.stop_and_retreat()
     text = f"{stopped}; {'; '.join(did)}"
     said = {"reason": reason, "message": text, "force_N": last_N}
     writer.append(*rig.take_rejects(), {"kind": "stop", "run": run, **said, **_clocks()})
