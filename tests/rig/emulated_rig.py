@@ -2,7 +2,6 @@
 
 import contextlib
 import copy
-import itertools
 import json
 import subprocess
 import sys
@@ -10,6 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import yaml
+
+from rigsim_process import free_host
 
 SPEEDUP = 1.0
 CENTRE = [-0.593, -0.201, -0.092, 0.0, 3.1416, 0.0]
@@ -23,12 +24,11 @@ SKIN = {
     "electrode_deg": [22.5 * k for k in range(16)],
     "electrode_width_mm": 5.0,
     "contact_impedivity_ohm_m2": 0.002,
-    "current_A": 0.001,
+    "current_A": 0.01,  # RMS, as the readings
     "contrast_per_N": 0.9,
 }
 BOARD = {"baud": 115200, "frame_s": 0.3, "period_s": 0.35}
 CELL = {"baud": 115200, "profile": "hx711"}
-_hosts = itertools.count(20)
 
 
 class Emulated:
@@ -64,7 +64,7 @@ class Emulated:
 @contextlib.contextmanager
 def emulated_rig(folder: Path, series: str = "cb3", **cell: object) -> Iterator[Emulated]:
     """Start an emulator on an address of its own; it ends with the context."""
-    host = f"127.0.0.{next(_hosts)}"
+    host = free_host()
     probe_file = folder / "probe_mm"
     cell = CELL | cell
     config = {

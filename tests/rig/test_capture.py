@@ -141,6 +141,8 @@ def test_every_frame_began_after_the_arm_had_settled(rig):
         ("load_cell_nan", "load cell rejects"),
         ("load_cell_frozen", "load cell frozen"),
         ("load_cell_spike", "force"),
+        ("load_cell_reset", "load cell restart"),
+        ("load_cell_unplugged", "load cell lost"),
         ("board_silent", "late"),
         ("board_unplugged", "board lost"),
     ],
@@ -170,6 +172,14 @@ def test_a_robot_that_fails_in_a_press(rig, fault, reasons, lifted):
     assert stop_reason(rig) in reasons
     assert_stopped(rig, rig.named("fault")[0], lifted)
     assert ("lift by hand" in said) == (not lifted)
+
+
+def test_a_program_that_ends_while_the_arm_stands_is_started_again_to_lift(rig):
+    rig.begin(fault="program_killed", contact=1, depth_mm=0.8, moving=False)
+    code, said = capture(rig)
+    assert (code, stop_reason(rig)) == (FAULT, "robot program"), said
+    assert said.strip().endswith("; lifted off")
+    assert_stopped(rig, rig.named("fault")[0], lifted=True)
 
 
 @pytest.mark.parametrize("fault", ["load_cell_offset", "load_cell_drift"])

@@ -255,7 +255,7 @@ class Rig:
             if self.hovers:
                 return done
             self._retreat_from_N = abs(self._forces[-1][1]) if self._forces else math.nan
-            if way != "stopL":
+            if way != "stopL" or self.robot.state.runtime_state != interlock.PLAYING:
                 self._reupload()
             motion, (x, y, _) = self.config["motion"], self.position_m
             height_m = self.config["pose"]["centre"][2]

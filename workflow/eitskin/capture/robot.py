@@ -176,8 +176,8 @@ class Robot:
 
         Raises RobotError where neither is seen to have worked.
         """
-        self.request("stop", deceleration=deceleration_m_s2)
-        if self._stands_within(STOP_S):
+        request = self.request("stop", deceleration=deceleration_m_s2)
+        if self._stands_within(STOP_S, request):
             return "stopL"
         error = "it still moves"
         try:
@@ -191,10 +191,14 @@ class Robot:
             error = str(refused)
         raise RobotError(f"the robot is not seen to stand ({self._lost or error})")
 
-    def _stands_within(self, seconds: float) -> bool:
+    def _stands_within(self, seconds: float, request: int | None = None) -> bool:
+        """Whether the arm is seen to stand, by news of this moment or later, and once `request` is
+        answered: what was asked for before it may only be about to begin."""
         since_s = self._clock()
 
         def stands() -> bool:
+            if request is not None and request not in self._answers:
+                return False
             if not self._states or self._advanced_s <= since_s:
                 return False
             last = self._states[-1]
