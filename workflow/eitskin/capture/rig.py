@@ -22,6 +22,7 @@ Found = TypeVar("Found")
 LOOK_S = 0.005  # from one look at everything to the next, at most
 ARRIVED_M = 2e-4
 ARRIVAL_MARGIN_S = 3.0
+SLOWEST_CLOCK = 4.0  # host's seconds in one of the robot's
 ANSWER_S = 5.0
 RELOADED_S = 10.0
 FRAMES_WAITED = 12  # board periods in which a good frame must come
@@ -224,18 +225,22 @@ class Rig:
             "move", pose=pose, speed=speed_m_s, acceleration=acceleration_m_s2
         )
         self.watch(lambda: self.robot.answer(request) or None, ANSWER_S, "the robot's answer")
-        since_s = self._clock()
+        since_s, began = self._clock(), self.robot.state.timestamp_s
+        longest_s = distance_m / speed_m_s + 2.0 * speed_m_s / acceleration_m_s2
+        longest_s += ARRIVAL_MARGIN_S
 
         def ended() -> bool | None:
             if until is not None and until():
                 return False
             state = self.robot.state
+            if state.timestamp_s - began > longest_s:  # by the robot's clock, which is watched
+                said = f"a move took longer than {longest_s:.1f} s"
+                raise Fault(Stop("late", said))
             if state.host_s <= since_s or not state.still:
                 return None
             return True if math.dist(position_m, state.pose[:3]) <= ARRIVED_M else None
 
-        longest_s = distance_m / speed_m_s + 2.0 * speed_m_s / acceleration_m_s2
-        arrived = self.watch(ended, longest_s + ARRIVAL_MARGIN_S, "a move")
+        arrived = self.watch(ended, SLOWEST_CLOCK * longest_s, "a move")
         if not arrived:
             self.robot.stop(self.config["motion"]["stop_m_s2"])
         return arrived
