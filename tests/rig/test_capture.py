@@ -327,12 +327,13 @@ def test_check_says_what_is_there_and_moves_nothing(rig):
     assert code == 0, said
     assert [line[:4] for line in said.splitlines()] == ["ok  "] * 4
     rig.begin(fault="board_silent")
-    rig.begin(fault="load_cell_offset")
+    rig.begin(fault="load_cell_nan")
     rig.begin(fault="emergency_stop")
     code, said = ended(begun(rig, "check"))
     assert code == 2, said
     found = dict(line.split(": ", 1) for line in said.splitlines())
     assert "an emergency stop" in found["NOT robot"]
-    assert "unload" in found["NOT load cell"]
+    assert found["NOT load cell"].startswith("0 readings in 5 s")
+    assert "b'nan" in found["NOT load cell"]
     assert found["NOT board"].startswith("0 frames in 5 s")
     assert rig.named("moveL") == []
