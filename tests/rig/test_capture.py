@@ -195,9 +195,9 @@ def test_a_load_cell_whose_zero_moves(rig, fault):
 
 
 def test_lines_that_are_no_frames_are_counted_kept_and_never_used(rig):
-    for depth_mm, fault in enumerate(("short", "long", "joined", "garbled", "driven")):
-        rig.begin(fault=f"board_{fault}", contact=1, depth_mm=0.5 * depth_mm)
-    rig.begin(fault="board_duplicated", contact=2, depth_mm=0.5)
+    faults = ("short", "long", "joined", "garbled", "driven", "duplicated")
+    for place, fault in enumerate(faults):  # two in each contact, at its first and second step
+        rig.begin(fault=f"board_{fault}", contact=1 + place // 2, depth_mm=0.9 + place % 2)
     code, said = capture(rig)
     assert code == 0, said
     rejects = [r["reason"] for r in records(rig) if r["kind"] == "reject"]
