@@ -55,11 +55,11 @@ class Worker:
             while True:
                 with contextlib.suppress(queue.Empty):
                     command = commands.get(timeout=STATE_S)
-                    heard_s = time.monotonic()
                     if command is None:
                         return
                     if command["do"] != "alive":
                         self._do(command)
+                    heard_s = time.monotonic()  # a command that took long is no silence
                 if time.monotonic() - heard_s > SILENT_S and self._moving():
                     self._control.stopL(STOP_M_S2, True)
                     self._halted = f"its host was silent for {SILENT_S} s while the robot moved"
