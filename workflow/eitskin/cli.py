@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from eitskin import check, importers, recording
+from eitskin.capture import cli as rig
 from eitskin.errors import InputError
 
 UNUSABLE = 2
@@ -14,7 +15,8 @@ SCHEMA = Path(__file__).parents[1] / "schemas" / "diagnosis.schema.yaml"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; the exit code: 0, 1 for bad input or a file that cannot be read or written
-    (one line on stderr), 2 for an unusable recording.
+    (one line on stderr), 2 for an unusable recording or a rig that is not ready; of a capture that
+    ended early 3 where a person must change the probe, 4 after a fault, 128 + n after signal n.
 
     Wrong usage leaves through argparse, with its own message and code 2.
     """
@@ -49,6 +51,7 @@ def _parser() -> argparse.ArgumentParser:
     diagnosing.add_argument("--out", help="the folder to write, by default diagnosis-NAME")
     diagnosing.add_argument("--format", help=formats)
     diagnosing.set_defaults(run=_diagnose)
+    rig.add(commands)
     return parser
 
 

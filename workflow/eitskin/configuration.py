@@ -82,7 +82,7 @@ def validate(config: dict, schema_path: str | Path, files: Iterable[str | Path])
         _refuse_unphysical(config)
     except _Refusal as refusal:
         place, found, expected = refusal.place, refusal.found, refusal.expected
-        raise InputError(_file_of(place, config, files), _dotted(place), found, expected) from None
+        raise InputError(_file_of(place, config, files), dotted(place), found, expected) from None
     for recording in config["recordings"].values():
         for key in recording.keys() & {*PATHS}:
             recording[key] = _expanded(recording[key])
@@ -120,7 +120,7 @@ def _refuse_repeated_keys(file: Path) -> None:
             name, line = str(key.value), key.start_mark.line + 1
             if name in lines:
                 found = f"it in line {lines[name]} and again in line {line}"
-                raise InputError(file, _dotted([*place, name]), found, "it once")
+                raise InputError(file, dotted([*place, name]), found, "it once")
             lines[name] = line
             waiting.append(([*place, name], value))
 
@@ -311,7 +311,8 @@ def _expanded(path: str) -> str:
     return re.sub(r"\$\{(\w+)\}", lambda name: os.environ[name[1]], path)
 
 
-def _dotted(place: list) -> str:
+def dotted(place: list) -> str:
+    """Keys and indices as a person writes them: a.b[0]."""
     text = ""
     for part in place:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)

@@ -1,0 +1,340 @@
+"""The driver against the emulated rig, through the real libraries: a capture, and what goes wrong.
+
+What the robot did is judged by the emulator's log, never by the driver's word.
+"""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rtde_control", reason="ur_rtde is not installed: extra `rig`")
+pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
+
+from emulated_rig import CENTRE, CLEARANCE_M, HARD_N, Emulated, emulated_rig
+
+from eitskin import recording
+from eitskin.capture import journal
+
+pytestmark = pytest.mark.xdist_group("rig")  # one robot at a time keeps its clock
+
+FAULT, WAIT_S, LOOK_S = 4, 300, 0.05
+SURFACE_M, STEP_MM = CENTRE[2] - CLEARANCE_M, 1.0
+
+
+@pytest.fixture
+def rig(tmp_path) -> Iterator[Emulated]:
+    """An emulated CB3 rig."""
+    with emulated_rig(tmp_path) as emulated:
+        yield emulated
+
+
+def begun(rig: Emulated, do: str = "run", *more: str) -> subprocess.Popen:
+    """`eitskin rig run`, `resume` or `check` in a process of its own."""
+    journal_path, out = rig.folder / "journal.jsonl", rig.folder / "it.parquet"
+    files = [] if do == "check" else ["--journal", str(journal_path), "--out", str(out)]
+    return subprocess.Popen(
+        [sys.executable, "-m", "eitskin.cli", "rig", do, str(rig.path), *files, *more],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def ended(process: subprocess.Popen) -> tuple[int, str]:
+    """Its exit code and all it said."""
+    out, err = process.communicate(timeout=WAIT_S)
+    return process.returncode, out + err
+
+
+def capture(rig: Emulated, do: str = "run", *more: str) -> tuple[int, str]:
+    return ended(begun(rig, do, *more))
+
+
+def records(rig: Emulated) -> list[dict]:
+    return journal.read(rig.folder / "journal.jsonl").records
+
+
+def stop_reason(rig: Emulated) -> str:
+    return next(r["reason"] for r in reversed(records(rig)) if r["kind"] == "stop")
+
+
+def wait_for(rig: Emulated, process: subprocess.Popen, event: str, count: int = 1) -> None:
+    """Until the emulator has logged an event `count` times."""
+    while len(rig.named(event)) < count:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            raise AssertionError(f"it ended before {event}: {process.communicate(timeout=LOOK_S)}")
+
+
+def motions(rig: Emulated) -> list[dict]:
+    """The events that tell where the arm is and how it moves, in order."""
+    return [event for event in rig.events if event["event"] in ("moving", "stopping", "still")]
+
+
+def assert_stopped(rig: Emulated, fault: dict, lifted: bool) -> None:
+    """The arm went no deeper than the step under way, and stands: above the skin where lifted."""
+    depths = [1e3 * (SURFACE_M - e["pose"][2]) for e in motions(rig) if e["t"] > fault["t"]]
+    assert max(depths, default=0.0) <= fault["now"]["depth_mm"] + STEP_MM + 0.05
+    last = motions(rig)[-1]
+    assert last["velocity"] == [0.0] * 6
+    if lifted:
+        assert last["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
+    assert max(event.get("largest_N", 0.0) for event in rig.events) < HARD_N
+    assert_kept_every_rule(rig)
+
+
+def assert_stands(rig: Emulated) -> None:
+    """Once both of the driver's connections have ended, the arm stands."""
+    while len(rig.named("rtde gone")) < len(rig.named("rtde connected")):
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            raise AssertionError(f"the emulator ended: {rig.process.wait(LOOK_S)}")
+    assert motions(rig)[-1]["velocity"] == [0.0] * 6
+
+
+def assert_kept_every_rule(rig: Emulated) -> None:
+    """The emulator saw no rule broken; what the library sends while it reconnects after a reset,
+    for recipes that were never set up, is none of the driver's."""
+    reset = any(fault["fault"] == "rtde_reset" for fault in rig.named("fault"))
+    broken = [v["rule"] for v in rig.named("violation")]
+    assert [rule for rule in broken if not (reset and rule == "RTDE protocol")] == []
+
+
+def test_three_contacts(rig):
+    code, said = capture(rig)
+    assert code == 0, said
+    assert_kept_every_rule(rig)
+    recorded = recording.read(rig.folder / "it.parquet")
+    frames = recorded.frames
+    assert recorded.metadata["source"] == "emulated rig"
+    assert frames["contact"].dropna().unique().tolist() == [0, 1, 2]
+    assert (frames[~frames["touch"]]["note_phase"] == "untouched").all()
+    assert (~frames["touch"]).sum() == 6
+    last = frames[frames["touch"]].groupby("contact")["force_N"].last()
+    assert (last >= 2.0).all()
+    manifest = json.loads((rig.folder / "it.manifest.json").read_text())
+    assert manifest["source"] == "emulated rig"
+    assert manifest["ends"] == {"target": 3}
+    assert manifest["runs"][0]["robot"]["emulated"]
+
+
+def test_every_frame_began_after_the_arm_had_settled(rig):
+    code, said = capture(rig)
+    assert code == 0, said
+    printed = rig.named("frame")
+    for frame in (r for r in records(rig) if r["kind"] == "frame"):
+        measured = [f for f in printed if f["ended"] <= frame["end_s"]][-1]
+        assert measured["began"] >= frame["settled_s"]
+        assert measured["force_N"] == pytest.approx(frame["force_N"], abs=0.05)
+        still = [e for e in rig.events if e["event"] in ("moving", "still")]
+        before = [e for e in still if e["t"] <= measured["ended"]]
+        assert not before or before[-1]["event"] == "still"
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        ("load_cell_silent", "load cell silent"),
+        ("load_cell_nan", "load cell rejects"),
+        ("load_cell_frozen", "load cell frozen"),
+        ("load_cell_spike", "force jump"),  # a running mean of four makes 30 N 7.5
+        ("load_cell_reset", "load cell restart"),
+        ("load_cell_unplugged", "load cell lost"),
+        ("board_silent", "late"),
+        ("board_unplugged", "board lost"),
+    ],
+)
+def test_a_device_that_fails_in_a_press(rig, fault, reason):
+    rig.begin(fault=fault, contact=1, depth_mm=0.8)
+    code, said = capture(rig)
+    assert (code, stop_reason(rig)) == (FAULT, reason), said
+    assert said.strip().endswith("; lifted off")
+    assert_stopped(rig, rig.named("fault")[0], lifted=True)
+
+
+@pytest.mark.parametrize(
+    ("fault", "reasons", "lifted"),
+    [
+        ("rtde_stalled", {"robot clock"}, False),
+        ("rtde_reset", {"robot lost", "robot clock"}, False),
+        ("protective_stop", {"robot safety", "robot program"}, False),
+        ("emergency_stop", {"robot safety", "robot program", "robot mode"}, False),
+        ("program_killed", {"robot program"}, True),
+    ],
+)
+def test_a_robot_that_fails_in_a_press(rig, fault, reasons, lifted):
+    rig.begin(fault=fault, contact=1, depth_mm=0.8, moving=True)
+    code, said = capture(rig)
+    assert code == FAULT, said
+    assert stop_reason(rig) in reasons
+    assert_stopped(rig, rig.named("fault")[0], lifted)
+    assert ("lift by hand" in said) == (not lifted)
+
+
+def test_a_program_that_ends_while_the_arm_stands_is_started_again_to_lift(rig):
+    rig.begin(fault="program_killed", contact=1, depth_mm=0.8, moving=False)
+    code, said = capture(rig)
+    assert (code, stop_reason(rig)) == (FAULT, "robot program"), said
+    assert said.strip().endswith("; lifted off")
+    assert_stopped(rig, rig.named("fault")[0], lifted=True)
+
+
+@pytest.mark.parametrize("fault", ["load_cell_offset", "load_cell_drift"])
+def test_a_load_cell_whose_zero_moves(rig, fault):
+    rig.begin(fault=fault, contact=1, depth_mm=0.8)
+    code, said = capture(rig)
+    assert (code, stop_reason(rig)) == (FAULT, "load cell zero"), said
+    assert rig.named("touched")[-1]["contact"] == 1
+    assert rig.named("still")[-1]["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
+    assert_kept_every_rule(rig)
+
+
+def test_lines_that_are_no_frames_are_counted_kept_and_never_used(rig):
+    faults = ("short", "long", "joined", "garbled", "driven", "duplicated")
+    for place, fault in enumerate(faults):  # two in each contact, at its first and second step
+        rig.begin(fault=f"board_{fault}", contact=1 + place // 2, depth_mm=0.9 + place % 2)
+    code, said = capture(rig)
+    assert code == 0, said
+    rejects = [r["reason"] for r in records(rig) if r["kind"] == "reject"]
+    assert len(rejects) == 5  # of the duplicated line both are whole, and neither is used
+    assert {"count", "driven pair"} <= set(rejects)
+    assert len(recording.read(rig.folder / "it.parquet").frames) == sum(
+        r["kind"] == "frame" for r in records(rig)
+    )
+
+
+@pytest.mark.parametrize("fault", ["rtde_mute", "rtde_refused", "rtde_in_use"])
+def test_a_robot_that_cannot_be_had_is_one_message_and_nothing_moves(rig, fault):
+    rig.begin(fault=fault)
+    code, said = capture(rig)
+    assert code == 1
+    assert said.count("\n") == 1
+    assert "robot" in said
+    assert rig.named("moveL") == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_and_lifts(rig, number):
+    process = begun(rig)
+    wait_for(rig, process, "touched")
+    process.send_signal(number)
+    code, said = ended(process)
+    assert code == 128 + number, said
+    assert stop_reason(rig) == "signal"
+    assert rig.named("still")[-1]["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
+    assert_kept_every_rule(rig)
+
+
+def test_a_killed_host_leaves_an_arm_that_stands_and_a_journal_that_goes_on(rig):
+    process = begun(rig)
+    wait_for(rig, process, "touched", count=2)
+    process.kill()
+    ended(process)
+    assert_stands(rig)
+    code, said = capture(rig, "resume")
+    assert code == 0, said
+    assert_kept_every_rule(rig)
+    ends = [r["contact"] for r in records(rig) if r["kind"] == "end"]
+    assert ends == [0, 1, 2]
+    frames = recording.read(rig.folder / "it.parquet").frames
+    pressed = frames[frames["touch"]].groupby("contact")["depth_mm"]
+    assert (pressed.count() == pressed.nunique()).all()
+
+
+def worker_of(process: subprocess.Popen) -> int:
+    """The process that holds the robot's library."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    for child in map(int, children):
+        if b"robot_worker" in Path(f"/proc/{child}/cmdline").read_bytes():
+            return child
+    raise AssertionError(f"no worker among {children}")
+
+
+def test_a_worker_that_dies_in_a_press_leaves_an_arm_that_stands(rig):
+    process = begun(rig)
+    wait_for(rig, process, "touched")
+    os.kill(worker_of(process), signal.SIGKILL)
+    code, said = ended(process)
+    assert (code, stop_reason(rig)) == (FAULT, "robot lost"), said
+    assert "lift by hand" in said
+    assert_stands(rig)
+    assert_kept_every_rule(rig)
+
+
+def test_a_host_that_hangs_in_a_move_leaves_an_arm_that_stands(rig):
+    process = begun(rig)
+    wait_for(rig, process, "moving", count=2)  # the search, at 2 mm/s
+    process.send_signal(signal.SIGSTOP)
+    wait_for(rig, process, "stopL")
+    wait_for(rig, process, "still", count=2)
+    process.send_signal(signal.SIGCONT)
+    code, said = ended(process)
+    assert code == FAULT, said
+    assert_kept_every_rule(rig)
+
+
+def test_another_robot_another_load_cell_and_probes_that_a_command_changes(tmp_path):
+    with emulated_rig(tmp_path, "e", profile="openscale", baud=9600) as rig:
+        rig.config["plan"] |= {"angles": 1, "probes_mm": [7.0, 15.0], "untouched_frames": 1}
+        code, said = capture(rig)
+        assert code == 0, said
+        assert_kept_every_rule(rig)
+        assert [touched["probe_mm"] for touched in rig.named("touched")] == [7.0, 15.0]
+        frames = recording.read(rig.folder / "it.parquet").frames
+        assert frames["probe_mm"].dropna().unique().tolist() == [7.0, 15.0]
+
+
+def test_probes_that_a_person_changes_end_a_run_above_the_skin(rig):
+    rig.config["plan"] |= {"angles": 1, "probes_mm": [10.0, 15.0], "untouched_frames": 1}
+    rig.config["probe_change"] = None
+    code, said = capture(rig)
+    assert (code, rig.named("moveL")) == (1, []), said
+    assert "expected the probe of 10 mm" in said
+    code, said = capture(rig, "run", "--probe", "10")
+    assert code == 3, said
+    assert "mount the probe of 15 mm" in said
+    assert rig.named("still")[-1]["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
+    (rig.folder / "probe_mm").write_text("15")
+    code, said = capture(rig, "resume", "--probe", "15")
+    assert code == 0, said
+    assert [touched["probe_mm"] for touched in rig.named("touched")] == [10.0, 15.0]
+    assert_kept_every_rule(rig)
+
+
+def test_a_resumed_plan_must_be_the_one_that_was_begun(rig):
+    rig.config["plan"] |= {"angles": 1, "untouched_frames": 1}
+    assert capture(rig)[0] == 0
+    rig.config["plan"]["step_mm"] = 0.5
+    code, said = capture(rig, "resume")
+    assert code == 1
+    assert "found another rig or plan" in said
+
+
+def test_a_real_rig_is_no_emulated_one_and_the_other_way_round(rig):
+    rig.config["emulated"] = False
+    code, said = capture(rig)
+    assert (code, rig.named("moveL")) == (1, [])
+    assert "not what the configuration says, real" in said
+
+
+def test_check_says_what_is_there_and_moves_nothing(rig):
+    process = begun(rig, "check")
+    code, said = ended(process)
+    assert code == 0, said
+    assert [line[:4] for line in said.splitlines()] == ["ok  "] * 4
+    rig.begin(fault="board_silent")
+    rig.begin(fault="load_cell_nan")
+    rig.begin(fault="emergency_stop")
+    code, said = ended(begun(rig, "check"))
+    assert code == 2, said
+    found = dict(line.split(": ", 1) for line in said.splitlines())
+    assert "an emergency stop" in found["NOT robot"]
+    assert found["NOT load cell"].startswith("0 readings in 5 s")
+    assert "b'nan" in found["NOT load cell"]
+    assert found["NOT board"].startswith("0 frames in 5 s")
+    assert rig.named("moveL") == []

@@ -1,0 +1,142 @@
+"""The journal: what is in it is on the disk, what was cut short is left out, nothing else is."""
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eitskin.capture import journal
+from eitskin.capture.journal import Journal, Writer, finished_frames
+from eitskin.errors import InputError
+
+HEAD = {"kind": "capture"}
+
+
+def contact(number: int, attempt: int = 0, frames: int = 2) -> list[dict]:
+    about = {"contact": number, "attempt": attempt}
+    taken = [{"kind": "frame", **about, "step": step} for step in range(frames)]
+    return [{"kind": "begin", **about}, *taken, {"kind": "end", **about}]
+
+
+def written(path, *records: dict) -> None:
+    journal.begin(path, HEAD)
+    writer = Writer(path, journal.read(path))
+    writer.append(*records)
+    writer.close()
+
+
+def test_what_is_written_is_read(tmp_path):
+    path = tmp_path / "deep" / "j.jsonl"
+    written(path, *contact(0))
+    found = journal.read(path)
+    assert [r["kind"] for r in found.records] == ["capture", "begin", "frame", "frame", "end"]
+    assert [r["number"] for r in found.records] == [0, 1, 2, 3, 4]
+    assert found.length == path.stat().st_size
+
+
+def test_going_on_appends(tmp_path):
+    path = tmp_path / "j.jsonl"
+    written(path, *contact(0))
+    writer = Writer(path, journal.read(path))
+    writer.append({"kind": "begin", "contact": 1, "attempt": 0})
+    writer.close()
+    assert [r["number"] for r in journal.read(path).records] == [0, 1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize("tail", [b'{"number": 5, "ki', b"\x00" * 4096, b"{}", b'{"number": 5}\n'])
+def test_what_a_loss_of_power_cut_short_is_left_out_and_then_taken_off(tmp_path, tail):
+    path = tmp_path / "j.jsonl"
+    written(path, *contact(0))
+    whole = path.read_bytes()
+    path.write_bytes(whole + tail)
+    found = journal.read(path)
+    assert (len(found.records), found.length) == (5, len(whole))
+    writer = Writer(path, found)
+    writer.append({"kind": "done"})
+    writer.close()
+    assert path.read_bytes().startswith(whole)
+    assert [r["kind"] for r in journal.read(path).records][-2:] == ["end", "done"]
+
+
+@given(st.data())
+def test_cut_anywhere_it_holds_every_whole_line_and_goes_on_with_the_first_unfinished(data):
+    records = [HEAD, *contact(0), *contact(1), *contact(2)]
+    lines = [json.dumps({"number": k, **r}).encode() + b"\n" for k, r in enumerate(records)]
+    text = b"".join(lines)
+    cut = data.draw(st.integers(len(lines[0]), len(text)))
+    found = _parsed(text[:cut])
+    whole = text[:cut].count(b"\n")
+    assert [r["number"] for r in found.records] == list(range(whole))
+    ended = sum(r["kind"] == "end" for r in records[:whole])
+    assert found.first_unfinished(3) == ended
+    # Redone from its start, nothing of a contact is lost or doubled.
+    again = [r for k in range(ended, 3) for r in contact(k, found.attempts(k))]
+    frames = finished_frames([*found.records, *again])
+    assert [(f["contact"], f["step"]) for f in frames] == [(k, s) for k in range(3) for s in (0, 1)]
+
+
+def _parsed(data: bytes) -> Journal:
+    import tempfile
+    from pathlib import Path
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "j.jsonl"
+        path.write_bytes(data)
+        return journal.read(path)
+
+
+def test_a_contact_that_was_redone_counts_once(tmp_path):
+    broken = contact(0)[:-1]
+    records = [HEAD, *broken, *contact(0, attempt=1, frames=3)]
+    assert [f["attempt"] for f in finished_frames(records)] == [1, 1, 1]
+
+
+def test_a_broken_line_with_others_behind_it_is_refused(tmp_path):
+    path = tmp_path / "j.jsonl"
+    written(path, *contact(0))
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join([*lines[:2], lines[2][:10] + b"\n", *lines[3:]]))
+    with pytest.raises(InputError, match="line 3: found b'"):
+        journal.read(path)
+
+
+def test_a_missing_record_is_refused(tmp_path):
+    path = tmp_path / "j.jsonl"
+    written(path, *contact(0))
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join([*lines[:2], *lines[3:]]))
+    with pytest.raises(InputError, match="line 3: found record 3, expected record 2"):
+        journal.read(path)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\n", b"hello\nworld\n", b'{"number": 0, "kind": "x"}\n']
+)
+def test_what_is_no_journal_is_refused(tmp_path, content):
+    path = tmp_path / "j.jsonl"
+    path.write_bytes(content)
+    with pytest.raises(InputError):
+        journal.read(path)
+
+
+def test_a_journal_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(InputError, match="No such file"):
+        journal.read(tmp_path / "none")
+
+
+def test_a_new_journal_does_not_overwrite(tmp_path):
+    path = tmp_path / "j.jsonl"
+    written(path)
+    with pytest.raises(InputError, match="resume"):
+        journal.begin(path, HEAD)
+    assert [file.name for file in tmp_path.iterdir()] == ["j.jsonl"]
+
+
+def test_one_capture_at_a_time(tmp_path):
+    path = tmp_path / "j.jsonl"
+    written(path)
+    writer = Writer(path, journal.read(path))
+    with pytest.raises(InputError, match="another capture's lock"):
+        Writer(path, journal.read(path))
+    writer.close()

@@ -1,0 +1,106 @@
+"""A rig's configuration, the mapping `rig` of a YAML file, refused in one line if it is wrong."""
+
+import math
+from pathlib import Path
+
+import yaml
+
+from eitskin.capture.interlock import Limits
+from eitskin.capture.plan import places
+from eitskin.capture.wire import BOARDS
+from eitskin.configuration import Validator, dotted, explained
+from eitskin.errors import InputError
+from eitskin.skin import Skin
+
+SCHEMA = Path(__file__).parents[2] / "schemas" / "rig.schema.yaml"
+
+
+def read(path: str | Path) -> dict:
+    """The rig of a YAML file; raises InputError for one that cannot be driven safely."""
+    try:
+        document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(path, "file", reason, "a rig's configuration, YAML") from error
+    if not isinstance(document, dict) or "rig" not in document:
+        raise InputError(path, "rig", "nothing", "the mapping of a rig")
+    validate(document["rig"], path)
+    return document["rig"]
+
+
+def validate(rig: object, file: str | Path) -> None:
+    """Raise InputError, with `file` as its place, for a rig against its schema or one whose plan
+    leaves its box, whose limits leave no way to stop, or whose skin does not suit its board."""
+    schema = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
+    errors = sorted(Validator(schema).iter_errors(rig), key=lambda error: len(error.absolute_path))
+    if errors:
+        place, found, expected = explained(errors[0])
+        raise InputError(file, dotted(["rig", *place]), found, expected)
+    skin = believed_skin(rig, file)
+    n = BOARDS[rig["board"]["profile"]].n_electrodes
+    if skin.electrode_deg is not None and len(skin.electrode_deg) != n:
+        found = f"{len(skin.electrode_deg)} electrodes"
+        raise InputError(file, "rig.skin.electrode_deg", found, f"{n}, as the board has")
+    if rig["board"]["frame_s"] > rig["board"]["period_s"]:
+        expected = f"at most period_s, {rig['board']['period_s']}"
+        raise InputError(file, "rig.board.frame_s", rig["board"]["frame_s"], expected)
+    _check_forces(rig, file)
+    _check_box(rig, file)
+
+
+def believed_skin(rig: dict, file: str | Path = "rig") -> Skin:
+    """The skin that a recording's metadata will state."""
+    believed = {key: value for key, value in rig["skin"].items() if key != "id"}
+    return Skin.from_metadata(believed, f"{file}: rig")
+
+
+def limits(rig: dict) -> Limits:
+    """The limits as the interlock takes them."""
+    return Limits(**rig["limits"])
+
+
+def _check_forces(rig: dict, file: str | Path) -> None:
+    """Refuse forces and speeds at which the robot cannot be stopped before the hard limit."""
+    limits, plan, motion = rig["limits"], rig["plan"], rig["motion"]
+    low, high = plan["target_N"]
+    if not low <= high < limits["soft_N"]:
+        expected = f"two forces in order, below limits.soft_N, {limits['soft_N']}"
+        raise InputError(file, "rig.plan.target_N", [low, high], expected)
+    if not plan["touch_N"] < low:
+        raise InputError(file, "rig.plan.touch_N", plan["touch_N"], f"less than {low}, a target")
+    speed = max(motion["press_m_s"], motion["search_m_s"])
+    unseen_N = speed * 1e3 * limits["latency_s"] * limits["stiffness_N_per_mm"]
+    margin_N = limits["hard_N"] - limits["soft_N"]
+    if unseen_N > margin_N * (1.0 + 1e-9):
+        found = f"{speed} m/s: the force grows by {unseen_N:g} N before it is read"
+        expected = f"at most {margin_N:g} N, from soft_N to hard_N"
+        raise InputError(file, "rig.motion", found, expected)
+    step_N = plan["step_mm"] * limits["stiffness_N_per_mm"]
+    if high + step_N >= limits["hard_N"]:
+        found = f"{plan['step_mm']} mm, up to {step_N:g} N more"
+        expected = f"a step from {high} N that stays below hard_N, {limits['hard_N']}"
+        raise InputError(file, "rig.plan.step_mm", found, expected)
+
+
+def _check_box(rig: dict, file: str | Path) -> None:
+    """Refuse a plan of which a place, hovering or as deep as allowed, is outside the box."""
+    box, centre, plan = rig["pose"]["box_m"], rig["pose"]["centre"], rig["plan"]
+    for axis, (low, high) in zip("xyz", box, strict=True):
+        if not low < high:
+            place = f"rig.pose.box_m, {axis}"
+            raise InputError(file, place, [low, high], "the smaller value first")
+    if not math.isclose(math.pi, math.hypot(*centre[3:]), abs_tol=0.2):
+        found = f"a tool turned by {math.hypot(*centre[3:]):.3f} rad"
+        raise InputError(file, "rig.pose.centre", found, "about π rad: the probe points down")
+    grid = places(plan)
+    for axis, start, offset in (("x", centre[0], grid["x_mm"]), ("y", centre[1], grid["y_mm"])):
+        low, high = box["xyz".index(axis)]
+        reached = start + 1e-3 * offset
+        if reached.min() < low or reached.max() > high:
+            found = f"places from {reached.min():.4f} to {reached.max():.4f} m"
+            raise InputError(file, f"rig.pose.box_m, {axis}", [low, high], f"more than {found}")
+    low, high = box[2]
+    if not low < centre[2] - 1e-3 * plan["search_mm"] or not centre[2] <= high:
+        found = f"{low} to {high} m"
+        expected = f"{plan['search_mm']} mm below the centre's {centre[2]} m, and it, to lie within"
+        raise InputError(file, "rig.pose.box_m, z", found, expected)

@@ -1,0 +1,375 @@
+"""The devices together: every wait watches every interlock, and every fault stops the arm first."""
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TypeVar
+
+import numpy as np
+
+from eitskin.capture import interlock
+from eitskin.capture.configuration import limits
+from eitskin.capture.interlock import State, Stop
+from eitskin.capture.lines import Line, Port, began_after
+from eitskin.capture.robot import Robot, RobotError
+from eitskin.capture.wire import BOARDS, Reject, Restart, measured
+
+Found = TypeVar("Found")
+
+LOOK_S = 0.005  # from one look at everything to the next, at most
+ARRIVED_M = 2e-4
+ARRIVAL_MARGIN_S = 3.0
+SLOWEST_CLOCK = 4.0  # host's seconds in one of the robot's
+ANSWER_S = 5.0
+RELOADED_S = 10.0
+FRAMES_WAITED = 12  # board periods in which a good frame must come
+KEPT_FORCES = 65536
+
+
+class Fault(Exception):
+    """The arm must stop; `reason` is a word to count by, the text is for a person."""
+
+    def __init__(self, stop: Stop):
+        super().__init__(stop.message)
+        self.reason = stop.reason
+
+
+class Interrupted(Exception):
+    """A signal asked for the end; `signal` is its number."""
+
+    def __init__(self, signal: int):
+        super().__init__(f"signal {signal}")
+        self.signal = signal
+
+
+@dataclass(frozen=True)
+class Force:
+    """The load cell during a frame: median, largest minus smallest, drift from the first half's
+    mean to the second's (N), and how many readings."""
+
+    median_N: float
+    spread_N: float
+    drift_N: float
+    readings: int
+
+
+class Rig:
+    """Robot, load cell and board of a configuration, open. Whoever opened them closes them.
+
+    Before `listen` it has a robot alone, which may only retreat.
+    """
+
+    def __init__(
+        self,
+        config: dict,
+        robot: Robot,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        self.config, self.robot = config, robot
+        self._load: Port | None = None
+        self._board: Port | None = None
+        self.signal: int | None = None  # set by a signal's handler
+        self.zero_N = 0.0  # what the untouched load cell reads
+        self._clock = clock
+        self._limits = limits(config)
+        self._box = tuple(tuple(side) for side in config["pose"]["box_m"])
+        self._profile = BOARDS[config["board"]["profile"]]
+        self._forces: deque[tuple[float, float]] = deque(maxlen=KEPT_FORCES)
+        self._load_number = self._board_number = 0
+        self._load_rejects = self._load_restarts = self._frozen = self._board_rejects = 0
+        self._rejects: list[dict] = []
+        self._jump_N = 0.0
+        self._retreat_from_N: float | None = None
+
+    def listen(self, load: Port, board: Port) -> None:
+        """Take the load cell and the board, all their lines from the first on."""
+        self._load, self._board = load, board
+
+    # Watching
+
+    def watch(self, until: Callable[[], Found | None], timeout_s: float, what: str) -> Found:
+        """Wait for `until` to give something, with an eye on everything.
+
+        Raises Fault for whatever the interlocks forbid and where `what` takes longer than
+        `timeout_s`, and Interrupted after a signal (not in a retreat).
+        """
+        end_s = self._clock() + timeout_s
+        while True:
+            self.robot.alive()
+            stop = interlock.judge(self._look(), self._limits, self._box)
+            if stop is not None:
+                raise Fault(stop)
+            if self.signal is not None and self._retreat_from_N is None:
+                raise Interrupted(self.signal)
+            found = until()
+            if found is not None:
+                return found
+            if self._clock() > end_s:
+                raise Fault(Stop("late", f"{what} took longer than {timeout_s:.1f} s"))
+            self.robot.wait(LOOK_S)
+
+    def _look(self) -> State:
+        if self._load is not None:
+            self._read_load()
+        if self._board is not None:
+            self._read_board()
+        state = self.robot.state
+        force_s, force_N = self._forces[-1] if self._forces else (-math.inf, math.nan)
+        jump_N, self._jump_N = self._jump_N, 0.0
+        return State(
+            now_s=self._clock(),
+            force_N=force_N,
+            zero_N=self.zero_N,
+            force_s=force_s,
+            jump_N=jump_N,
+            load_rejects=self._load_rejects,
+            frozen_readings=self._frozen,
+            load_restarts=self._load_restarts,
+            load_lost="not open" if self._load is None else self._load.lost,
+            robot_lost=self.robot.lost,
+            robot_clock_s=self.robot.clock_s,
+            robot_mode=state.robot_mode,
+            safety_mode=state.safety_mode,
+            safety_bits=state.safety_bits,
+            runtime_state=state.runtime_state,
+            pose_m=state.pose[:3],
+            retreat_from_N=self._retreat_from_N,
+        )
+
+    def _read_load(self) -> None:
+        for line in self._load.since(self._load_number):
+            self._load_number = line.number
+            if isinstance(line.value, Restart):
+                # The greeting of a cell that our opening of the port has restarted is no fault.
+                self._load_restarts += bool(self._forces)
+            elif isinstance(line.value, Reject):
+                self._load_rejects += 1
+                self._keep_reject("load cell", line)
+            else:
+                self._load_rejects = 0
+                if self._forces:
+                    before_N = self._forces[-1][1]
+                    self._jump_N = max(self._jump_N, abs(line.value - before_N))
+                    self._frozen = self._frozen + 1 if line.value == before_N else 1
+                self._forces.append((line.end_s, line.value))
+
+    def _read_board(self) -> None:
+        for line in self._board.since(self._board_number):
+            self._board_number = line.number
+            if isinstance(line.value, Reject):
+                self._board_rejects += 1
+                self._keep_reject("board", line)
+            else:
+                self._board_rejects = 0
+
+    def _keep_reject(self, port: str, line: Line) -> None:
+        self._rejects.append(
+            {
+                "kind": "reject",
+                "port": port,
+                "reason": line.value.reason,
+                "detail": line.value.detail,
+                "raw": line.raw.decode("latin-1"),
+                "end_s": line.end_s,
+            }
+        )
+
+    def take_rejects(self) -> list[dict]:
+        """The rejected lines since the last call, as records of the journal."""
+        taken, self._rejects = self._rejects, []
+        return taken
+
+    @property
+    def force_N(self) -> float:
+        """The last reading less the untouched cell's."""
+        return self._forces[-1][1] - self.zero_N
+
+    @property
+    def last_force_N(self) -> float | None:
+        """The last reading as it came; None before the first."""
+        return self._forces[-1][1] if self._forces else None
+
+    def touches(self, force_N: float) -> bool:
+        """Whether the last two readings reach a force: one alone may be a spike."""
+        if len(self._forces) < 2:
+            return False
+        return min(self._forces[-1][1], self._forces[-2][1]) - self.zero_N >= force_N
+
+    # Moving
+
+    @property
+    def position_m(self) -> tuple[float, float, float]:
+        """Where the TCP is (x, y, z in the base)."""
+        return self.robot.state.pose[:3]
+
+    def move(
+        self,
+        position_m: tuple[float, float, float],
+        speed_m_s: float,
+        acceleration_m_s2: float,
+        until: Callable[[], bool] | None = None,
+    ) -> bool:
+        """Move straight to a position, the tool as at the centre; whether it got there.
+
+        Where `until` becomes true on the way the arm is stopped there. Raises Fault and
+        Interrupted as `watch`, and RobotError where the robot refuses.
+        """
+        pose = [*position_m, *self.config["pose"]["centre"][3:]]
+        distance_m = math.dist(position_m, self.position_m)
+        if distance_m <= ARRIVED_M and self.robot.state.still:
+            return True
+        request = self.robot.request(
+            "move", pose=pose, speed=speed_m_s, acceleration=acceleration_m_s2
+        )
+        self.watch(lambda: self.robot.answer(request) or None, ANSWER_S, "the robot's answer")
+        since_s, began = self._clock(), self.robot.state.timestamp_s
+        longest_s = distance_m / speed_m_s + 2.0 * speed_m_s / acceleration_m_s2
+        longest_s += ARRIVAL_MARGIN_S
+
+        def ended() -> bool | None:
+            if until is not None and until():
+                return False
+            state = self.robot.state
+            if state.timestamp_s - began > longest_s:  # by the robot's clock, which is watched
+                said = f"a move took longer than {longest_s:.1f} s"
+                raise Fault(Stop("late", said))
+            if state.host_s <= since_s or not state.still:
+                return None
+            return True if math.dist(position_m, state.pose[:3]) <= ARRIVED_M else None
+
+        arrived = self.watch(ended, SLOWEST_CLOCK * longest_s, "a move")
+        if not arrived:
+            self.robot.stop(self.config["motion"]["stop_m_s2"])
+        return arrived
+
+    @property
+    def hovers(self) -> bool:
+        """Whether the probe is as high as above the centre, or higher."""
+        return self.position_m[2] >= self.config["pose"]["centre"][2] - ARRIVED_M
+
+    def stop_and_retreat(self) -> list[str]:
+        """Stop the arm by whatever way works, then lift the probe straight to the centre's height
+        if the robot still can; what was done, for a person. Never raises for a device."""
+        done = []
+        try:
+            way = self.robot.stop(self.config["motion"]["stop_m_s2"])
+            done.append(f"stopped by {way}")
+            if self.hovers:
+                return done
+            self._retreat_from_N = abs(self._forces[-1][1]) if self._forces else math.nan
+            if way != "stopL" or self.robot.state.runtime_state != interlock.PLAYING:
+                self._reupload()
+            motion, (x, y, _) = self.config["motion"], self.position_m
+            height_m = self.config["pose"]["centre"][2]
+            self.move((x, y, height_m), motion["press_m_s"], motion["travel_m_s2"])
+            done.append("lifted off")
+        except RobotError as error:
+            done.append(f"NOT lifted off: {error}; use the emergency stop and lift by hand")
+        except Fault as fault:
+            way = self._stop_again()
+            done.append(f"NOT lifted off: {fault}; {way}; lift by hand")
+        finally:
+            self._retreat_from_N = None
+        return done
+
+    def _stop_again(self) -> str:
+        try:
+            return f"stopped by {self.robot.stop(self.config['motion']['stop_m_s2'])}"
+        except RobotError as error:
+            return f"{error}; use the emergency stop"
+
+    def _reupload(self) -> None:
+        """Start the robot's program again after it was stopped, and wait for news of it."""
+        if self.robot.state.safety_mode != interlock.NORMAL_SAFETY:
+            raise RobotError("its safety system holds it")
+        request = self.robot.request("reupload")
+        self._await(lambda: self.robot.answer(request))
+        answered_s = self._clock()
+        self._await(lambda: self.robot.clock_s > answered_s)
+
+    def _await(self, done: Callable[[], bool]) -> None:
+        """Wait for an arm that has no program and cannot move."""
+        end_s = self._clock() + RELOADED_S
+        while not done():
+            if self.robot.lost is not None or self._clock() > end_s:
+                raise RobotError(self.robot.lost or "its program does not start again")
+            self.robot.alive()
+            self.robot.wait(LOOK_S)
+
+    # Sampling
+
+    def wait(self, seconds: float) -> None:
+        """Stand still and watch."""
+        end_s = self._clock() + seconds
+        self.watch(lambda: self._clock() >= end_s or None, seconds + 1.0, "a wait")
+
+    def frame(self, settle_s: float) -> dict:
+        """Settle, then the next frame that began after that, as a record of the journal: the raw
+        line, the force and the robot while it was measured, its quality. Raises as `watch`.
+        """
+        self.wait(settle_s)
+        settled_s, rejected = self._clock(), len(self._rejects)
+        board = self.config["board"]
+        seen = [self._board_number]
+
+        def next_frame() -> Line | None:
+            if self._board.lost is not None:
+                raise Fault(Stop("board lost", f"the board's port is gone: {self._board.lost}"))
+            if self._board_rejects >= self._limits.rejects:
+                said = f"{self._board_rejects} lines in a row were no frame"
+                raise Fault(Stop("board rejects", f"the board cannot be read: {said}"))
+            for line in self._board.since(seen[0]):
+                seen[0] = line.number
+                whole = began_after(line, settled_s, board["period_s"])
+                if whole and self._force(line) is not None:
+                    return line
+            return None
+
+        longest_s = FRAMES_WAITED * board["period_s"] + 2.0
+        line = self.watch(next_frame, longest_s, "a frame of the board")
+        return self._record(line, settled_s, len(self._rejects) - rejected)
+
+    def _force(self, line: Line) -> Force | None:
+        """The force while a frame was measured; None where no reading came."""
+        during = np.array([N for s, N in self._forces if line.before_s <= s <= line.end_s])
+        if len(during) == 0:
+            return None
+        early, late = np.array_split(during, 2) if len(during) > 1 else (during, during)
+        return Force(
+            float(np.median(during)),
+            float(np.ptp(during)),
+            float(late.mean() - early.mean()),
+            len(during),
+        )
+
+    def _record(self, line: Line, settled_s: float, rejected: int) -> dict:
+        force = self._force(line)
+        first, last = self.robot.state_at(line.before_s), self.robot.state_at(line.end_s)
+        reading = line.value[measured(self._profile.n_electrodes)]
+        return {
+            "line": line.number,
+            "raw": line.raw.decode("ascii"),
+            "settled_s": settled_s,
+            "before_s": line.before_s,
+            "end_s": line.end_s,
+            "end_utc": self._utc(line.end_s),
+            "force_N": force.median_N,
+            "force_spread_N": force.spread_N,
+            "force_drift_N": force.drift_N,
+            "force_readings": force.readings,
+            "zero_N": self.zero_N,
+            "pose_before": list(first.pose),
+            "pose_end": list(last.pose),
+            "robot_before_s": first.timestamp_s,
+            "robot_end_s": last.timestamp_s,
+            "saturated": int((reading > self._profile.linear_V).sum()),
+            "rejected_before": rejected,
+        }
+
+    def _utc(self, moment_s: float) -> str:
+        """A moment of the host's monotonic clock as UTC."""
+        seconds = datetime.now(UTC).timestamp() - (self._clock() - moment_s)
+        return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="microseconds")

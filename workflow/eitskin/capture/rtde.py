@@ -1,0 +1,111 @@
+"""The robot's state by our own RTDE connection, before any library may move it.
+
+The library's constructors wait for ever for a controller that accepts and stays mute; here every
+read has a deadline. Wire format: Universal Robots, "Real-Time Data Exchange (RTDE) Guide".
+"""
+
+import contextlib
+import socket
+import struct
+from dataclasses import dataclass
+
+PORT = 30004
+TIMEOUT_S = 2.0
+PROTOCOL_VERSION = 2
+VERSION, CONTROLLER, OUTPUTS, START, TEXT, DATA = b"VvOSMU"
+HEADER = struct.Struct(">HB")
+VARIABLES = {
+    "timestamp": ("DOUBLE", "d"),
+    "actual_TCP_pose": ("VECTOR6D", "6d"),
+    "actual_TCP_speed": ("VECTOR6D", "6d"),
+    "robot_mode": ("INT32", "i"),
+    "safety_mode": ("INT32", "i"),
+    "safety_status_bits": ("UINT32", "I"),
+    "runtime_state": ("UINT32", "I"),
+}
+RATE_HZ = 10.0
+
+
+@dataclass(frozen=True)
+class RobotState:
+    """What a controller says of itself: version, and the last of two packages (base frame, m)."""
+
+    version: tuple[int, int, int, int]
+    timestamp_s: float
+    advanced_s: float  # of its clock, from the first package to the last
+    pose: tuple[float, ...]
+    speed: tuple[float, ...]
+    robot_mode: int
+    safety_mode: int
+    safety_bits: int
+    runtime_state: int
+
+
+class RtdeError(Exception):
+    """A controller that cannot be talked to; its text is for a person."""
+
+
+def pack(command: int, payload: bytes = b"") -> bytes:
+    """One RTDE package."""
+    return HEADER.pack(HEADER.size + len(payload), command) + payload
+
+
+def robot_state(host: str) -> RobotState:
+    """Ask the controller at `host`; raises RtdeError where it is absent, mute or unlike RTDE."""
+    try:
+        with socket.create_connection((host, PORT), timeout=TIMEOUT_S) as connection:
+            return _ask(connection)
+    except TimeoutError as error:
+        raise RtdeError(f"{host}:{PORT} did not answer within {TIMEOUT_S:g} s") from error
+    except (OSError, struct.error) as error:
+        raise RtdeError(f"{host}:{PORT}: {error}") from error
+
+
+def _ask(connection: socket.socket) -> RobotState:
+    stream = connection.makefile("rb")
+    with contextlib.closing(stream):
+        accepted = _reply(connection, stream, VERSION, struct.pack(">H", PROTOCOL_VERSION))
+        if accepted != b"\x01":
+            raise RtdeError("the controller refuses version 2 of RTDE")
+        version = struct.unpack(">4I", _reply(connection, stream, CONTROLLER))
+        names = ",".join(VARIABLES)
+        offered = _reply(connection, stream, OUTPUTS, struct.pack(">d", RATE_HZ) + names.encode())
+        wanted = ",".join(kind for kind, _ in VARIABLES.values())
+        if offered[1:].decode(errors="replace") != wanted:
+            raise RtdeError(f"the controller offers {offered[1:]!r} for {names}")
+        if _reply(connection, stream, START) != b"\x01":
+            raise RtdeError("the controller does not start sending its state")
+        first = _package(_next(stream, DATA))
+        last = _package(_next(stream, DATA))
+    pose, speed = last[1:7], last[7:13]
+    return RobotState(version, last[0], last[0] - first[0], pose, speed, *last[13:])
+
+
+def _package(payload: bytes) -> tuple:
+    layout = ">B" + "".join(code for _, code in VARIABLES.values())
+    return struct.unpack(layout, payload)[1:]
+
+
+def _reply(connection: socket.socket, stream, command: int, payload: bytes = b"") -> bytes:
+    connection.sendall(pack(command, payload))
+    return _next(stream, command)
+
+
+def _next(stream, command: int) -> bytes:
+    """The payload of the next package of one kind; messages for people are passed over."""
+    while True:
+        size, kind = HEADER.unpack(_exactly(stream, HEADER.size))
+        if size < HEADER.size:
+            raise RtdeError(f"a package of {size} bytes")
+        payload = _exactly(stream, size - HEADER.size)
+        if kind == command:
+            return payload
+        if kind not in (TEXT, DATA):
+            raise RtdeError(f"package {kind}, expected {command}")
+
+
+def _exactly(stream, size: int) -> bytes:
+    data = stream.read(size)
+    if len(data) < size:
+        raise RtdeError("the controller closed the connection")
+    return data
