@@ -1,4 +1,4 @@
-# make · make paper · make concealed · make concealed_final · make test · make lint · make real · make bench · make accuracy · make clean
+# make · make paper · make concealed · make concealed_final · make test · make rehearse · make lint · make real · make bench · make accuracy · make clean
 # Needs Python 3.11 or 3.12 (PYTHON=… picks one); after the installs nothing needs the network.
 
 BIN := .venv/bin
@@ -19,7 +19,7 @@ export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
 
 .DELETE_ON_ERROR:
-.PHONY: run paper concealed concealed_final test lint real bench accuracy clean
+.PHONY: run paper concealed concealed_final test rehearse lint real bench accuracy clean
 
 run: .venv/installed
 	@echo "eitskin: simulating, training and writing results/tables/table_1.csv on $(CORES) cores"
@@ -40,6 +40,10 @@ concealed_final: .venv/installed
 test: .venv/installed-test
 	@echo "eitskin: testing"
 	@$(BIN)/python -m pytest -n $(CORES) --dist loadgroup
+
+rehearse: .venv/installed-test
+	@echo "eitskin: rehearsing the rig's faults with the real ur_rtde, minutes; keep the machine free meanwhile"
+	@$(BIN)/python -m pytest -m rehearsal tests/rig
 
 lint: .venv/installed-test
 	@echo "eitskin: checking style"

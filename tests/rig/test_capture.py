@@ -22,7 +22,7 @@ from emulated_rig import CENTRE, CLEARANCE_M, HARD_N, Emulated, emulated_rig
 from eitskin import recording
 from eitskin.capture import journal
 
-pytestmark = pytest.mark.xdist_group("rig")  # one robot at a time keeps its clock
+pytestmark = pytest.mark.rehearsal
 
 FAULT, WAIT_S, LOOK_S = 4, 300, 0.05
 SURFACE_M, STEP_MM = CENTRE[2] - CLEARANCE_M, 1.0

@@ -13,6 +13,8 @@ from rigsim_process import CENTRE, client, emulator
 
 pytest.importorskip("rtde_control", reason="ur-rtde, of the extra rig, is not installed")
 
+pytestmark = pytest.mark.rehearsal
+
 DOWN = [*CENTRE[:2], CENTRE[2] - 0.010, *CENTRE[3:]]
 CONNECT = """
 r = rtde_receive.RTDEReceiveInterface(host)
