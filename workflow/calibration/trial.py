@@ -122,7 +122,10 @@ def candidate_of(candidates: list[Candidate], item: dict, scope: str) -> Candida
     def far(candidate: Candidate) -> float:
         return sum(abs(given.get(k, 0.0) - v) for k, v in candidate.start.items())
 
-    return min(own, key=far)
+    nearest = min(own, key=far)
+    neutral, skin = nearest.effect.neutral, nearest.skin
+    needed = {k: v for k, v in given.items() if v is not None and neutral(k, skin) is None}
+    return replace(nearest, start={**needed, **nearest.start})
 
 
 def file_of(folder: Path, kind: str, seed: int) -> Path:
