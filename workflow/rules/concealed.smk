@@ -1,18 +1,4 @@
-CONCEALED = config["concealed"]
-BLOCKS = CONCEALED["blocks"]
-PUBLIC, TRUTHS = "results/concealed", "results/truths"
 CODE = {name: fingerprint(f"concealed.{name}") for name in ("conceal", "verdicts")}
-
-
-def verdicts_of(wildcards):
-    """What a seal is over: verdict and baselines of every case of a block."""
-    return expand(
-        [
-            f"{PUBLIC}/{wildcards.block}/verdicts/{{case}}/diagnosis.json",
-            f"{PUBLIC}/{wildcards.block}/baselines/{{case}}.json",
-        ],
-        case=case_names(BLOCKS[wildcards.block]["cases"]),
-    )
 
 
 for block, part in BLOCKS.items():
@@ -116,7 +102,8 @@ rule commit_truths:
 
 rule seal_verdicts:
     input:
-        verdicts_of,
+        of_every_case("results/concealed/{block}/verdicts/{case}/diagnosis.json"),
+        of_every_case("results/concealed/{block}/baselines/{case}.json"),
         commitments="results/concealed/{block}/commitments.json",
     output:
         "results/concealed/{block}/seal.json",
@@ -145,11 +132,7 @@ rule open_truths:
         seal="results/concealed/{block}/seal.json",
         commitments="results/concealed/{block}/commitments.json",
         key="results/truths/{block}/key.json",
-        truths=lambda wildcards: expand(
-            "results/truths/{block}/{case}.sealed",
-            block=wildcards.block,
-            case=case_names(BLOCKS[wildcards.block]["cases"]),
-        ),
+        truths=of_every_case("results/truths/{block}/{case}.sealed"),
     output:
         "results/concealed/{block}/opened/opened.json",
     log:

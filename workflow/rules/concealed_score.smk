@@ -5,16 +5,6 @@ JUDGED = {
 }
 
 
-def of_every_case(template):
-    """An input function: one file of every case of a block."""
-
-    def files(wildcards):
-        names = case_names(BLOCKS[wildcards.block]["cases"])
-        return expand(template, block=wildcards.block, case=names)
-
-    return files
-
-
 for block, part in BLOCKS.items():
     for number, cases in enumerate(case_batches(part["cases"], CONCEALED["batch"])):
 
