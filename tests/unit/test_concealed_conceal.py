@@ -72,7 +72,7 @@ def blind(monkeypatch, kinds: Iterable[str], seeds: range):
         names = None if KINDS[kind] is None else list(KINDS[kind])
         for seed in seeds:
             with pytest.raises(Solved) as grounded:
-                draw(kind, seed, 40, names, Alike(20))
+                draw(kind, seed, 40, names=names, alike=Alike(20))
             drawn[kind].append((*seen.values(), grounded.value.args[0]))
     return drawn
 
