@@ -22,7 +22,7 @@ def house(finished, tmp_path):
 
 
 def plan(house):
-    """Inputs by output file, of all that the demo's opening needs; the rules of every block are made
+    """Inputs by output file, of all that the demo's opening needs; every block's rules are made
     by one loop, and only of files that are there are inputs told."""
     found = house.snakemake("--detailed-summary", "--", OPENED)
     assert found.returncode == 0, found.stderr
