@@ -8,8 +8,8 @@ import pytest
 from concealed import confusable, panel
 from concealed.naming import batches, names
 from concealed.panel import GAPS, Planned, numbers, plan
-from witness.cases import LAWS, together
-from witness.generators import GENERATORS
+from witness.cases import together
+from witness.generators import GENERATORS, LAWS
 from witness.outside import OUTSIDE
 from witness.strengths import DRAWN
 

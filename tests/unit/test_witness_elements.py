@@ -9,10 +9,10 @@ from eitskin.forward import channel_values
 from eitskin.protocol import channel_table
 from witness import boundary, elements
 from witness.boundary import Disc, Radial
-from witness.cases import LAWS, draw, names_of
+from witness.cases import draw, names_of
 from witness.curves import Shape
 from witness.elements import Fineness
-from witness.generators import GENERATORS
+from witness.generators import GENERATORS, LAWS
 from witness.strengths import DRAWN
 
 N, R_MM, WIDTH_MM = 16, 70.0, 6.0

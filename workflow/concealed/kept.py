@@ -6,6 +6,7 @@ import traceback
 from collections.abc import Callable
 from pathlib import Path
 
+from concealed.verdicts import same
 from eitskin.atomic import atomic_path
 
 
@@ -20,8 +21,7 @@ def stands(path: Path, made: dict, any_code: bool) -> bool:
     """Whether a result is there, of the same files and, unless any will do, by the same code."""
     if not path.is_file():
         return False
-    known = json.loads(path.read_text("utf-8"))["made"]
-    return known == ({**made, "code": known["code"]} if any_code else made)
+    return same(json.loads(path.read_text("utf-8"))["made"], made, any_code)
 
 
 def write(path: Path, made: dict, work: Callable[[], dict]) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 
 from concealed import confusable, planted, sealing
 from concealed.naming import names
-from witness.cases import LAWS, together
-from witness.generators import GENERATORS
+from witness.cases import together
+from witness.generators import GENERATORS, LAWS
 from witness.outside import OUTSIDE
 from witness.strengths import DRAWN
 

@@ -60,7 +60,11 @@ def _stands(folder: Path, made: dict, any_code: bool) -> bool:
     path = folder / MADE
     if not path.is_file() or not (folder / "diagnosis.json").is_file():
         return False
-    known = json.loads(path.read_text("utf-8"))
+    return same(json.loads(path.read_text("utf-8")), made, any_code)
+
+
+def same(known: dict, made: dict, any_code: bool) -> bool:
+    """Whether two results are of the same files and, unless any will do, by the same code."""
     return known == ({**made, "code": known["code"]} if any_code else made)
 
 

@@ -43,14 +43,17 @@ def collect(files: Files) -> pd.DataFrame:
         raise InputError("transfer", "files of runs", "none", "at least one")
     tables = []
     for keys, path in files:
-        text = {name: "" for name in ("method", "variable", "metric", "left_out")}
-        table = pd.read_csv(
-            path, keep_default_na=False, na_values={"value": ""}, dtype={name: str for name in text}
-        )
-        if list(table.columns) != list(RUNS):
-            raise InputError(path, "columns", list(table.columns), f"{list(RUNS)}")
-        tables.append(table.assign(**{key: keys[key] for key in KEYS}))
+        tables.append(read_runs(path).assign(**{key: keys[key] for key in KEYS}))
     return pd.concat(tables, ignore_index=True)
+
+
+def read_runs(path: str | Path) -> pd.DataFrame:
+    """The rows (`transfer.RUNS`) of a file. Raises InputError where it holds something else."""
+    text = dict.fromkeys(("method", "variable", "metric", "left_out"), str)
+    table = pd.read_csv(path, keep_default_na=False, na_values={"value": ""}, dtype=text)
+    if list(table.columns) != list(RUNS):
+        raise InputError(path, "columns", list(table.columns), f"{list(RUNS)}")
+    return table
 
 
 def summarise(runs: pd.DataFrame) -> pd.DataFrame:

@@ -11,6 +11,7 @@ from eitskin.dataset import UNITS
 from eitskin.errors import InputError
 from eitskin.metrics import interval
 from eitskin.transfer import METHODS, RUNS, TRAINED_FEW, ZERO_SHOT
+from eitskin.transfer_table import read_runs
 from loop.plan import AUTHORS, BELIEF, DIAGNOSIS, LABELS, SOURCES, TRUTH
 
 KEYS = ("case", "model", "source")
@@ -33,13 +34,7 @@ def collect(files: Files) -> pd.DataFrame:
     """
     if not files:
         raise InputError("loop", "files of runs", "none", "at least one")
-    tables = []
-    for keys, path in files:
-        text = {name: str for name in ("method", "variable", "metric", "left_out")}
-        table = pd.read_csv(path, keep_default_na=False, na_values={"value": ""}, dtype=text)
-        if list(table.columns) != list(RUNS):
-            raise InputError(path, "columns", list(table.columns), f"{list(RUNS)}")
-        tables.append(table.assign(**keys)[[*KEYS, *RUNS]])
+    tables = [read_runs(path).assign(**keys)[[*KEYS, *RUNS]] for keys, path in files]
     runs = pd.concat(tables, ignore_index=True)
     by = [*KEYS, "method", "draw", "seed", "labelled_frames", "metric", "left_out"]
     xy = runs[runs["variable"].isin(["x", "y"]) & runs["metric"].isin(["mae", "rmse"])]

@@ -22,9 +22,8 @@ from eitskin.errors import InputError
 from eitskin.protocol import channel_table
 from eitskin.skin import Skin
 from witness import outside, strengths
-from witness.generators import GENERATORS, Generator
+from witness.generators import GENERATORS, LAWS, Generator
 from witness.plan import Keep, query_frames, recording_frames
-from witness.unseen import UNSEEN
 from witness.world import World
 
 N_ELECTRODES = 16
@@ -51,7 +50,6 @@ APART_NAMES = (
     ("anisotropy", "conductivity-gradient", "indenter-grounding"),
     ("electrode-open", "electrode-swap"),
 )
-LAWS = outside.OUTSIDE | outside.OUTSIDE_SOLID | UNSEEN
 NEEDS = {"contact-impedance": "contact_impedivity_ohm_m2", "touch-contrast": "contrast_per_N"}
 
 

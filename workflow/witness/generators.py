@@ -18,6 +18,8 @@ Maker = Callable[
     [Shape, np.ndarray, np.ndarray, Depth | Solid | None, float | None, Resolution | None], object
 ]
 
+LAWS = OUTSIDE | OUTSIDE_SOLID | UNSEEN  # outside the catalogue, by name
+
 
 @dataclass(frozen=True)
 class Generator:
@@ -34,7 +36,7 @@ class Generator:
 
     def does(self, law: str) -> bool:
         """Whether it solves a law's skin."""
-        return law in {*DRAWN, *OUTSIDE, *OUTSIDE_SOLID, *UNSEEN} and law not in self.unable
+        return law in {*DRAWN, *LAWS} and law not in self.unable
 
     def can(self, kind: str) -> bool:
         """Whether `cases.draw` can draw a kind with it: null, pair, triple, single:<name> or
