@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eitskin.diagnose import diagnose
+from eitskin.diagnose import diagnose, search
 from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.corrected import items
 from eitskin.diagnose.fit import fit
@@ -202,3 +202,13 @@ def test_what_is_injected_is_what_was_planted(contact):
     assert np.sqrt(np.mean((corrected - voltage(recorded, [CONTACT])) ** 2)) < 0.5 * np.median(
         found.noise.sd
     )
+
+
+def test_a_search_that_has_spent_its_skins_ends_with_what_it_has(contact, monkeypatch):
+    monkeypatch.setattr(search, "MOST_SOLVED", 0)
+    found = diagnose.diagnose(contact[0])
+    assert found.search.path[-1]["action"] == "cut short"
+    assert contact[1].search.path[-1]["action"] != "cut short"
+    said = diagnose.result(found, "contact")
+    assert said["verdict"] == "unexplained" and said["effects"] == []
+    assert said["other"]["probability"] > 0.5

@@ -33,6 +33,8 @@ from eitskin.touch import Touch, TouchEdge, graded_panels
 PANEL_NODES = 10
 SHORTEST_PANEL = 1e-8
 MOST_TERMS = 10_000_000
+SHEET = 1e8  # operations of a body that take as long as a sheet that shares its outline
+TOUCHED_SHEET = 4e6  # elements of a body's matrix, that a touched place goes through in that time
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ def forward_model(
     heights = span(geometry)
     if heights is None:
         return Forward(geometry, accuracy, near)
-    return DepthForward(geometry, heights, accuracy)
+    return DepthForward(geometry, heights, accuracy, near=near)
 
 
 def legendre_overlap(order: int, lag: np.ndarray) -> np.ndarray:
@@ -138,15 +140,17 @@ class BodyElectrodes:
         """The same expansion on a body that differs a little, to take differences of matrices."""
         other = copy.copy(self)
         other.sheet, other.geometry, other.heights = sheet, sheet.geometry, heights
-        if not (heights == self.heights and other._same_outline(self.geometry)):
+        if not other.agrees(self.geometry, self.heights):
             other._place()
             other.interaction = other._interaction()
         other.matrix = other.interaction + other._contact_matrix()
         return other
 
-    def _same_outline(self, geometry: Geometry) -> bool:
+    def agrees(self, geometry: Geometry, heights: Span) -> bool:
+        """Whether a body's modes act on each other, but for the contacts, as they do here."""
         return (
-            self.geometry.same_outline(geometry)
+            self.heights == heights
+            and self.geometry.same_outline(geometry)
             and self.geometry.thickness_mm == geometry.thickness_mm
         )
 
@@ -326,15 +330,40 @@ class DepthForward(Forward):
         heights: Span | None,
         accuracy: str | Accuracy = "diagnose",
         depth_accuracy: str | DepthAccuracy | None = None,
+        near: Forward | None = None,
     ):
-        """`depth_accuracy`: by default of the same name as `accuracy`."""
+        """`depth_accuracy`: by default of the same name as `accuracy`; `near`: a solved skin, to
+        share with."""
         super().__init__(geometry, accuracy)
         named = accuracy if depth_accuracy is None else depth_accuracy
         self.depth_accuracy = DEPTH_ACCURACIES[named] if isinstance(named, str) else named
         self.heights = heights
         if heights is not None:
-            self.electrodes = BodyElectrodes(self.electrodes, heights, self.depth_accuracy)
+            self._expand(near)
             self._relax_electrodes()
+
+    def _expand(self, near: Forward | None) -> None:
+        """Modes on the faces, and what they take."""
+        sheet, heights, accuracy = self.electrodes, self.heights, self.depth_accuracy
+        shared = (
+            isinstance(near, DepthForward)
+            and near.heights is not None
+            and near.depth_accuracy == accuracy
+            and near.electrodes.agrees(self.geometry, heights)
+            and near.electrodes.across == sheet.order
+            and near.electrodes.up == accuracy.modes(self.geometry, heights)
+        )
+        if shared:
+            self.electrodes = near.electrodes.moved(sheet, heights)
+        else:
+            self.electrodes = BodyElectrodes(sheet, heights, accuracy)
+        modes, unknowns = self.electrodes, sheet.n * self.electrodes.order
+        operations = unknowns**3 / 3.0
+        if not shared:
+            pairs = 0.5 * modes.up * (modes.up + 1)
+            operations += 4.0 * pairs * (sheet.n * modes.across) ** 2 * modes.n_max
+        self.effort = operations / SHEET
+        self.touch_effort = type(self).touch_effort + unknowns**2 / TOUCHED_SHEET
 
     def matches(self, geometry: Geometry, accuracy: Accuracy, modes: int) -> bool:
         """As Forward's; a body shares nothing with a sheet."""

@@ -133,7 +133,11 @@ class Forward:
     Transfer impedances are in ohm between electrodes, up to a constant that no pair sees: R[i, j]
     is the potential of electrode i for a unit current that enters at j (currents sum to zero).
     Raises InputError where the rim is too rough for the conformal map.
+
+    effort, touch_effort: what it takes to solve it and to touch it at one place, in sheets solved.
     """
+
+    effort, touch_effort = 1.0, 0.7
 
     def __init__(
         self,

@@ -1,30 +1,48 @@
 """Solved skins that others share with: what depends on rim and electrodes is computed once."""
 
-from eitskin.depth import DepthForward, forward_model
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from eitskin.depth import forward_model
 from eitskin.forward import Forward
 from eitskin.geometry import Geometry
 
 KEPT = 4
-# Sheets that a body with electrodes of partial height takes as long as.
-BODY = {"train": 20, "diagnose": 200}
-TOUCH = 0.7  # of a sheet's time, that a touched place takes
+
+
+class Spent(Exception):
+    """More skins were asked for than may be solved."""
 
 
 class Neighbours:
     """The latest skin solved of each of a few outlines, the one used last at the end; `spent`: how
-    many sheets could have been solved so far, by skins and by places touched on them."""
+    many sheets could have been solved so far, by skins and by places touched on them.
+
+    It counts operations, not seconds: whoever stops by it stops at the same point everywhere."""
 
     def __init__(self, *solved: Forward):
         self._solved = list(solved)
-        self.spent = 0.0
+        self.spent, self.most = 0.0, math.inf
+
+    @contextmanager
+    def within(self, most: float) -> Iterator[None]:
+        """Where `solve` raises Spent once `spent` is beyond `most`."""
+        self.most = most
+        try:
+            yield
+        finally:
+            self.most = math.inf
 
     def solve(self, geometry: Geometry, accuracy: str) -> Forward:
         """The forward model of a geometry, sharing with one of the same outline, or with the
-        latest."""
+        latest. Raises Spent."""
+        if self.spent > self.most:
+            raise Spent
         like = next((f for f in self._solved if f.geometry.same_outline(geometry)), None)
         latest = self._solved[-1] if self._solved else None
         found = forward_model(geometry, accuracy, like or latest)
-        self.spent += BODY[accuracy] if isinstance(found, DepthForward) and found.heights else 1
+        self.spent += found.effort
         if like is not None:
             self._solved.remove(like)
         self._solved = [*self._solved, found][-KEPT:]

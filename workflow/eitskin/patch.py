@@ -26,6 +26,7 @@ from eitskin.touch import NODE_COUNTS, Circle, Touch, TouchAccuracy, TouchEdge
 LEAST_GAP = 0.03  # of a patch to the rim, in its radii
 LEAST_NODES = 48
 LONGEST_PANEL = 0.6
+PATCHED = 3.0  # times as long does a touched place take
 SAME_CIRCLE = 0.01  # a touch closer to the patch's own disc, in its radii, is taken for it: to 2 %
 
 
@@ -214,6 +215,7 @@ class PatchForward(Forward):
         """`bare`: the same skin without its patch; `near`: a solved skin, to share with."""
         vars(self).update(vars(bare))
         self.bare, self.geometry = bare, geometry
+        self.effort, self.touch_effort = bare.effort, PATCHED * bare.touch_effort
         if bare.bulk:
             raise InputError("skin", "patch", "one with conductivity-gradient", "one without")
         shared = isinstance(near, PatchForward) and near.geometry.patch == geometry.patch

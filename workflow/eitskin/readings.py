@@ -21,7 +21,7 @@ from eitskin.forward import Forward, channel_values, measurable
 from eitskin.geometry import Geometry
 from eitskin.interpolation import enough_nodes, lagrange
 from eitskin.leaks import leaking
-from eitskin.neighbours import TOUCH, Neighbours
+from eitskin.neighbours import Neighbours
 from eitskin.skin import Skin
 
 LEAST_CONDUCTIVITY = 1e-3  # of the background's, inside a touch
@@ -313,7 +313,7 @@ class _Solver:
                 force = contrast[rows[at]]
                 if (contact or force.any()) and forward.meets(*place):
                     modes = forward.contact(*place) if contact else forward.place(*place)
-                    self.near.spent += TOUCH
+                    self.near.spent += forward.touch_effort
                     change = modes.transfer_change(force)
                     result[rows[at]] += weight[at, None, None] * change
         return result

@@ -71,13 +71,16 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
     if len(recorded.frames) < whole:
         report(f"an excerpt: {len(recorded.frames)} of {whole} frames")
     noise, search = begun(recorded, seed, report)
-    start = None
+    start, few_spent = None, False
     if len(recorded.frames) >= 2 * FIRST_FRAMES:
-        first = _few(search.problem, recorded)
-        report(f"first on {len(first.recorded)} frames")
-        start = _search(first, search.candidates, recorded.channels, seed, report).run()[1]
+        problem = _few(search.problem, recorded)
+        report(f"first on {len(problem.recorded)} frames")
+        first = _search(problem, search.candidates, recorded.channels, seed, report)
+        start, few_spent = first.run()[1], first.spent
         report(f"then on {len(recorded.frames)}")
     before, after = search.run(start)
+    if search.spent or few_spent:
+        search.cut_short(after)
     report("comparing with every other name")
     found = [gaps(search, after, i) for i in range(len(after.effects))]
     atlas_after = _atlas(recorded, noise, after.fit)

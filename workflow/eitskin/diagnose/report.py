@@ -14,6 +14,7 @@ from eitskin.atomic import atomic_path
 from eitskin.diagnose import evidence, figures
 from eitskin.diagnose.classes import CONFUSED, WEAK
 from eitskin.diagnose.evidence import Evidence
+from eitskin.diagnose.search import CUT_SHORT
 from eitskin.diagnose.verdict import LIKELY
 from eitskin.diagnose.words import (
     NONE,
@@ -431,6 +432,11 @@ def _record(found: Evidence) -> str:
         ]
         heads = ["step", "action", "effect", "sites", "χ²", "log evidence", "p"]
         parts.append(_table(heads, rows, ("step", "χ²", "log evidence", "p")))
+    if (search["action"] == CUT_SHORT).any():
+        parts.append(
+            "<p>The search was cut short: it had solved as many skins as it may. Effects that it"
+            " had not tried by then are not excluded.</p>"
+        )
     versions = [f"Python {platform.python_version()}"]
     versions += [f"{package} {version(package)}" for package in PACKAGES]
     parts.append(f"<h3>Versions</h3>\n<p>{escape(', '.join(versions))}</p>")

@@ -23,6 +23,7 @@ from eitskin.diagnose.screen import AMPLITUDES, NULL_DRAWS, Null, Score, null, s
 from eitskin.diagnose.tangents import Tangents
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
+from eitskin.neighbours import Spent
 
 SIGNIFICANT = 1e-3
 STANDARD_ERRORS = 2.0
@@ -32,6 +33,7 @@ WITHIN = 20.0  # nats of linear evidence below the best, or this share of its ga
 SHARE = 0.3
 MOST_NAMES = 12
 MOST_SOLVED = 30_000  # sheets: with so many solved, nothing more is tried for its own sake
+CUT_SHORT = "cut short"  # the step on the path that says so
 FEW_SITES = 2  # of a sparse effect; with more, single sites are tried in its place
 MOST_JOINED = 8  # sites of an effect that is still called sparse
 FAR = 16.0  # times chi squared: a change of so great a squared length cannot lower it
@@ -118,11 +120,18 @@ class Search:
         if free is not None:
             self.rival_evidence = free.log_evidence
         found = self._without_freedom(state, self._explained(state))
-        if free is not None and free.log_evidence > found.log_evidence:
+        # What is unfinished has not lost to it.
+        won = free is not None and free.log_evidence > found.log_evidence
+        if won and not self.spent:
             self._step("swap", free.effects[-1], free, None)
             self.rival_evidence = -np.inf
             found = self._explained(self._drop(free))
         return before, found
+
+    def cut_short(self, state: State) -> None:
+        """Puts on the path that a search had solved all it may, and that this is what it has."""
+        self.report("as many skins are solved as may be: what was not tried yet stays untried")
+        self._step(CUT_SHORT, None, state, None)
 
     def _explained(self, state: State) -> State:
         """What grows from `state` and stands."""
@@ -326,7 +335,7 @@ class Search:
         if key not in self.trials:
             found: list[State] = []
             for candidate in shortlist(scores):
-                if self.spent and found:
+                if self.spent:
                     break
                 if known is not None and candidate.key == known.key:
                     continue
@@ -342,7 +351,7 @@ class Search:
         self, state: State, candidate: Candidate, enough: float = np.inf
     ) -> State | None:
         """`state` with a candidate fitted beside what is there; joined to a sparse effect of the
-        same name. None where it cannot be; enough: as of `fit`."""
+        same name. None where it cannot be, or would take too long; enough: as of `fit`."""
         effects, theta, jacobian = list(state.effects), state.fit.theta, state.fit.jacobian
         for index, other in enumerate(effects):
             if other.name != candidate.name or other.kind != candidate.kind:
@@ -378,14 +387,15 @@ class Search:
 
     def _fitted(self, effects, start, jacobian, state: State, enough: float) -> State | None:
         try:
-            fitted = fit(self.problem, effects, start, jacobian, enough=enough)
-            if discrete(effects[-1]) or (jacobian is not None and _per_dof(state) > GROSS):
-                knobs = len(self.problem.model.calibrations)
-                afresh = np.r_[np.zeros(knobs), start[knobs:]]
-                again = fit(self.problem, effects, afresh, jacobian, enough=enough)
-                fitted = min(fitted, again, key=lambda f: f.chi2)
-            return self.state(fitted, state.p_values)
-        except (InputError, np.linalg.LinAlgError):
+            with self.problem.model.near.within(MOST_SOLVED):
+                fitted = fit(self.problem, effects, start, jacobian, enough=enough)
+                if discrete(effects[-1]) or (jacobian is not None and _per_dof(state) > GROSS):
+                    knobs = len(self.problem.model.calibrations)
+                    afresh = np.r_[np.zeros(knobs), start[knobs:]]
+                    again = fit(self.problem, effects, afresh, jacobian, enough=enough)
+                    fitted = min(fitted, again, key=lambda f: f.chi2)
+                return self.state(fitted, state.p_values)
+        except (InputError, np.linalg.LinAlgError, Spent):
             return None
 
     def without(self, state: State, index: int, enough: float = np.inf) -> State:
