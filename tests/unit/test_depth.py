@@ -383,3 +383,9 @@ def test_tanks_without_a_drawing_are_explained_by_depth_and_height(name):
     assert np.linalg.norm(fit.fun) < 0.025
     sheets = [Forward(body(width=w, z=1e-1), "train") for w in (10.0, 25.0, 38.0)]
     assert min(np.linalg.norm(misfit(s, channels, reading)) for s in sheets) > 0.09
+
+
+def test_contacts_too_good_for_the_accuracy_are_refused():
+    geometry = Geometry(80.0, 20.0, 0.5, ANGLES, 5.0, 1e-5)
+    with pytest.raises(InputError, match=r"contact_impedivity_ohm_m2.*finer accuracy"):
+        DepthForward(geometry, Span(6.0, 10.0), "train")

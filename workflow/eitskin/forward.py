@@ -173,7 +173,12 @@ class Forward:
         if len(self._inner):
             coupling = matrix[np.ix_(self._inner, self._whole)]
             inner = matrix[np.ix_(self._inner, self._inner)]
-            self._inner_factor = cho_factor(inner, check_finite=False)
+            try:
+                self._inner_factor = cho_factor(inner, check_finite=False)
+            except np.linalg.LinAlgError:
+                expected = "poorer contacts, or a finer accuracy than this"
+                found = self.geometry.contact_impedivity_ohm_m2.min()
+                raise InputError("skin", "contact_impedivity_ohm_m2", found, expected) from None
             self._inner_currents = -cho_solve(self._inner_factor, coupling, check_finite=False)
             self._relative = self._relative + coupling.T @ self._inner_currents
             self._relative = 0.5 * (self._relative + self._relative.T)

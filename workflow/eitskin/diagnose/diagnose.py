@@ -38,6 +38,7 @@ from eitskin.geometry import Geometry
 from eitskin.recording import Recording
 
 FIRST_FRAMES = 120  # on which the search begins, where there are twice as many
+FIRST_SHARE = 2 / 3  # of what may be solved, that the search on these may take
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,7 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
         problem = _few(search.problem, recorded)
         report(f"first on {len(problem.recorded)} frames")
         first = _search(problem, search.candidates, recorded.channels, seed, report)
+        first.share = FIRST_SHARE
         start, few_spent = first.run()[1], first.spent
         report(f"then on {len(recorded.frames)}")
     before, after = search.run(start)

@@ -32,7 +32,7 @@ LEAST_EVIDENCE = 3.0  # nats by which an effect must raise the evidence
 WITHIN = 20.0  # nats of linear evidence below the best, or this share of its gain ...
 SHARE = 0.3
 MOST_NAMES = 12
-MOST_SOLVED = 30_000  # sheets: with so many solved, nothing more is tried for its own sake
+MOST_SOLVED = 30_000  # sheets, of one diagnosis
 CUT_SHORT = "cut short"  # the step on the path that says so
 FEW_SITES = 2  # of a sparse effect; with more, single sites are tried in its place
 MOST_JOINED = 8  # sites of an effect that is still called sparse
@@ -72,13 +72,15 @@ class State:
 @dataclass
 class Search:
     """One recording's search. `path`: what was done, a row a step; report: called with words;
-    catalogue_p: the global p-value of the best candidate that did not enter."""
+    share: of all that a diagnosis may solve, with which this ends; catalogue_p: the global p-value
+    of the best candidate that did not enter."""
 
     problem: Problem
     candidates: list[Candidate]
     fold: np.ndarray
     seed: int
     report: Callable[[str], None]
+    share: float = 1.0
     catalogue_p: float = 1.0
     rival_evidence: float = -np.inf
     path: list[dict] = field(default_factory=list)
@@ -89,9 +91,14 @@ class Search:
     trials: dict[tuple, list[State]] = field(default_factory=dict)
 
     @property
+    def most_solved(self) -> float:
+        """Sheets after which nothing more is tried for its own sake."""
+        return self.share * MOST_SOLVED
+
+    @property
     def spent(self) -> bool:
         """Whether the search has taken so long that it ends with what it has."""
-        return self.problem.model.near.spent > MOST_SOLVED
+        return self.problem.model.near.spent > self.most_solved
 
     def state(self, fitted: Fit, p_values: dict | None = None) -> State:
         """A fit with its evidence and held-out density."""
@@ -387,7 +394,7 @@ class Search:
 
     def _fitted(self, effects, start, jacobian, state: State, enough: float) -> State | None:
         try:
-            with self.problem.model.near.within(MOST_SOLVED):
+            with self.problem.model.near.within(self.most_solved):
                 fitted = fit(self.problem, effects, start, jacobian, enough=enough)
                 if discrete(effects[-1]) or (jacobian is not None and _per_dof(state) > GROSS):
                     knobs = len(self.problem.model.calibrations)
