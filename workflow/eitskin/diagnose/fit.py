@@ -138,12 +138,14 @@ def fit(
     jacobian: np.ndarray | None = None,
     polish: bool = False,
     enough: float = np.inf,
+    renewals: int | None = None,
 ) -> Fit:
     """Levenberg (1944) and Marquardt's (1963) method, the Jacobian kept up by Broyden's (1965).
 
     start (P,); jacobian (P, N, M) at the start, where it is known, NaN columns where it is not;
     polish: end with a fresh Jacobian, at its optimum, else near it; enough: give up where no cost
-    below it is in sight. A step into physics that has no solution is refused like one that does
+    below it is in sight; renewals: of the Jacobian on the way, at most; None: as many as a polish
+    takes, else RENEWALS. A step into physics that has no solution is refused like one that does
     not help.
     """
     theta, prior = np.array(start, float), _prior(problem, len(start))
@@ -153,7 +155,8 @@ def fit(
     cost = (residual**2).sum() + prior @ theta**2
     dof = max(problem.whitening.size - len(theta), 1)
     damping, failed = 1e-6, 0
-    renewals = MOST_ROUNDS if polish else RENEWALS
+    if renewals is None:
+        renewals = MOST_ROUNDS if polish else RENEWALS
     for _ in range(MOST_ROUNDS):
         information = slopes.gram() + np.diag(prior)
         slope = slopes.against(residual) - prior * theta

@@ -17,7 +17,7 @@ from scipy.special import chdtrc
 
 from eitskin.diagnose import channels, tones
 from eitskin.diagnose.candidates import Candidate, without_site
-from eitskin.diagnose.fit import Fit, Problem, fit
+from eitskin.diagnose.fit import MOST_ROUNDS, RENEWALS, Fit, Problem, fit
 from eitskin.diagnose.held_out import HeldOut, held_out
 from eitskin.diagnose.screen import AMPLITUDES, NULL_DRAWS, Null, Score, null, score, subset
 from eitskin.diagnose.tangents import Tangents
@@ -432,7 +432,13 @@ class Search:
                     state, dropped = less, True
                     break
         state = self._trim(state)
-        return self.state(_polished(state.fit), state.p_values)
+        return self.state(self._polished(state.fit), state.p_values)
+
+    def _polished(self, found: Fit) -> Fit:
+        """A fit at its optimum, with a fresh Jacobian; near it, where no more may be solved."""
+        renewals = RENEWALS if self.spent else MOST_ROUNDS
+        start = found.theta, found.jacobian
+        return fit(self.problem, found.effects, *start, polish=True, renewals=renewals)
 
     def _trim(self, state: State) -> State:
         """Sites of sparse effects that do not earn their place, taken out one by one."""
@@ -480,11 +486,13 @@ class Search:
         return state
 
     def less(self, state: State, index: int) -> State:
-        """`state` less one effect, polished; kept with its tangents where the set was met."""
+        """`state` less one effect, polished unless no more may be solved; kept with its tangents
+        where the set was met."""
         key = tuple(c.key for i, c in enumerate(state.effects) if i != index)
         if key in self.tangents:
             return self.state(self.tangents[key].fit, state.p_values)
-        return self.state(_polished(self.without(state, index).fit), state.p_values)
+        less = self.without(state, index)
+        return less if self.spent else self.state(self._polished(less.fit), state.p_values)
 
     def _step(self, action: str, effect: Candidate | None, state: State, p: float | None) -> None:
         self.path.append(
@@ -498,10 +506,6 @@ class Search:
                 "p_value": p,
             }
         )
-
-
-def _polished(found: Fit) -> Fit:
-    return fit(found.problem, found.effects, found.theta, found.jacobian, polish=True)
 
 
 def discrete(candidate: Candidate) -> bool:
