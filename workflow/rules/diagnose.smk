@@ -37,6 +37,7 @@ rule diagnose:
         mem_mb=4000,
         runtime=10,
     params:
+        name="{recording}",
         seed=lookup(dpath="seed", within=config),
         code=fingerprint("eitskin.diagnose.diagnose"),
     message:

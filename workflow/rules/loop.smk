@@ -77,6 +77,10 @@ use rule diagnose as diagnose_loop with:
         "benchmarks/diagnose_loop/{case}.tsv"
     wildcard_constraints:
         case="|".join([*LOOP_CASES, *LOOP_SKINS]) or NO_NAME,
+    params:
+        name="{case}",
+        seed=lookup(dpath="seed", within=config),
+        code=fingerprint("eitskin.diagnose.diagnose"),
     message:
         "Diagnosing {wildcards.case} from its labelled frames"
 

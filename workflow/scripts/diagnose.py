@@ -13,4 +13,4 @@ with reported(snakemake.log[0]):
         diagnose.read_query(query, recorded)
     found = diagnose.diagnose(recorded, snakemake.params.seed, progress=True)
     folder = Path(snakemake.output.diagnosis).parent
-    diagnose.write(found, snakemake.wildcards.recording, folder, snakemake.input.schema, query)
+    diagnose.write(found, snakemake.params.name, folder, snakemake.input.schema, query)
