@@ -12,7 +12,6 @@ import yaml
 
 from rigsim_process import free_host
 
-SPEEDUP = 1.0
 CENTRE = [-0.593, -0.201, -0.092, 0.0, 3.1416, 0.0]
 CLEARANCE_M = 0.003
 BOX = [[-0.70, -0.48], [-0.31, -0.09], [-0.125, 0.1]]
@@ -62,7 +61,9 @@ class Emulated:
 
 
 @contextlib.contextmanager
-def emulated_rig(folder: Path, series: str = "cb3", **cell: object) -> Iterator[Emulated]:
+def emulated_rig(
+    folder: Path, series: str = "cb3", speedup: float = 1.0, **cell: object
+) -> Iterator[Emulated]:
     """Start an emulator on an address of its own; it ends with the context."""
     host = free_host()
     probe_file = folder / "probe_mm"
@@ -71,7 +72,7 @@ def emulated_rig(folder: Path, series: str = "cb3", **cell: object) -> Iterator[
         "seed": 1,
         "host": host,
         "series": series,
-        "speedup": SPEEDUP,
+        "speedup": speedup,
         "log": str(folder / "events.jsonl"),
         "robot": {"pose": CENTRE},
         "world": {
@@ -112,14 +113,15 @@ def emulated_rig(folder: Path, series: str = "cb3", **cell: object) -> Iterator[
     )
     try:
         endpoints = json.loads(process.stdout.readline())
-        yield Emulated(folder, process, endpoints, driver_config(endpoints, series, cell, folder))
+        driven = driver_config(endpoints, series, speedup, cell, folder)
+        yield Emulated(folder, process, endpoints, driven)
     finally:
         process.stdin.close()
         process.wait(timeout=20)
         process.stdout.close()
 
 
-def driver_config(endpoints: dict, series: str, cell: dict, folder: Path) -> dict:
+def driver_config(endpoints: dict, series: str, speedup: float, cell: dict, folder: Path) -> dict:
     """The driver's configuration: three places and one probe, times as the emulator shortens
     them."""
     return copy.deepcopy(
@@ -132,8 +134,8 @@ def driver_config(endpoints: dict, series: str, cell: dict, folder: Path) -> dic
                 "profile": "circular-16",
                 "baud": BOARD["baud"],
                 # Gaps of 0.3 to 1.1 s are frames: on a busy machine the emulator is late.
-                "period_s": 0.6 / SPEEDUP,
-                "frame_s": BOARD["frame_s"] / SPEEDUP,
+                "period_s": 0.6 / speedup,
+                "frame_s": BOARD["frame_s"] / speedup,
             },
             "load_cell": {
                 "port": endpoints["load_cell"],
