@@ -59,7 +59,7 @@ test: .venv/installed-test
 
 rehearse: .venv/installed-test
 	@echo "eitskin: rehearsing the rig's faults with the real ur_rtde, minutes; keep the machine free meanwhile"
-	@$(BIN)/python -m pytest -m rehearsal tests/rig
+	@$(BIN)/python -m pytest -m rehearsal tests/rig tests/workflow
 
 lint: .venv/installed-test
 	@echo "eitskin: checking style"

@@ -37,8 +37,13 @@ wildcard_constraints:
 include: "workflow/rules/simulate.smk"
 include: "workflow/rules/perturb.smk"
 include: "workflow/rules/record.smk"
+
+
 if "rig" in config:
+
     include: "workflow/rules/capture.smk"
+
+
 include: "workflow/rules/compare.smk"
 include: "workflow/rules/diagnose.smk"
 include: "workflow/rules/diagnosis_report.smk"

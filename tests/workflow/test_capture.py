@@ -1,7 +1,10 @@
 """A rig in the workflow: `capture` moves the robot, nothing else does, and what it captured is a
 recording like any other."""
 
+import contextlib
 import json
+import os
+import signal
 import subprocess
 import sys
 
@@ -16,7 +19,7 @@ from eitskin.capture.plan import contacts, plan_sha256
 from eitskin.configuration import captured_path
 from rigsim_process import free_host
 
-pytestmark = pytest.mark.xdist_group("finished")
+pytestmark = pytest.mark.xdist_group("capture")
 
 DEMO = "workflow/config/demo_capture.yaml"
 NAME = "emulated-rig"
@@ -61,30 +64,90 @@ def test_what_is_captured_is_never_captured_again(fresh, tmp_path):
     assert not (house.folder / "captures").exists()
 
 
-def test_a_capture_becomes_rows_of_table_1_and_a_diagnosis(finished, tmp_path):
+def test_a_capture_becomes_rows_of_table_1_and_a_diagnosis(fresh, tmp_path):
     """24 places with 3 probes, by the real libraries. Where the machine gives the driver no time
     the arm is stopped, as it should be, and the same command goes on."""
     pytest.importorskip("rtde_control", reason="ur_rtde is not installed: extra `rig`")
-    house = finished.copy(tmp_path / "house")
-    host = free_host()
-    house.edit("workflow/config/rigsim.yaml", "host: 127.0.0.2", f"host: {host}")
-    house.edit(DEMO, "host: 127.0.0.2", f"host: {host}")
+    house = on_a_host_of_its_own(fresh.copy(tmp_path / "house"))
     run = during(house, [*AGAIN, *house.command(DEMO, "--", "capture")])
     assert run.returncode == 0 and stops(house) <= LATE, run.stdout + run.stderr
     assert_every_press_is_the_emulator_s(house)
     more = house.folder / "more.yaml"
-    more.write_text(f"table_1: {{recordings: {{{NAME}: {{place: [mlp]}}}}}}\n", encoding="utf-8")
+    rows = {"configurations": {"tiny": []}, "recordings": {NAME: {"place": ["mlp"]}}}
+    more.write_text(yaml.safe_dump({"table_1": rows}), encoding="utf-8")
     run = house.snakemake(DEMO, more.name, "--", "table_1", REPORT)
     assert run.returncode == 0, run.stdout + run.stderr
     table = pd.read_csv(house.folder / "results" / "tables" / "table_1.csv")
-    row = table[
-        (table["recording"] == NAME) & (table["target"] == "x") & (table["metric"] == "mae")
-    ]
+    row = table[(table[["recording", "target", "metric"]] == [NAME, "x", "mae"]).all(axis=1)]
     assert row[["split", "model"]].to_numpy().tolist() == [["place", "mlp"]]
     assert 0.0 < row["mean"].item() < 60.0
     said = json.loads((house.folder / REPORT).with_name("diagnosis.json").read_text())
     concealed = {"contact-impedance": [5], "conductivity-drift": None}
     assert {effect["name"]: effect.get("electrodes") for effect in said["effects"]} == concealed
+
+
+@pytest.mark.rehearsal
+def test_ctrl_c_lifts_the_arm_and_the_same_command_goes_on(fresh, tmp_path):
+    pytest.importorskip("rtde_control", reason="ur_rtde is not installed: extra `rig`")
+    house = on_a_host_of_its_own(fresh.copy(tmp_path / "house"))
+    small = house.folder / "small.yaml"
+    small.write_text("rig: {plan: {radii: 1, angles: 3, probes_mm: [10.0]}}\n", encoding="utf-8")
+    command = house.command(DEMO, small.name, "--", "capture")
+    with emulated(house) as emulator:
+        capture = subprocess.Popen(
+            command,
+            cwd=house.folder,
+            env=house.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        while not named(house, "touched"):
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                raise AssertionError(capture.communicate(timeout=0.05))
+        os.killpg(capture.pid, signal.SIGINT)
+        said, _ = capture.communicate()
+        assert capture.returncode != 0 and "signal 2; stopped by stopL; lifted off" in said, said
+        assert stops(house) == {"signal"}
+        height_m = yaml.safe_load((house.folder / DEMO).read_text())["rig"]["pose"]["centre"][2]
+        assert named(house, "still")[-1]["pose"][2] == pytest.approx(height_m, abs=1e-4)
+        assert house.snakemake("--unlock").returncode == 0
+        again = subprocess.run(command, cwd=house.folder, env=house.environment)
+        assert again.returncode == 0
+        emulator.stdin.close()
+        assert emulator.wait() == 0
+    touched = recording.read(house.folder / captured_path(NAME)).frames.query("touch")
+    assert touched["contact"].unique().tolist() == [0, 1, 2]
+
+
+@contextlib.contextmanager
+def emulated(house):
+    """The emulated rig, listening."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "rigsim", "workflow/config/rigsim.yaml"],
+        cwd=house.folder,
+        env=house.environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    ) as process:
+        assert process.stdout.readline()
+        yield process
+
+
+def named(house, event):
+    """What the emulator has logged under one name."""
+    log = (house.folder / "results" / "rig" / "events.jsonl").read_text(encoding="utf-8")
+    whole = [line for line in log.splitlines(keepends=True) if line.endswith("\n")]
+    return [entry for entry in map(json.loads, whole) if entry["event"] == event]
+
+
+def on_a_host_of_its_own(house):
+    """The same house, its rig on an address that nobody else uses."""
+    host = f"host: {free_host()}"
+    for file in ("workflow/config/rigsim.yaml", DEMO):
+        house.edit(file, "host: 127.0.0.2", host)
+    return house
 
 
 def during(house, command):
@@ -113,8 +176,7 @@ def assert_every_press_is_the_emulator_s(house):
     assert recorded.metadata["source"] == "emulated rig"
     touched = recorded.frames[recorded.frames["touch"]]
     assert touched["contact"].unique().tolist() == [contact.number for contact in planned]
-    log = (house.folder / "results" / "rig" / "events.jsonl").read_text(encoding="utf-8")
-    felt = [e for e in map(json.loads, log.splitlines()) if e["event"] == "touched"]
+    felt = named(house, "touched")
     manifest = json.loads((house.folder / manifest_path(NAME)).read_text(encoding="utf-8"))
     assert len(felt) - len(planned) <= len(manifest["stops"])
     places = {(round(e["x_mm"]), round(e["y_mm"]), e["probe_mm"]) for e in felt}

@@ -19,11 +19,11 @@ else:
             f"logs/capture/{RIG['name']}.log",
         benchmark:
             f"benchmarks/capture/{RIG['name']}.tsv"
+        retries: 0
+        localrule: True
         conda:
             "../../envs/rig.yaml"
-        localrule: True
         threads: 1
-        retries: 0
         resources:
             rig=1,
             mem_mb=1000,
