@@ -85,8 +85,9 @@ accuracy: .venv/installed
 	@echo "eitskin: measuring the forward model's numerical error"
 	@$(BIN)/python -m eitskin.accuracy
 
+# Not captures: nothing makes them again.
 clean:
-	rm -rf results logs benchmarks .snakemake  # captures/ stays: nothing makes it again
+	rm -rf results logs benchmarks .snakemake
 
 # A folder `.venv/installing` that is still there tells of a killed install: it starts anew.
 define install

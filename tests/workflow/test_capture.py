@@ -4,6 +4,7 @@ recording like any other."""
 import contextlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -82,8 +83,9 @@ def test_a_capture_becomes_rows_of_table_1_and_a_diagnosis(fresh, tmp_path):
     assert row[["split", "model"]].to_numpy().tolist() == [["place", "mlp"]]
     assert 0.0 < row["mean"].item() < 60.0
     said = json.loads((house.folder / REPORT).with_name("diagnosis.json").read_text())
-    concealed = {"contact-impedance": [5], "conductivity-drift": None}
-    assert {effect["name"]: effect.get("electrodes") for effect in said["effects"]} == concealed
+    concealed = {"contact-impedance": [5], "conductivity-drift": []}
+    assert {effect["name"]: effect["electrodes"] for effect in said["effects"]} == concealed
+    assert_made_again_from_the_journal(house)
 
 
 @pytest.mark.rehearsal
@@ -159,6 +161,16 @@ def during(house, command):
         capture_output=True,
         text=True,
     )
+
+
+def assert_made_again_from_the_journal(house):
+    """The same bytes without a rig, after `make clean`."""
+    paths = [house.folder / file for file in (captured_path(NAME), manifest_path(NAME))]
+    before = [path.read_bytes() for path in paths]
+    shutil.rmtree(house.folder / "results")
+    again = house.snakemake(DEMO, "--", "capture")
+    assert again.returncode == 0, again.stdout + again.stderr
+    assert [path.read_bytes() for path in paths] == before
 
 
 def stops(house):

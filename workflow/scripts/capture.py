@@ -10,9 +10,10 @@ from eitskin.errors import reported
 
 with reported(snakemake.log[0]):
     rig, journal = snakemake.params.rig, Path(snakemake.params.journal)
+    mounted_mm = snakemake.params.mounted_mm
     try:
         with contextlib.closing(View()) as view:
-            session.capture(rig, "rig", journal, journal.exists(), rig.get("mounted_mm"), view)
+            session.capture(rig, "rig", journal, journal.exists(), mounted_mm, view)
     except session.Stopped as stopped:
         Path(snakemake.log[0]).write_text(f"{stopped}\n", encoding="utf-8")
         print(stopped, file=sys.stderr)

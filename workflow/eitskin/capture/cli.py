@@ -46,10 +46,11 @@ def _capture(arguments: argparse.Namespace) -> int:
     config = configuration.read(arguments.config)
     journal = Path(arguments.journal or FOLDER / f"{config['name']}.jsonl")
     out = Path(arguments.out or FOLDER / f"{config['name']}.parquet")
-    mounted_mm = arguments.probe or config.get("mounted_mm")
     try:
         with contextlib.closing(View()) as view:
-            session.capture(config, arguments.config, journal, arguments.resume, mounted_mm, view)
+            session.capture(
+                config, arguments.config, journal, arguments.resume, arguments.probe, view
+            )
     except session.Stopped as stopped:
         print(stopped, file=sys.stderr)
         return stopped.code

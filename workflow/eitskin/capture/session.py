@@ -199,8 +199,8 @@ def _check_probe(config: dict, file: str | Path, first: Contact, mounted_mm: flo
 
 def _said(probe_mm: float) -> str:
     """How a person says which probe is mounted."""
-    told = f"snakemake capture --config 'rig={{mounted_mm: {probe_mm:g}}}'"
-    return f"`eitskin rig resume CONFIG --probe {probe_mm:g}` or `{told}`"
+    told = f"`snakemake capture … --config mounted_mm={probe_mm:g}`"
+    return f"{told} or `eitskin rig resume … --probe {probe_mm:g}`"
 
 
 def _refuse(findings: list[preflight.Finding], file: str | Path) -> None:
