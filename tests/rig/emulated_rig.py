@@ -36,6 +36,8 @@ class Emulated:
     def __init__(self, folder: Path, process: subprocess.Popen, endpoints: dict, config: dict):
         self.folder, self.process = folder, process
         self.endpoints, self.config = endpoints, config
+        self._events: list[dict] = []
+        self._read = 0  # bytes of the log
 
     @property
     def path(self) -> Path:
@@ -47,8 +49,13 @@ class Emulated:
     @property
     def events(self) -> list[dict]:
         """What the emulator has logged so far."""
-        text = Path(self.endpoints["log"]).read_text(encoding="utf-8")
-        return [json.loads(line) for line in text.splitlines(keepends=True) if line.endswith("\n")]
+        with Path(self.endpoints["log"]).open("rb") as log:
+            log.seek(self._read)
+            new = log.read()
+        whole = new[: new.rfind(b"\n") + 1]
+        self._read += len(whole)
+        self._events += map(json.loads, whole.splitlines())
+        return self._events
 
     def named(self, event: str) -> list[dict]:
         """The logged events of one name."""
