@@ -113,6 +113,16 @@ def test_figures_of_what_is_not_captured_are_refused(config):
     assert attached(config)["figures"]["recording"] == NAME
 
 
+@pytest.mark.parametrize("path", [captured_path(NAME), f"results/../{captured_path(NAME)}"])
+@pytest.mark.parametrize("key", ["path", "query"])
+def test_another_recording_of_what_is_not_captured_is_refused(config, key, path):
+    Path("other.parquet").touch()
+    config["recordings"]["other"] = {"path": "other.parquet", key: path}
+    assert f"recordings.other.{key}: found gel, which is not captured yet" in refusal(config)
+    capture(config)
+    attached(config)
+
+
 def test_the_name_of_another_recording_is_refused(config):
     Path("other.parquet").touch()
     config["recordings"][NAME] = {"path": "other.parquet"}

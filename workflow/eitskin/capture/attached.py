@@ -5,13 +5,14 @@ somebody asks for may ever need a robot.
 """
 
 import json
+import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from eitskin.capture import configuration
 from eitskin.capture.plan import plan_sha256
-from eitskin.configuration import captured_path, file_of
+from eitskin.configuration import PATHS, captured_path, dotted, file_of
 from eitskin.errors import InputError
 
 
@@ -26,7 +27,7 @@ def attach(config: dict, files: Iterable[str | Path]) -> None:
 
     `config` is valid by its schema, read from `files`. Raises InputError for a rig that cannot be
     driven safely, a name that another recording has, a capture that is there by another rig or
-    plan, and figures of a capture that is not there.
+    plan, and figures or another recording that are of a capture which is not there.
     """
     rig = config["rig"]
     name, file = rig["name"], file_of(["rig"], config, files)
@@ -40,10 +41,10 @@ def attach(config: dict, files: Iterable[str | Path]) -> None:
             expected = f"that of {manifest_path(name)}, or another name"
             raise InputError(file, "rig", "another rig or plan", expected)
         return
-    if config["figures"]["recording"] == name:
-        holder = file_of(["figures", "recording"], config, files)
+    for place in _needing(name, config):
         found = f"{name}, which is not captured yet"
-        raise InputError(holder, "figures.recording", found, "a recording that is there")
+        holder = file_of(place, config, files)
+        raise InputError(holder, dotted(place), found, "a recording that is there")
     _leave_out(name, config)
     print(f"{name} is not captured yet and left out; `snakemake capture` does it", file=sys.stderr)
 
@@ -56,6 +57,17 @@ def _manifest(name: str) -> dict:
     if not isinstance(found, dict):
         raise InputError(manifest_path(name), "file", type(found).__name__, "a capture's manifest")
     return found
+
+
+def _needing(name: str, config: dict) -> Iterator[list]:
+    """Where a recording is named that cannot be left out."""
+    if config["figures"]["recording"] == name:
+        yield ["figures", "recording"]
+    files = {captured_path(name), manifest_path(name)}
+    for other, item in config["recordings"].items():
+        for key in PATHS if other != name else ():
+            if os.path.normpath(item.get(key, "")) in files:
+                yield ["recordings", other, key]
 
 
 def _leave_out(name: str, config: dict) -> None:
