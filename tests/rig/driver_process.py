@@ -41,6 +41,11 @@ def records(rig: Emulated) -> list[dict]:
     return journal.read(rig.folder / "journal.jsonl").records
 
 
+def stop_reason(rig: Emulated) -> str:
+    """Why the last run that ended early did."""
+    return next(r["reason"] for r in reversed(records(rig)) if r["kind"] == "stop")
+
+
 def wait_for(rig: Emulated, process: subprocess.Popen, event: str, count: int = 1) -> None:
     """Until the emulator has logged an event `count` times."""
     while len(rig.named(event)) < count:

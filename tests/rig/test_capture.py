@@ -23,6 +23,7 @@ from driver_process import (
     ended,
     motions,
     records,
+    stop_reason,
     wait_for,
 )
 from emulated_rig import CENTRE, CLEARANCE_M, HARD_N, Emulated, emulated_rig
@@ -40,10 +41,6 @@ def rig(tmp_path) -> Iterator[Emulated]:
     """An emulated CB3 rig."""
     with emulated_rig(tmp_path) as emulated:
         yield emulated
-
-
-def stop_reason(rig: Emulated) -> str:
-    return next(r["reason"] for r in reversed(records(rig)) if r["kind"] == "stop")
 
 
 def assert_stopped(rig: Emulated, fault: dict, lifted: bool) -> None:

@@ -19,6 +19,7 @@ from driver_process import (
     capture,
     ended,
     records,
+    stop_reason,
     until,
 )
 from emulated_rig import Emulated, emulated_rig
@@ -28,20 +29,23 @@ from eitskin.capture import journal
 
 pytestmark = pytest.mark.rehearsal
 
-KILLS, PLACES, SPEEDUP = 20, 24, 10.0
-MOST_EVENTS = 300  # of the emulator, from a run's beginning to its kill: some three presses
+KILLS, PLACES, SPEEDUP = 20, 24, 4.0
+FAULT, LATE = 4, {"robot clock", "robot program", "late", "load cell silent"}  # of a busy machine
+MOST_EVENTS = 200  # of the emulator, from a run's beginning to its kill: some three presses
 
 
 def test_twenty_kills_lose_no_sample_and_double_none(tmp_path):
     rng = np.random.default_rng(20)
     with emulated_rig(tmp_path, speedup=SPEEDUP) as rig:
         rig.config["plan"] |= {"angles": PLACES, "probes_mm": [10.0, 15.0], "settle_s": 0.05}
-        rig.config["motion"] |= {"search_m_s": 0.0005}
-        rig.config["board"]["period_s"] = 0.045  # gaps of 0.023 to 0.13 s are frames
-        for _ in range(KILLS):
+        rig.config["motion"] |= {"search_m_s": 0.001}
+        rig.config["board"]["period_s"] = 0.13  # gaps of 0.07 to 0.28 s are frames
+        killed = 0
+        while killed < KILLS:
             process = begun(rig, "resume" if (tmp_path / "journal.jsonl").exists() else "run")
             code, said = kill_after(rig, process, int(rng.integers(1, MOST_EVENTS)))
-            assert code == -signal.SIGKILL, said
+            killed += code == -signal.SIGKILL
+            assert code == -signal.SIGKILL or (code == FAULT and stop_reason(rig) in LATE), said
             assert_stands(rig)
         code, said = capture(rig, "resume")
         assert code == 0, said
