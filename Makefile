@@ -67,6 +67,7 @@ lint: .venv/installed-test
 	@$(BIN)/ruff format --check .
 	@$(BIN)/snakefmt --check Snakefile workflow/rules
 	@$(BIN)/snakemake --lint
+	@$(BIN)/snakemake --lint $(DEMO)
 
 real: .venv/installed
 	@if [ ! -d "$(EITSKIN_DATA)" ]; then \
