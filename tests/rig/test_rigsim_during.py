@@ -10,10 +10,11 @@ from rigsim.ur import RTDE_PORT
 from rigsim_process import configuration, free_host
 
 UNKNOWN_PACKAGE = f"""
-import socket, sys
+import contextlib, socket, sys
 with socket.create_connection((sys.argv[1], {RTDE_PORT})) as robot:
     robot.sendall(bytes([0, 3, 0]))
-    robot.recv(1)
+    with contextlib.suppress(ConnectionError):
+        robot.recv(1)
 """
 
 

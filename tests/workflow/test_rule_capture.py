@@ -115,7 +115,7 @@ def test_ctrl_c_lifts_the_arm_and_the_same_command_goes_on(fresh, tmp_path):
         height_m = yaml.safe_load((house.folder / DEMO).read_text())["rig"]["pose"]["centre"][2]
         assert named(house, "still")[-1]["pose"][2] == pytest.approx(height_m, abs=1e-4)
         assert house.snakemake("--unlock").returncode == 0
-        again = subprocess.run(command, cwd=house.folder, env=house.environment)
+        again = subprocess.run([*AGAIN, *command], cwd=house.folder, env=house.environment)
         assert again.returncode == 0
         emulator.stdin.close()
         assert emulator.wait() == 0
