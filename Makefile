@@ -1,4 +1,4 @@
-# make · make paper · make concealed · make concealed_final · make test · make rehearse · make lint · make real · make bench · make accuracy · make clean
+# make · make paper · make concealed · make concealed_final · make demo-capture · make test · make rehearse · make lint · make real · make bench · make accuracy · make clean
 # Needs Python 3.11 or 3.12 (PYTHON=… picks one); after the installs nothing needs the network.
 
 BIN := .venv/bin
@@ -7,6 +7,10 @@ EITSKIN_DATA ?= ../shared/data
 SNAKEMAKE := $(BIN)/snakemake --workflow-profile workflow/profiles/default --cores $(CORES)
 # One run at a time; a second waits, and clears the lock that a killed one left behind.
 RUN = flock .venv/run.lock sh -c '$(SNAKEMAKE) --unlock --quiet all && exec $(SNAKEMAKE) "$$@"' make
+
+# What `make demo-capture` makes of its capture.
+DEMO = --configfile workflow/config/demo_capture.yaml
+DEMO_REPORT := results/diagnosis/emulated-rig/report.html
 
 # What `make real` judges besides Table I, what it says of it, and what must be called unusable.
 REAL := results/diagnosis/tanks.csv results/diagnosis/hydrogel-skin-16/ground_return.csv
@@ -19,7 +23,7 @@ export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
 
 .DELETE_ON_ERROR:
-.PHONY: run paper concealed concealed_final test rehearse lint real bench accuracy clean
+.PHONY: run paper concealed concealed_final demo-capture test rehearse lint real bench accuracy clean
 
 run: .venv/installed
 	@echo "eitskin: simulating, training and writing results/tables/table_1.csv on $(CORES) cores"
@@ -37,13 +41,25 @@ concealed_final: .venv/installed
 	@echo "eitskin: the final block of concealed effects on $(CORES) cores, hours; what is done stays"
 	@$(RUN) concealed_final
 
+demo-capture: .venv/installed-rig
+	@echo "eitskin: capturing 24 places with 3 probes from an emulated rig, minutes; Ctrl-C and again: it goes on"
+	@$(BIN)/python -m rigsim.during workflow/config/rigsim.yaml $(RUN) capture $(DEMO)
+	@echo "eitskin: learning from the capture and diagnosing it"
+	@$(RUN) table_1 $(DEMO_REPORT) $(DEMO)
+	@cat results/tables/table_1.md
+	@echo "recording and manifest: results/recordings/emulated-rig.parquet, .manifest.json"
+	@echo "journal: captures/emulated-rig.jsonl; what the emulator saw: results/rig/events.jsonl"
+	@echo "Table I of this capture alone: results/tables/table_1.md; the next \`make\` writes the whole again"
+	@echo "diagnosis: $(DEMO_REPORT)"
+	@echo "to capture anew: rm captures/emulated-rig.jsonl results/recordings/emulated-rig.*"
+
 test: .venv/installed-test
 	@echo "eitskin: testing"
 	@$(BIN)/python -m pytest -n $(CORES) --dist loadgroup
 
 rehearse: .venv/installed-test
 	@echo "eitskin: rehearsing the rig's faults with the real ur_rtde, minutes; keep the machine free meanwhile"
-	@$(BIN)/python -m pytest -m rehearsal tests/rig
+	@$(BIN)/python -m pytest -m rehearsal tests/rig tests/workflow
 
 lint: .venv/installed-test
 	@echo "eitskin: checking style"
@@ -51,6 +67,7 @@ lint: .venv/installed-test
 	@$(BIN)/ruff format --check .
 	@$(BIN)/snakefmt --check Snakefile workflow/rules
 	@$(BIN)/snakemake --lint
+	@$(BIN)/snakemake --lint $(DEMO)
 
 real: .venv/installed
 	@if [ ! -d "$(EITSKIN_DATA)" ]; then \
@@ -69,6 +86,7 @@ accuracy: .venv/installed
 	@echo "eitskin: measuring the forward model's numerical error"
 	@$(BIN)/python -m eitskin.accuracy
 
+# Not captures: nothing makes them again.
 clean:
 	rm -rf results logs benchmarks .snakemake
 
@@ -95,6 +113,9 @@ endef
 
 .venv/installed: pyproject.toml envs/requirements.lock
 	$(call install,.)
+
+.venv/installed-rig: pyproject.toml envs/requirements.lock | .venv/installed
+	$(call install,.[rig])
 
 .venv/installed-test: pyproject.toml envs/requirements.lock | .venv/installed
 	$(call install,.[test])

@@ -2,8 +2,9 @@ from calibration.plan import batches
 from concealed.naming import batches as case_batches
 from concealed.naming import names as case_names
 from eitskin import ablation
+from eitskin.capture.attached import attach, manifest_path
 from eitskin.chain import instrument_effects, last_link, link_before, skin_effects
-from eitskin.configuration import validate, with_continuous
+from eitskin.configuration import captured_path, validate, with_continuous
 from eitskin.errors import reported
 from eitskin.fingerprint import fingerprint
 from eitskin.rows import rows
@@ -20,7 +21,12 @@ with reported("logs/configuration.log"):
     schema = workflow.source_path("workflow/schemas/config.schema.yaml")
     *overrides, default = workflow.configfiles
     validate(config, schema, [default, *overrides])
+    if "rig" in config:
+        attach(config, [default, *overrides])
     config["configurations"] = with_continuous(config)
+
+
+NO_NAME = "(?!)"
 
 
 wildcard_constraints:
@@ -31,6 +37,13 @@ wildcard_constraints:
 include: "workflow/rules/simulate.smk"
 include: "workflow/rules/perturb.smk"
 include: "workflow/rules/record.smk"
+
+
+if "rig" in config:
+
+    include: "workflow/rules/capture.smk"
+
+
 include: "workflow/rules/compare.smk"
 include: "workflow/rules/diagnose.smk"
 include: "workflow/rules/diagnosis_report.smk"

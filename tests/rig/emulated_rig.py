@@ -12,7 +12,6 @@ import yaml
 
 from rigsim_process import free_host
 
-SPEEDUP = 1.0
 CENTRE = [-0.593, -0.201, -0.092, 0.0, 3.1416, 0.0]
 CLEARANCE_M = 0.003
 BOX = [[-0.70, -0.48], [-0.31, -0.09], [-0.125, 0.1]]
@@ -37,6 +36,8 @@ class Emulated:
     def __init__(self, folder: Path, process: subprocess.Popen, endpoints: dict, config: dict):
         self.folder, self.process = folder, process
         self.endpoints, self.config = endpoints, config
+        self._events: list[dict] = []
+        self._read = 0  # bytes of the log
 
     @property
     def path(self) -> Path:
@@ -48,8 +49,13 @@ class Emulated:
     @property
     def events(self) -> list[dict]:
         """What the emulator has logged so far."""
-        text = Path(self.endpoints["log"]).read_text(encoding="utf-8")
-        return [json.loads(line) for line in text.splitlines(keepends=True) if line.endswith("\n")]
+        with Path(self.endpoints["log"]).open("rb") as log:
+            log.seek(self._read)
+            new = log.read()
+        whole = new[: new.rfind(b"\n") + 1]
+        self._read += len(whole)
+        self._events += map(json.loads, whole.splitlines())
+        return self._events
 
     def named(self, event: str) -> list[dict]:
         """The logged events of one name."""
@@ -62,7 +68,9 @@ class Emulated:
 
 
 @contextlib.contextmanager
-def emulated_rig(folder: Path, series: str = "cb3", **cell: object) -> Iterator[Emulated]:
+def emulated_rig(
+    folder: Path, series: str = "cb3", speedup: float = 1.0, **cell: object
+) -> Iterator[Emulated]:
     """Start an emulator on an address of its own; it ends with the context."""
     host = free_host()
     probe_file = folder / "probe_mm"
@@ -71,7 +79,7 @@ def emulated_rig(folder: Path, series: str = "cb3", **cell: object) -> Iterator[
         "seed": 1,
         "host": host,
         "series": series,
-        "speedup": SPEEDUP,
+        "speedup": speedup,
         "log": str(folder / "events.jsonl"),
         "robot": {"pose": CENTRE},
         "world": {
@@ -112,14 +120,15 @@ def emulated_rig(folder: Path, series: str = "cb3", **cell: object) -> Iterator[
     )
     try:
         endpoints = json.loads(process.stdout.readline())
-        yield Emulated(folder, process, endpoints, driver_config(endpoints, series, cell, folder))
+        driven = driver_config(endpoints, series, speedup, cell, folder)
+        yield Emulated(folder, process, endpoints, driven)
     finally:
         process.stdin.close()
         process.wait(timeout=20)
         process.stdout.close()
 
 
-def driver_config(endpoints: dict, series: str, cell: dict, folder: Path) -> dict:
+def driver_config(endpoints: dict, series: str, speedup: float, cell: dict, folder: Path) -> dict:
     """The driver's configuration: three places and one probe, times as the emulator shortens
     them."""
     return copy.deepcopy(
@@ -132,8 +141,8 @@ def driver_config(endpoints: dict, series: str, cell: dict, folder: Path) -> dic
                 "profile": "circular-16",
                 "baud": BOARD["baud"],
                 # Gaps of 0.3 to 1.1 s are frames: on a busy machine the emulator is late.
-                "period_s": 0.6 / SPEEDUP,
-                "frame_s": BOARD["frame_s"] / SPEEDUP,
+                "period_s": 0.6 / speedup,
+                "frame_s": BOARD["frame_s"] / speedup,
             },
             "load_cell": {
                 "port": endpoints["load_cell"],

@@ -3,12 +3,10 @@
 What the robot did is judged by the emulator's log, never by the driver's word.
 """
 
-import contextlib
 import json
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,14 +15,24 @@ import pytest
 pytest.importorskip("rtde_control", reason="ur_rtde is not installed: extra `rig`")
 pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
 
+from driver_process import (
+    assert_kept_every_rule,
+    assert_stands,
+    begun,
+    capture,
+    ended,
+    motions,
+    records,
+    stop_reason,
+    wait_for,
+)
 from emulated_rig import CENTRE, CLEARANCE_M, HARD_N, Emulated, emulated_rig
 
 from eitskin import recording
-from eitskin.capture import journal
 
 pytestmark = pytest.mark.rehearsal
 
-FAULT, WAIT_S, LOOK_S = 4, 300, 0.05
+FAULT = 4
 SURFACE_M, STEP_MM = CENTRE[2] - CLEARANCE_M, 1.0
 
 
@@ -33,48 +41,6 @@ def rig(tmp_path) -> Iterator[Emulated]:
     """An emulated CB3 rig."""
     with emulated_rig(tmp_path) as emulated:
         yield emulated
-
-
-def begun(rig: Emulated, do: str = "run", *more: str) -> subprocess.Popen:
-    """`eitskin rig run`, `resume` or `check` in a process of its own."""
-    journal_path, out = rig.folder / "journal.jsonl", rig.folder / "it.parquet"
-    files = [] if do == "check" else ["--journal", str(journal_path), "--out", str(out)]
-    return subprocess.Popen(
-        [sys.executable, "-m", "eitskin.cli", "rig", do, str(rig.path), *files, *more],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
-def ended(process: subprocess.Popen) -> tuple[int, str]:
-    """Its exit code and all it said."""
-    out, err = process.communicate(timeout=WAIT_S)
-    return process.returncode, out + err
-
-
-def capture(rig: Emulated, do: str = "run", *more: str) -> tuple[int, str]:
-    return ended(begun(rig, do, *more))
-
-
-def records(rig: Emulated) -> list[dict]:
-    return journal.read(rig.folder / "journal.jsonl").records
-
-
-def stop_reason(rig: Emulated) -> str:
-    return next(r["reason"] for r in reversed(records(rig)) if r["kind"] == "stop")
-
-
-def wait_for(rig: Emulated, process: subprocess.Popen, event: str, count: int = 1) -> None:
-    """Until the emulator has logged an event `count` times."""
-    while len(rig.named(event)) < count:
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            raise AssertionError(f"it ended before {event}: {process.communicate(timeout=LOOK_S)}")
-
-
-def motions(rig: Emulated) -> list[dict]:
-    """The events that tell where the arm is and how it moves, in order."""
-    return [event for event in rig.events if event["event"] in ("moving", "stopping", "still")]
 
 
 def assert_stopped(rig: Emulated, fault: dict, lifted: bool) -> None:
@@ -87,22 +53,6 @@ def assert_stopped(rig: Emulated, fault: dict, lifted: bool) -> None:
         assert last["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
     assert max(event.get("largest_N", 0.0) for event in rig.events) < HARD_N
     assert_kept_every_rule(rig)
-
-
-def assert_stands(rig: Emulated) -> None:
-    """Once both of the driver's connections have ended, the arm stands."""
-    while len(rig.named("rtde gone")) < len(rig.named("rtde connected")):
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            raise AssertionError(f"the emulator ended: {rig.process.wait(LOOK_S)}")
-    assert motions(rig)[-1]["velocity"] == [0.0] * 6
-
-
-def assert_kept_every_rule(rig: Emulated) -> None:
-    """The emulator saw no rule broken; what the library sends while it reconnects after a reset,
-    for recipes that were never set up, is none of the driver's."""
-    reset = any(fault["fault"] == "rtde_reset" for fault in rig.named("fault"))
-    broken = [v["rule"] for v in rig.named("violation")]
-    assert [rule for rule in broken if not (reset and rule == "RTDE protocol")] == []
 
 
 def test_three_contacts(rig):

@@ -92,7 +92,7 @@ def test_the_papers_rig_is_accepted():
         (("board", "profile"), "other", "rig.board.profile: found 'other', expected one of"),
         (("board", "frame_s"), 0.4, "rig.board.frame_s: found 0.4, expected at most period_s"),
         (("robot", "series"), "ur5", "rig.robot.series: found 'ur5', expected one of cb3, e"),
-        (("name",), "../x", "rig.name: found '../x', expected a name of letters"),
+        (("name",), "../x", "rig.name: found '../x', expected a name of a-z"),
     ],
 )
 def test_a_rig_that_cannot_be_driven_safely_is_one_message(path, to, message):

@@ -11,6 +11,7 @@ import jsonschema
 import numpy as np
 import yaml
 from jsonschema.exceptions import ValidationError, best_match
+from referencing import Registry, Resource
 
 from eitskin.effects.effect import START
 from eitskin.effects.settings import settings, site_counts
@@ -23,6 +24,7 @@ from eitskin.simulate import CONTINUOUS, sample_settings
 from eitskin.skin import Skin, is_number
 
 MISSING = object()
+SCHEMAS = Path(__file__).parents[1] / "schemas"
 PATHS = ("path", "query")  # of a recording
 NOUNS = {
     "number": "a finite number",
@@ -71,7 +73,7 @@ def validate(config: dict, schema_path: str | Path, files: Iterable[str | Path])
     for file in files:
         _refuse_repeated_keys(file)
     schema = yaml.safe_load(Path(schema_path).read_text(encoding="utf-8"))
-    errors = list(Validator(schema).iter_errors(config))
+    errors = list(Validator(schema, registry=Registry(retrieve=_schema)).iter_errors(config))
     try:
         if errors:
             error = min(errors, key=lambda error: _position(config, list(error.absolute_path)))
@@ -82,10 +84,15 @@ def validate(config: dict, schema_path: str | Path, files: Iterable[str | Path])
         _refuse_unphysical(config)
     except _Refusal as refusal:
         place, found, expected = refusal.place, refusal.found, refusal.expected
-        raise InputError(_file_of(place, config, files), dotted(place), found, expected) from None
+        raise InputError(file_of(place, config, files), dotted(place), found, expected) from None
     for recording in config["recordings"].values():
         for key in recording.keys() & {*PATHS}:
             recording[key] = _expanded(recording[key])
+
+
+def _schema(uri: str) -> Resource:
+    """Another schema, which one refers to by its file's name."""
+    return Resource.from_contents(yaml.safe_load((SCHEMAS / uri).read_text(encoding="utf-8")))
 
 
 def with_continuous(config: dict) -> dict[str, dict]:
@@ -245,18 +252,18 @@ def _yaml_number(text: str) -> str:
 def _unknown_name(config: dict) -> tuple[list, str, str] | None:
     """A name in a table, a figure, `ablation`, `transfer`, `diagnoses`, `tanks` or `loop` that is
     defined nowhere."""
-    for kind in ("configurations", "recordings"):
+    recordings = [*config["recordings"], *_rig_names(config)]
+    for kind, known in (("configurations", config["configurations"]), ("recordings", recordings)):
         for name, splits in config["table_1"][kind].items():
-            if name not in config[kind]:
-                return ["table_1", kind, name], "an unknown name", _names(config[kind])
+            if name not in known:
+                return ["table_1", kind, name], "an unknown name", _names(known)
             for k, split in enumerate(splits):
                 if split not in config["splits"]:
                     place = ["table_1", kind, name, split if isinstance(splits, dict) else k]
                     return place, repr(split), _names(config["splits"])
-    for key, kind in (("recording", "recordings"), ("configuration", "configurations")):
-        if config["figures"][key] not in config[kind]:
-            return ["figures", key], repr(config["figures"][key]), _names(config[kind])
-    recordings = config["recordings"]
+    for key, known in (("recording", recordings), ("configuration", config["configurations"])):
+        if config["figures"][key] not in known:
+            return ["figures", key], repr(config["figures"][key]), _names(known)
     sets = [f"simulated-{name}" for name in config["configurations"]]
     for place, known in (
         (["table_2", "configurations"], config["configurations"]),
@@ -285,7 +292,19 @@ def _unknown_name(config: dict) -> tuple[list, str, str] | None:
         for simulated in (f"simulated-{name}", f"simulated-{name}{CONTINUOUS}"):
             if simulated in config["recordings"]:
                 return ["recordings", simulated], "a simulated set's name", "another name"
+            if simulated in _rig_names(config):
+                return ["rig", "name"], f"a simulated set's name, {simulated}", "another name"
     return None
+
+
+def _rig_names(config: dict) -> list[str]:
+    """What the rig that is attached captures, where one is."""
+    return [config["rig"]["name"]] if "rig" in config else []
+
+
+def captured_path(name: str) -> str:
+    """Where the recording lies that a rig has captured under a name."""
+    return f"results/recordings/{name}.parquet"
 
 
 def _names(known: Iterable[str]) -> str:
@@ -293,7 +312,8 @@ def _names(known: Iterable[str]) -> str:
 
 
 def _missing_recording(config: dict) -> tuple[list, str, str] | None:
-    """A recording's or query's file that is neither there nor made by the workflow itself."""
+    """A recording's or query's file that is neither there nor made by the workflow itself, nor to
+    be captured by the rig that is attached."""
     for name, recording in config["recordings"].items():
         for key in [key for key in PATHS if key in recording]:
             try:
@@ -301,7 +321,10 @@ def _missing_recording(config: dict) -> tuple[list, str, str] | None:
             except KeyError as unset:
                 found = f"{recording[key]!r}, but {unset.args[0]} is not set"
                 return ["recordings", name, key], found, "an environment variable that is set"
-            if not path.startswith("results/") and not Path(path).exists():
+            capture = path == captured_path(name)
+            if capture and name in _rig_names(config):
+                continue
+            if (capture or not path.startswith("results/")) and not Path(path).exists():
                 return ["recordings", name, key], f"no file {path!r}", "a recording's path"
     return None
 
@@ -323,8 +346,9 @@ def _indices(node: object) -> range:
     return range(len(node)) if isinstance(node, list) else range(0)
 
 
-def _file_of(place: list, config: dict, files: list[Path]) -> str:
+def file_of(place: list, config: dict, files: Iterable[str | Path]) -> str:
     """The last file that holds what stands at `place`; for a missing key the first; or --config."""
+    files = [Path(file) for file in files]
     found = _at(place, config)
     if found is MISSING and files:
         return str(files[0])

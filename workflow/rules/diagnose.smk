@@ -10,7 +10,6 @@ EVIDENCE = [
 ]
 WITH_QUERY = [name for name, item in config["recordings"].items() if "query" in item]
 WITHOUT_QUERY = [name for name, item in config["recordings"].items() if "query" not in item]
-NO_NAME = "(?!)"
 
 
 rule diagnose:

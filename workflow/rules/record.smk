@@ -1,3 +1,9 @@
+# Of the others, a rig has put the file where it is to be.
+BROUGHT = [
+    name for name, item in config["recordings"].items() if item["path"] != captured_path(name)
+]
+
+
 rule twin:
     output:
         "results/twin/simulated-twin.parquet",
@@ -29,6 +35,8 @@ rule import_recording:
         "logs/import_recording/{recording}.log",
     benchmark:
         "benchmarks/import_recording/{recording}.tsv"
+    wildcard_constraints:
+        recording="|".join(BROUGHT) or NO_NAME,
     conda:
         "../../envs/simulation.yaml"
     threads: 1

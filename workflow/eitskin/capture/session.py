@@ -135,7 +135,7 @@ def _drive(
         writer.append({"kind": "done", "run": run, **_clocks()})
         return
     except _ProbeNeeded as needed:
-        text = f"mount the probe of {needed.probe_mm:g} mm, then go on with `eitskin rig resume`"
+        text = f"mount the probe of {needed.probe_mm:g} mm and go on, {_said(needed.probe_mm)}"
         stopped, reason = Stopped(text, PROBE), "probe"
     except Interrupted as interrupted:
         stopped = Stopped(str(interrupted), SIGNAL + interrupted.signal)
@@ -192,9 +192,15 @@ def _check_probe(config: dict, file: str | Path, first: Contact, mounted_mm: flo
     if config["probe_change"] is None and mounted_mm != first.probe_mm:
         found = "none" if mounted_mm is None else f"{mounted_mm:g} mm"
         expected = (
-            f"the probe of {first.probe_mm:g} mm: mount it and say --probe {first.probe_mm:g}"
+            f"the probe of {first.probe_mm:g} mm: mount it and go on, {_said(first.probe_mm)}"
         )
         raise InputError(file, "mounted probe", found, expected)
+
+
+def _said(probe_mm: float) -> str:
+    """How a person says which probe is mounted."""
+    told = f"`snakemake capture … --config mounted_mm={probe_mm:g}`"
+    return f"{told} or `eitskin rig resume … --probe {probe_mm:g}`"
 
 
 def _refuse(findings: list[preflight.Finding], file: str | Path) -> None:

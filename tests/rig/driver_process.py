@@ -1,0 +1,82 @@
+"""The driver in a process of its own, against an emulated rig, and what both of them wrote."""
+
+import contextlib
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+from emulated_rig import Emulated
+
+from eitskin.capture import journal
+
+WAIT_S, LOOK_S = 300, 0.05
+
+
+def begun(rig: Emulated, do: str = "run", *more: str) -> subprocess.Popen:
+    """`eitskin rig run`, `resume` or `check` in a process of its own."""
+    journal_path, out = rig.folder / "journal.jsonl", rig.folder / "it.parquet"
+    files = [] if do == "check" else ["--journal", str(journal_path), "--out", str(out)]
+    return subprocess.Popen(
+        [sys.executable, "-m", "eitskin.cli", "rig", do, str(rig.path), *files, *more],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def ended(process: subprocess.Popen) -> tuple[int, str]:
+    """Its exit code and all it said."""
+    out, err = process.communicate(timeout=WAIT_S)
+    return process.returncode, out + err
+
+
+def capture(rig: Emulated, do: str = "run", *more: str) -> tuple[int, str]:
+    """`eitskin rig run`, `resume` or `check` to its end."""
+    return ended(begun(rig, do, *more))
+
+
+def records(rig: Emulated) -> list[dict]:
+    """The journal's."""
+    return journal.read(rig.folder / "journal.jsonl").records
+
+
+def stop_reason(rig: Emulated) -> str:
+    """Why the last run that ended early did."""
+    return next(r["reason"] for r in reversed(records(rig)) if r["kind"] == "stop")
+
+
+def wait_for(rig: Emulated, process: subprocess.Popen, event: str, count: int = 1) -> None:
+    """Until the emulator has logged an event `count` times."""
+    while len(rig.named(event)) < count:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            raise AssertionError(f"it ended before {event}: {process.communicate(timeout=LOOK_S)}")
+
+
+def motions(rig: Emulated) -> list[dict]:
+    """The events that tell where the arm is and how it moves, in order."""
+    return [event for event in rig.events if event["event"] in ("moving", "stopping", "still")]
+
+
+def assert_stands(rig: Emulated) -> None:
+    """Once both of the driver's connections have ended, the arm comes to rest, where it is not
+    sent anywhere any more."""
+    until(rig, lambda: len(rig.named("rtde gone")) == len(rig.named("rtde connected")))
+    until(rig, lambda: motions(rig)[-1:] == [] or motions(rig)[-1]["velocity"] == [0.0] * 6)
+
+
+def until(rig: Emulated, true: Callable[[], bool]) -> None:
+    """Wait for something that the emulator logs."""
+    end_s = time.monotonic() + WAIT_S
+    while not true():
+        assert time.monotonic() < end_s, rig.events[-5:]
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            raise AssertionError(f"the emulator ended: {rig.process.wait(LOOK_S)}")
+
+
+def assert_kept_every_rule(rig: Emulated) -> None:
+    """The emulator saw no rule broken; what the library sends while it reconnects after a reset,
+    for recipes that were never set up, is none of the driver's."""
+    reset = any(fault["fault"] == "rtde_reset" for fault in rig.named("fault"))
+    broken = [v["rule"] for v in rig.named("violation")]
+    assert [rule for rule in broken if not (reset and rule == "RTDE protocol")] == []

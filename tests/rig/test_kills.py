@@ -1,0 +1,90 @@
+"""A capture that is killed at random moments, and resumed each time, is as whole as any other.
+
+Which frames there were and in which press is judged by the emulator's log.
+"""
+
+import signal
+import subprocess
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rtde_control", reason="ur_rtde is not installed: extra `rig`")
+pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
+
+from driver_process import (
+    assert_kept_every_rule,
+    assert_stands,
+    begun,
+    capture,
+    ended,
+    records,
+    stop_reason,
+    until,
+)
+from emulated_rig import Emulated, emulated_rig
+
+from eitskin import recording
+from eitskin.capture import journal
+
+pytestmark = pytest.mark.rehearsal
+
+KILLS, PLACES, SPEEDUP = 20, 24, 4.0
+FAULT, LATE = 4, {"robot clock", "robot program", "late", "load cell silent"}  # of a busy machine
+MOST_EVENTS = 200  # of the emulator, from a run's beginning to its kill: some three presses
+
+
+def test_twenty_kills_lose_no_sample_and_double_none(tmp_path):
+    rng = np.random.default_rng(20)
+    with emulated_rig(tmp_path, speedup=SPEEDUP) as rig:
+        rig.config["plan"] |= {"angles": PLACES, "probes_mm": [10.0, 15.0], "settle_s": 0.05}
+        rig.config["motion"] |= {"search_m_s": 0.001}
+        rig.config["board"]["period_s"] = 0.13  # gaps of 0.07 to 0.28 s are frames
+        killed = 0
+        while killed < KILLS:
+            process = begun(rig, "resume" if (tmp_path / "journal.jsonl").exists() else "run")
+            code, said = kill_after(rig, process, int(rng.integers(1, MOST_EVENTS)))
+            killed += code == -signal.SIGKILL
+            assert code == -signal.SIGKILL or (code == FAULT and stop_reason(rig) in LATE), said
+            assert_stands(rig)
+        code, said = capture(rig, "resume")
+        assert code == 0, said
+        assert_kept_every_rule(rig)
+        assert_whole(rig)
+
+
+def kill_after(rig: Emulated, process: subprocess.Popen, events: int) -> tuple[int, str]:
+    """Kill it once the emulator has logged so many more events; its exit code and what it said."""
+    seen = len(rig.events) + events
+    until(rig, lambda: len(rig.events) >= seen or process.poll() is not None)
+    process.kill()
+    return ended(process)
+
+
+def assert_whole(rig: Emulated) -> None:
+    """Every contact once, each sample a frame of its own that the board printed within the one
+    press that the contact took, from the first step to the last."""
+    found = records(rig)
+    kept = journal.finished_frames(found)
+    ends = [record["contact"] for record in found if record["kind"] == "end"]
+    assert ends == list(range(2 * PLACES))
+    frames = recording.read(rig.folder / "it.parquet").frames
+    assert len(frames) == len(kept)
+    printed = np.array([event["ended"] for event in rig.named("frame")])
+    own = [int(np.searchsorted(printed, record["end_s"])) - 1 for record in kept]
+    assert len(set(own)) == len(own)
+    presses = list(zip(rig.named("touched"), rig.named("released"), strict=True))
+    plan = rig.config["plan"]
+    for contact in range(2 * PLACES):
+        mine = [record for record in kept if record["contact"] == contact]
+        phases = [(record["phase"], record["step"]) for record in mine]
+        untouched = [("untouched", step) for step in range(plan["untouched_frames"])]
+        steps = [("press", step) for step in range(1, len(mine) - len(untouched) + 1)]
+        assert phases == untouched + steps
+        around = [
+            number
+            for number, (touched, released) in enumerate(presses)
+            if any(touched["t"] < r["end_s"] < released["t"] for r in mine)
+        ]
+        assert len(around) == 1
+        assert mine[-1]["force_N"] - mine[-1]["zero_N"] >= plan["target_N"][0]

@@ -1,0 +1,40 @@
+"""`python -m rigsim.during CONFIG.yaml COMMAND …`: a command while the emulated rig lives.
+
+The command finds the emulator listening, and has its standard input, output and signals. Exit code:
+the command's; where that is 0 the emulator's: 3 where the driver broke a rule.
+"""
+
+import argparse
+import signal
+import subprocess
+import sys
+
+ENDING_S = 60.0
+
+
+def main() -> int:
+    """Run both; the exit code."""
+    parser = argparse.ArgumentParser(prog="rigsim.during", description=__doc__.splitlines()[0])
+    parser.add_argument("config", help="the emulated rig's YAML file")
+    parser.add_argument("command", nargs=argparse.REMAINDER, help="what is run meanwhile")
+    arguments = parser.parse_args()
+    with subprocess.Popen(
+        [sys.executable, "-m", "rigsim", arguments.config],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,  # Ctrl-C is the command's: the arm is still to be lifted
+    ) as emulator:
+        if not emulator.stdout.readline():
+            return emulator.wait()
+        with subprocess.Popen(arguments.command) as command:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            code = command.wait()
+        emulator.stdin.close()
+        broken = emulator.wait(ENDING_S)
+    if broken:
+        print(f"the emulated rig ended with {broken}", file=sys.stderr)
+    return code or broken
+
+
+if __name__ == "__main__":
+    sys.exit(main())
