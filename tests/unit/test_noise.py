@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy.stats import kstest
 
-from eitskin.diagnose.noise import FLOOR, estimate, parity
+from eitskin.diagnose.noise import FLOOR, converter_step, estimate, parity, rounding_alike
 from eitskin.effects.settings import settings, site_counts
 from eitskin.protocol import channel_table
 from eitskin.readings import simulate
@@ -180,3 +180,33 @@ def test_one_frame_gives_a_bound_or_an_assumption(clean):
     channels = channel_table(16, "adjacent", "opposite")
     noise = estimate(recording(np.ones((1, len(channels))), channels, frames))
     assert "assumed" in noise.source and noise.dof == 1.0
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.2, 0.5, 2.0])
+def test_rounding_shows_in_the_noise_whether_frames_repeat_or_not(clean, noise):
+    """noise in steps."""
+    values = clean["nothing"]
+    step = 0.01 * np.median(np.abs(values))
+    rng = np.random.default_rng(3)
+    rough = values + noise * step * rng.normal(size=values.shape)
+    found = estimate(recording(step * np.round(rough / step)))
+    assert converter_step(step * np.round(rough / step)) == pytest.approx(step, rel=1e-6)
+    expected = step * np.hypot(noise, 12**-0.5)
+    assert 0.85 * expected < np.median(found.sd) < 1.35 * expected
+    assert ("rounding" in found.source) == (noise < 0.1)
+
+
+def test_readings_that_do_not_repeat_have_no_step(clean):
+    assert converter_step(np.full((3, 4), 0.7)) == 0.0
+    rough = noisy(clean["nothing"], 1e-3 * level_of(clean))
+    assert converter_step(rough) == estimate(recording(rough)).rounding == 0.0
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.25, 0.6])
+def test_what_rounding_does_alike_against_drawn_readings(noise):
+    rng = np.random.default_rng(5)
+    at_rest = rng.uniform(size=(400, 1))
+    read = np.round(at_rest + noise * rng.normal(size=(400, 4000)))
+    drawn = np.std(read.mean(axis=1) - at_rest[:, 0])
+    told = rounding_alike(2.0, 2.0 * np.hypot(noise, 12**-0.5)) / 2.0
+    assert told == pytest.approx(drawn, rel=0.08, abs=0.02)

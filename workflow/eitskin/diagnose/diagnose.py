@@ -141,7 +141,7 @@ def problem_of(recorded: Recording, noise: Noise) -> tuple[Problem, Scales]:
     geometry = Geometry.from_skin(model.believed)
     current = model.believed.current_A if model.unit != "ohm" else 1.0
     error = np.abs(current * untouched_error(geometry, recorded.channels, "diagnose"))
-    error = np.hypot(error, COHERENT * median)
+    error = np.hypot(error, np.hypot(COHERENT * median, noise.rounding))
     whitening = Whitening.of(readings, noise.sd, model.difference, error)
     return Problem(model, readings, whitening), Scales(median, current)
 

@@ -17,6 +17,8 @@ from scipy.stats import chi2, f
 from eitskin.protocol import reciprocal_channels
 from eitskin.recording import Recording
 
+ROUNDING = 12**-0.5  # of a converter's step: the sd of an even distribution over it
+LEAST_GAPS = 0.1  # the quantile of gaps between values that is a step: wider ones hold several
 FLOOR = 1e-6  # of the median |v|
 ASSUMED = 1e-3  # of the median |v|, where nothing shows the noise
 MOST_LOST = 0.5  # of a channel's frames or a frame's channels, else it is left out
@@ -30,11 +32,15 @@ FILLS, FILLED = 5, 0.02  # rounds a mode at most; the last changes less than thi
 @dataclass(frozen=True)
 class Noise:
     """Standard deviation `sd` (M,) of each channel in the recording's unit; `dof`: degrees of
-    freedom of its overall scale (squared); `source`: where it comes from, for a reader."""
+    freedom of its overall scale (squared); `source`: where it comes from, for a reader.
+
+    rounding: sd of what rounding does alike in frames that are alike, the same in all channels.
+    """
 
     sd: np.ndarray
     dof: float
     source: str
+    rounding: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -141,11 +147,44 @@ def estimate(recording: Recording) -> Noise:
     sd = np.sqrt(law[0] + law[1] * level**2)
     source = " and ".join(words[name] for name in told) + said
     source += "; it grows with the reading" if law[1] > 0 else "; alike in all channels"
+    step = converter_step(voltage)
+    alike = rounding_alike(step, float(np.median(sd)))
+    if (sd < ROUNDING * step).any():
+        sd = np.maximum(sd, ROUNDING * step)
+        source += f"; raised to that of rounding to steps of {step:.3g}"
     floor = FLOOR * size
     if (sd < floor).any():
         sd = np.maximum(sd, floor)
         source += f"; raised to {FLOOR:g} of the median reading, below which no noise is told"
-    return Noise(sd, float(sum(witnesses[name].dof.sum() for name in told)), source)
+    return Noise(sd, float(sum(witnesses[name].dof.sum() for name in told)), source, alike)
+
+
+def converter_step(voltage: np.ndarray) -> float:
+    """Between neighbouring values that readings (N, M) take, where half of them or more say what
+    others say too; else 0.
+
+    Rounded to steps much wider than the noise, untouched frames have the same error each time:
+    their scatter does not show it.
+    """
+    readings = voltage[np.isfinite(voltage)]
+    values = np.unique(readings)
+    if len(values) < 2 or 2 * len(values) > len(readings):
+        return 0.0
+    return float(np.quantile(np.diff(values), LEAST_GAPS))
+
+
+def rounding_alike(step: float, sd: float) -> float:
+    """Sd of the mean of what rounding to steps does to a reading at rest, whose scatter is `sd`
+    with the rounding in it.
+
+    Over noise of sd s a value x has the mean error sum_k (-1)^k step / (pi k) sin(2 pi k x / step)
+    exp(-2 pi^2 k^2 s^2 / step^2); x is even over a step (Widrow, Kollar, Quantization Noise, 2008).
+    """
+    if step == 0.0:
+        return 0.0
+    noise = max((sd / step) ** 2 - ROUNDING**2, 0.0)
+    k2 = np.arange(1, 200) ** 2
+    return step * float(np.sqrt(np.sum(np.exp(-4.0 * np.pi**2 * k2 * noise) / k2) / 2.0) / np.pi)
 
 
 def parity(channels: np.ndarray, signed: bool = True) -> tuple[np.ndarray, np.ndarray]:
