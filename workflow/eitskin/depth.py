@@ -34,7 +34,7 @@ PANEL_NODES = 10
 SHORTEST_PANEL = 1e-8
 MOST_TERMS = 10_000_000
 SHEET = 1e8  # operations of a body that take as long as a sheet that shares its outline
-TOUCHED_SHEET = 4e6  # elements of a body's matrix, that a touched place goes through in that time
+TOUCHED_SHEET = 2.5e6  # elements of a body's matrix, that a touched place goes through in that time
 
 
 @dataclass(frozen=True)

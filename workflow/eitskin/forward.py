@@ -137,7 +137,7 @@ class Forward:
     effort, touch_effort: what it takes to solve it and to touch it at one place, in sheets solved.
     """
 
-    effort, touch_effort = 1.0, 0.7
+    effort, touch_effort = 1.0, 0.3
 
     def __init__(
         self,
