@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eitskin import dataset, recording, splits, transfer
-from eitskin.train import Budget, Optimiser
+from eitskin.train import Budget, Optimiser, Recipe
 from loop import errors, labelled
 from loop.alike import alike
 from loop.plan import AUTHORS, BELIEF, DIAGNOSIS, LABELS, TRUTH, named
@@ -34,7 +34,7 @@ def parts(folder):
 
 
 def run(folder, source):
-    settings = (Optimiser(), Budget(150, 2, 2, 2), 1, 4, 5.0, 0.0)
+    settings = (Recipe(Optimiser(), Budget(150, 2, 2, 2), 4, 5.0, 0.0), 1)
     return errors.errors(source, "mlp", folder, *parts(folder), *settings, [JITTER], FORCES, 8.0)
 
 
@@ -77,7 +77,7 @@ def test_labels_alone_are_the_reference_where_they_are_enough(folder):
     assert rows["left_out"].str.contains("no spread").all()
     target, part = parts(folder)
     part = np.where(part == "validation", "train", part)
-    settings = (Optimiser(), Budget(150, 2, 2, 2), 1, 4, 5.0, 0.0)
+    settings = (Recipe(Optimiser(), Budget(150, 2, 2, 2), 4, 5.0, 0.0), 1)
     rows = errors.errors(LABELS, "mlp", folder, target, part, *settings, [JITTER], FORCES, 8.0)
     assert set(rows["seed"]) == {1, 2} and set(rows["left_out"]) == {""}
 

@@ -320,7 +320,8 @@ def test_references_need_no_simulation(tmp_path):
     teachers = [tmp_path / "a.pt", tmp_path / "r.pt"]
     name, whole = "physics-informed-mlp", tmp_path / "whole.pt"
     train.train_predictor(target, part, name, whole, *job, 5.0, 0.03, teachers)
-    rows = transfer.references(models.read(whole), target, part, *job, 4, 5.0, 0.03)
+    recipe = train.Recipe(train.Optimiser(), budget, 4, 5.0, 0.03)
+    rows = transfer.references(models.read(whole), target, part, recipe, 1)
     assert set(rows["left_out"]) == {""}
     drawn = [transfer.CONSTANT, transfer.NEAREST, transfer.TRAINED_FEW]
     assert set(rows["method"]) == {*drawn, transfer.TRAINED_ALL}
@@ -334,7 +335,7 @@ def test_references_need_no_simulation(tmp_path):
     for method in drawn:
         assert len(cell[cell["method"] == method]) == transfer.DRAWS
     assert len(cell[cell["method"] == transfer.TRAINED_ALL]) == 2
-    again = transfer.references(models.read(whole), target, part, *job, 4, 5.0, 0.03)
+    again = transfer.references(models.read(whole), target, part, recipe, 1)
     assert rows.equals(again)
 
 
@@ -347,8 +348,8 @@ def test_too_few_labels_to_train_on_are_said(tmp_path):
     train.train_predictor(
         target, part, "mlp", tmp_path / "mlp.pt", train.Optimiser(), BUDGET, 1, 5.0
     )
-    job = (train.Optimiser(), BUDGET, 1, 4, 5.0, 0.0)
-    rows = transfer.references(models.read(tmp_path / "mlp.pt"), target, part, *job)
+    recipe = train.Recipe(train.Optimiser(), BUDGET, 4, 5.0, 0.0)
+    rows = transfer.references(models.read(tmp_path / "mlp.pt"), target, part, recipe, 1)
     (reason,) = rows.loc[rows["method"] == transfer.TRAINED_FEW, "left_out"]
     assert reason == "bench: training state: found no spread, expected some"
 

@@ -71,6 +71,18 @@ class Budget:
     seeds: int
 
 
+@dataclass(frozen=True)
+class Recipe:
+    """How a model is trained through all of its stages: `latent_dim` K of the autoencoder, the
+    weights of the force and of the latent loss (0: none)."""
+
+    optimiser: Optimiser
+    budget: Budget
+    latent_dim: int
+    force_weight: float
+    lambda_latent: float
+
+
 @dataclass
 class Material:
     """Standardised voltages (n, M) and states (n, T) of two parts, and the scalers that made them
@@ -358,24 +370,20 @@ def train_model(
     dataset: Dataset,
     part: np.ndarray,
     model: str,
-    optimiser: Optimiser,
-    budget: Budget,
+    recipe: Recipe,
     seed: int,
-    latent_dim: int,
-    force_weight: float,
-    lambda_latent: float,
 ) -> Trained:
     """A predictor after all of its stages, as `train_predictor` writes it; nothing is kept."""
     with TemporaryDirectory() as folder:
         encoder, regressor, output = (Path(folder, f"{k}.pt") for k in range(3))
-        job, teachers = (optimiser, budget, seed), []
-        if lambda_latent or model.endswith("autoencoder-mlp"):
-            train_autoencoder(dataset, part, encoder, *job, latent_dim)
+        job, teachers = (recipe.optimiser, recipe.budget, seed), []
+        if recipe.lambda_latent or model.endswith("autoencoder-mlp"):
+            train_autoencoder(dataset, part, encoder, *job, recipe.latent_dim)
             teachers.append(encoder)
-        if lambda_latent:
+        if recipe.lambda_latent:
             train_regressor(dataset, part, encoder, regressor, *job)
             teachers.append(regressor)
-        loss = (force_weight, lambda_latent, teachers)
+        loss = (recipe.force_weight, recipe.lambda_latent, teachers)
         train_predictor(dataset, part, model, output, *job, *loss)
         return models.read(output)
 

@@ -41,7 +41,7 @@ from eitskin.metrics import METRICS
 from eitskin.models import Trained
 from eitskin.networks import Shape
 from eitskin.predict import predict_seeds
-from eitskin.train import Budget, Optimiser
+from eitskin.train import Budget, Optimiser, Recipe
 
 SHARE = 0.05  # of the recording's training frames, labelled
 DRAWS = 10  # of the labelled presses
@@ -276,12 +276,8 @@ def references(
     trained: Trained,
     target: Dataset,
     part: np.ndarray,
-    optimiser: Optimiser,
-    budget: Budget,
+    recipe: Recipe,
     seed: int,
-    latent_dim: int,
-    force_weight: float,
-    lambda_latent: float,
 ) -> pd.DataFrame:
     """Rows (RUNS) of what the recording alone gives on its test part: the mean of the 5 %, the
     nearest of them, the model trained on them, and `trained`, that on the whole training part.
@@ -302,8 +298,8 @@ def references(
         alike = nearest(target.delta_V, part != "test", few, truth[few])[test]
         for method, state in ((CONSTANT, mean), (NEAREST, alike)):
             table += _scored(method, draw, -1, len(few), truth[test], state, variables, every)
-        job = (optimiser, budget, (part == "train").sum(), seed + draw, draw)
-        rows = few_alone(target, test, few, name, *job, latent_dim, force_weight, lambda_latent)
+        whole = (part == "train").sum()
+        rows = few_alone(target, test, few, name, recipe, whole, seed + draw, draw)
         table += rows
         if rows[0]["left_out"]:
             break
@@ -315,23 +311,18 @@ def few_alone(
     test: np.ndarray,
     few: np.ndarray,
     model: str,
-    optimiser: Optimiser,
-    budget: Budget,
+    recipe: Recipe,
     whole: int,
     seed: int,
     draw: int,
-    latent_dim: int,
-    force_weight: float,
-    lambda_latent: float,
 ) -> list[dict]:
     """Rows (RUNS) of a model trained on the rows `few` (n,) alone, on the rows `test` (N,), with as
     many steps of Adam as `whole` training frames would take; a row with the reason where they are
     too few."""
     own = few_parts(target.table, few, seed)
-    spent = same_steps(budget, whole, (own == "train").sum(), optimiser)
-    settings = (latent_dim, force_weight, lambda_latent)
+    spent = same_steps(recipe.budget, whole, (own == "train").sum(), recipe.optimiser)
     try:
-        trained = train.train_model(target, own, model, optimiser, spent, seed, *settings)
+        trained = train.train_model(target, own, model, replace(recipe, budget=spent), seed)
     except InputError as error:
         return [_left_out(TRAINED_FEW, str(error))]
     (state,) = predict_seeds(trained, target.delta_V[test])

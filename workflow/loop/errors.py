@@ -1,6 +1,7 @@
 """Errors on the recording of models trained on a source, as they are and aligned."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pandas as pd
 from eitskin import recording, train, transfer
 from eitskin.dataset import Dataset
 from eitskin.recording import Recording
-from eitskin.train import Budget, Optimiser
+from eitskin.train import Recipe
 from loop import sources
 from loop.plan import BELIEF, DIAGNOSIS, LABELS, TRUTH
 
@@ -36,12 +37,8 @@ def errors(
     folder: str | Path,
     target: Dataset,
     part: np.ndarray,
-    optimiser: Optimiser,
-    budget: Budget,
+    recipe: Recipe,
     seed: int,
-    latent_dim: int,
-    force_weight: float,
-    lambda_latent: float,
     authors: list[dict],
     forces: dict,
     probe_mm: float,
@@ -54,20 +51,19 @@ def errors(
     """
     recorded = recording.read(Path(folder) / "recording.parquet")
     few = np.flatnonzero(part == "train")
-    settings = (latent_dim, force_weight, lambda_latent)
-    tables = []
+    budget, tables = recipe.budget, []
     taught = None if source == LABELS else simulator(source, recorded, folder, authors)
     for own in range(seed, seed + budget.seeds):
         if taught is None:
-            job = (optimiser, budget, budget.samples, own, own - seed)
-            rows = transfer.few_alone(target, part == "test", few, model, *job, *settings)
+            job = (recipe, budget.samples, own, own - seed)
+            rows = transfer.few_alone(target, part == "test", few, model, *job)
             tables.append(pd.DataFrame(rows, columns=list(transfer.RUNS)))
             continue
         made, parts = sources.source_set(
             taught, recorded, budget.samples, own, forces, probe_mm, f"{source} {own}"
         )
-        spent = Budget(budget.samples, budget.epochs, budget.patience, seeds=1)
-        trained = train.train_model(made, parts, model, optimiser, spent, own, *settings)
+        once = replace(recipe, budget=replace(budget, seeds=1))
+        trained = train.train_model(made, parts, model, once, own)
         sides = (made, parts, target, part, recorded.skin.electrode_deg)
         rows = transfer.transferred(trained, *sides, [few])
         tables.append(rows.assign(seed=own))

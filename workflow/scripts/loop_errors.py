@@ -4,7 +4,7 @@ from pathlib import Path
 
 from eitskin import dataset, splits, transfer
 from eitskin.errors import reported
-from eitskin.train import Budget, Optimiser
+from eitskin.train import Budget, Optimiser, Recipe
 from loop import errors
 
 with reported(snakemake.log[0]):
@@ -13,7 +13,8 @@ with reported(snakemake.log[0]):
     part = splits.read(files.split, target.table)
     chosen = (snakemake.wildcards.source, snakemake.wildcards.model, Path(files.recording).parent)
     optimiser = Optimiser(params.learning_rate, params.weight_decay, params.batch_size)
-    job = (target, part, optimiser, Budget(**params.budget), params.seed)
     settings = (params.latent_dim, params.force_weight, params.lambda_latent)
-    rows = errors.errors(*chosen, *job, *settings, params.authors, params.forces, params.probe_mm)
+    recipe = Recipe(optimiser, Budget(**params.budget), *settings)
+    drawn = (params.authors, params.forces, params.probe_mm)
+    rows = errors.errors(*chosen, target, part, recipe, params.seed, *drawn)
     transfer.write(rows, snakemake.output[0])

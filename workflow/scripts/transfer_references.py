@@ -2,13 +2,14 @@
 
 from eitskin import dataset, models, splits, transfer
 from eitskin.errors import reported
-from eitskin.train import Budget, Optimiser
+from eitskin.train import Budget, Optimiser, Recipe
 
 with reported(snakemake.log[0]):
     params, files = snakemake.params, snakemake.input
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)
     optimiser = Optimiser(params.learning_rate, params.weight_decay, params.batch_size)
-    job = (models.read(files.model), data, part, optimiser, Budget(**params.budget), params.seed)
     settings = (params.latent_dim, params.force_weight, params.lambda_latent)
-    transfer.write(transfer.references(*job, *settings), snakemake.output[0])
+    recipe = Recipe(optimiser, Budget(**params.budget), *settings)
+    rows = transfer.references(models.read(files.model), data, part, recipe, params.seed)
+    transfer.write(rows, snakemake.output[0])
