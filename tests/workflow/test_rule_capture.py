@@ -24,12 +24,18 @@ pytestmark = pytest.mark.xdist_group("capture")
 
 DEMO = "workflow/config/demo_capture.yaml"
 NAME = "emulated-rig"
+DIAGNOSIS = f"results/diagnosis/{NAME}/diagnosis.json"
 REPORT = f"results/diagnosis/{NAME}/report.html"
 AGAIN = ("sh", "-c", '"$@" || "$@" || "$@"', "sh")
 QUICK = {  # fewer and shorter ways than the demo's, and one row
     "rig": {
         "pose": {"centre": [-0.593, -0.201, -0.096, 0.0, 3.142, 0.0]},  # 1 mm above the gel
-        "plan": {"step_mm": 2.0, "target_N": [5.0, 7.0], "settle_s": 0.01},
+        "plan": {
+            "untouched_frames": 1,
+            "step_mm": 2.0,
+            "target_N": [2.5, 3.5],
+            "settle_s": 0.01,
+        },
     },
     "table_1": {"configurations": {"tiny": []}, "recordings": {NAME: {"place": ["mlp"]}}},
 }
@@ -81,13 +87,13 @@ def test_a_capture_becomes_rows_of_table_1_and_a_diagnosis(fresh, tmp_path):
     run = during(house, [*AGAIN, *house.command(DEMO, "quick.yaml", "--", "capture")])
     assert run.returncode == 0 and stops(house) <= LATE, run.stdout + run.stderr
     assert_every_press_is_the_emulator_s(house)
-    run = house.snakemake(DEMO, "quick.yaml", "--", "table_1", REPORT)
+    run = house.snakemake(DEMO, "quick.yaml", "--", "table_1", DIAGNOSIS)
     assert run.returncode == 0, run.stdout + run.stderr
     table = pd.read_csv(house.folder / "results" / "tables" / "table_1.csv")
     row = table[(table[["recording", "target", "metric"]] == [NAME, "x", "mae"]).all(axis=1)]
     assert row[["split", "model"]].to_numpy().tolist() == [["place", "mlp"]]
     assert 0.0 < row["mean"].item() < 60.0
-    said = json.loads((house.folder / REPORT).with_name("diagnosis.json").read_text())
+    said = json.loads((house.folder / DIAGNOSIS).read_text(encoding="utf-8"))
     concealed = {"contact-impedance": [5], "conductivity-drift": []}
     assert {effect["name"]: effect["electrodes"] for effect in said["effects"]} == concealed
 
