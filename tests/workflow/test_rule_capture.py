@@ -94,8 +94,10 @@ def test_a_capture_becomes_rows_of_table_1_and_a_diagnosis(fresh, tmp_path):
     assert row[["split", "model"]].to_numpy().tolist() == [["place", "mlp"]]
     assert 0.0 < row["mean"].item() < 60.0
     said = json.loads((house.folder / DIAGNOSIS).read_text(encoding="utf-8"))
-    concealed = {"contact-impedance": [5], "conductivity-drift": []}
-    assert {effect["name"]: effect["electrodes"] for effect in said["effects"]} == concealed
+    found = {effect["name"]: effect for effect in said["effects"]}
+    assert found.keys() == {"contact-impedance", "measurement-gain"}
+    assert found["contact-impedance"]["electrodes"] == [5]
+    assert found["measurement-gain"]["measures"] == [11]
 
 
 @pytest.mark.rehearsal
