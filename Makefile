@@ -6,7 +6,8 @@ CORES ?= 2
 EITSKIN_DATA ?= ../shared/data
 SNAKEMAKE := $(BIN)/snakemake --workflow-profile workflow/profiles/default --cores $(CORES)
 # One run at a time; a second waits, and clears the lock that a killed one left behind.
-RUN = flock .venv/run.lock sh -c '$(SNAKEMAKE) --unlock --quiet all && exec $(SNAKEMAKE) "$$@"' make
+# No process of flock's own: Ctrl-C would end it before the arm is lifted.
+RUN = flock --no-fork .venv/run.lock sh -c '$(SNAKEMAKE) --unlock --quiet all && exec $(SNAKEMAKE) "$$@"' make
 
 # What `make demo-capture` makes of its capture.
 DEMO = --configfile workflow/config/demo_capture.yaml
