@@ -212,3 +212,23 @@ def test_a_search_that_has_spent_its_skins_ends_with_what_it_has(contact, monkey
     said = diagnose.result(found, "contact")
     assert said["verdict"] == "unexplained" and said["effects"] == []
     assert said["other"]["probability"] > 0.5
+
+
+def test_a_query_beyond_the_physics_found_is_predicted_as_far_as_it_goes(capsys):
+    law = {"name": "force-dependent-impedance", "electrodes": [2], "parameters": {"per_N": -0.09}}
+    recorded = small_recording(law, noise=NOISE, places=4)
+    found = diagnose.diagnose(recorded)
+    assert [effect.name for effect in found.after.effects] == ["force-dependent-impedance"]
+    diagnose.predict(found, recorded)
+    assert capsys.readouterr().err == ""
+    force = (
+        2.0 * recorded.frames["force_N"]
+    )  # up to 16 N: from 11.1 N on its contact has less than 0
+    twice = replace(recorded, frames=recorded.frames.assign(force_N=force))
+    capped = replace(recorded, frames=recorded.frames.assign(force_N=force.clip(upper=9.6)))
+    predicted = diagnose.predict(found, twice)
+    said = capsys.readouterr().err
+    assert "touches above 9.6 N are predicted as at 9.6 N" in said
+    assert "contact_impedivity_ohm_m2" in said
+    for ours, theirs in zip(predicted, diagnose.predict(found, capped), strict=True):
+        np.testing.assert_array_equal(ours, theirs)

@@ -38,6 +38,7 @@ from eitskin.geometry import Geometry
 from eitskin.recording import Recording
 
 FIRST_FRAMES = 120  # on which the search begins, where there are twice as many
+FORCES = np.linspace(1.0, 0.0, 11)  # of a query's largest, up to which predictions are tried
 FIRST_SHARE = 2 / 3  # of what may be solved, that the search on these may take
 
 
@@ -247,15 +248,31 @@ def predict(
     found: Diagnosis, query: Recording, state: State | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Voltages (N, M) of a query's states, noise-free, and their standard deviations; by another
-    state than the one found, where that is given. InputError for touches of unknown state."""
-    fit = (state or found.after).fit
-    voltage = simulator(fit, found.recorded, query)
-    there = voltage(fit.theta)
-    slopes = np.array([difference(voltage, fit.theta, there, i) for i in range(len(fit.theta))])
-    slopes = slopes.reshape(len(fit.theta), *there.shape)
-    root = np.linalg.cholesky(fit.covariance)
-    spread = np.einsum("pq,pnm->qnm", root, slopes)
-    return there, np.sqrt((spread**2).sum(axis=0))
+    state than the one found, where that is given. InputError for touches of unknown state.
+
+    Where the laws found have no physics at a force, as they may beyond the forces that they were
+    found at, touches are predicted as at the largest one at which they have: a line on stderr says
+    so.
+    """
+    fit, force = (state or found.after).fit, query.frames["force_N"].to_numpy(float)
+    refused = None
+    for most in np.nanmax(force, initial=0.0) * FORCES:
+        lighter = query.frames.assign(force_N=np.minimum(force, most))
+        voltage = simulator(fit, found.recorded, replace(query, frames=lighter))
+        try:
+            there = voltage(fit.theta)
+            moved = [difference(voltage, fit.theta, there, i) for i in range(len(fit.theta))]
+        except InputError as error:
+            refused = refused or error
+            continue
+        if refused:
+            said = f"touches above {most:.3g} N are predicted as at {most:.3g} N: {refused}"
+            print(f"  {said}", file=sys.stderr, flush=True)
+        slopes = np.array(moved).reshape(len(fit.theta), *there.shape)
+        root = np.linalg.cholesky(fit.covariance)
+        spread = np.einsum("pq,pnm->qnm", root, slopes)
+        return there, np.sqrt((spread**2).sum(axis=0))
+    raise refused
 
 
 def simulator(
