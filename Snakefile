@@ -4,7 +4,7 @@ from concealed.naming import names as case_names
 from eitskin import ablation
 from eitskin.capture.attached import attach, manifest_path
 from eitskin.chain import instrument_effects, last_link, link_before, skin_effects
-from eitskin.configuration import captured_path, validate, with_continuous
+from eitskin.configuration import captured_path, file_of, validate, with_continuous
 from eitskin.errors import reported
 from eitskin.fingerprint import fingerprint
 from eitskin.rows import rows

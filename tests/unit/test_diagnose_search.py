@@ -78,6 +78,10 @@ def test_a_search_on_few_frames_goes_on_with_all(monkeypatch):
     ]
     steps = [(step["action"], step["effect"]) for step in found.search.path]
     assert steps == [("calibrate", ""), ("start", ""), ("add", "multiplexer-memory")]
+    monkeypatch.setattr(diagnose, "FIRST_SHARE", 0.0)
+    unbegun = diagnose.diagnose(small_recording(CONTACT, weak, noise=NOISE)).search.path
+    assert "start" not in [step["action"] for step in unbegun]
+    assert unbegun[-1]["action"] == "cut short"
 
 
 def test_equal_seeds_give_equal_diagnoses(contact):

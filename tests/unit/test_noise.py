@@ -198,6 +198,8 @@ def test_rounding_shows_in_the_noise_whether_frames_repeat_or_not(clean, noise):
 
 def test_readings_that_do_not_repeat_have_no_step(clean):
     assert converter_step(np.full((3, 4), 0.7)) == 0.0
+    repeated = np.tile(clean["nothing"][:3], (30, 1))
+    assert converter_step(repeated) == 0.0
     rough = noisy(clean["nothing"], 1e-3 * level_of(clean))
     assert converter_step(rough) == estimate(recording(rough)).rounding == 0.0
 

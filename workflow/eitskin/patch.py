@@ -26,7 +26,7 @@ from eitskin.touch import NODE_COUNTS, Circle, Touch, TouchAccuracy, TouchEdge
 LEAST_GAP = 0.03  # of a patch to the rim, in its radii
 LEAST_NODES = 48
 LONGEST_PANEL = 0.6
-PATCHED = 3.0  # times as long does a touched place take
+PATCHED = 3.0  # times what a touched place takes on a skin without a patch
 SAME_CIRCLE = 0.01  # a touch closer to the patch's own disc, in its radii, is taken for it: to 2 %
 
 

@@ -1,10 +1,11 @@
 """`python -m rigsim.during CONFIG.yaml COMMAND …`: a command while the emulated rig lives.
 
-The command finds the emulator listening, and has its standard input, output and signals. Exit code:
-the command's; where that is 0 the emulator's: 3 where the driver broke a rule.
+The command finds the emulator listening, and has standard input, output and the terminal's Ctrl-C.
+Exit code: the command's; where that is 0 the emulator's: 3 where the driver broke a rule.
 """
 
 import argparse
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,6 +19,8 @@ def main() -> int:
     parser.add_argument("config", help="the emulated rig's YAML file")
     parser.add_argument("command", nargs=argparse.REMAINDER, help="what is run meanwhile")
     arguments = parser.parse_args()
+    if not arguments.command or shutil.which(arguments.command[0]) is None:
+        parser.error(f"no command {' '.join(arguments.command[:1])!r}, expected one to run")
     with subprocess.Popen(
         [sys.executable, "-m", "rigsim", arguments.config],
         stdin=subprocess.PIPE,
@@ -30,7 +33,11 @@ def main() -> int:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             code = command.wait()
         emulator.stdin.close()
-        broken = emulator.wait(ENDING_S)
+        try:
+            broken = emulator.wait(ENDING_S)
+        except subprocess.TimeoutExpired:
+            emulator.kill()
+            broken = emulator.wait()
     if broken:
         print(f"the emulated rig ended with {broken}", file=sys.stderr)
     return code or broken

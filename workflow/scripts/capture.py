@@ -13,7 +13,7 @@ with reported(snakemake.log[0]):
     mounted_mm = snakemake.params.mounted_mm
     try:
         with contextlib.closing(View()) as view:
-            session.capture(rig, "rig", journal, journal.exists(), mounted_mm, view)
+            session.capture(rig, snakemake.params.file, journal, journal.exists(), mounted_mm, view)
     except session.Stopped as stopped:
         Path(snakemake.log[0]).write_text(f"{stopped}\n", encoding="utf-8")
         print(stopped, file=sys.stderr)

@@ -73,19 +73,19 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
     if len(recorded.frames) < whole:
         report(f"an excerpt: {len(recorded.frames)} of {whole} frames")
     noise, search = begun(recorded, seed, report)
-    start, few_spent = None, False
+    start, cut_short = None, False
     if len(recorded.frames) >= 2 * FIRST_FRAMES:
         problem = _few(search.problem, recorded)
         report(f"first on {len(problem.recorded)} frames")
         first = _search(problem, search.candidates, recorded.channels, seed, report)
         first.share = FIRST_SHARE
-        start, few_spent = first.run()[1], first.spent
+        start, cut_short = first.run()[1], first.spent
         report(f"then on {len(recorded.frames)}")
     before, after = search.run(start)
-    if search.spent or few_spent:
-        search.cut_short(after)
     report("comparing with every other name")
     found = [gaps(search, after, i) for i in range(len(after.effects))]
+    if search.spent or cut_short:
+        search.cut_short(after)
     atlas_after = _atlas(recorded, noise, after.fit)
     left = other(atlas_after, search.catalogue_p)
     return Diagnosis(

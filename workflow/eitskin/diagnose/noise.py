@@ -18,6 +18,8 @@ from eitskin.protocol import reciprocal_channels
 from eitskin.recording import Recording
 
 ROUNDING = 12**-0.5  # of a converter's step: the sd of an even distribution over it
+ALIKE = 1e-9  # of the largest reading: values closer are one
+OFF_STEP = 0.05  # of a step, that a gap between values may be from whole ones
 LEAST_GAPS = 0.1  # the quantile of gaps between values that is a step: wider ones hold several
 FLOOR = 1e-6  # of the median |v|
 ASSUMED = 1e-3  # of the median |v|, where nothing shows the noise
@@ -161,16 +163,20 @@ def estimate(recording: Recording) -> Noise:
 
 def converter_step(voltage: np.ndarray) -> float:
     """Between neighbouring values that readings (N, M) take, where half of them or more say what
-    others say too; else 0.
+    others say too and gaps are whole steps; else 0.
 
     Rounded to steps much wider than the noise, untouched frames have the same error each time:
     their scatter does not show it.
     """
     readings = voltage[np.isfinite(voltage)]
     values = np.unique(readings)
+    values = values[np.append(True, np.diff(values) > ALIKE * np.abs(values).max(initial=0.0))]
     if len(values) < 2 or 2 * len(values) > len(readings):
         return 0.0
-    return float(np.quantile(np.diff(values), LEAST_GAPS))
+    gaps = np.diff(values)
+    step = float(np.quantile(gaps, LEAST_GAPS))
+    off = np.abs(gaps / step - np.round(gaps / step))
+    return step if np.mean(off < OFF_STEP) > 1.0 - LEAST_GAPS else 0.0
 
 
 def rounding_alike(step: float, sd: float) -> float:

@@ -434,8 +434,9 @@ def _record(found: Evidence) -> str:
         parts.append(_table(heads, rows, ("step", "χ²", "log evidence", "p")))
     if (search["action"] == CUT_SHORT).any():
         parts.append(
-            "<p>The search was cut short: it had solved as many skins as it may. Effects that it"
-            " had not tried by then are not excluded.</p>"
+            "<p>The search, or the comparison with other names after it, was cut short: it had"
+            " solved as many skins as it may. Effects not tried by then are not excluded, and gaps"
+            " found by then are those of the linearised model.</p>"
         )
     versions = [f"Python {platform.python_version()}"]
     versions += [f"{package} {version(package)}" for package in PACKAGES]

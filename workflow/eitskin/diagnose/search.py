@@ -136,8 +136,8 @@ class Search:
         return before, found
 
     def cut_short(self, state: State) -> None:
-        """Puts on the path that a search had solved all it may, and that this is what it has."""
-        self.report("as many skins are solved as may be: what was not tried yet stays untried")
+        """Puts on the path that as much was solved as may be, and that this is what there is."""
+        self.report("as many skins are solved as may be: what was not tried by then stays untried")
         self._step(CUT_SHORT, None, state, None)
 
     def _explained(self, state: State) -> State:
