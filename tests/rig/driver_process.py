@@ -1,4 +1,7 @@
-"""The driver in a process of its own, against an emulated rig, and what both of them wrote."""
+"""The driver in a process of its own, against an emulated rig, and what both of them wrote.
+
+Tests that import this are skipped where the driver's libraries are absent.
+"""
 
 import contextlib
 import subprocess
@@ -6,9 +9,13 @@ import sys
 import time
 from collections.abc import Callable
 
+import pytest
 from emulated_rig import Emulated
 
 from eitskin.capture import journal
+
+pytest.importorskip("rtde_control", reason="ur_rtde is not installed: extra `rig`")
+pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
 
 WAIT_S, LOOK_S = 300, 0.05
 

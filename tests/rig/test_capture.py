@@ -11,10 +11,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("rtde_control", reason="ur_rtde is not installed: extra `rig`")
-pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
-
 from driver_process import (
     assert_kept_every_rule,
     assert_stands,

@@ -8,10 +8,6 @@ import subprocess
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rtde_control", reason="ur_rtde is not installed: extra `rig`")
-pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
-
 from driver_process import (
     assert_kept_every_rule,
     assert_stands,

@@ -93,8 +93,8 @@ def span(geometry: Geometry) -> Span | None:
 def forward_model(
     geometry: Geometry, accuracy: str | Accuracy = "diagnose", near: Forward | None = None
 ) -> Forward:
-    """The forward model that a geometry asks for: a sheet's, sharing with `near`, a patched
-    sheet's, or a body's."""
+    """The forward model that a geometry asks for: a sheet's, a patched one's, or a body's, sharing
+    with `near` what they have alike."""
     if geometry.patch is not None and geometry.patch.contrast != 1.0:
         bare = near.bare if isinstance(near, PatchForward) else near
         bare = forward_model(geometry.with_values(patch=None), accuracy, bare)
@@ -137,7 +137,8 @@ class BodyElectrodes:
         self.matrix = self.interaction + self._contact_matrix()
 
     def moved(self, sheet: Electrodes, heights: Span) -> "BodyElectrodes":
-        """The same expansion on a body that differs a little, to take differences of matrices."""
+        """The same expansion on a body that differs a little: what it shares with this one is kept,
+        and differences of matrices hold no change of expansion."""
         other = copy.copy(self)
         other.sheet, other.geometry, other.heights = sheet, sheet.geometry, heights
         if not other.agrees(self.geometry, self.heights):

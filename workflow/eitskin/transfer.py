@@ -291,14 +291,13 @@ def references(
     for k, state in enumerate(predict_seeds(trained, target.delta_V[test])):
         found = (TRAINED_ALL, -1, trained.seeds()[k], int((part != "test").sum()))
         table += _scored(*found, truth[test], state, variables, every)
-    name = trained.header["model"]
+    name, whole = trained.header["model"], (part == "train").sum()
     for draw in range(DRAWS):
         few = labelled(target.table, part, seed + draw)
         mean = np.broadcast_to(truth[few].mean(axis=0), truth[test].shape)
         alike = nearest(target.delta_V, part != "test", few, truth[few])[test]
         for method, state in ((CONSTANT, mean), (NEAREST, alike)):
             table += _scored(method, draw, -1, len(few), truth[test], state, variables, every)
-        whole = (part == "train").sum()
         rows = few_alone(target, test, few, name, recipe, whole, seed + draw, draw)
         table += rows
         if rows[0]["left_out"]:

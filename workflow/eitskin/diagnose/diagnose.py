@@ -77,8 +77,7 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
     if len(recorded.frames) >= 2 * FIRST_FRAMES:
         problem = _few(search.problem, recorded)
         report(f"first on {len(problem.recorded)} frames")
-        first = _search(problem, search.candidates, recorded.channels, seed, report)
-        first.share = FIRST_SHARE
+        first = _search(problem, search.candidates, recorded.channels, seed, report, FIRST_SHARE)
         start, cut_short = first.run()[1], first.spent
         report(f"then on {len(recorded.frames)}")
     before, after = search.run(start)
@@ -123,10 +122,17 @@ def begun(
     return noise, _search(problem, candidates, recorded.channels, seed, report)
 
 
-def _search(problem: Problem, candidates: list, channels: np.ndarray, seed: int, report) -> Search:
+def _search(
+    problem: Problem,
+    candidates: list,
+    channels: np.ndarray,
+    seed: int,
+    report: Callable[[str], None],
+    share: float = 1.0,
+) -> Search:
     model = problem.model
     fold = folds(model.touched & model.known, model.press, channels, seed)
-    return Search(problem, candidates, fold, seed, report)
+    return Search(problem, candidates, fold, seed, report, share)
 
 
 def problem_of(recorded: Recording, noise: Noise) -> tuple[Problem, Scales]:
