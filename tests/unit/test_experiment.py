@@ -96,8 +96,9 @@ def test_the_gap_proposed_is_reached_with_noise(item, rival, forces, noise, word
     rows = np.arange(len(found.recorded.frames))
     recipe = experiment._recipes(found, rows)[pair["recipe"]]
     effects, theta = found.after.effects, found.after.fit.theta
-    problem = Problem(recipe.model, np.zeros(1), recipe.whitening)
-    clean = recipe.model.voltage(*problem.split(theta, effects))
+    model = recipe.simulator()
+    problem = Problem(model, np.zeros(1), recipe.whitening)
+    clean = model.voltage(*problem.split(theta, effects))
     gained = []
     for seed in range(6):
         draw = np.random.default_rng(seed).normal(size=clean.shape)
@@ -127,7 +128,7 @@ def test_a_turned_connector_takes_faults_of_the_skin_along_and_no_others():
     contact = {"name": "contact-impedance", "electrodes": [3], "parameters": {"ratio": 3.0}}
     found = diagnosed(contact, [], [5.0], 1e-5)
     rows = np.arange(len(found.recorded.frames))
-    turned = experiment._recipes(found, rows)[experiment.TURN].model
+    turned = experiment._recipes(found, rows)[experiment.TURN].simulator()
     count = len(found.recorded.frames)
     index = {tuple(row): k for k, row in enumerate(CHANNELS.tolist())}
     shifted = [index[tuple(row)] for row in ((CHANNELS + 1) % 8).tolist()]

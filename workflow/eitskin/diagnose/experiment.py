@@ -7,9 +7,9 @@ any case: only a recipe that does better than more of the same is worth its trou
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from eitskin.diagnose.diagnose import Diagnosis
 
 MOST_PRESSES = 8  # on which recipes are compared
-MOST_TRIED = 2  # that are then simulated with every press and fitted
+MOST_TRIED = 2  # that are then simulated with every press and fitted ...
+WORTH = 0.5  # of the largest gap on those presses: recipes below it are not
 REPEATS = 4
 HARDER = 1.5  # times the forces
 HOLD_S, LOOK_S = 30.0, 10.0  # of a force held, and between its frames
@@ -67,23 +68,24 @@ def propose(found: Diagnosis) -> dict:
 
 @dataclass(frozen=True)
 class Recipe:
-    """One experiment, set up: its simulator and covariance; more: how many frames there are for
-    one of the recording's."""
+    """One experiment, set up: what makes its simulator, anew for each use, as a simulator keeps
+    what it solved; its covariance; more: how many frames there are for one of the recording's."""
 
-    model: Model
+    simulator: Callable[[], Model]
     whitening: Whitening
     more: float
 
     def gap(self, found: Diagnosis, index: int, rival: str, within: float = np.inf) -> float | None:
         """Gap between effect `index` and a rival name in this experiment, within as of `gaps`;
         None: not to be had."""
-        if rival == "conductivity-patch" and isinstance(self.model, _Turned):
+        model = self.simulator()
+        if rival == "conductivity-patch" and isinstance(model, _Turned):
             return None  # its tangents have every channel where the board's table has it
         effects, theta = found.after.effects, found.after.fit.theta
         candidates = [c for c in found.search.candidates if c.name == rival]
-        problem = Problem(self.model, np.zeros(1), self.whitening)
+        problem = Problem(model, np.zeros(1), self.whitening)
         try:
-            problem = replace(problem, recorded=self.model.voltage(*problem.split(theta, effects)))
+            problem = replace(problem, recorded=model.voltage(*problem.split(theta, effects)))
             fold = np.zeros(len(problem.recorded), int)
             search = Search(problem, candidates, fold, found.search.seed, lambda line: None)
             state = search.state(fit(problem, effects, theta))
@@ -124,7 +126,8 @@ def _best(
     special = {text: recipe for text, recipe in few.items() if text not in (AS_IS, SAME)}
     now = gap_now if few is whole else few[AS_IS].gap(found, index, rival)
     tried = beating(special, now or 0.0, CLOSE * CONFUSED)
-    first = sorted(tried, key=tried.get)[-MOST_TRIED:]
+    worth = WORTH * max(tried.values(), default=0.0)
+    first = [text for text in sorted(tried, key=tried.get) if tried[text] >= worth][-MOST_TRIED:]
     tried = beating({text: whole[text] for text in first}, gap_now, np.inf)
     if max(tried.values(), default=0.0) < CONFUSED:
         same = whole[SAME].gap(found, index, rival)
@@ -160,9 +163,9 @@ def _recipes(found: Diagnosis, rows: np.ndarray) -> dict[str, Recipe]:
     more = pd.concat([run.again(1 + k) for k in range(REPEATS - 1)], ignore_index=True)
     recipes = {}
     for text, frames in {AS_IS: again[:0], SAME: more, **run.presses()}.items():
-        model = Model(found.recorded, run.joined(frames))
-        recipes[text] = run.recipe(model, problem.whitening, len(frames))
-    turned = _Turned(found.recorded, run, again)
+        simulator = partial(Model, found.recorded, run.joined(frames))
+        recipes[text] = run.recipe(simulator, problem.whitening, len(frames))
+    turned = partial(_Turned, found.recorded, run, again)
     recipes[TURN] = run.recipe(turned, problem.whitening, len(again))
     driven = _driven(found, run)
     if driven is not None:
@@ -213,11 +216,11 @@ class _Run:
         own = self.recorded.frames[STATES].assign(contact=np.where(press < 0, np.nan, press))
         return self.query(pd.concat([own.iloc[self.frames], frames], ignore_index=True))
 
-    def recipe(self, model: Model, whitening: Whitening, new: int) -> Recipe:
+    def recipe(self, simulator: Callable[[], Model], whitening: Whitening, new: int) -> Recipe:
         """A recipe with so many new frames; a channel that was always lost stays lost."""
         more = np.tile(whitening.mask.any(axis=0), (new, 1))
         mask = np.concatenate([whitening.mask[self.frames], more])
-        return Recipe(model, replace(whitening, mask=mask), 1.0 + new / len(self.frames))
+        return Recipe(simulator, replace(whitening, mask=mask), 1.0 + new / len(self.frames))
 
     def presses(self) -> dict[str, pd.DataFrame]:
         """Other presses, by what to do."""
@@ -297,8 +300,8 @@ def _driven(found: Diagnosis, run: _Run) -> Recipe | None:
     if len(full) <= len(table) or any(c.kind == "channels" for c in found.after.effects):
         return None
     again = run.again()
-    model = Model(recorded, run.query(again))
-    model.channels = full
+    simulator = partial(_Driven, recorded, run.query(again), full)
+    model = simulator()
     skin = model.skin(found.after.fit.theta[: len(model.calibrations)])
     forward = forward_model(Geometry.from_skin(skin), "diagnose")
     try:
@@ -309,7 +312,15 @@ def _driven(found: Diagnosis, run: _Run) -> Recipe | None:
     rho = np.full(len(full), np.median(whitening.rho))
     mask = np.ones((len(again), len(full)), bool)
     covariance = Whitening(mask, np.median(whitening.sd) * larger, rho)
-    return Recipe(model, covariance, 1.0 + len(again) / len(run.frames))
+    return Recipe(simulator, covariance, 1.0 + len(again) / len(run.frames))
+
+
+class _Driven(Model):
+    """A query with a table of channels (M, 4) of its own."""
+
+    def __init__(self, recorded: Recording, query: Recording, channels: np.ndarray):
+        super().__init__(recorded, query)
+        self.channels = channels
 
 
 class _Rolled(Model):

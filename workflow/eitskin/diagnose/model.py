@@ -16,7 +16,7 @@ from eitskin.readings import Sensed, apply_skin, of_stage, read, sense
 from eitskin.recording import Recording
 from eitskin.skin import Skin
 
-KEPT = 96
+KEPT = 48_000  # frames, of all the states that were solved last
 CURRENT_A = 1e-3  # where nobody knows it; the factor is calibrated then
 # Where fits start from, and the prior's sd of the logarithm, of what nobody knows.
 UNKNOWN = {
@@ -169,7 +169,7 @@ class Model:
             near=self.near,
         )
         self._sensed[key] = sensed
-        while len(self._sensed) > KEPT:
+        while len(self._sensed) * len(states) > KEPT and len(self._sensed) > 1:
             self._sensed.popitem(last=False)
         return sensed
 
