@@ -302,6 +302,18 @@ def test_the_page_says_everything_and_lists_the_misses():
     assert told.loc[9, "case"] in text.partition("not right as a whole")[2]
 
 
+def test_lost_channels_are_concealed_and_borne_where_the_same_is_named_without():
+    lost = {"name": "lost-channels", "channels": [3, 8]}
+    lists = {kind: [] for kind in ("electrodes", "drives", "measures", "channels", "alternatives")}
+    said = {**lists, "name": "channel-gain", "sentence": ""}
+    row = {**a_block()[0], "fault": lost, "truth": [], "control": [said]}
+    borne = {**row, "said": {**row["said"], "effects": [said]}}
+    harmed = {**row, "said": {**row["said"], "effects": [{**said, "name": "offset"}]}}
+    told = page.cases([borne, harmed])
+    assert told["concealed"].tolist() == ["lost-channels (channels 3 8)"] * 2
+    assert told["right"].tolist() == [True, False]
+
+
 def test_figures_are_drawn_also_of_nothing(tmp_path):
     rows = a_block()
     for part in (rows, rows[:1]):

@@ -43,8 +43,7 @@ def _case(row: dict) -> dict:
         "case": row["case"],
         "generator": row["generator"],
         "kind": row["group"],
-        "concealed": _joined(_where(item) for item in row["truth"])
-        or (row["outside"] or {}).get("law", ""),
+        "concealed": _concealed(row),
         "gap_wanted": row["strength"],
         "gap": scoring.smallest_gap(row),
         "noise_share": row["level"],
@@ -74,9 +73,12 @@ def _case(row: dict) -> dict:
 
 def right(row: dict) -> bool:
     """Whether a verdict is right as a whole: nothing named or flagged that is not there, nothing
-    missed; of physics outside the catalogue, that it was noticed."""
+    missed; of physics outside the catalogue, that it was noticed; of a fault planted in a real
+    recording, whose own faults nobody knows, that it was found, or borne."""
     if "failed" in row:
         return False
+    if row["fault"]:
+        return scoring.fault_found(row)
     if row["outside"]:
         return score.flagged(row)
     found = sum(one is not None for one in judge.matched(row))
@@ -86,6 +88,11 @@ def right(row: dict) -> bool:
 
 def _joined(texts, by: str = "; ") -> str:
     return by.join(text for text in texts if text)
+
+
+def _concealed(row: dict) -> str:
+    items = [row["fault"]] if row["fault"] else row["truth"]
+    return _joined(map(_where, items)) or (row["outside"] or {}).get("law", "")
 
 
 def _where(item: dict) -> str:
@@ -258,8 +265,7 @@ def _misses(rows: list[dict]) -> list[str]:
             row["case"],
             row["generator"],
             row["group"],
-            _joined(_where(item) for item in row["truth"])
-            or (row["outside"] or {}).get("law", "nothing"),
+            _concealed(row) or "nothing",
             _number(scoring.smallest_gap(row), False),
             row["said"]["verdict"],
             _joined(_where(found) for found in row["said"]["effects"]) or "nothing",

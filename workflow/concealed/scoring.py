@@ -197,12 +197,14 @@ def _band(rows: list[dict], low: float, high: float = HIGHEST) -> list[dict]:
 def _planted(rows: list[dict]) -> dict:
     """Faults planted in real recordings, against what is named of the same frames without."""
     own = [row for row in _of("real", rows) if row["fault"]]
-    hits = sum(
-        "failed" not in row
-        and planted.found(row["said"], {"effects": row["control"] or []}, row["fault"])
-        for row in own
-    )
+    hits = sum("failed" not in row and fault_found(row) for row in own)
     return score.share("a fault in a real recording", "found, at its site", hits, len(own))
+
+
+def fault_found(row: dict) -> bool:
+    """Whether the fault planted in a real recording was found, or borne where channels are lost, as
+    of `planted.found`."""
+    return planted.found(row["said"], {"effects": row["control"] or []}, row["fault"])
 
 
 def _false_alarms(rows: list[dict]) -> dict:
