@@ -1,6 +1,7 @@
 """One recording with known truth: drawn, diagnosed, and what came of it kept as a row."""
 
 import json
+import math
 import time
 import traceback
 from dataclasses import replace
@@ -82,14 +83,15 @@ def true_gaps(
     found: diagnose.Diagnosis, truth: list[dict], scopes: list[str]
 ) -> list[list[tuple[str, float]] | None]:
     """Gaps of each true effect to the other names, the nearest first, with the true set fitted;
-    None where it cannot be fitted. Nothing of the diagnosis depends on it."""
+    None where it cannot be fitted. Nothing of the diagnosis depends on it, nor does it end where
+    that was cut short; but gaps are those of the linearised model then."""
     search, state = found.search, found.after
     wanted = [candidate_of(search.candidates, *pair) for pair in zip(truth, scopes, strict=True)]
     if not wanted:
         return []
     own = found.gaps
     if {(c.name, c.sites) for c in wanted} != {(c.name, c.sites) for c in state.effects}:
-        state = with_all(search, found.before, wanted)
+        state = with_all(replace(search, share=math.inf), found.before, wanted)
         if state is None:
             return [None] * len(wanted)
         own = [gaps(search, state, i) for i in range(len(wanted))]
