@@ -272,7 +272,7 @@ def test_check_says_what_is_there_and_moves_nothing(rig):
     process = begun(rig, "check")
     code, said = ended(process)
     assert code == 0, said
-    assert [line[:4] for line in said.splitlines()] == ["ok  "] * 4
+    assert [line[:4] for line in said.splitlines()] == ["ok  "] * 5
     rig.begin(fault="board_silent")
     rig.begin(fault="load_cell_nan")
     rig.begin(fault="emergency_stop")

@@ -32,8 +32,8 @@ QUICK = {  # fewer and shorter ways than the demo's, and one row
         "pose": {"centre": [-0.593, -0.201, -0.096, 0.0, 3.142, 0.0]},  # 1 mm above the gel
         "plan": {
             "untouched_frames": 1,
-            "step_mm": 2.0,
-            "target_N": [2.5, 3.5],
+            "step_mm": 3.0,
+            "target_N": [0.8, 1.2],
             "settle_s": 0.01,
         },
     },
