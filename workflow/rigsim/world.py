@@ -159,12 +159,14 @@ class World:
                 moments = drives
         force = np.zeros(len(moments)) if press is None else press.at(moments)
         touch = force > 0.0
-        states = pd.DataFrame({"time_s": moments, "touch": touch, "force_N": force})
-        states["x_mm"] = states["y_mm"] = states["probe_mm"] = np.nan
+        where = (np.nan,) * 3 if press is None else (press.x_mm, press.y_mm, press.probe_mm)
+        touched = {
+            name: np.where(touch, value, np.nan)
+            for name, value in zip(("x_mm", "y_mm", "probe_mm"), where, strict=True)
+        }
+        states = pd.DataFrame({"time_s": moments, "touch": touch, "force_N": force, **touched})
         history = None
         if touch.any():
-            states.loc[touch, ["x_mm", "y_mm"]] = press.x_mm, press.y_mm
-            states.loc[touch, "probe_mm"] = press.probe_mm
             rows = np.flatnonzero(touch)
             history = ForceHistory(moments, (rows,), ((press.time_s, press.force_N),))
         sensed = sense(
