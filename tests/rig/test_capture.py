@@ -262,6 +262,24 @@ def test_a_worker_that_dies_in_a_press_leaves_an_arm_that_stands(rig):
     assert_kept_every_rule(rig)
 
 
+@pytest.mark.parametrize("watchdog_Hz", [10.0, 2.5])
+def test_a_driver_that_is_gone_altogether_is_missed_by_the_controller(rig, watchdog_Hz):
+    rig.config["limits"]["watchdog_Hz"] = watchdog_Hz
+    process = begun(rig)
+    wait_for(rig, process, "moving", count=2)  # the search, at 2 mm/s
+    process.send_signal(signal.SIGSTOP)
+    os.kill(worker_of(process), signal.SIGKILL)
+    wait_for(rig, process, "still", count=2)
+    process.kill()
+    ended(process)
+    assert [e["frequency"] for e in rig.named("setWatchdog")] == [watchdog_Hz]
+    stopped = rig.named("program stopped")[-1]
+    assert stopped["reason"] == "watchdog"
+    assert 1.0 / watchdog_Hz < stopped["longest_silence_s"] < 1.0 / watchdog_Hz + 0.03
+    assert rig.named("still")[-1]["pose"][2] > rig.named("moveL")[-1]["target"][2]
+    assert_kept_every_rule(rig)
+
+
 def test_a_host_that_hangs_in_a_move_leaves_an_arm_that_stands(rig):
     process = begun(rig)
     wait_for(rig, process, "moving", count=2)  # the search, at 2 mm/s

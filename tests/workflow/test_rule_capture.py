@@ -87,6 +87,7 @@ def test_a_capture_becomes_rows_of_table_1_and_a_diagnosis(fresh, tmp_path):
     run = during(house, [*AGAIN, *house.command(DEMO, "quick.yaml", "--", "capture")])
     assert run.returncode == 0 and stops(house) <= LATE, run.stdout + run.stderr
     assert_every_press_is_the_emulator_s(house)
+    assert {event["frequency"] for event in named(house, "setWatchdog")} == {2.5}
     run = house.snakemake(DEMO, "quick.yaml", "--", "table_1", DIAGNOSIS)
     assert run.returncode == 0, run.stdout + run.stderr
     table = pd.read_csv(house.folder / "results" / "tables" / "table_1.csv")
