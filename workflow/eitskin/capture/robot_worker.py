@@ -35,7 +35,7 @@ END_S = 1.0
 
 class Worker:
     """The library's two connections and what the host wants of them. The controller stops the arm
-    where it hears of neither for 1 / watchdog_Hz s."""
+    where it hears nothing from them for 1 / watchdog_Hz s."""
 
     def __init__(self, host: str, watchdog_Hz: float, out: TextIO):
         self._out, self._watchdog_Hz = out, watchdog_Hz
