@@ -191,6 +191,7 @@ def driver_config(endpoints: dict, series: str, speedup: float, cell: dict, fold
                 "zero_N": 0.3,
                 "jump_N": 4.0,
                 "stale_s": 1.0,
+                "watchdog_Hz": 10.0,
                 "clock_s": 1.0,  # a busy machine's emulator pauses
                 "rejects": 5,
                 "frozen_readings": 8,

@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -154,6 +155,36 @@ def test_lines_that_are_no_frames_are_counted_kept_and_never_used(rig):
     )
 
 
+def test_frames_of_a_saturated_board_are_kept_and_said_to_be(rig):
+    rig.begin(fault="board_saturated", contact=2, depth_mm=0.9, count=5)
+    code, said = capture(rig)
+    assert code == 0, said
+    assert_kept_every_rule(rig)
+    printed = rig.named("frame")
+    assert sum(not frame["as_read"] for frame in printed) == 5
+    taken = [record for record in records(rig) if record["kind"] == "frame"]
+    its_own = [[p for p in printed if p["ended"] <= record["end_s"]][-1] for record in taken]
+    assert [record["saturated"] > 0 for record in taken] == [not p["as_read"] for p in its_own]
+    spoilt = {record["contact"] for record in taken if record["saturated"]}
+    assert spoilt == {1}  # counted from 0
+    frames = recording.read(rig.folder / "it.parquet").frames
+    assert set(frames.loc[frames["note_saturated"] > 0, "contact"]) == spoilt
+
+
+def test_a_load_cell_in_pounds_is_never_taken_for_one_in_kilograms(tmp_path):
+    with emulated_rig(tmp_path, profile="openscale", baud=9600) as rig:
+        rig.begin(fault="load_cell_lbs")
+        code, said = capture(rig)
+        assert (code, rig.named("moveL")) == (1, []), said
+        assert "0 readings in 5 s" in said and "pounds; set the OpenScale to kg" in said
+        rig.begin(fault="load_cell_lbs", end=True)
+        rig.begin(fault="load_cell_lbs", contact=1, depth_mm=0.8)
+        code, said = capture(rig)
+        assert (code, stop_reason(rig)) == (FAULT, "load cell rejects"), said
+        assert said.strip().endswith("; lifted off")
+        assert_stopped(rig, rig.named("fault")[1], lifted=True)
+
+
 @pytest.mark.parametrize("fault", ["rtde_mute", "rtde_refused", "rtde_in_use"])
 def test_a_robot_that_cannot_be_had_is_one_message_and_nothing_moves(rig, fault):
     rig.begin(fault=fault)
@@ -174,6 +205,25 @@ def test_a_signal_stops_and_lifts(rig, number):
     assert stop_reason(rig) == "signal"
     assert rig.named("still")[-1]["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
     assert_kept_every_rule(rig)
+
+
+def test_sigterm_of_a_command_with_its_rig_lifts_before_the_rig_ends(tmp_path):
+    with emulated_rig(tmp_path) as rig:
+        driver = ["rig", "run", str(rig.path), "--journal", str(tmp_path / "journal.jsonl")]
+    during = ["-m", "rigsim.during", str(tmp_path / "rigsim.yaml")]
+    process = subprocess.Popen(
+        [sys.executable, *during, sys.executable, "-m", "eitskin.cli", *driver],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    wait_for(rig, process, "touched")
+    process.send_signal(signal.SIGTERM)
+    code, said = ended(process)
+    assert code == 128 + signal.SIGTERM, said
+    assert said.strip().endswith("; lifted off")
+    assert rig.named("still")[-1]["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
+    assert rig.events[-1]["event"] == "end" and rig.events[-1]["force_N"] == 0.0
 
 
 def test_a_killed_host_leaves_an_arm_that_stands_and_a_journal_that_goes_on(rig):
@@ -209,6 +259,24 @@ def test_a_worker_that_dies_in_a_press_leaves_an_arm_that_stands(rig):
     assert (code, stop_reason(rig)) == (FAULT, "robot lost"), said
     assert "lift by hand" in said
     assert_stands(rig)
+    assert_kept_every_rule(rig)
+
+
+@pytest.mark.parametrize("watchdog_Hz", [10.0, 2.5])
+def test_a_driver_that_is_gone_altogether_is_missed_by_the_controller(rig, watchdog_Hz):
+    rig.config["limits"]["watchdog_Hz"] = watchdog_Hz
+    process = begun(rig)
+    wait_for(rig, process, "moving", count=2)  # the search, at 2 mm/s
+    process.send_signal(signal.SIGSTOP)
+    os.kill(worker_of(process), signal.SIGKILL)
+    wait_for(rig, process, "still", count=2)
+    process.kill()
+    ended(process)
+    assert [e["frequency"] for e in rig.named("setWatchdog")] == [watchdog_Hz]
+    stopped = rig.named("program stopped")[-1]
+    assert stopped["reason"] == "watchdog"
+    assert 1.0 / watchdog_Hz < stopped["longest_silence_s"] < 1.0 / watchdog_Hz + 0.03
+    assert rig.named("still")[-1]["pose"][2] > rig.named("moveL")[-1]["target"][2]
     assert_kept_every_rule(rig)
 
 
@@ -272,7 +340,7 @@ def test_check_says_what_is_there_and_moves_nothing(rig):
     process = begun(rig, "check")
     code, said = ended(process)
     assert code == 0, said
-    assert [line[:4] for line in said.splitlines()] == ["ok  "] * 4
+    assert [line[:4] for line in said.splitlines()] == ["ok  "] * 5
     rig.begin(fault="board_silent")
     rig.begin(fault="load_cell_nan")
     rig.begin(fault="emergency_stop")

@@ -32,6 +32,24 @@ def go_down(world: World, x_mm: float, y_mm: float, depth_mm: float, t: float = 
     return t
 
 
+@pytest.mark.parametrize(
+    ("effect", "same"),
+    [
+        ({"name": "channel-gain", "parameters": {"gain": {"sd": 0.02}}}, True),
+        ({"name": "conductivity-drift", "parameters": {"per_minute": 0.01}}, False),
+    ],
+)
+def test_an_untouched_skin_changes_only_where_an_effect_says_so(tmp_path, effect, same):
+    world = made(tmp_path, effects=[effect])
+    first = world.voltages(0.0, 0.3, None)
+    t = go_down(world, 20.0, -10.0, 4.0) + 5.0
+    touched = world.voltages(t, 0.3, world.press_since(t, t + 0.3))
+    later = world.voltages(600.0, 0.3, None)
+    assert np.array_equal(first, later) == same
+    assert not np.allclose(touched, later)
+    np.testing.assert_allclose(later, made(tmp_path, effects=[effect]).voltages(600.0, 0.3, None))
+
+
 def states(world: World, t: float, force: float, x_mm: float, y_mm: float) -> pd.DataFrame:
     row = {"time_s": t, "touch": True, "x_mm": x_mm, "y_mm": y_mm, "force_N": force}
     return pd.DataFrame([{**row, "probe_mm": world.probe_mm()}])

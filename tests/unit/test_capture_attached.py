@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from eitskin.capture import configuration
 from eitskin.capture.attached import attach, manifest_path
 from eitskin.capture.plan import plan_sha256
 from eitskin.configuration import captured_path, validate
@@ -139,6 +140,35 @@ def test_a_rig_is_refused_by_its_own_schema(config):
     assert refusal({**config, "rig": 3}) == f"{FILE}: rig: found 3, expected a mapping of keys"
     config["rig"]["limits"]["soft"] = 1.0
     assert f"{FILE}: rig.limits.soft: found an unknown key" in refusal(config)
+
+
+def test_what_is_valid_by_its_schema_is_not_validated_again(config, monkeypatch):
+    Path(FILE).write_text(yaml.safe_dump(config), encoding="utf-8")
+    monkeypatch.setattr(configuration, "SCHEMA", Path("absent.yaml"))
+    attach(config, [FILE])
+    config["rig"]["motion"]["press_m_s"] = 0.02
+    with pytest.raises(InputError, match=r"rig\.motion: found 0\.02 m/s"):
+        attach(config, [FILE])
+
+
+def test_a_probe_that_is_on_no_rig_is_refused(config):
+    del config["rig"]
+    for names in (
+        config["table_1"]["recordings"],
+        *(
+            config["ablation"][b][k]
+            for b in ("small", "full")
+            for k in ("varied_on", "compared_on")
+        ),
+    ):
+        del names[NAME]
+    for names in (config["diagnoses"], config["transfer"]["targets"], config["tanks"]):
+        names.remove(NAME)
+    config["loop"]["recordings"].remove(NAME)
+    validate(config, SCHEMA, [])
+    config["mounted_mm"] = 7
+    with pytest.raises(InputError, match="mounted_mm: found 7 mm, expected a rig that the probe"):
+        validate(config, SCHEMA, [])
 
 
 def test_a_rig_that_cannot_be_driven_safely_is_refused(config):

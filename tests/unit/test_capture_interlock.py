@@ -15,6 +15,7 @@ LIMITS = Limits(
     zero_N=0.3,
     jump_N=4.0,
     stale_s=0.5,
+    watchdog_Hz=10.0,
     clock_s=0.2,
     rejects=5,
     frozen_readings=8,

@@ -78,7 +78,7 @@ def validate(config: dict, schema_path: str | Path, files: Iterable[str | Path])
         if errors:
             error = min(errors, key=lambda error: _position(config, list(error.absolute_path)))
             raise _Refusal(*explained(error))
-        wrong = _unknown_name(config) or _missing_recording(config)
+        wrong = _unknown_name(config) or _missing_recording(config) or _probe_of_no_rig(config)
         if wrong is not None:
             raise _Refusal(*wrong)
         _refuse_unphysical(config)
@@ -326,6 +326,12 @@ def _missing_recording(config: dict) -> tuple[list, str, str] | None:
                 continue
             if (capture or not path.startswith("results/")) and not Path(path).exists():
                 return ["recordings", name, key], f"no file {path!r}", "a recording's path"
+    return None
+
+
+def _probe_of_no_rig(config: dict) -> tuple[list, str, str] | None:
+    if "mounted_mm" in config and "rig" not in config:
+        return ["mounted_mm"], f"{config['mounted_mm']:g} mm", "a rig that the probe is on"
     return None
 
 

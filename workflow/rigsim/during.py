@@ -1,6 +1,7 @@
 """`python -m rigsim.during CONFIG.yaml COMMAND …`: a command while the emulated rig lives.
 
 The command finds the emulator listening, and has standard input, output and the terminal's Ctrl-C.
+SIGTERM is passed on to it: the emulator lives until the arm is lifted and the command has ended.
 Exit code: the command's; where that is 0 the emulator's: 3 where the driver broke a rule.
 """
 
@@ -29,8 +30,13 @@ def main() -> int:
     ) as emulator:
         if not emulator.stdout.readline():
             return emulator.wait()
+        early: list[int] = []
+        signal.signal(signal.SIGTERM, lambda number, _frame: early.append(number))
         with subprocess.Popen(arguments.command) as command:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
+            signal.signal(signal.SIGTERM, lambda number, _frame: command.send_signal(number))
+            for number in early:
+                command.send_signal(number)
             code = command.wait()
         emulator.stdin.close()
         try:

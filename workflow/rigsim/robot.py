@@ -149,8 +149,9 @@ class Controller:
         self._uploaded = None
         if self.program is None:
             return
+        longest_s = round(self.program.longest_silence_s, 4)
         self.program = None
-        self.log.write("program stopped", reason=reason)
+        self.log.write("program stopped", reason=reason, longest_silence_s=longest_s)
         self.halt(PROGRAM_STOP_M_S2)
 
     def protective_stop(self) -> None:
@@ -240,7 +241,8 @@ class ControlProgram:
         self.robot, self.log, self.rules = controller, controller.log, controller.rules
         self.int_offset, self.double_offset = int_offset, double_offset
         self.watchdog_s: float | None = None
-        self.fed = 0.0
+        self.fed = controller.now
+        self.longest_silence_s = 0.0  # of the host, since a watchdog is set
         self.until: float | None = None  # when a command that takes time is over
         self.running = False  # an asynchronous motion
         self.operation = self.writes = 0
@@ -257,9 +259,12 @@ class ControlProgram:
             self._say(DONE)
         if self.running and not self.robot.moving:
             self._progress(False)
-        if self.watchdog_s is not None and self.robot.now - self.fed > self.watchdog_s:
-            self.robot.log_motion("watchdog")
-            self.robot.stop_program("watchdog")
+        if self.watchdog_s is not None:
+            silence_s = self.robot.now - self.fed
+            self.longest_silence_s = max(self.longest_silence_s, silence_s)
+            if silence_s > self.watchdog_s:
+                self.robot.log_motion("watchdog")
+                self.robot.stop_program("watchdog")
 
     def received(self, values: dict[str, float]) -> None:
         """One data package."""

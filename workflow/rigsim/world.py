@@ -61,6 +61,8 @@ class World:
         self.accuracy, self.force_max_N = config["accuracy"], config["force_max_N"]
         self.noise = config["noise"]
         self._near = Neighbours()
+        self._follows_nothing = all(s.effect.driver == "static" for s in self.effects)
+        self._untouched: np.ndarray | None = None  # (M,) V, where it is always the same
         self._place = config["place"]
         self._stiffness = config["stiffness"]
         self._probe_mm, self._probe_file = config["probe_mm"], config["probe_file"]
@@ -159,12 +161,16 @@ class World:
                 moments = drives
         force = np.zeros(len(moments)) if press is None else press.at(moments)
         touch = force > 0.0
-        states = pd.DataFrame({"time_s": moments, "touch": touch, "force_N": force})
-        states["x_mm"] = states["y_mm"] = states["probe_mm"] = np.nan
+        if self._untouched is not None and not touch.any():
+            return self._untouched
+        where = (np.nan,) * 3 if press is None else (press.x_mm, press.y_mm, press.probe_mm)
+        touched = {
+            name: np.where(touch, value, np.nan)
+            for name, value in zip(("x_mm", "y_mm", "probe_mm"), where, strict=True)
+        }
+        states = pd.DataFrame({"time_s": moments, "touch": touch, "force_N": force, **touched})
         history = None
         if touch.any():
-            states.loc[touch, ["x_mm", "y_mm"]] = press.x_mm, press.y_mm
-            states.loc[touch, "probe_mm"] = press.probe_mm
             rows = np.flatnonzero(touch)
             history = ForceHistory(moments, (rows,), ((press.time_s, press.force_N),))
         sensed = sense(
@@ -180,6 +186,8 @@ class World:
             history=history,
         )
         voltage = read(sensed, self.skin.current_A, self.effects)
+        if self._follows_nothing and not touch.any():
+            self._untouched = voltage[0]
         if len(moments) == 1:
             return voltage[0]
         return voltage[self.channels[:, 0], np.arange(len(self.channels))]

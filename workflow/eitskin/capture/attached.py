@@ -31,7 +31,7 @@ def attach(config: dict, files: Iterable[str | Path]) -> None:
     """
     rig = config["rig"]
     name, file = rig["name"], file_of(["rig"], config, files)
-    configuration.validate(rig, file)
+    configuration.check(rig, file)
     path = captured_path(name)
     listed = config["recordings"].setdefault(name, {"path": path})
     if listed["path"] != path:

@@ -1,7 +1,6 @@
 """`eitskin rig check | run | resume`."""
 
 import argparse
-import contextlib
 import sys
 from pathlib import Path
 
@@ -40,20 +39,21 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _capture(arguments: argparse.Namespace) -> int:
-    from eitskin.capture import record, session
-    from eitskin.capture.view import View
+    from eitskin.capture.captured import capture_recording
 
     config = configuration.read(arguments.config)
     journal = Path(arguments.journal or FOLDER / f"{config['name']}.jsonl")
     out = Path(arguments.out or FOLDER / f"{config['name']}.parquet")
-    try:
-        with contextlib.closing(View()) as view:
-            session.capture(
-                config, arguments.config, journal, arguments.resume, arguments.probe, view
-            )
-    except session.Stopped as stopped:
+    stopped = capture_recording(
+        config,
+        arguments.config,
+        journal,
+        arguments.resume,
+        arguments.probe,
+        (out, out.with_suffix(".manifest.json")),
+    )
+    if stopped is not None:
         print(stopped, file=sys.stderr)
         return stopped.code
-    record.write(journal, out, out.with_suffix(".manifest.json"))
     print(out)
     return 0

@@ -29,13 +29,19 @@ def read(path: str | Path) -> dict:
 
 
 def validate(rig: object, file: str | Path) -> None:
-    """Raise InputError, with `file` as its place, for a rig against its schema or one whose plan
-    leaves its box, whose limits leave no way to stop, or whose skin does not suit its board."""
+    """Raise InputError, with `file` as its place, for a rig against its schema or one that cannot
+    be driven safely."""
     schema = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
     errors = sorted(Validator(schema).iter_errors(rig), key=lambda error: len(error.absolute_path))
     if errors:
         place, found, expected = explained(errors[0])
         raise InputError(file, dotted(["rig", *place]), found, expected)
+    check(rig, file)
+
+
+def check(rig: dict, file: str | Path) -> None:
+    """Raise InputError, with `file` as its place, for a rig, valid by its schema, whose plan leaves
+    its box, whose limits leave no way to stop, or whose skin does not suit its board."""
     skin = believed_skin(rig, file)
     n = BOARDS[rig["board"]["profile"]].n_electrodes
     if skin.electrode_deg is not None and len(skin.electrode_deg) != n:
@@ -69,12 +75,16 @@ def _check_forces(rig: dict, file: str | Path) -> None:
     if not plan["touch_N"] < low:
         raise InputError(file, "rig.plan.touch_N", plan["touch_N"], f"less than {low}, a target")
     speed = max(motion["press_m_s"], motion["search_m_s"])
-    unseen_N = speed * 1e3 * limits["latency_s"] * limits["stiffness_N_per_mm"]
     margin_N = limits["hard_N"] - limits["soft_N"]
-    if unseen_N > margin_N * (1.0 + 1e-9):
-        found = f"{speed} m/s: the force grows by {unseen_N:g} N before it is read"
-        expected = f"at most {margin_N:g} N, from soft_N to hard_N"
-        raise InputError(file, "rig.motion", found, expected)
+    for place, unseen_s, when in (
+        ("rig.motion", limits["latency_s"], "before it is read"),
+        ("rig.limits.watchdog_Hz", 1.0 / limits["watchdog_Hz"], "without the host"),
+    ):
+        unseen_N = speed * 1e3 * unseen_s * limits["stiffness_N_per_mm"]
+        if unseen_N > margin_N * (1.0 + 1e-9):
+            found = f"{speed} m/s: the force grows by {unseen_N:g} N {when}"
+            expected = f"at most {margin_N:g} N, from soft_N to hard_N"
+            raise InputError(file, place, found, expected)
     step_N = plan["step_mm"] * limits["stiffness_N_per_mm"]
     if high + step_N >= limits["hard_N"]:
         found = f"{plan['step_mm']} mm, up to {step_N:g} N more"

@@ -23,6 +23,7 @@ class Limits:
     jump_N: float  # between two readings
     stale_s: float  # age of the last force reading
     clock_s: float  # for which the robot's clock may stand still
+    watchdog_Hz: float  # how often the controller must hear of its host, or it stops the arm
     rejects: int  # lines in a row that are no reading
     frozen_readings: int  # exactly equal force readings in a row
     latency_s: float  # from a force to its reading

@@ -107,6 +107,19 @@ def _state_finding(state: RobotState, series: str, box_m: list[list[float]]) -> 
     return Finding("robot", True, f"running, safety normal, TCP at {place} m, inside the box")
 
 
+def watchdog(config: dict) -> Finding:
+    """How far the arm may go without its host; what a rig's configuration allows is never wrong."""
+    limits, motion = config["limits"], config["motion"]
+    silent_s = 1.0 / limits["watchdog_Hz"]
+    pressing_m_s = max(motion["press_m_s"], motion["search_m_s"])
+    text = (
+        f"the controller stops the arm {silent_s:g} s after it last heard of its host: at most "
+        f"{1e3 * motion['travel_m_s'] * silent_s:g} mm above the skin and "
+        f"{1e3 * pressing_m_s * silent_s:g} mm into it farther"
+    )
+    return Finding("watchdog", True, text)
+
+
 def load_cell(port: Port, config: dict) -> Finding:
     """Whether the load cell is heard, fresh, not frozen and at zero."""
     lines = _listen(port, READINGS, lambda line: isinstance(line.value, float))
@@ -209,6 +222,7 @@ def _opened(name: str, device: str, opening: Callable[[], Port]) -> Iterator[Por
 def check(config: dict) -> list[Finding]:
     """Everything, one after another, each by itself; nothing moves."""
     findings, _ = robot(config)
+    findings.append(watchdog(config))
     for name, opened, look in (
         ("load cell", opened_load_cell, load_cell),
         ("board", opened_board, board),

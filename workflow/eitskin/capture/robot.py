@@ -46,13 +46,14 @@ class RobotError(Exception):
 
 
 class Robot:
-    """The worker process and the dashboard.
+    """The worker process and the dashboard. watchdog_Hz: how often the controller must hear of that
+    process, or it stops the arm.
 
     Raises RobotError where the controller cannot be had within 15 s. A worker that ends later is
     told by `lost`.
     """
 
-    def __init__(self, host: str, clock: Callable[[], float] = time.monotonic):
+    def __init__(self, host: str, watchdog_Hz: float, clock: Callable[[], float] = time.monotonic):
         self._clock = clock
         self._changed = threading.Condition()
         self._states: deque[Reported] = deque(maxlen=KEPT_STATES)
@@ -65,7 +66,7 @@ class Robot:
         self._alive_s = -math.inf
         self.dashboard = Dashboard(host)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "eitskin.capture.robot_worker", host],
+            [sys.executable, "-m", "eitskin.capture.robot_worker", host, str(watchdog_Hz)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -24,8 +24,7 @@ from eitskin.capture.rtde import VARIABLES
 
 RATE_HZ = 125.0
 STATE_S = 0.008  # from one state to the next
-WATCHDOG_HZ = 10.0
-KICK_S = 0.02
+KICK_S = 0.02  # half the shortest period that the watchdog may have, at most
 REFUSED_KICKS = 5  # in a row
 PLAYS_S = 5.0
 SILENT_S = 0.5  # without a line from the host, while the robot moves
@@ -35,13 +34,14 @@ END_S = 1.0
 
 
 class Worker:
-    """The library's two connections and what the host wants of them."""
+    """The library's two connections and what the host wants of them. The controller stops the arm
+    where it hears nothing from them for 1 / watchdog_Hz s."""
 
-    def __init__(self, host: str, out: TextIO):
-        self._out = out
+    def __init__(self, host: str, watchdog_Hz: float, out: TextIO):
+        self._out, self._watchdog_Hz = out, watchdog_Hz
         self._receive = rtde_receive.RTDEReceiveInterface(host, RATE_HZ, [*VARIABLES])
         self._control = rtde_control.RTDEControlInterface(host, RATE_HZ)
-        if not self._control.setWatchdog(WATCHDOG_HZ):
+        if not self._control.setWatchdog(watchdog_Hz):
             raise RuntimeError("the controller refuses the watchdog")
         self._halted: str | None = None
         self._kicked_s = -math.inf
@@ -99,7 +99,7 @@ class Worker:
             if time.monotonic() > end_s:
                 return False
             time.sleep(STATE_S)
-        return bool(self._control.setWatchdog(WATCHDOG_HZ))
+        return bool(self._control.setWatchdog(self._watchdog_Hz))
 
     def _kick(self) -> None:
         """Keep the controller's watchdog quiet; a program that is not there has none."""
@@ -154,14 +154,15 @@ def _listen(commands: queue.SimpleQueue) -> None:
 
 
 def main() -> int:
-    """Serve the controller named by the first argument; 1 where it cannot be had."""
+    """Serve the controller named by the first argument, its watchdog at the second's Hz; 1 where it
+    cannot be had."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     # The library prints to stdout; the host reads JSON there.
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     try:
-        worker = Worker(sys.argv[1], out)
+        worker = Worker(sys.argv[1], float(sys.argv[2]), out)
     except RuntimeError as error:
         out.write(json.dumps({"error": str(error)}) + "\n")
         out.flush()

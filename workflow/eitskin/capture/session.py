@@ -47,10 +47,14 @@ def capture(
     """Take every contact that the journal at `path` does not hold yet.
 
     mounted_mm: the probe on the robot, where no command changes it. `show` gets what a person
-    wants to see. Raises InputError for a journal of another plan, a rig that is not ready or a
-    device that is not there, before anything moves; Stopped where the capture ended early. The arm
-    stands then, lifted off where it could be.
+    wants to see. Raises InputError for a journal of another plan, a probe said to be mounted that
+    is not the one or that a command changes, a rig that is not ready or a device that is not there,
+    before anything moves; Stopped where the capture ended early. The arm stands then, lifted off
+    where it could be.
     """
+    if config["probe_change"] is not None and mounted_mm is not None:
+        expected = "none: rig.probe_change is a command, which mounts every probe"
+        raise InputError(file, "mounted probe", f"{mounted_mm:g} mm", expected)
     planned = contacts(config["plan"])
     found = journal.read(path) if resume else None
     if found is not None and found.records[0]["plan_sha256"] != plan_sha256(config):
@@ -66,7 +70,7 @@ def capture(
     findings, identity = preflight.robot(config)
     _refuse(findings, file)
     try:
-        robot = Robot(config["robot"]["host"])
+        robot = Robot(config["robot"]["host"], config["limits"]["watchdog_Hz"])
     except RobotError as error:
         raise InputError(file, "robot", error, "a robot that lets itself be driven") from error
     rig = Rig(config, robot)
