@@ -102,7 +102,7 @@ say(arrived=arrived, pose=r.getActualTCPPose(), force=r.getActualTCPForce()[2])
     # What is streamed is at most some cycles old.
     assert stopped["z"] == pytest.approx(still["pose"][2], abs=1e-4)
     assert arrived["pose"] == pytest.approx(DOWN, abs=1e-4)
-    assert arrived["force"] == pytest.approx(0.55 * 5.0**1.5, rel=1e-6)
+    assert arrived["force"] == pytest.approx(0.55 * 5.0**1.5, rel=0.03)  # as 1e-4 m make it
     assert [e["asynchronous"] for e in rig.events("moveL")] == [True, False]
 
 

@@ -45,6 +45,27 @@ def test_the_paper_can_be_planned_at_the_full_budget(finished):
     assert "results/tables/ablation.csv" in said and "/session/full/mlp.pt" in said
 
 
+@pytest.mark.parametrize(
+    ("file", "target", "made"),
+    [
+        (
+            "latent_loss",
+            "results/tables/latent_loss.csv",
+            "results/ablation/simulated-authors/session/small/tuned/mlp.csv",
+        ),
+        (
+            "all_samples",
+            "results/metrics/simulated-authors/random/full/physics-informed-mlp.csv",
+            "results/models/simulated-authors/random/full/regressor.pt",
+        ),
+    ],
+)
+def test_a_configuration_of_its_own_can_be_planned(finished, file, target, made):
+    plan = finished.snakemake(f"workflow/config/{file}.yaml", "--dry-run", "--", target)
+    assert plan.returncode == 0, plan.stderr
+    assert made in plan.stdout + plan.stderr
+
+
 def test_an_operator_s_strength_reruns_it_and_what_follows_but_no_forward_solve(house):
     house.edit("tiny.yaml", "per_N: 0.005", "per_N: 0.006")
     pending = house.pending()
