@@ -200,6 +200,10 @@ def test_an_emergency_stop_takes_the_power_until_it_is_given_back(cb3):
     code = """
 say(arrived=c.moveL(down, 0.001, 0.05))
 heard()
+for _ in range(25):  # what is streamed is some cycles old
+    if r.getRobotMode() != 7:
+        break
+    time.sleep(0.004)
 say(emergency=r.isEmergencyStopped(), mode=r.getRobotMode(), safety=r.getSafetyMode())
 """
     with client(cb3.host, CONNECT + code + LEAVE) as host:
