@@ -22,6 +22,12 @@ c = rtde_control.RTDEControlInterface(host)
 pose = r.getActualTCPPose()
 down = pose[:2] + [pose[2] - 0.010] + pose[3:]
 say(pose=pose, mode=r.getRobotMode(), safety=r.getSafetyMode(), runs=c.isProgramRunning())
+
+def streamed(shown):  # it is some cycles old
+    for _ in range(25):
+        if shown():
+            break
+        time.sleep(0.004)
 """
 LEAVE = """
 heard()
@@ -83,6 +89,7 @@ heard()
 c.stopL(0.5)
 say(z=r.getActualTCPPose()[2], progress=c.getAsyncOperationProgress())
 arrived = c.moveL(down, 0.05, 0.5)
+streamed(lambda: abs(r.getActualTCPPose()[2] - down[2]) < 1e-9)
 say(arrived=arrived, pose=r.getActualTCPPose(), force=r.getActualTCPForce()[2])
 """
     with client(rig.host, CONNECT + code + LEAVE) as host:
@@ -101,8 +108,8 @@ say(arrived=arrived, pose=r.getActualTCPPose(), force=r.getActualTCPForce()[2])
     assert there["pose"] == pytest.approx(DOWN, abs=1e-7)
     # What is streamed is at most some cycles old.
     assert stopped["z"] == pytest.approx(still["pose"][2], abs=1e-4)
-    assert arrived["pose"] == pytest.approx(DOWN, abs=1e-4)
-    assert arrived["force"] == pytest.approx(0.55 * 5.0**1.5, rel=0.03)  # as 1e-4 m make it
+    assert arrived["pose"] == pytest.approx(DOWN, abs=1e-9)
+    assert arrived["force"] == pytest.approx(0.55 * 5.0**1.5, rel=1e-6)
     assert [e["asynchronous"] for e in rig.events("moveL")] == [True, False]
 
 
@@ -200,10 +207,7 @@ def test_an_emergency_stop_takes_the_power_until_it_is_given_back(cb3):
     code = """
 say(arrived=c.moveL(down, 0.001, 0.05))
 heard()
-for _ in range(25):  # what is streamed is some cycles old
-    if r.getRobotMode() != 7:
-        break
-    time.sleep(0.004)
+streamed(lambda: r.getRobotMode() != 7)
 say(emergency=r.isEmergencyStopped(), mode=r.getRobotMode(), safety=r.getSafetyMode())
 """
     with client(cb3.host, CONNECT + code + LEAVE) as host:

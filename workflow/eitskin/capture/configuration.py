@@ -65,6 +65,11 @@ def limits(rig: dict) -> Limits:
     return Limits(**rig["limits"])
 
 
+def pressing_m_s(motion: dict) -> float:
+    """The fastest way into the skin, in m/s."""
+    return max(motion["press_m_s"], motion["search_m_s"])
+
+
 def _check_forces(rig: dict, file: str | Path) -> None:
     """Refuse forces and speeds at which the robot cannot be stopped before the hard limit."""
     limits, plan, motion = rig["limits"], rig["plan"], rig["motion"]
@@ -74,7 +79,7 @@ def _check_forces(rig: dict, file: str | Path) -> None:
         raise InputError(file, "rig.plan.target_N", [low, high], expected)
     if not plan["touch_N"] < low:
         raise InputError(file, "rig.plan.touch_N", plan["touch_N"], f"less than {low}, a target")
-    speed = max(motion["press_m_s"], motion["search_m_s"])
+    speed = pressing_m_s(motion)
     margin_N = limits["hard_N"] - limits["soft_N"]
     for place, unseen_s, when in (
         ("rig.motion", limits["latency_s"], "before it is read"),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eitskin.capture.configuration import pressing_m_s
 from eitskin.capture.dashboard import Dashboard
 from eitskin.capture.interlock import NORMAL_SAFETY, RUNNING, SAFE_BITS
 from eitskin.capture.lines import Line, Port
@@ -111,11 +112,10 @@ def watchdog(config: dict) -> Finding:
     """How far the arm may go without its host; what a rig's configuration allows is never wrong."""
     limits, motion = config["limits"], config["motion"]
     silent_s = 1.0 / limits["watchdog_Hz"]
-    pressing_m_s = max(motion["press_m_s"], motion["search_m_s"])
     text = (
         f"the controller stops the arm {silent_s:g} s after it last heard of its host: at most "
         f"{1e3 * motion['travel_m_s'] * silent_s:g} mm above the skin and "
-        f"{1e3 * pressing_m_s * silent_s:g} mm into it farther"
+        f"{1e3 * pressing_m_s(motion) * silent_s:g} mm into it farther"
     )
     return Finding("watchdog", True, text)
 

@@ -38,8 +38,8 @@ from eitskin.geometry import Geometry
 from eitskin.recording import Recording
 
 FIRST_FRAMES = 120  # on which the search begins, where there are twice as many
-FORCES = np.linspace(1.0, 0.0, 11)  # of a query's largest, up to which predictions are tried
 FIRST_SHARE = 2 / 3  # of what may be solved, that the search on these may take
+FORCES = np.linspace(1.0, 0.0, 11)  # of a query's largest, up to which predictions are tried
 
 
 @dataclass(frozen=True)

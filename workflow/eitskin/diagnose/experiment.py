@@ -301,7 +301,7 @@ def _driven(found: Diagnosis, run: _Run) -> Recipe | None:
         return None
     again = run.again()
     simulator = partial(_Driven, recorded, run.query(again), full)
-    model = simulator()
+    model = run.model
     skin = model.skin(found.after.fit.theta[: len(model.calibrations)])
     forward = forward_model(Geometry.from_skin(skin), "diagnose")
     try:
