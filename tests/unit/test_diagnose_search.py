@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration.trial import true_gaps
 from eitskin.diagnose import diagnose, search
 from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.corrected import items
@@ -216,6 +217,14 @@ def test_a_search_that_has_spent_its_skins_ends_with_what_it_has(contact, monkey
     said = diagnose.result(found, "contact")
     assert said["verdict"] == "unexplained" and said["effects"] == []
     assert said["other"]["probability"] > 0.5
+
+
+def test_what_a_search_cut_short_missed_has_its_gaps_all_the_same(contact, monkeypatch):
+    monkeypatch.setattr(search, "MOST_SOLVED", 1)
+    found = diagnose.diagnose(contact[0])
+    assert found.after.effects == []
+    (listed,) = true_gaps(found, [CONTACT], ["sparse"])
+    assert 0.0 < listed[0][1] == min(gap for _, gap in listed)
 
 
 def test_a_query_beyond_the_physics_found_is_predicted_as_far_as_it_goes(capsys):
