@@ -104,8 +104,14 @@ def test_every_method_says_and_predicts_something_of_a_witness_recording(small):
         "scopes": case.scopes,
         "outside": None,
     }
-    best = oracle.oracle(recorded, query, truth, case.query_clean, 1)
+    refit = oracle.Refit.of(recorded, 1)
+    best = oracle.oracle(refit, query, truth, case.query_clean)
     assert best["rmse_V"] < 0.5 * left["none"]
     assert [told["name"] for told in best["effects"]] == ["contact-impedance"]
-    unknown = oracle.oracle(recorded, query, {**truth, "outside": {"law": "palm"}}, None, 1)
-    assert unknown == {"rmse_V": None, "effects": None}
+    unknown = oracle.oracle(refit, query, {**truth, "outside": {"law": "palm"}}, None)
+    assert unknown == {"rmse_V": None, "effects": None, "log_evidence": None}
+    right = [{**told, "scope": "sparse"} for told in best["effects"]]
+    nothing, all_said = (oracle.said_fitted(refit, said, case.clean) for said in ([], right))
+    assert all_said["said_log_evidence"] == pytest.approx(best["log_evidence"], abs=0.1)
+    assert nothing["said_log_evidence"] < best["log_evidence"] - 3.0
+    assert all_said["snr_left"] < 5.0 < nothing["snr_left"]

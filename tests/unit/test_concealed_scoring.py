@@ -8,7 +8,7 @@ from scipy.stats import norm
 
 from calibration import intervals
 from calibration.judge import numbers
-from concealed import figures, page, scoring
+from concealed import causes, figures, page, scoring
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
 from eitskin.similarity import MEASURES
@@ -75,6 +75,8 @@ def a_row(number, kind, truth=(), gap=8.0, outside=None, off=0.0):
         "control": None,
         "changed": 0.01,
         "snr_left": 20.0 if outside else np.nan,
+        "log_evidence": None if outside else 1000.0,
+        "said_log_evidence": 1000.0,
         "best": None if outside else [said_of(item) for item in truth],
         "baselines": {name: [] for name in scoring.baselines.NAMING},
         "broken": [],
@@ -299,7 +301,50 @@ def test_the_page_says_everything_and_lists_the_misses():
     assert f"Verdicts that were not right as a whole, 1 of {len(rows)}" in text
     told = page.cases(rows)
     assert told["right"].sum() == len(rows) - 1
-    assert told.loc[9, "case"] in text.partition("not right as a whole")[2]
+    missed = text.partition("not right as a whole")[2]
+    assert told.loc[9, "case"] in missed and f"| {causes.ALIKE} | 1 |" in missed
+    assert (told["cause"] != "").sum() == 1
+
+
+def caused(row, truth_better_by=0.0, **changed):
+    made = {**copy.deepcopy(row), "said_log_evidence": 1000.0 - truth_better_by, **changed}
+    return causes.cause(made)
+
+
+def test_a_name_that_is_wrong_is_put_down_to_what_the_evidence_says():
+    row = wrong(a_row(9, "single", [{"name": NAMES[0][0], **NAMES[0][1]}]))
+    assert caused(row, 7.0) == causes.SEARCH
+    assert caused(row, 1.0) == caused(row, -1.0) == causes.ALIKE
+    assert caused(row, -7.0) == causes.CHANCE
+    assert caused(row, log_evidence=None) == causes.UNKNOWN
+    assert caused(row, failed="ValueError()") == causes.BROKEN_OFF
+
+
+def test_what_is_missed_is_faint_only_below_the_gap_from_which_it_must_be_named():
+    item = {"name": NAMES[0][0], **NAMES[0][1]}
+    silent = {"verdict": "consistent", "effects": [], "other": {"probability": 0.0}}
+    faint, strong = (
+        {**a_row(9, "single", [item], gap), "said": silent, "said_log_evidence": 990.0}
+        for gap in (4.0, 8.0)
+    )
+    assert causes.cause(faint) == causes.FAINT
+    assert causes.cause(strong) == causes.SEARCH
+
+
+def test_nothing_missed_is_said_to_be_flagged_or_too_wide():
+    item = {"name": NAMES[0][0], **NAMES[0][1]}
+    flagged = a_row(9, "single", [item])
+    flagged["said"]["other"]["probability"] = 0.99
+    assert not page.right(flagged) and causes.cause(flagged) == causes.BESIDES
+    wide = a_row(9, "single", [item])
+    wide["said"]["effects"][0]["alternatives"] = ["common-mode"]
+    assert not page.right(wide) and causes.cause(wide) == causes.TOO_WIDE
+
+
+def test_physics_from_outside_is_told_by_what_the_named_effects_leave():
+    row = a_row(9, "outside", outside={"law": "palm", "snr": 30.0})
+    assert caused(row, snr_left=20.0) == causes.UNNOTICED
+    assert caused(row, snr_left=2.0) == causes.TAKEN
 
 
 def test_lost_channels_are_concealed_and_borne_where_the_same_is_named_without():

@@ -4,7 +4,8 @@ Its prediction is the best that the catalogue allows, its covariance the Cramér
 """
 
 import json
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -18,44 +19,64 @@ from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.diagnose import begun, read_query, simulator
 from eitskin.diagnose.estimates import estimates
 from eitskin.diagnose.excerpt import excerpt
-from eitskin.diagnose.search import State
+from eitskin.diagnose.search import Search, State
 from eitskin.effects.effect import SITES
 from eitskin.recording import Recording
 
 
-def oracle(recorded: Recording, query: Recording, truth: dict, query_clean: np.ndarray, seed: int):
-    """{rmse_V, effects}: of the true set fitted, on the query's noise-free readings (Q, M), and as
-    a diagnosis would say it; None where physics is none of the catalogue's, or none can be fitted.
-    """
-    recorded = excerpt(recorded)
-    _, search = begun(recorded, seed)
-    state: State | None = search.calibrated()
-    if truth["effects"]:
-        wanted = [
-            starting(candidate_of(search.candidates, item, scope), item)
-            for item, scope in zip(truth["effects"], truth["scopes"], strict=True)
-        ]
-        state = with_all(search, state, wanted)
+@dataclass(frozen=True)
+class Refit:
+    """A recording, thinned as a diagnosis thins it, to which any set of effects can be fitted;
+    `nothing`: with none of them."""
+
+    recorded: Recording
+    search: Search
+    nothing: State
+
+    @classmethod
+    def of(cls, recorded: Recording, seed: int) -> "Refit":
+        """As a diagnosis with this seed begins, with no limit to what it may solve."""
+        thinned = excerpt(recorded)
+        _, search = begun(thinned, seed)
+        return cls(thinned, replace(search, share=math.inf), search.calibrated())
+
+    def with_effects(self, items: list[dict], scopes: list[str]) -> State | None:
+        """The state with these effects; None where one of them cannot be fitted."""
+        pairs = zip(items, scopes, strict=True)
+        wanted = [starting(candidate_of(self.search.candidates, *pair), pair[0]) for pair in pairs]
+        return with_all(self.search, self.nothing, wanted) if wanted else self.nothing
+
+    def as_said(self, said: list[dict]) -> State | None:
+        """The state with the effects that a diagnosis named."""
+        return self.with_effects([_item(one) for one in said], [one["scope"] for one in said])
+
+
+def oracle(refit: Refit, query: Recording, truth: dict, query_clean: np.ndarray) -> dict:
+    """{rmse_V, effects, log_evidence}: of the true set fitted, on the query's noise-free readings
+    (Q, M), and as a diagnosis would say it; None where physics is none of the catalogue's, or none
+    can be fitted."""
+    state = refit.with_effects(truth["effects"], truth["scopes"])
     if state is None or truth["outside"]:
-        return {"rmse_V": None, "effects": None}
-    voltage = simulator(state.fit, recorded, query)(state.fit.theta)
+        return {"rmse_V": None, "effects": None, "log_evidence": None}
+    voltage = simulator(state.fit, refit.recorded, query)(state.fit.theta)
     of = {c.name: i for i, c in enumerate(state.effects)}
     told = [_told(state, of[item["name"]]) for item in truth["effects"]]
-    return {"rmse_V": rms(voltage - query_clean), "effects": told}
+    return {
+        "rmse_V": rms(voltage - query_clean),
+        "effects": told,
+        "log_evidence": state.log_evidence,
+    }
 
 
-def left(recorded: Recording, said: list[dict], clean: np.ndarray, seed: int) -> float | None:
-    """`calibration.trial.snr_left` of the effects that a diagnosis named, fitted once more; clean
-    (N, M) V: the recording without noise. None where they cannot be."""
-    recorded = excerpt(recorded)
-    _, search = begun(recorded, seed)
-    state: State | None = search.calibrated()
-    if said:
-        wanted = [candidate_of(search.candidates, _item(one), one["scope"]) for one in said]
-        state = with_all(search, state, wanted)
+def said_fitted(refit: Refit, said: list[dict], clean: np.ndarray) -> dict:
+    """{said_log_evidence, snr_left}: of the effects that a diagnosis named, fitted once more;
+    snr_left as `calibration.trial.snr_left`; clean (N, M) V: the recording without noise. None
+    where they cannot be."""
+    state = refit.as_said(said)
     if state is None:
-        return None
-    return snr_left(state.fit, clean[recorded.frames["frame"].to_numpy()])
+        return {"said_log_evidence": None, "snr_left": None}
+    kept = clean[refit.recorded.frames["frame"].to_numpy()]
+    return {"said_log_evidence": state.log_evidence, "snr_left": snr_left(state.fit, kept)}
 
 
 def _item(said: dict) -> dict:
@@ -88,9 +109,9 @@ def control(kind: str, seed: int, name: str) -> list[dict]:
 
 
 def run(cases: list[str], block: Path, seed: int, code: str) -> None:
-    """oracle/CASE.json of every opened case of a block: {rmse_V, effects}, as `oracle`; snr_left
-    where physics outside the catalogue is present; control where a fault was planted in a real
-    recording, whose hidden readings nobody knows. One of the same files by the same code stays."""
+    """oracle/CASE.json of every opened case of a block: as `oracle` and `said_fitted` together;
+    control where a fault was planted in a real recording, whose hidden readings nobody knows. One
+    of the same files by the same code stays."""
     for case in cases:
         truth, arrays = opened.read(block / "opened", case)
         files = {
@@ -109,9 +130,9 @@ def _one(files: dict[str, Path], case: str, truth: dict, arrays: dict, seed: int
         known = truth.get("fault") is None
         return {"control": None if known else control(truth["kind"], truth["seed"], case)}
     recorded = recording.read(files["recording"])
-    query = read_query(files["query"], recorded)
-    row = oracle(recorded, query, truth, arrays["query_clean_V"], seed)
+    refit, query = Refit.of(recorded, seed), read_query(files["query"], recorded)
+    row = oracle(refit, query, truth, arrays["query_clean_V"])
     said = json.loads(files["verdict"].read_text("utf-8"))
-    if truth["outside"] and "failed" not in said:
-        row["snr_left"] = left(recorded, said["effects"], arrays["clean_V"], seed)
+    if "failed" not in said:
+        row |= said_fitted(refit, said["effects"], arrays["clean_V"])
     return row

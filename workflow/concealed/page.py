@@ -1,5 +1,6 @@
 """The score of a block as files: tables, a page in Markdown, figures with their numbers."""
 
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pandas as pd
 
 from calibration import figures as calibrated
 from calibration import judge, score
-from concealed import figures, scoring, sealing
+from concealed import causes, figures, scoring, sealing
 from concealed.baselines import NAMING
 from eitskin.atomic import atomic_path
 from eitskin.drawing import write as write_figure
@@ -57,6 +58,8 @@ def _case(row: dict) -> dict:
         "said": _joined(_where(found) for found in said["effects"]),
         "alternatives": _joined(n for f in said["effects"] for n in f["alternatives"]),
         "right": right(row),
+        "cause": "" if right(row) else causes.cause(row),
+        "truth_better_by_nats": causes.better_by(row),
         "rightly_named": sum(found is not None for found in named),
         "sites_right": all(at) if at else None,
         "outside_probability": said["other"]["probability"],
@@ -260,6 +263,8 @@ def _misses(rows: list[dict]) -> list[str]:
     own = [row for row in rows if not right(row)]
     if not own:
         return ["Every verdict was right.", ""]
+    why = [causes.cause(row) for row in own]
+    tally = [(cause, count) for cause, count in Counter(why).most_common()]
     lines = [
         (
             row["case"],
@@ -269,12 +274,17 @@ def _misses(rows: list[dict]) -> list[str]:
             _number(scoring.smallest_gap(row), False),
             row["said"]["verdict"],
             _joined(_where(found) for found in row["said"]["effects"]) or "nothing",
+            _number(causes.better_by(row), False),
+            cause,
         )
-        for row in own
+        for row, cause in zip(own, why, strict=True)
     ]
-    head = ("case", "generator", "kind", "concealed", "gap", "verdict", "said")
-    text = f"Verdicts that were not right as a whole, {len(own)} of {len(rows)}:"
-    return [text, "", *_table(head, lines), ""]
+    head = ("case", "generator", "kind", "concealed", "gap", "verdict", "said", "nats", "cause")
+    text = (
+        f"Verdicts that were not right as a whole, {len(own)} of {len(rows)}; nats: by which the"
+        " truth, fitted after the opening, explains the recording better than what was said:"
+    )
+    return [text, "", *_table(("cause", "recordings"), tally), "", *_table(head, lines), ""]
 
 
 def write(block: Path, folder: Path, command: str) -> None:

@@ -73,6 +73,8 @@ def _row(block: Path, case: str) -> dict:
         "similarity": truth["similarity"],
         "snr_left": best.get("snr_left") or np.nan,
         "best": best.get("effects"),
+        "log_evidence": best.get("log_evidence"),
+        "said_log_evidence": best.get("said_log_evidence"),
         "baselines": told.get("effects", {}),
         "broken": [n for n, made in (("baselines", told), ("oracle", best)) if "failed" in made],
         "said": SAID_NOTHING if "failed" in said else said,

@@ -2,6 +2,7 @@
 
 import ast
 import hashlib
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -61,10 +62,20 @@ def _file(name: str) -> Path | None:
     return next((f for f in (base / "__init__.py", base.with_suffix(".py")) if f.is_file()), None)
 
 
+def _statements(tree: ast.Module) -> Iterator[ast.AST]:
+    """The tree and every statement in it; what they are made of is left out, and most of a walk."""
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        for block in ("body", "orelse", "handlers", "finalbody", "cases"):
+            waiting.extend(getattr(node, block, ()))
+
+
 def _imports(tree: ast.Module, package: str) -> list[str]:
     """Every name that an import statement may load: modules, and what is taken from them."""
     names = []
-    for node in ast.walk(tree):
+    for node in _statements(tree):
         if isinstance(node, ast.Import):
             names.extend(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -78,7 +89,7 @@ def _imports(tree: ast.Module, package: str) -> list[str]:
 
 def _without_docstrings(tree: ast.Module) -> ast.Module:
     """The tree, emptied of docstrings in place."""
-    for node in ast.walk(tree):
+    for node in _statements(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             first = node.body[0] if node.body else None
             if (

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.stats import norm
+from scipy.special import ndtri
 from tqdm import tqdm
 
 from eitskin import metrics
@@ -64,7 +64,7 @@ class Starts:
         turn = np.arange(PLACES) * np.pi * (3.0 - np.sqrt(5.0))
         radius = experiment.reach_mm * np.sqrt((np.arange(PLACES) + 0.5) / PLACES)
         self.place = np.column_stack([radius * np.cos(turn), radius * np.sin(turn)])
-        self.force_normal = norm.ppf((np.arange(FORCES) + 0.5) / FORCES)
+        self.force_normal = ndtri((np.arange(FORCES) + 0.5) / FORCES)
         self.place_normal = place_normal(self.place, experiment.reach_mm)
         force = force_N(self.force_normal, **experiment.forces)
         mean = np.zeros(model.skin_spread.shape[1])

@@ -136,7 +136,7 @@ def deterministic() -> torch.device:
     """Make torch repeatable; returns the device: a GPU where there is one, else the CPU."""
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
     torch.set_num_threads(1)
-    torch.use_deterministic_algorithms(True)
+    torch.set_deterministic_debug_mode("error")
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 

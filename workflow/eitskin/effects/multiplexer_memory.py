@@ -1,7 +1,7 @@
 """A multiplexer that has not settled: part of the last reading is in the next."""
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.linalg import circulant
 
 from eitskin.effects.effect import Frames, InstrumentEffect, Parameter, Setting
 
@@ -9,7 +9,8 @@ from eitskin.effects.effect import Frames, InstrumentEffect, Parameter, Setting
 class MultiplexerMemory(InstrumentEffect):
     """y_k = (1 - mu) v_k + mu y_(k-1); y_(-1) is the same frame's last reading.
 
-    The recursion from 0 is z_k; from y_(-1), z_k + mu^(k+1) y_(-1), and its last must be y_(-1).
+    Closed on itself like this, the recursion is a circulant matrix: of the reading j places before
+    k, (1 - mu) mu^j / (1 - mu^M) is in y_k.
     """
 
     name = "multiplexer-memory"
@@ -25,7 +26,5 @@ class MultiplexerMemory(InstrumentEffect):
     def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:
         """Readings (N, M) of `voltage` (N, M)."""
         mu = setting.values["mu"]
-        from_zero = lfilter([1.0 - mu], [1.0, -mu], voltage, axis=1)
-        decay = mu ** np.arange(1.0, voltage.shape[1] + 1.0)
-        last = from_zero[:, -1:] / (1.0 - decay[-1])
-        return from_zero + decay * last
+        share = (1.0 - mu) * mu ** np.arange(voltage.shape[1]) / (1.0 - mu ** voltage.shape[1])
+        return voltage @ circulant(share).T
