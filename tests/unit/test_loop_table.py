@@ -7,7 +7,7 @@ import pytest
 from eitskin import transfer
 from eitskin.errors import InputError
 from loop import figure, table
-from loop.plan import BELIEF, DIAGNOSIS, LABELS, TRUTH
+from loop.plan import AUTHORS, BELIEF, DIAGNOSIS, LABELS, TRUTH
 
 ERRORS = {  # of F, by seed
     BELIEF: [2.0, 2.2, 2.4],
@@ -73,6 +73,40 @@ def test_what_is_closed_is_told_where_there_is_something_to_close(tmp_path):
     share = table.closed(table.collect(files(tmp_path, little))).set_index("variable")
     assert share.loc["F", "truth_saves"] == pytest.approx(0.1 / 2.2)
     assert np.isnan(share.loc["F", "closed"])
+
+
+def cases(folder, number, truth_saves=True):
+    listed = []
+    for k in range(number):
+        errors = {
+            BELIEF: [2.0, 2.2, 2.4],
+            AUTHORS: [1.6, 1.8, 2.0 + k],
+            DIAGNOSIS: [0.9, 1.0, 1.1 + 0.1 * k],
+            TRUTH: [0.7, 0.8, 0.9] if truth_saves else [1.9, 2.1, 2.3],
+        }
+        own = folder / str(k)
+        own.mkdir()
+        listed += [({**keys, "case": own.name}, path) for keys, path in files(own, errors)]
+    return listed
+
+
+def test_what_a_diagnosis_is_worth_is_counted_over_cases_where_the_truth_is(tmp_path):
+    found = table.worth(table.collect(cases(tmp_path, 2))).set_index("against")
+    belief = np.array([1.2 / 2.2, (2.2 - 3.1 / 3) / 2.2])
+    assert found.loc[BELIEF, "cases"] == 2 and found.loc[BELIEF, "sure"] == 2
+    assert found.loc[BELIEF, "saved"] == pytest.approx(belief.mean())
+    # two cases: t of one degree of freedom 12.706
+    half = 12.7062 * np.ptp(belief) / 2
+    assert found.loc[BELIEF, "high"] - found.loc[BELIEF, "saved"] == pytest.approx(half, rel=1e-4)
+    # the second case's differences 0.7, 0.8, 1.8 are no certain gain over the generic ones
+    assert found.loc[AUTHORS, "sure"] == 1
+    assert found["over_truth"].tolist() == pytest.approx([(1.25 + 3.1 / 2.4) / 2] * 2)
+
+
+def test_where_the_truth_saves_little_nothing_is_claimed(tmp_path):
+    found = table.worth(table.collect(cases(tmp_path, 2, truth_saves=False)))
+    assert found["cases"].tolist() == found["sure"].tolist() == [0, 0]
+    assert found[["saved", "over_truth"]].isna().all(axis=None)
 
 
 def test_the_text_names_what_was_concealed_and_found(tmp_path):

@@ -24,6 +24,8 @@ TABLE = (
     *("saved", "saved_low", "saved_high", "saved_share", "left_out"),
 )
 
+WORTH = ("model", "against", "cases", "saved", "low", "high", "sure", "over_truth")
+
 Files = list[tuple[dict[str, str], str | Path]]  # KEYS of a file of runs, and the file
 
 
@@ -95,6 +97,33 @@ def closed(runs: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["case", "model", "variable", "truth_saves", "closed"])
 
 
+def worth(runs: pd.DataFrame, variable: str = "F") -> pd.DataFrame:
+    """WORTH: what DIAGNOSIS saves, zero-shot, of the mean absolute error against BELIEF and AUTHORS
+    over the cases where TRUTH saves ENOUGH: the mean over cases of the share saved, its interval
+    (Student's t over cases), the cases whose own interval over seeds lies above zero, and the
+    median over cases of DIAGNOSIS' error over TRUTH's. NaN where there is no case."""
+    kept = runs[(runs["metric"] == "mae") & (runs["method"] == ZERO_SHOT)]
+    kept = kept[kept["variable"] == variable]
+    shares = closed(runs)
+    rows = []
+    for model, own in kept.groupby("model", sort=False):
+        most = shares[(shares["model"] == model) & (shares["variable"] == variable)]
+        told = list(most.loc[most["truth_saves"] >= ENOUGH, "case"])
+        of = {key: part for key, part in own.groupby(["case", "source"], sort=False)}
+        ratio = [
+            of[case, DIAGNOSIS]["value"].mean() / of[case, TRUTH]["value"].mean() for case in told
+        ]
+        for rival in (BELIEF, AUTHORS):
+            known = [case for case in told if (case, rival) in of]
+            pairs = [paired(of[case, rival], of[case, DIAGNOSIS]).T for case in known]
+            saved = np.array([1.0 - now.mean() / before.mean() for before, now in pairs])
+            sure = sum(interval(before - now)[0] > 0.0 for before, now in pairs)
+            mean = saved.mean() if len(saved) else np.nan
+            middle = np.median(ratio) if ratio else np.nan
+            rows.append((model, rival, len(pairs), mean, *interval(saved), sure, middle))
+    return pd.DataFrame(rows, columns=list(WORTH))
+
+
 def told(folders: dict[str, str | Path]) -> pd.DataFrame:
     """case, concealed, named: the effects of each case's truth.json (empty for a real recording)
     and those of its diagnosis.json, with their parameters."""
@@ -134,12 +163,13 @@ def write(
     with atomic_path(csv) as temporary:
         table.to_csv(temporary, index=False, float_format="%.6g")
     with atomic_path(markdown) as temporary:
-        temporary.write_text(to_markdown(table, closed(runs), told(folders)), encoding="utf-8")
+        temporary.write_text(to_markdown(table, runs, told(folders)), encoding="utf-8")
 
 
-def to_markdown(table: pd.DataFrame, share: pd.DataFrame, cases: pd.DataFrame) -> str:
-    """What was concealed and named; for each model and variable the sources side by side, then
-    what alignments make of the belief's models with the same labels."""
+def to_markdown(table: pd.DataFrame, runs: pd.DataFrame, cases: pd.DataFrame) -> str:
+    """What was concealed and named, and what the names were worth; for each model and variable the
+    sources side by side, then what alignments make of the belief's models with the same labels."""
+    share = closed(runs)
     lines = [
         "# The loop closed",
         "",
@@ -152,6 +182,8 @@ def to_markdown(table: pd.DataFrame, share: pd.DataFrame, cases: pd.DataFrame) -
         "| case | concealed | named by the diagnosis |",
         "|---|---|---|",
         *(f"| {c.case} | {c.concealed or 'unknown'} | {c.named} |" for c in cases.itertuples()),
+        "",
+        *_worth(worth(runs)),
     ]
     errors = table[(table["metric"] == "mae") & (table["left_out"] == "")]
     for model in table["model"].unique():
@@ -167,6 +199,22 @@ def to_markdown(table: pd.DataFrame, share: pd.DataFrame, cases: pd.DataFrame) -
         what = ", ".join(filter(None, [row.case, row.method, row.variable]))
         lines.append(f"- left out, {what}: {row.left_out}")
     return "\n".join(lines) + "\n"
+
+
+def _worth(found: pd.DataFrame) -> list[str]:
+    lines = [
+        f"Of the force's error, over the cases where the truth saves {ENOUGH:.0%} or more of it:",
+        "",
+        "| model | against | cases | saved, mean [95 % over cases] | cases whose own interval over"
+        " seeds lies above zero | error over the truth's, median |",
+        "|---" * 6 + "|",
+    ]
+    for row in found.itertuples():
+        share = "" if np.isnan(row.saved) else f"{row.saved:.0%} [{row.low:.0%}, {row.high:.0%}]"
+        ratio = "" if np.isnan(row.over_truth) else f"{row.over_truth:.2f}"
+        cells = (row.model, row.against, row.cases, share, row.sure, ratio)
+        lines.append("| " + " | ".join(map(str, cells)) + " |")
+    return lines
 
 
 def _cell(rows: pd.DataFrame, mean: str = "mean", low: str = "low", high: str = "high") -> str:
