@@ -16,7 +16,7 @@ FAINT = f"faint: a gap under {scoring.SHOWN:g}"
 CHANCE = "what was said explains the recording better than the truth does"
 ALIKE = "what was said explains the recording as well as the truth does"
 SEARCH = "missed by the search: the truth explains the recording better"
-UNKNOWN = "the truth could not be fitted"
+UNKNOWN = "the true effects cannot be fitted together"
 
 
 def better_by(row: dict) -> float:
