@@ -60,6 +60,25 @@ def test_one_effect_is_found(contact):
     assert fit["chi2_per_dof_after"] < 1.2 < fit["chi2_per_dof_before"]
 
 
+@pytest.mark.parametrize(("ratio", "electrodes"), [(1.1, [3]), (1.15, [3, 6])])
+def test_a_further_site_must_earn_what_an_effect_must(ratio, electrodes):
+    """The second contact is worth one nat at a ratio of 1.1, ten at 1.15."""
+    both = {**CONTACT, "electrodes": [3, 6], "parameters": {"ratio": [1.7, ratio]}}
+    found = diagnose.diagnose(small_recording(both, noise=NOISE, places=4))
+    (effect,) = diagnose.result(found, "further")["effects"]
+    assert (effect["name"], effect["electrodes"]) == ("contact-impedance", electrodes)
+
+
+def test_an_effect_gives_way_to_itself_at_further_sites_as_to_no_other(contact):
+    _, found = contact
+    (effect,) = found.after.effects
+    more = replace(effect, sites=(3, 6, 7))
+    assert search._lead(effect, more) == 2 * search.LEAST_EVIDENCE
+    width = next(c for c in found.search.candidates if c.name == "electrode-width" and c.sites)
+    for other in (replace(more, scope="dense"), replace(more, sites=(6, 7)), width):
+        assert search._lead(effect, other) == search.LEAD
+
+
 def test_swapped_wires_are_found_beside_another_fault():
     recorded = small_recording(SWAP, MEMORY, noise=NOISE, places=2)
     said = diagnose.result(diagnose.diagnose(recorded), "swapped")

@@ -28,7 +28,8 @@ from eitskin.neighbours import Spent
 SIGNIFICANT = 1e-3
 STANDARD_ERRORS = 2.0
 MOST_EFFECTS = 5
-LEAST_EVIDENCE = 3.0  # nats by which an effect must raise the evidence
+LEAST_EVIDENCE = 3.0  # nats by which an effect, or a further site of one, must raise the evidence
+LEAD = 1.0  # nats by which another name in an effect's place must be better
 WITHIN = 20.0  # nats of linear evidence below the best, or this share of its gain ...
 SHARE = 0.3
 MOST_NAMES = 12
@@ -457,7 +458,7 @@ class Search:
                 except InputError:
                     break
                 trial = self.state(fitted, dict(state.p_values))
-                if trial.log_evidence <= state.log_evidence:
+                if trial.log_evidence <= state.log_evidence - LEAST_EVIDENCE:
                     break
                 trial.p_values[fewer.key] = state.p_values.get(effect.key, 1.0)
                 state, effect = trial, fewer
@@ -473,8 +474,13 @@ class Search:
                     continue
                 less = self.less(state, index)
                 rivals = self.tried(less, self.scores(less), effect, state.log_evidence)
-                if rivals and rivals[0].log_evidence > state.log_evidence + 1.0:
-                    better = rivals[0]
+                ahead = (
+                    rival
+                    for rival in rivals
+                    if rival.log_evidence > state.log_evidence + _lead(effect, rival.effects[-1])
+                )
+                better = next(ahead, None)
+                if better is not None:
                     entered = {c.key for c in better.effects} - set(state.p_values)
                     p = state.p_values.get(effect.key, 1.0)
                     better.p_values = {**state.p_values, **dict.fromkeys(entered, p)}
@@ -524,6 +530,15 @@ def _of_channels(candidate: Candidate) -> bool:
 
 def _per_dof(state: State) -> float:
     return state.fit.chi2 / max(state.fit.problem.whitening.size - len(state.fit.theta), 1)
+
+
+def _lead(effect: Candidate, rival: Candidate) -> float:
+    """Nats by which a rival must be ahead of an effect to take its place: where it is the same at
+    further sites, what every site must earn."""
+    sparse = effect.scope == rival.scope == "sparse" and rival.name == effect.name
+    if sparse and set(rival.sites) > set(effect.sites):
+        return LEAST_EVIDENCE * (len(rival.sites) - len(effect.sites))
+    return LEAD
 
 
 def _joined(a: Candidate, b: Candidate) -> Candidate | None:
