@@ -328,6 +328,8 @@ def test_what_is_missed_is_faint_only_below_the_gap_from_which_it_must_be_named(
         for gap in (4.0, 8.0)
     )
     assert causes.cause(faint) == causes.FAINT
+    unknown = {**faint, "truth": [item] * 2, "true_gaps": [*faint["true_gaps"], None]}
+    assert causes.cause(unknown) == causes.SEARCH
     assert causes.cause(strong) == causes.SEARCH
 
 

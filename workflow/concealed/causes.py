@@ -45,7 +45,7 @@ def cause(row: dict) -> str:
         return BESIDES
     if sorted(one["name"] for one in said) == sorted(item["name"] for item in row["truth"]):
         return TOO_WIDE
-    if not besides and max(missed) < scoring.SHOWN:
+    if not besides and np.max(missed) < scoring.SHOWN:
         return FAINT
     nats = better_by(row)
     if np.isnan(nats):

@@ -136,6 +136,7 @@ def deterministic() -> torch.device:
     """Make torch repeatable; returns the device: a GPU where there is one, else the CPU."""
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
     torch.set_num_threads(1)
+    # What use_deterministic_algorithms does, without importing torch's compiler.
     torch.set_deterministic_debug_mode("error")
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
