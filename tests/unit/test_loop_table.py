@@ -91,7 +91,8 @@ def cases(folder, number, truth_saves=True):
 
 
 def test_what_a_diagnosis_is_worth_is_counted_over_cases_where_the_truth_is(tmp_path):
-    found = table.worth(table.collect(cases(tmp_path, 2))).set_index("against")
+    runs = table.collect(cases(tmp_path, 2))
+    found = table.worth(runs, table.closed(runs)).set_index("against")
     belief = np.array([1.2 / 2.2, (2.2 - 3.1 / 3) / 2.2])
     assert found.loc[BELIEF, "cases"] == 2 and found.loc[BELIEF, "sure"] == 2
     assert found.loc[BELIEF, "saved"] == pytest.approx(belief.mean())
@@ -104,7 +105,8 @@ def test_what_a_diagnosis_is_worth_is_counted_over_cases_where_the_truth_is(tmp_
 
 
 def test_where_the_truth_saves_little_nothing_is_claimed(tmp_path):
-    found = table.worth(table.collect(cases(tmp_path, 2, truth_saves=False)))
+    runs = table.collect(cases(tmp_path, 2, truth_saves=False))
+    found = table.worth(runs, table.closed(runs))
     assert found["cases"].tolist() == found["sure"].tolist() == [0, 0]
     assert found[["saved", "over_truth"]].isna().all(axis=None)
 
@@ -121,6 +123,7 @@ def test_the_text_names_what_was_concealed_and_found(tmp_path):
     written = text.read_text()
     assert "| bench | contact-law (exponent 0.7) | contact-law (exponent 0.701) |" in written
     assert "1.20 [0.95, 1.45] | 64% | 86% |" in written
+    assert "| mlp | belief | 1 | 55% | 1 | 1.25 |" in written
     assert "| bench | belief | 2.20 [1.70, 2.70] | 1.20 [0.95, 1.45] |" in written
     assert list(pd.read_csv(csv).columns) == list(table.TABLE)
 

@@ -264,7 +264,6 @@ def _misses(rows: list[dict]) -> list[str]:
     if not own:
         return ["Every verdict was right.", ""]
     why = [causes.cause(row) for row in own]
-    tally = [(cause, count) for cause, count in Counter(why).most_common()]
     lines = [
         (
             row["case"],
@@ -284,7 +283,14 @@ def _misses(rows: list[dict]) -> list[str]:
         f"Verdicts that were not right as a whole, {len(own)} of {len(rows)}; nats: by which the"
         " truth, fitted after the opening, explains the recording better than what was said:"
     )
-    return [text, "", *_table(("cause", "recordings"), tally), "", *_table(head, lines), ""]
+    return [
+        text,
+        "",
+        *_table(("cause", "recordings"), Counter(why).most_common()),
+        "",
+        *_table(head, lines),
+        "",
+    ]
 
 
 def write(block: Path, folder: Path, command: str) -> None:

@@ -97,18 +97,20 @@ def closed(runs: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["case", "model", "variable", "truth_saves", "closed"])
 
 
-def worth(runs: pd.DataFrame, variable: str = "F") -> pd.DataFrame:
-    """WORTH: what DIAGNOSIS saves, zero-shot, of the mean absolute error against BELIEF and AUTHORS
-    over the cases where TRUTH saves ENOUGH: the mean over cases of the share saved, its interval
-    (Student's t over cases), the cases whose own interval over seeds lies above zero, and the
-    median over cases of DIAGNOSIS' error over TRUTH's. NaN where there is no case."""
+def worth(runs: pd.DataFrame, share: pd.DataFrame) -> pd.DataFrame:
+    """WORTH: what DIAGNOSIS saves, zero-shot, of the force's mean absolute error against BELIEF and
+    AUTHORS over the cases where TRUTH saves ENOUGH; share: `closed`'s table of the same runs.
+
+    The mean over cases of the share saved, its interval (Student's t over cases), the cases whose
+    own interval over seeds lies above zero, and the median over cases of DIAGNOSIS' error over
+    TRUTH's. NaN where there is no case.
+    """
     kept = runs[(runs["metric"] == "mae") & (runs["method"] == ZERO_SHOT)]
-    kept = kept[kept["variable"] == variable]
-    shares = closed(runs)
+    kept = kept[kept["variable"] == "F"]
+    much = share[(share["variable"] == "F") & (share["truth_saves"] >= ENOUGH)]
     rows = []
     for model, own in kept.groupby("model", sort=False):
-        most = shares[(shares["model"] == model) & (shares["variable"] == variable)]
-        told = list(most.loc[most["truth_saves"] >= ENOUGH, "case"])
+        told = list(much.loc[much["model"] == model, "case"])
         of = {key: part for key, part in own.groupby(["case", "source"], sort=False)}
         ratio = [
             of[case, DIAGNOSIS]["value"].mean() / of[case, TRUTH]["value"].mean() for case in told
@@ -183,7 +185,7 @@ def to_markdown(table: pd.DataFrame, runs: pd.DataFrame, cases: pd.DataFrame) ->
         "|---|---|---|",
         *(f"| {c.case} | {c.concealed or 'unknown'} | {c.named} |" for c in cases.itertuples()),
         "",
-        *_worth(worth(runs)),
+        *_worth(worth(runs, share)),
     ]
     errors = table[(table["metric"] == "mae") & (table["left_out"] == "")]
     for model in table["model"].unique():
@@ -210,7 +212,9 @@ def _worth(found: pd.DataFrame) -> list[str]:
         "|---" * 6 + "|",
     ]
     for row in found.itertuples():
-        share = "" if np.isnan(row.saved) else f"{row.saved:.0%} [{row.low:.0%}, {row.high:.0%}]"
+        share = "" if np.isnan(row.saved) else f"{row.saved:.0%}"
+        if np.isfinite(row.low):
+            share += f" [{row.low:.0%}, {row.high:.0%}]"
         ratio = "" if np.isnan(row.over_truth) else f"{row.over_truth:.2f}"
         cells = (row.model, row.against, row.cases, share, row.sure, ratio)
         lines.append("| " + " | ".join(map(str, cells)) + " |")
