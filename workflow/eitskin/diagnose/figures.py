@@ -483,7 +483,8 @@ def next_experiment(evidence: Evidence) -> Figure | str:
         axes.plot(ends[0], y, "o", color="#202020", markersize=5, markerfacecolor="white")
         axes.plot(ends[1], y, "o", color="#202020", markersize=5)
         for word, value, height in zip(("now", "then"), ends, (5, -11), strict=True):
-            at = {"xytext": (0, height), "textcoords": "offset points", "ha": "center"}
+            side = "left" if value < 0.1 * top else "center"  # clear of the names
+            at = {"xytext": (0, height), "textcoords": "offset points", "ha": side}
             axes.annotate(f"{word} {number(value, 2)}", (value, y), fontsize=6.5, **at)
     axes.set(xlim=(0, top), ylim=(len(pairs) - 0.3, -0.7), yticks=range(len(pairs)))
     axes.set_yticklabels([f"{pair['a']}\nor {pair['b']}" for pair in pairs])
