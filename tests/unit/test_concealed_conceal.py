@@ -222,6 +222,15 @@ def test_snr_follows_the_noise(block):
     assert told["outside"]["snr"] == pytest.approx(case.outside["snr"] * scale)
 
 
+def test_gaps_that_take_more_than_a_diagnosis_may_are_unknown(monkeypatch):
+    planned = next(one for one in PLAN.values() if one.gap is not None)
+    case = conceal.case_of(planned, SIZES)
+    assert conceal.gaps_at(case, case.noise_V)
+    monkeypatch.setattr(conceal, "MOST_SOLVED", 2.0)
+    assert conceal.gaps_at(case, case.noise_V) is None
+    assert conceal.shown(case, planned, b"root", "case-000").gaps is None
+
+
 def test_the_same_seed_gives_the_same_bytes_and_what_is_there_stays(block, tmp_path, monkeypatch):
     public, truths, made = block
     name = "case-001"

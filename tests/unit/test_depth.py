@@ -17,9 +17,11 @@ from eitskin.depth import (
     DepthForward,
     Span,
     cylinder_response,
+    forward_model,
     legendre_overlap,
     span,
 )
+from eitskin.effects import EFFECTS
 from eitskin.effects.settings import settings as effect_settings
 from eitskin.effects.settings import site_counts
 from eitskin.errors import InputError
@@ -336,6 +338,19 @@ def test_the_third_dimension_as_an_effect():
         assert np.array_equal(found, 1e-3 * body.voltages(channels))
     sheet = simulate(states, np.array([-1]), TANK, channels, [], "train")[0]
     assert np.abs(found - sheet).max() > 0.05 * np.abs(sheet).max()
+
+
+@pytest.mark.parametrize("z, least", [(None, 10.0), (5.0, 10.0), (13.0, 18.0), (40.0, 50.4)])
+def test_depths_to_start_from_have_room_for_the_electrodes(z, least):
+    """Where nobody knows the thickness; the simulation refuses electrodes beyond it."""
+    skin = replace(TANK, thickness_mm=None, electrode_height_mm=4.0, electrode_z_mm=z)
+    starts = EFFECTS["third-dimension"].starts(skin, np.zeros((1, 1)))
+    depths = [start["depth_mm"] for start in starts]
+    assert depths[0] == pytest.approx(least)
+    assert depths[-1] == 100.0
+    for depth in depths:
+        geometry = Geometry.from_skin(replace(skin, thickness_mm=depth)).with_values(deep=True)
+        assert np.isfinite(forward_model(geometry, "train").voltages(channel_table(16))).all()
 
 
 # --- real tanks: untouched magnitudes away from the drive, one fitted scale

@@ -75,3 +75,16 @@ def test_what_may_be_solved_ends_and_the_limit_with_it():
         near.solve(SHEET, "train")
     assert near.spent == 2.0
     near.solve(SHEET, "train")
+
+
+def test_a_limit_inside_another_leaves_that_one_as_it_was():
+    near = Neighbours()
+    with pytest.raises(Spent), near.within(1.5):
+        with near.within(100.0):
+            near.solve(SHEET, "train")
+        near.solve(SHEET, "train")
+        near.solve(SHEET, "train")
+    assert near.spent == 2.0
+    with pytest.raises(Spent), near.within(2.5), near.within(100.0):
+        near.solve(SHEET, "train")
+        near.solve(SHEET, "train")

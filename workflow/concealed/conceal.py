@@ -19,12 +19,13 @@ from eitskin import recording
 from eitskin.atomic import atomic_path
 from eitskin.diagnose.diagnose import begun, problem_of
 from eitskin.diagnose.noise import Noise
+from eitskin.diagnose.search import MOST_SOLVED
 from eitskin.errors import InputError
 from eitskin.fingerprint import fingerprint
+from eitskin.neighbours import Spent
 from eitskin.recording import Recording, frames_table
 from witness.cases import Alike, Case, draw
 from witness.generators import GENERATORS
-from witness.world import World
 
 LEAST_LEVEL, MOST_LEVEL = 2e-4, 3e-2  # noise over the median |v|
 NEAR = 0.1  # of the wanted gap: no more is asked of the reached one
@@ -96,31 +97,29 @@ def smallest(gaps: list | None) -> float | None:
 
 def gaps_at(case: Case, noise_V: np.ndarray) -> list | None:
     """`calibration.trial.true_gaps` of a case's effects in noise (M,) V, on its noise-free
-    recording; None of one without effects."""
+    recording; None of one without effects, or where they take more than a whole diagnosis may."""
     if not case.effects:
         return None
     clean = Recording(case.states, case.clean, None, None, dict(case.metadata))
     _, search = begun(clean, 1)
     problem, _ = problem_of(clean, Noise(noise_V, KNOWN_DOF, "known"))
     search = replace(search, problem=problem)
-    before = search.calibrated()
-    return true_gaps(
-        SimpleNamespace(search=search, before=before, after=before, gaps=[]),
-        case.effects,
-        case.scopes,
-    )
+    try:
+        with problem.model.near.within(MOST_SOLVED):
+            before = search.calibrated()
+            found = SimpleNamespace(search=search, before=before, after=before, gaps=[])
+            return true_gaps(found, case.effects, case.scopes)
+    except Spent:
+        return None
 
 
-def likeness(case: Case, seen: Shown, generator: str, seed: int) -> dict:
+def likeness(case: Case, seen: Shown, seed: int) -> dict:
     """How little the effects show: similarity, as `resemblance.moves` has it, and changed: RMS of
     what they change, an overall factor taken away, over that of the readings without them. None
     each of a real recording, which nobody knows without."""
     if case.clean is None:
         return {"similarity": None, "changed": None}
-    grounded = case.metadata["source_reference"] == "sink-grounded"
-    channels, frame_s = np.array(case.metadata["channels"]), case.metadata["frame_s"]
-    world = World(case.true, channels, frame_s, grounded, generator=generator)
-    plain = world.readings(case.states, [])
+    plain = case.world.readings(case.states, [])
     factor = float((plain * case.clean).sum() / (plain**2).sum())
     return {
         "similarity": moves(seen.voltage, plain, case.clean, seen.noise_V, seed),
@@ -153,7 +152,7 @@ def truth_of(
         "true": None if case.true is None else case.true.metadata(),
         "noise_V": seen.noise_V.tolist(),
         "level": seen.level,
-        **likeness(case, seen, planned.generator, planned.seed),
+        **likeness(case, seen, planned.seed),
         "salt": salt,
         "code": CODE,
     }

@@ -50,7 +50,7 @@ class Planted(Case):
     effects: the fault where it is one of the catalogue, which lost channels are not. noise_V: what
     `eitskin.diagnose.noise` estimates of the unharmed excerpt, level: its median over the median
     |v|; snr: of the fault in one frame, in that noise, after an overall factor. Nobody knows true,
-    clean and query_clean: None. query: the untouched frames that follow, or the last one again.
+    clean, query_clean and world: None. query: the untouched frames that follow, or the last one again.
     """
 
     fault: dict | None
@@ -199,6 +199,7 @@ def draw(kind: str, seed: int, paths: dict[str, Path] | None = None) -> Planted:
         level=float(np.median(noise)) / size,
         query=query,
         query_clean=None,
+        world=None,
         fault=planted,
     )
 

@@ -27,12 +27,13 @@ class Neighbours:
 
     @contextmanager
     def within(self, most: float) -> Iterator[None]:
-        """Where `solve` raises Spent once `spent` is beyond `most`."""
-        self.most = most
+        """Where `solve` raises Spent once `spent` is beyond `most`, or beyond what there is round
+        about."""
+        around, self.most = self.most, min(most, self.most)
         try:
             yield
         finally:
-            self.most = math.inf
+            self.most = around
 
     def solve(self, geometry: Geometry, accuracy: str) -> Forward:
         """The forward model of a geometry, sharing with one of the same outline, or with the

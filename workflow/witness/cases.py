@@ -76,7 +76,8 @@ class Case:
     believed, true: the skin; effects: in the configuration's form, with their scopes and snr (of
     the signature that is left after an overall factor; `snr`: alone, `snr_given_others`: in its
     set); outside: {law, parameters, snr} or None; states, query: frames as the recording format has
-    them; clean, voltage (N, M), query_clean (Q, M) V; noise_V (M,): sd; level: of the median |v|.
+    them; clean, voltage (N, M), query_clean (Q, M) V; noise_V (M,): sd; level: of the median |v|;
+    world: that made clean, with the bodies it solved.
     """
 
     kind: str
@@ -96,6 +97,7 @@ class Case:
     level: float
     query: pd.DataFrame
     query_clean: np.ndarray
+    world: World
 
 
 class _Shown:
@@ -392,6 +394,7 @@ def draw(
         level=level,
         query=query,
         query_clean=world.readings(query, effects, hidden, largest),
+        world=world,
     )
 
 

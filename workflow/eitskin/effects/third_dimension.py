@@ -6,6 +6,9 @@ from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.geometry import Geometry
 from eitskin.skin import Skin
 
+DEPTHS_MM = 10.0, 30.0, 100.0  # from that of a skin to that of a tank
+CLEAR = 1.2  # times the electrodes' upper end, that a depth to start from has at least
+
 
 class ThirdDimension(SkinEffect):
     """The disc as a body depth_mm deep, with electrodes of the skin's electrode_height_mm and z.
@@ -25,10 +28,13 @@ class ThirdDimension(SkinEffect):
     confusable = ("electrode-width",)
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
-        """The thickness given, else depths from that of a skin to that of a tank."""
+        """The thickness given, else depths from that of a skin to that of a tank, in each of which
+        the electrodes have room."""
         if skin.thickness_mm is not None:
             return [{}]
-        return [{"depth_mm": depth_mm} for depth_mm in (10.0, 30.0, 100.0)]
+        half = 0.5 * (skin.electrode_height_mm or 0.0)
+        top = half + (half if skin.electrode_z_mm is None else skin.electrode_z_mm)
+        return [{"depth_mm": d} for d in sorted({max(d, CLEAR * top) for d in DEPTHS_MM})]
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry as a body."""
