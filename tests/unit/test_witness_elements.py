@@ -2,6 +2,9 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.sparse import csc_matrix
 from skfem import Basis
 
 from eitskin.errors import InputError
@@ -169,3 +172,19 @@ def test_generators_say_what_they_do():
             assert all(generator.does(one) for one in drawn)
     with pytest.raises(InputError, match="boundary"):
         draw("null", 1, generator="wrong")
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(2, 40), st.integers(1, 6), st.booleans(), st.integers(0, 2**31))
+def test_what_ends_see_of_each_other_is_what_solving_for_each_gives(size, count, parts, seed):
+    rng = np.random.default_rng(seed)
+    root = np.where(rng.uniform(size=(size, size)) < 0.2, rng.standard_normal((size, size)), 0.0)
+    if parts:
+        root[: size // 2, size // 2 :] = root[size // 2 :, : size // 2] = 0.0
+    matrix = root @ root.T + np.eye(size)
+    rows = rng.permutation(size)[:count]
+    ends = elements.units(size, rows).toarray()
+    ends += 0.1 * rng.standard_normal(ends.shape) * (rng.uniform(size=ends.shape) < 0.5)
+    found = elements.seen_from(csc_matrix(matrix), csc_matrix(ends))
+    wanted = ends.T @ np.linalg.solve(matrix, ends)
+    assert found == pytest.approx(wanted, rel=1e-8, abs=1e-8 * np.abs(wanted).max())

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
-from scipy.sparse import coo_matrix, csc_matrix
+from scipy.sparse import bmat, coo_matrix, csc_matrix, hstack
 from scipy.sparse.linalg import SuperLU, splu
 from skfem import Basis, BilinearForm, ElementTriP2, ElementTriP3, ElementTriP4, MeshTri, MeshTri2
 from skfem.helpers import grad
@@ -156,6 +156,26 @@ def condensed(matrix: csc_matrix, edge: np.ndarray, inner: np.ndarray) -> np.nda
         return own
     across = matrix[inner][:, edge].toarray()
     return own - across.T @ factored(matrix[inner][:, inner].tocsc()).solve(across)
+
+
+def units(size: int, dofs: np.ndarray) -> csc_matrix:
+    """(size, len(dofs)): a unit at each of the degrees of freedom."""
+    return csc_matrix((np.ones(len(dofs)), (dofs, np.arange(len(dofs)))), (size, len(dofs)))
+
+
+def seen_from(matrix: csc_matrix, ends: csc_matrix) -> np.ndarray:
+    """(E, E): ends' A^-1 ends of a symmetric definite matrix A (N, N), for independent ends (N, E).
+
+    What elimination leaves of A bordered by its ends is minus that (Schur's complement): several
+    times sooner than solving for each, and no field of any is kept.
+    """
+    size = ends.shape[0]
+    order = np.argsort(factored(matrix).perm_c)
+    bordered = bmat([[matrix[order][:, order], ends[order]], [ends.T[:, order], None]], "csc")
+    options = {"SymmetricMode": True}
+    # The symmetric mode keeps the order that it is given, borders last.
+    left = splu(bordered, permc_spec="NATURAL", diag_pivot_thresh=0.0, options=options)
+    return -left.L[size:, size:].toarray() @ left.U[size:, size:].toarray()
 
 
 class Body:
@@ -301,13 +321,10 @@ class Place:
             whole, edge, _ = self.parts
             loads = np.array([load for _, load in self.electrodes]).T / contact
             masses = (mass / z for (mass, _), z in zip(self.electrodes, contact, strict=True))
-            solver = factored(sum(masses, whole).tocsc())
-            unit = np.zeros((self.domain.size, len(edge)))
-            unit[edge, np.arange(len(edge))] = 1.0
-            solved = solver.solve(np.hstack([loads, unit]))
-            n = self.body.n
-            admittance = np.diag(loads.sum(axis=0)) - loads.T @ solved[:, :n]
-            self._latest = contact, admittance, solved[edge, :n], solved[edge, n:]
+            ends = hstack([csc_matrix(loads), units(self.domain.size, edge)], "csc")
+            seen, n = seen_from(sum(masses, whole).tocsc(), ends), self.body.n
+            admittance = np.diag(loads.sum(axis=0)) - seen[:n, :n]
+            self._latest = contact, admittance, seen[n:, :n], seen[n:, n:]
         return self._latest[1:]
 
     def admittance(

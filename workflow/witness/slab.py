@@ -17,14 +17,14 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import block_diag, eigh
 from scipy.sparse import block_diag as sparse_blocks
-from scipy.sparse import coo_matrix, csc_matrix
+from scipy.sparse import coo_matrix, csc_matrix, hstack
 from skfem import Basis, BilinearForm, ElementLinePp, MeshLine
 from skfem.helpers import grad
 
 from witness import elements
 from witness.boundary import Disc, Radial
 from witness.curves import Shape
-from witness.elements import Domain, Fineness, condensed, factored
+from witness.elements import Domain, Fineness, condensed, seen_from, units
 
 FADE = 6.0  # sheets reach as far as there and back they fade to exp(-FADE)
 ALONE = 2.5  # depths round a face or a dent in which what does not reach is solved
@@ -196,10 +196,8 @@ def alone(domain: Domain, triangles: np.ndarray, dofs: np.ndarray, eigen: np.nda
     used = np.unique(domain.dofs.element_dofs[:, triangles])
     stiffness = domain.stiffness(triangles)[used][:, used]
     mass = domain.matrix(_mass, triangles)[used][:, used]
-    unit = np.zeros((len(used), len(dofs)))
-    at = np.searchsorted(used, dofs)
-    unit[at, np.arange(len(dofs))] = 1.0
-    found = [factored((stiffness + k * mass).tocsc()).solve(unit)[at] for k in eigen]
+    ends = units(len(used), np.searchsorted(used, dofs))
+    found = [seen_from((stiffness + k * mass).tocsc(), ends) for k in eigen]
     return np.array(found).reshape(len(eigen), len(dofs), len(dofs))
 
 
@@ -304,14 +302,13 @@ class Place:
             entry, row, column = parts
             electrodes = coo_matrix((entry, (row, column)), shape=system.shape)
             edge = self.inside[2] if self.discs else np.zeros(0, int)
-            ends = (edge + size * np.arange(far)[:, None]).ravel()
-            unit = np.zeros((far * size, len(ends)))
-            unit[ends, np.arange(len(ends))] = 1.0
-            solved = factored((system + electrodes).tocsc()).solve(np.hstack([loads, unit]))
-            admittance = np.diag(total) - loads.T @ solved[:, :n]
+            edges = units(far * size, (edge + size * np.arange(far)[:, None]).ravel())
+            ends = hstack([csc_matrix(loads), edges], "csc")
+            seen = seen_from((system + electrodes).tocsc(), ends)
+            admittance = np.diag(total) - seen[:n, :n]
             near = self.near if self.discs else np.zeros((0, 0, 0))
-            felt = np.vstack([solved[ends, :n], np.zeros((near.shape[0] * len(edge), n))])
-            among = block_diag(solved[ends, n:], *near)
+            felt = np.vstack([seen[n:, :n], np.zeros((near.shape[0] * len(edge), n))])
+            among = block_diag(seen[n:, n:], *near)
             self._latest = contact, admittance, felt, among
         return self._latest[1:]
 
