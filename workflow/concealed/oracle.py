@@ -19,8 +19,9 @@ from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.diagnose import begun, read_query, simulator
 from eitskin.diagnose.estimates import estimates
 from eitskin.diagnose.excerpt import excerpt
-from eitskin.diagnose.search import Search, State
+from eitskin.diagnose.search import MOST_SOLVED, Search, State
 from eitskin.effects.effect import SITES
+from eitskin.neighbours import Spent
 from eitskin.recording import Recording
 
 
@@ -35,16 +36,24 @@ class Refit:
 
     @classmethod
     def of(cls, recorded: Recording, seed: int) -> "Refit":
-        """As a diagnosis with this seed begins, with no limit to what it may solve."""
+        """As a diagnosis with this seed begins."""
         thinned = excerpt(recorded)
         _, search = begun(thinned, seed)
         return cls(thinned, replace(search, share=math.inf), search.calibrated())
 
     def with_effects(self, items: list[dict], scopes: list[str]) -> State | None:
-        """The state with these effects; None where one of them cannot be fitted."""
+        """The state with these effects; None where one of them cannot be fitted, or where all
+        take more than a whole diagnosis may."""
         pairs = zip(items, scopes, strict=True)
         wanted = [starting(candidate_of(self.search.candidates, *pair), pair[0]) for pair in pairs]
-        return with_all(self.search, self.nothing, wanted) if wanted else self.nothing
+        if not wanted:
+            return self.nothing
+        near = self.search.problem.model.near
+        try:
+            with near.within(near.spent + MOST_SOLVED):
+                return with_all(self.search, self.nothing, wanted)
+        except Spent:
+            return None
 
     def as_said(self, said: list[dict]) -> State | None:
         """The state with the effects that a diagnosis named."""
