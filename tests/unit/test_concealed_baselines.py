@@ -1,5 +1,6 @@
 """Other methods find what they can find, and nothing where there is nothing."""
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from calibration.trial import rms
 from concealed import baselines, oracle
 from concealed.baselines import Linear, everything, lasso, matched_filter, named
+from eitskin import recording
 from eitskin.recording import Recording
 from witness import cases
 
@@ -99,6 +101,9 @@ def test_every_method_says_and_predicts_something_of_a_witness_recording(small):
     assert np.isfinite(list(left.values())).all()
     assert left["matched-filter"] < 0.5 * left["none"]
     assert left["lasso"] < 0.5 * left["none"]
+    alone = baselines.compare(recorded, query, 1, whole=False)
+    assert alone[0] == {"none": None}
+    assert np.array_equal(alone[1]["none"], predicted["none"])
     truth = {
         "effects": case.effects,
         "scopes": case.scopes,
@@ -115,3 +120,20 @@ def test_every_method_says_and_predicts_something_of_a_witness_recording(small):
     assert all_said["said_log_evidence"] == pytest.approx(best["log_evidence"], abs=0.1)
     assert nothing["said_log_evidence"] < best["log_evidence"] - 3.0
     assert all_said["snr_left"] < 5.0 < nothing["snr_left"]
+
+
+def test_a_case_to_be_compared_anew_gets_the_methods_that_it_lacks(small, tmp_path):
+    _, recorded, query = small
+    recording.write(recorded, tmp_path / "recordings" / "case-001.parquet")
+    recording.write(query, tmp_path / "queries" / "case-001.parquet")
+    path = tmp_path / "baselines" / "case-001.json"
+
+    def told(compared):
+        baselines.run(["case-001"], compared, tmp_path, 1, "code")
+        return json.loads(path.read_text("utf-8"))["effects"]
+
+    assert told([]) == {"none": None}
+    assert set(told(["case-001"])) == set(baselines.METHODS)
+    stood = path.stat().st_mtime_ns
+    assert set(told([])) == set(baselines.METHODS)
+    assert path.stat().st_mtime_ns == stood

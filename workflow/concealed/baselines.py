@@ -7,6 +7,7 @@ recording. `gp` and `mlp`: black boxes on the residual. What is linear predicts 
 the calibrations following.
 """
 
+import json
 import warnings
 from dataclasses import dataclass
 from functools import partial
@@ -305,13 +306,17 @@ def equation_9(search: Search, fitted: Fit) -> Fit:
     return fit(search.problem, effects, start)
 
 
-def compare(recorded: Recording, query: Recording, seed: int) -> tuple[dict, dict]:
-    """Every method of METHODS on one recording: the effects that it names (None: it names none),
-    and its prediction (Q, M) of the query, in the recording's unit."""
+def compare(
+    recorded: Recording, query: Recording, seed: int, whole: bool = True
+) -> tuple[dict, dict]:
+    """Every method of METHODS on one recording, or the first alone: the effects that it names
+    (None: it names none), and its prediction (Q, M) of the query, in the recording's unit."""
     recorded = excerpt(recorded)
     noise, search = begun(recorded, seed)
     before = search.calibrated().fit
     plain = simulator(before, recorded, query)(before.theta)
+    if not whole:
+        return {METHODS[0]: None}, {METHODS[0]: plain}
     made = linear(search, before, recorded, query)
     all_of_it, values, outstanding = everything(made)
     found = {
@@ -334,9 +339,10 @@ def compare(recorded: Recording, query: Recording, seed: int) -> tuple[dict, dic
 GREEDY = {"matched-filter": matched_filter, "lasso": lasso}
 
 
-def run(cases: list[str], block: Path, seed: int, code: str) -> None:
+def run(cases: list[str], compared: list[str], block: Path, seed: int, code: str) -> None:
     """baselines/CASE.npz, predictions (Q, M) by method, and CASE.json, {effects: by method} or
-    {failed: why}, of every case of a block, each whole before the next begins.
+    {failed: why}, of every case of a block, each whole before the next begins: all methods of those
+    to be compared, of others the first of METHODS.
 
     One of the same recording and query by the same code stays, in the final block by any code. New
     ones take away the seal and the opened truths; InputError in a final block that was opened.
@@ -348,16 +354,22 @@ def run(cases: list[str], block: Path, seed: int, code: str) -> None:
             for name, part in (("recording", "recordings"), ("query", "queries"))
         }
         made = kept.made_of(code, **files)
-        path = folder / f"{case}.json"
-        if not kept.stands(path, made, block.name == FINAL):
+        path, whole = folder / f"{case}.json", case in compared
+        if not (kept.stands(path, made, block.name == FINAL) and _holds(path, whole)):
             forget(block)
             path.unlink(missing_ok=True)
-            kept.write(path, made, partial(_one, files, folder / f"{case}.npz", seed))
+            kept.write(path, made, partial(_one, files, folder / f"{case}.npz", seed, whole))
 
 
-def _one(files: dict[str, Path], arrays: Path, seed: int) -> dict:
+def _holds(path: Path, whole: bool) -> bool:
+    """Whether a result is of all methods, where that is asked for."""
+    told = json.loads(path.read_text("utf-8"))
+    return not whole or "failed" in told or set(METHODS) <= set(told["effects"])
+
+
+def _one(files: dict[str, Path], arrays: Path, seed: int, whole: bool) -> dict:
     recorded = recording.read(files["recording"])
-    said, predicted = compare(recorded, read_query(files["query"], recorded), seed)
+    said, predicted = compare(recorded, read_query(files["query"], recorded), seed, whole)
     arrays.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(arrays) as path, path.open("wb") as file:
         np.savez_compressed(file, **predicted)
