@@ -24,6 +24,8 @@ from eitskin.effects.effect import SITES
 from eitskin.neighbours import Spent
 from eitskin.recording import Recording
 
+SHARE = 1 / 3  # of what a diagnosis may solve, that one set's fit may
+
 
 @dataclass(frozen=True)
 class Refit:
@@ -43,14 +45,14 @@ class Refit:
 
     def with_effects(self, items: list[dict], scopes: list[str]) -> State | None:
         """The state with these effects; None where one of them cannot be fitted, or where all
-        take more than a whole diagnosis may."""
+        take more than SHARE of what a whole diagnosis may."""
         pairs = zip(items, scopes, strict=True)
         wanted = [starting(candidate_of(self.search.candidates, *pair), pair[0]) for pair in pairs]
         if not wanted:
             return self.nothing
         near = self.search.problem.model.near
         try:
-            with near.within(near.spent + MOST_SOLVED):
+            with near.within(near.spent + SHARE * MOST_SOLVED):
                 return with_all(self.search, self.nothing, wanted)
         except Spent:
             return None
