@@ -24,7 +24,7 @@ from eitskin.effects.effect import SITES
 from eitskin.neighbours import Spent
 from eitskin.recording import Recording
 
-SHARE = 1 / 3  # of what a diagnosis may solve, that one set's fit may
+SHARE = 1 / 6  # of what a diagnosis may solve, that one set's fit may
 
 
 @dataclass(frozen=True)
