@@ -340,6 +340,13 @@ def test_the_third_dimension_as_an_effect():
     assert np.abs(found - sheet).max() > 0.05 * np.abs(sheet).max()
 
 
+def test_contacts_that_would_take_all_memory_are_refused():
+    skin = replace(TANK, electrode_height_mm=20.0, contact_impedivity_ohm_m2=2.5e-5)
+    geometry = Geometry.from_skin(skin).with_values(deep=True, conductivity_S_per_m=0.1)
+    with pytest.raises(InputError, match=r"contact_impedivity_ohm_m2: found 2\.5e-05: \d+ modes"):
+        forward_model(geometry, "diagnose")
+
+
 @pytest.mark.parametrize("z, least", [(None, 10.0), (5.0, 10.0), (13.0, 18.0), (40.0, 50.4)])
 def test_depths_to_start_from_have_room_for_the_electrodes(z, least):
     """Where nobody knows the thickness; the simulation refuses electrodes beyond it."""

@@ -33,6 +33,7 @@ from eitskin.touch import Touch, TouchEdge, graded_panels
 PANEL_NODES = 10
 SHORTEST_PANEL = 1e-8
 MOST_TERMS = 10_000_000
+MOST_MODES = 6144  # of all electrodes together: matrices of 0.3 GB, of which a fit holds a dozen
 SHEET = 1e8  # operations of a body that take as long as a sheet that shares its outline
 TOUCHED_SHEET = 2.5e6  # elements of a body's matrix, that a touched place goes through in that time
 
@@ -129,6 +130,11 @@ class BodyElectrodes:
         g = self.geometry = sheet.geometry
         _check(g, heights)
         self.n, self.across, self.up = sheet.n, sheet.order, accuracy.modes(g, heights)
+        size = self.n * self.across * self.up
+        if size > MOST_MODES:
+            found = f"{g.contact_impedivity_ohm_m2.min():.1e}: {size} modes in all"
+            expected = f"poorer contacts, that {MOST_MODES} modes resolve"
+            raise InputError("skin", "contact_impedivity_ohm_m2", found, expected)
         self.order = self.across * self.up
         self.rim = sheet.rim
         self._cut(accuracy)
