@@ -143,10 +143,10 @@ class Domain:
         return mass, load
 
 
-def factored(matrix: csc_matrix) -> SuperLU:
-    """Of a symmetric definite matrix."""
+def factored(matrix: csc_matrix, order: str = "MMD_AT_PLUS_A") -> SuperLU:
+    """Of a symmetric matrix, definite or bordered; order: as `splu` names those of elimination."""
     options = {"SymmetricMode": True}
-    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    return splu(matrix, permc_spec=order, diag_pivot_thresh=0.0, options=options)
 
 
 def condensed(matrix: csc_matrix, edge: np.ndarray, inner: np.ndarray) -> np.ndarray:
@@ -172,9 +172,8 @@ def seen_from(matrix: csc_matrix, ends: csc_matrix) -> np.ndarray:
     size = ends.shape[0]
     order = np.argsort(factored(matrix).perm_c)
     bordered = bmat([[matrix[order][:, order], ends[order]], [ends.T[:, order], None]], "csc")
-    options = {"SymmetricMode": True}
     # The symmetric mode keeps the order that it is given, borders last.
-    left = splu(bordered, permc_spec="NATURAL", diag_pivot_thresh=0.0, options=options)
+    left = factored(bordered, "NATURAL")
     return -left.L[size:, size:].toarray() @ left.U[size:, size:].toarray()
 
 
