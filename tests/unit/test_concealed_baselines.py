@@ -1,6 +1,6 @@
 """Other methods find what they can find, and nothing where there is nothing."""
 
-import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +9,6 @@ import pytest
 from calibration.trial import rms
 from concealed import baselines, oracle
 from concealed.baselines import Linear, everything, lasso, matched_filter, named
-from eitskin import recording
 from eitskin.recording import Recording
 from witness import cases
 
@@ -67,6 +66,15 @@ def test_nothing_is_found_in_noise(seed):
     assert len(everything(tangents)[2]) == 0
 
 
+def test_the_lasso_bears_products_that_were_summed_in_single_precision():
+    _, tangents = made({4: 25.0})
+    gram = tangents.gram.copy()
+    gram[:2, :2] = 1.0  # columns that are one but for rounding
+    gram[0, 1] = gram[1, 0] = 1.0 + 1e-4
+    chosen, _ = lasso(replace(tangents, gram=gram))
+    assert 4 in chosen
+
+
 def test_least_squares_on_everything_names_what_stands_out():
     truth, tangents = made({4: 25.0, 11: -20.0})
     chosen, values, shown = everything(tangents)
@@ -101,9 +109,6 @@ def test_every_method_says_and_predicts_something_of_a_witness_recording(small):
     assert np.isfinite(list(left.values())).all()
     assert left["matched-filter"] < 0.5 * left["none"]
     assert left["lasso"] < 0.5 * left["none"]
-    alone = baselines.compare(recorded, query, 1, whole=False)
-    assert alone[0] == {"none": None}
-    assert np.array_equal(alone[1]["none"], predicted["none"])
     truth = {
         "effects": case.effects,
         "scopes": case.scopes,
@@ -122,18 +127,14 @@ def test_every_method_says_and_predicts_something_of_a_witness_recording(small):
     assert all_said["snr_left"] < 5.0 < nothing["snr_left"]
 
 
-def test_a_case_to_be_compared_anew_gets_the_methods_that_it_lacks(small, tmp_path):
+@pytest.mark.filterwarnings("error::scipy.linalg.LinAlgWarning")
+def test_calibrations_that_do_the_same_hinder_no_method(small):
+    """In arbitrary units conductivity, thickness and the unit's factor are one."""
     _, recorded, query = small
-    recording.write(recorded, tmp_path / "recordings" / "case-001.parquet")
-    recording.write(query, tmp_path / "queries" / "case-001.parquet")
-    path = tmp_path / "baselines" / "case-001.json"
-
-    def told(compared):
-        baselines.run(["case-001"], compared, tmp_path, 1, "code")
-        return json.loads(path.read_text("utf-8"))["effects"]
-
-    assert told([]) == {"none": None}
-    assert set(told(["case-001"])) == set(baselines.METHODS)
-    stood = path.stat().st_mtime_ns
-    assert set(told([])) == set(baselines.METHODS)
-    assert path.stat().st_mtime_ns == stood
+    unknown = dict.fromkeys(("conductivity_S_per_m", "thickness_mm", "contact_impedivity_ohm_m2"))
+    about = recorded.metadata | {"unit": "arbitrary", "skin": recorded.metadata["skin"] | unknown}
+    said, predicted = baselines.compare(
+        replace(recorded, metadata=about), replace(query, metadata=about), 1
+    )
+    assert set(said) == set(baselines.METHODS)
+    assert np.isfinite(list(predicted.values())).all()

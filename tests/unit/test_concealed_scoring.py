@@ -78,7 +78,7 @@ def a_row(number, kind, truth=(), gap=8.0, outside=None, off=0.0):
         "log_evidence": None if outside else 1000.0,
         "said_log_evidence": 1000.0,
         "best": None if outside else [said_of(item) for item in truth],
-        "baselines": {name: [] for name in scoring.baselines.METHODS},
+        "baselines": {name: [] for name in scoring.baselines.NAMING},
         "broken": [],
         "seconds": 5.0,
         "said": {
@@ -285,20 +285,6 @@ def test_methods_are_scored_by_the_same_rules():
     assert np.isnan(table.loc["gp", "right_name"])
     assert table.loc["none", "misfit_closed"] == 0.0
     assert table.loc["gp", "rmse_over_ours"] == 4.0
-
-
-def test_other_methods_are_scored_on_what_they_got_and_beside_them_all_are():
-    rows = a_block()
-    for row in rows[::2]:
-        row["baselines"] = {"none": None}
-    assert scoring.compared(rows) == rows[1::2]
-    table = scoring.by_method(rows)
-    assert table.equals(scoring.by_method(rows[1::2]))
-    by_gap = scoring.by_gap(rows).groupby("method")["n"].sum()
-    half = scoring.by_gap(rows[1::2]).groupby("method")["n"].sum()
-    assert by_gap["lasso"] == half["lasso"] < by_gap["eitskin"]
-    text = page.markdown(rows, scoring.whole(rows), table, "snakemake concealed")
-    assert f"The {len(rows[1::2])} recordings of these that other methods got too" in text
 
 
 def test_the_page_says_everything_and_lists_the_misses():

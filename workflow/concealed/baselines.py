@@ -7,7 +7,6 @@ recording. `gp` and `mlp`: black boxes on the residual. What is linear predicts 
 the calibrations following.
 """
 
-import json
 import warnings
 from dataclasses import dataclass
 from functools import partial
@@ -140,7 +139,7 @@ def _unwhitened(fitted: Fit, recorded: Recording, query: Recording) -> Tangents:
 def _projected(fitted, recorded, query, columns, own, asked, groups) -> Linear:
     """The calibrations taken out of the columns, and made to follow in the query."""
     knobs = fitted.jacobian.reshape(len(fitted.theta), -1)
-    square = knobs @ knobs.T
+    square = knobs @ knobs.T + np.diag(fitted.prior)
     residual = fitted.residual.ravel()
     residual = residual - knobs.T @ solve(square, knobs @ residual, assume_a="pos")
     predict = simulator(fitted, recorded, query)
@@ -259,7 +258,7 @@ def lasso(made: Linear) -> tuple[np.ndarray, np.ndarray]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)  # an active set is all that is taken
         _, path, _ = lasso_path(
-            design, target, eps=SMALLEST, alphas=PENALTIES, precompute=made.gram, Xy=made.slope
+            design, target, eps=SMALLEST, alphas=PENALTIES, precompute=design.T @ design
         )
     best, chosen = made.chi2, np.zeros(0, int)
     for values in path.T:
@@ -306,17 +305,13 @@ def equation_9(search: Search, fitted: Fit) -> Fit:
     return fit(search.problem, effects, start)
 
 
-def compare(
-    recorded: Recording, query: Recording, seed: int, whole: bool = True
-) -> tuple[dict, dict]:
-    """Every method of METHODS on one recording, or the first alone: the effects that it names
-    (None: it names none), and its prediction (Q, M) of the query, in the recording's unit."""
+def compare(recorded: Recording, query: Recording, seed: int) -> tuple[dict, dict]:
+    """Every method of METHODS on one recording: the effects that it names (None: it names none),
+    and its prediction (Q, M) of the query, in the recording's unit."""
     recorded = excerpt(recorded)
     noise, search = begun(recorded, seed)
     before = search.calibrated().fit
     plain = simulator(before, recorded, query)(before.theta)
-    if not whole:
-        return {METHODS[0]: None}, {METHODS[0]: plain}
     made = linear(search, before, recorded, query)
     all_of_it, values, outstanding = everything(made)
     found = {
@@ -339,10 +334,9 @@ def compare(
 GREEDY = {"matched-filter": matched_filter, "lasso": lasso}
 
 
-def run(cases: list[str], compared: list[str], block: Path, seed: int, code: str) -> None:
+def run(cases: list[str], block: Path, seed: int, code: str) -> None:
     """baselines/CASE.npz, predictions (Q, M) by method, and CASE.json, {effects: by method} or
-    {failed: why}, of every case of a block, each whole before the next begins: all methods of those
-    to be compared, of others the first of METHODS.
+    {failed: why}, of every case of a block, each whole before the next begins.
 
     One of the same recording and query by the same code stays, in the final block by any code. New
     ones take away the seal and the opened truths; InputError in a final block that was opened.
@@ -354,22 +348,16 @@ def run(cases: list[str], compared: list[str], block: Path, seed: int, code: str
             for name, part in (("recording", "recordings"), ("query", "queries"))
         }
         made = kept.made_of(code, **files)
-        path, whole = folder / f"{case}.json", case in compared
-        if not (kept.stands(path, made, block.name == FINAL) and _holds(path, whole)):
+        path = folder / f"{case}.json"
+        if not kept.stands(path, made, block.name == FINAL):
             forget(block)
             path.unlink(missing_ok=True)
-            kept.write(path, made, partial(_one, files, folder / f"{case}.npz", seed, whole))
+            kept.write(path, made, partial(_one, files, folder / f"{case}.npz", seed))
 
 
-def _holds(path: Path, whole: bool) -> bool:
-    """Whether a result is of all methods, where that is asked for."""
-    told = json.loads(path.read_text("utf-8"))
-    return not whole or "failed" in told or set(METHODS) <= set(told["effects"])
-
-
-def _one(files: dict[str, Path], arrays: Path, seed: int, whole: bool) -> dict:
+def _one(files: dict[str, Path], arrays: Path, seed: int) -> dict:
     recorded = recording.read(files["recording"])
-    said, predicted = compare(recorded, read_query(files["query"], recorded), seed, whole)
+    said, predicted = compare(recorded, read_query(files["query"], recorded), seed)
     arrays.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(arrays) as path, path.open("wb") as file:
         np.savez_compressed(file, **predicted)

@@ -157,8 +157,8 @@ def markdown(rows: list[dict], lines: pd.DataFrame, methods: pd.DataFrame, comma
         "",
         *_table(("recordings", *STRATA), _strata(lines)),
         "",
-        f"The {len(scoring.compared(rows))} recordings of these that other methods got too; misfit"
-        " closed and RMSE on hidden frames, medians over recordings with an effect:",
+        "The same recordings by other methods; misfit closed and RMSE on hidden frames, medians"
+        " over recordings with an effect:",
         "",
         *_table(
             (

@@ -29,7 +29,6 @@ for block, part in BLOCKS.items():
                 runtime=60,
             params:
                 cases=cases,
-                compared=case_names(part["cases"])[: part.get("compared")],
                 seed=config["seed"],
                 code=JUDGED["baselines"],
             message:

@@ -8,7 +8,6 @@ from eitskin.errors import reported
 with reported(snakemake.log[0]):
     baselines.run(
         snakemake.params.cases,
-        snakemake.params.compared,
         Path(snakemake.input.recordings[0]).parents[1],
         snakemake.params.seed,
         snakemake.params.code,
