@@ -5,9 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from eitskin.diagnose.estimates import NORMAL_90, calibration, estimates
-from eitskin.diagnose.fit import ENOUGH, Fit, derivative, fit
+from eitskin.diagnose.fit import ENOUGH, Fit, derivative, fit, inverse_root
 from eitskin.diagnose.held_out import FOLDS, folds, held_out
 from eitskin.diagnose.jacobian import Jacobian
 from eitskin.protocol import reciprocal_channels
@@ -119,6 +122,33 @@ def linear(seed, frames, channels, size):
     theta = np.linalg.solve(flat @ flat.T + np.eye(size), flat @ recorded.ravel())
     residual = recorded - np.tensordot(theta, slopes, 1)
     return Fit(problem, [], theta, residual, Jacobian(slopes)), recorded
+
+
+@given(arrays(float, 4, elements=st.floats(-6.0, 6.0)), st.integers(0, 2**32 - 1))
+def test_a_root_is_that_of_the_inverse_whatever_the_units(powers, seed):
+    slopes = np.random.default_rng(seed).normal(size=(4, 40)) * 10.0 ** powers[:, None]
+    precision = slopes @ slopes.T
+    root = inverse_root(precision)
+    units = np.sqrt(np.diag(precision))
+    got = (root @ root.T) * np.outer(units, units)
+    assert np.allclose(got, np.linalg.inv(precision / np.outer(units, units)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_is_known_far_better_than_the_rest_has_a_covariance_with_a_root(seed):
+    """Of the inverse, rounded, half of these have no Cholesky factor."""
+    known = np.random.default_rng(seed).normal(size=6)
+    root = inverse_root(1e10 * np.outer(known, known) + np.eye(6))
+    exact = np.eye(6) - np.outer(known, known) / (known @ known + 1e-10)
+    assert np.allclose(root @ root.T, exact, atol=1e-4)
+
+
+def test_a_precision_that_rounding_left_not_positive_has_a_root():
+    rounded = np.array([[1.0, 1.0 + 1e-15], [1.0 + 1e-15, 1.0]])
+    assert np.linalg.eigvalsh(rounded)[0] < 0.0
+    root = inverse_root(rounded)
+    assert np.isfinite(root).all()
+    assert np.isclose(np.ones(2) @ root @ root.T @ np.ones(2), 1.0)
 
 
 @pytest.mark.parametrize("seed", range(3))

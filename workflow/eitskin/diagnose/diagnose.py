@@ -275,8 +275,7 @@ def predict(
             said = f"touches above {most:.3g} N are predicted as at {most:.3g} N: {refused}"
             print(f"  {said}", file=sys.stderr, flush=True)
         slopes = np.array(moved).reshape(len(fit.theta), *there.shape)
-        root = np.linalg.cholesky(fit.covariance)
-        spread = np.einsum("pq,pnm->qnm", root, slopes)
+        spread = np.einsum("pq,pnm->qnm", fit.root, slopes)
         return there, np.sqrt((spread**2).sum(axis=0))
     raise refused
 

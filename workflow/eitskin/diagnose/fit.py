@@ -21,6 +21,7 @@ ROUGH = 3e-5  # of the misfit: where much is missing, less is enough
 RENEWALS = 1  # of the Jacobian, in a fit that need not end at its optimum
 HOPE = 2.0  # times the decrease that a linear model promises
 WIDE = 30.0  # sd of an effect's coordinate while it is fitted: a guard, no opinion
+ROUNDING = 1e-14  # of a precision's eigenvalues beside its diagonal
 
 
 @dataclass(frozen=True)
@@ -78,9 +79,15 @@ class Fit:
         return self.slopes.full()
 
     @property
+    def root(self) -> np.ndarray:
+        """(P, P): of the covariance of theta, as of `inverse_root`."""
+        return inverse_root(self.information + np.diag(self.prior))
+
+    @property
     def covariance(self) -> np.ndarray:
         """(P, P) of theta."""
-        return np.linalg.inv(self.information + np.diag(self.prior))
+        root = self.root
+        return root @ root.T
 
     def place(self, index: int) -> slice:
         """Where the coordinates of effect `index` stand in theta."""
@@ -96,6 +103,14 @@ class Fit:
         """(N, M): what the fit has for the recording."""
         knobs, chosen = self.problem.split(self.theta, self.effects)
         return self.problem.model.voltage(knobs, chosen)
+
+
+def inverse_root(precision: np.ndarray) -> np.ndarray:
+    """(P, P): R of a symmetric precision (P, P), R Rᵀ its inverse. Rounding may have left it not
+    positive: no eigenvalue, at a diagonal of ones, counts as less than ROUNDING."""
+    scale = 1.0 / np.sqrt(np.diag(precision))
+    values, vectors = np.linalg.eigh(precision * np.outer(scale, scale))
+    return scale[:, None] * vectors / np.sqrt(np.maximum(values, ROUNDING))
 
 
 def _prior(problem: Problem, size: int) -> np.ndarray:

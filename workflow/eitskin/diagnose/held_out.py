@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eitskin.diagnose.fit import Fit
+from eitskin.diagnose.fit import Fit, inverse_root
 from eitskin.protocol import reciprocal_channels
 
 FOLDS = 5
@@ -85,9 +85,9 @@ def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
         rows = fold == b
         jacobian = part(rows)
         own = jacobian.reshape(size, -1)
-        rest = np.linalg.inv(total - own @ own.T + 1e-12 * np.diag(np.diag(total)))
-        error = residual[rows] + np.tensordot(rest @ (own @ residual[rows].ravel()), jacobian, 1)
-        root = np.linalg.cholesky(0.5 * (rest + rest.T) + 1e-15 * np.eye(size))
+        root = inverse_root(total - own @ own.T + 1e-12 * np.diag(np.diag(total)))
+        moved = root @ (root.T @ (own @ residual[rows].ravel()))
+        error = residual[rows] + np.tensordot(moved, jacobian, 1)
         spread = jacobian.transpose(1, 2, 0) @ root
         chi2[rows] = (error**2).sum(axis=1)
         errors[rows] = error
