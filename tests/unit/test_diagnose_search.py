@@ -264,3 +264,20 @@ def test_a_query_beyond_the_physics_found_is_predicted_as_far_as_it_goes(capsys)
     assert "contact_impedivity_ohm_m2" in said
     for ours, theirs in zip(predicted, diagnose.predict(found, capped), strict=True):
         np.testing.assert_array_equal(ours, theirs)
+
+
+def test_what_comes_and_goes_again_ends_the_growth(contact, monkeypatch):
+    """A further site may earn enough to come and too little to stay."""
+    found = contact[1]
+    state, less = found.after, found.before
+    rounds = []
+
+    def added(self, now):
+        rounds.append(now)
+        assert len(rounds) < 10
+        return state
+
+    monkeypatch.setattr(Search, "_add", added)
+    monkeypatch.setattr(Search, "_drop", lambda self, better: less)
+    assert replace(found.search, rival_evidence=-np.inf)._grow(less) is less
+    assert len(rounds) == 1

@@ -12,7 +12,7 @@ from eitskin.diagnose import experiment
 from eitskin.diagnose.candidates import catalogue
 from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.diagnose import problem_of
-from eitskin.diagnose.experiment import NOTHING, SAME, propose
+from eitskin.diagnose.experiment import NOTHING, SAME, Budget, propose
 from eitskin.diagnose.fit import Problem, fit
 from eitskin.diagnose.gaps import Gap, gaps
 from eitskin.diagnose.noise import Noise
@@ -117,9 +117,22 @@ def test_the_gap_proposed_is_reached_with_noise(item, rival, forces, noise, word
 def test_more_of_the_same_grows_with_the_root_of_the_frames():
     found = diagnosed(RADIUS, ["touch-contrast"], [5.0], 1e-5)
     recipes = experiment._recipes(found, np.arange(len(found.recorded.frames)))
-    now = recipes[experiment.AS_IS].gap(found, 0, "touch-contrast")
+    now = recipes[experiment.AS_IS].gap(found, Budget(np.inf), 0, "touch-contrast")
     assert now == pytest.approx(found.gaps[0][0].gap, rel=0.05)
-    assert recipes[SAME].gap(found, 0, "touch-contrast") == pytest.approx(2.0 * now, rel=0.02)
+    assert recipes[SAME].gap(found, Budget(np.inf), 0, "touch-contrast") == pytest.approx(
+        2.0 * now, rel=0.02
+    )
+
+
+def test_what_the_budget_has_no_room_for_is_not_tried(monkeypatch):
+    found = diagnosed(RADIUS, ["touch-contrast"], [5.0], 1e-5)
+    recipes = experiment._recipes(found, np.arange(len(found.recorded.frames)))
+    budget = Budget(1e-9)
+    assert recipes[SAME].gap(found, budget, 0, "touch-contrast") is None
+    assert budget.left < 0.0
+    monkeypatch.setattr(experiment, "SHARE", -1.0)
+    for pair in propose(found)["pairs"]:
+        assert pair["recipe"] == SAME and pair["gap_then"] == pair["gap_now"]
 
 
 def test_a_turned_connector_takes_faults_of_the_skin_along_and_no_others():
@@ -151,7 +164,9 @@ def test_driven_electrodes_split_contacts_from_leaks():
     contact = {"name": "contact-impedance", "electrodes": [3], "parameters": {"ratio": 3.0}}
     found = diagnosed(contact, ["ground-leak"], [5.0], 3e-5)
     recipes = experiment._recipes(found, np.arange(len(found.recorded.frames)))
-    driven, same = (recipes[k].gap(found, 0, "ground-leak") for k in (experiment.DRIVE, SAME))
+    driven, same = (
+        recipes[k].gap(found, Budget(np.inf), 0, "ground-leak") for k in (experiment.DRIVE, SAME)
+    )
     assert driven > 3.0 * same
     points = replace(SKIN, electrode_width_mm=0.0).metadata()
     gain = {"name": "drive-gain", "drives": [3], "parameters": {"gain": 1.1}}

@@ -26,6 +26,7 @@ from eitskin.diagnose.words import listed, number
 from eitskin.effects.effect import Setting
 from eitskin.errors import InputError
 from eitskin.geometry import Geometry
+from eitskin.neighbours import Spent
 from eitskin.recording import Recording
 from eitskin.skin import Skin
 
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 MOST_PRESSES = 8  # on which recipes are compared
 MOST_TRIED = 2  # that are then simulated with every press and fitted ...
+SHARE = 0.5  # of what a diagnosis may solve: with it spent nothing more is tried
 WORTH = 0.5  # of the largest gap on those presses: recipes below it are not
 REPEATS = 4
 HARDER = 1.5  # times the forces
@@ -51,7 +53,8 @@ def propose(found: Diagnosis) -> dict:
 
     {sentence, pairs: [{a, b, gap_now, gap_then, recipe}]}: a is a name found, b one of its
     alternatives or, where it has none, the nearest rival with a gap under WEAK. Recipes are
-    compared on some of the presses; what is returned was simulated with all of them.
+    compared on some of the presses; what is returned was simulated with all of them. What SHARE
+    leaves no room for, as it may of bodies, is not tried.
     """
     pairs = list(_pairs(found))
     if not pairs:
@@ -62,8 +65,16 @@ def propose(found: Diagnosis) -> dict:
     some = np.where(model.press < 0, every, model.press) % max(stride, 1) == 0
     whole = _recipes(found, every)
     few = whole if some.all() else _recipes(found, np.flatnonzero(some))
-    told = [_best(found, few, whole, *pair) for pair in pairs]
+    budget = Budget(SHARE * found.search.most_solved)
+    told = [_best(found, few, whole, budget, *pair) for pair in pairs]
     return {"sentence": _sentence(told), "pairs": told}
+
+
+@dataclass
+class Budget:
+    """Sheets that may still be solved."""
+
+    left: float
 
 
 @dataclass(frozen=True)
@@ -75,9 +86,11 @@ class Recipe:
     whitening: Whitening
     more: float
 
-    def gap(self, found: Diagnosis, index: int, rival: str, within: float = np.inf) -> float | None:
+    def gap(
+        self, found: Diagnosis, budget: Budget, index: int, rival: str, within: float = np.inf
+    ) -> float | None:
         """Gap between effect `index` and a rival name in this experiment, within as of `gaps`;
-        None: not to be had."""
+        None: not to be had, or not with what is left of the budget."""
         model = self.simulator()
         if rival == "conductivity-patch" and isinstance(model, _Turned):
             return None  # its tangents have every channel where the board's table has it
@@ -85,13 +98,16 @@ class Recipe:
         candidates = [c for c in found.search.candidates if c.name == rival]
         problem = Problem(model, np.zeros(1), self.whitening)
         try:
-            problem = replace(problem, recorded=model.voltage(*problem.split(theta, effects)))
-            fold = np.zeros(len(problem.recorded), int)
-            search = Search(problem, candidates, fold, found.search.seed, lambda line: None)
-            state = search.state(fit(problem, effects, theta))
-            named = gaps(search, state, index, within)
-        except (InputError, np.linalg.LinAlgError):
+            with model.near.within(budget.left):
+                problem = replace(problem, recorded=model.voltage(*problem.split(theta, effects)))
+                fold = np.zeros(len(problem.recorded), int)
+                search = Search(problem, candidates, fold, found.search.seed, lambda line: None)
+                state = search.state(fit(problem, effects, theta))
+                named = gaps(search, state, index, within)
+        except (InputError, np.linalg.LinAlgError, Spent):
             return None
+        finally:
+            budget.left -= model.near.spent
         return named[0].gap if named else None
 
 
@@ -107,6 +123,7 @@ def _best(
     found: Diagnosis,
     few: dict[str, Recipe],
     whole: dict[str, Recipe],
+    budget: Budget,
     index: int,
     rival: str,
     gap_now: float,
@@ -116,7 +133,7 @@ def _best(
     pair = {"a": found.after.effects[index].name, "b": rival, "gap_now": gap_now}
 
     def beating(recipes: dict[str, Recipe], now: float, within: float) -> dict[str, float]:
-        gap = {text: recipe.gap(found, index, rival, within) for text, recipe in recipes.items()}
+        gap = {text: r.gap(found, budget, index, rival, within) for text, r in recipes.items()}
         return {
             text: gap[text]
             for text, recipe in recipes.items()
@@ -124,13 +141,13 @@ def _best(
         }
 
     special = {text: recipe for text, recipe in few.items() if text not in (AS_IS, SAME)}
-    now = gap_now if few is whole else few[AS_IS].gap(found, index, rival)
+    now = gap_now if few is whole else few[AS_IS].gap(found, budget, index, rival)
     tried = beating(special, now or 0.0, CLOSE * CONFUSED)
     worth = WORTH * max(tried.values(), default=0.0)
     first = [text for text in sorted(tried, key=tried.get) if tried[text] >= worth][-MOST_TRIED:]
     tried = beating({text: whole[text] for text in first}, gap_now, np.inf)
     if max(tried.values(), default=0.0) < CONFUSED:
-        same = whole[SAME].gap(found, index, rival)
+        same = whole[SAME].gap(found, budget, index, rival)
         tried[SAME] = gap_now if same is None else same
     best = max(tried, key=tried.get)
     return {**pair, "gap_then": tried[best], "recipe": best}

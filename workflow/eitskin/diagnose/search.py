@@ -69,6 +69,11 @@ class State:
         """The effects, in the order in which they came in."""
         return self.fit.effects
 
+    @property
+    def key(self) -> tuple:
+        """What its set of effects is known by."""
+        return tuple(c.key for c in self.effects)
+
 
 @dataclass
 class Search:
@@ -190,9 +195,12 @@ class Search:
         return max(found, key=lambda s: s.log_evidence, default=None)
 
     def _grow(self, state: State) -> State:
-        """`state` with effects added until none is warranted, or until as many as may still come,
-        each as good as the last, could not catch up with `rival_evidence`."""
-        while len(state.effects) < MOST_EFFECTS:
+        """`state` with effects added until none is warranted, until what comes goes again, or until
+        as many as may still come, each as good as the last, could not catch up with
+        `rival_evidence`."""
+        met = set()
+        while len(state.effects) < MOST_EFFECTS and state.key not in met:
+            met.add(state.key)
             better = self._add(state)
             if better is None:
                 break
@@ -205,14 +213,14 @@ class Search:
 
     def linearised(self, state: State) -> Tangents:
         """Tangents about a state, kept."""
-        key = tuple(c.key for c in state.effects)
+        key = state.key
         if key not in self.tangents:
             self.tangents[key] = Tangents(state.fit, reversed(self.tangents.values()))
         return self.tangents[key]
 
     def scores(self, state: State) -> list[Score]:
         """Every candidate's score about a state, the best evidence first; kept."""
-        key = tuple(c.key for c in state.effects)
+        key = state.key
         if key not in self.scored:
             self.scored[key] = self._scores(state)
         return self.scored[key]
@@ -339,7 +347,7 @@ class Search:
     ) -> list[State]:
         """States with one more effect, the best of every name fitted, best first; but for one that
         is `known` to have the log evidence `best`."""
-        key = tuple(c.key for c in state.effects)
+        key = state.key
         if key not in self.trials:
             found: list[State] = []
             for candidate in shortlist(scores):
