@@ -355,8 +355,8 @@ class _Turned(Model):
 
     def __init__(self, recorded: Recording, run: _Run, again: pd.DataFrame):
         super().__init__(recorded, run.joined(again))
-        self._before = Model(recorded, run.joined(again[:0]))
-        self._after = _Rolled(recorded, run.query(again))
+        self._before = Model(recorded, run.joined(again[:0]), near=self.near)
+        self._after = _Rolled(recorded, run.query(again), near=self.near)
 
     def voltage(
         self, coordinates: np.ndarray, chosen: list[Setting], accuracy: str = "diagnose"
