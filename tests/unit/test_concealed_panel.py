@@ -104,6 +104,14 @@ def test_a_body_is_told_of_more_often_than_there_is_one(real):
     assert {"null", "single", "decoy"} <= {group(one) for one in told if one not in bodies}
 
 
+@pytest.mark.parametrize("number", range(5))
+def test_no_generator_that_solves_every_depth_is_given_a_body_that_is_to_conduct_as_a_sheet(
+    real, number
+):
+    block = plan("final", 300, bytes([number]) * len(ROOT)).values()
+    assert not any(GENERATORS[one.generator].solid for one in block if one.deep)
+
+
 def test_without_real_recordings_the_others_fill_the_block(monkeypatch, capsys):
     monkeypatch.setattr(panel.planted, "kinds", lambda: [])
     block = plan("gate", 24, ROOT)

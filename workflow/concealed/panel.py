@@ -140,14 +140,15 @@ def _planned(
 
 def _with_companions(rng: np.random.Generator, planned: list[Planned]) -> list[Planned]:
     """For every body one null, one single and one decoy, where there are, whose owners tell of a
-    body too, though the skin conducts as a sheet."""
+    body too, though the skin conducts as a sheet: none whose generator solves every depth."""
     planned = list(planned)
     for _ in range(sum(DEEP in (one.names or ()) for one in planned)):
         for group in DEEP_COMPANIONS:
             shallow = [
                 i
                 for i, one in enumerate(planned)
-                if one.kind.partition(":")[0] == group and not one.deep
+                if one.kind.partition(":")[0] == group
+                and not (one.deep or GENERATORS[one.generator].solid)
             ]
             if shallow:
                 i = shallow[int(rng.integers(len(shallow)))]
