@@ -132,10 +132,14 @@ def _planned(
     if group == REAL:
         return Planned(kind, seed, RECORDED, None, None)
     words = [kind] if of is None else ["null", *(f"single:{name}" for name in of)]
-    able = [name for name, one in GENERATORS.items() if all(one.can(w) for w in words)]
+    body, told = DEEP in (of or ()), kind == f"{confusable.DECOY}:{DEEP}"
+    able = [
+        name
+        for name, one in GENERATORS.items()
+        if all(one.can(w) for w in words) and not (told and one.solid)
+    ]
     turn = index if group == "null" else int(rng.integers(len(able)))
-    deep = DEEP in (of or ()) or kind == f"{confusable.DECOY}:{DEEP}"
-    return Planned(kind, seed, able[turn % len(able)], of, gap, deep)
+    return Planned(kind, seed, able[turn % len(able)], of, gap, body or told)
 
 
 def _with_companions(rng: np.random.Generator, planned: list[Planned]) -> list[Planned]:
