@@ -33,17 +33,20 @@ def states(places: int = 6, seed: int = 0) -> pd.DataFrame:
     )
 
 
-def voltage(recorded: Recording, items: list[dict]) -> np.ndarray:
+def voltage(recorded: Recording, items: list[dict], skin: Skin = SKIN) -> np.ndarray:
     """(N, M): noise-free readings of a recording's states with effects."""
     chosen = settings(items, site_counts(CHANNELS), (0, 0))
     press = presses(recorded)
-    return simulate(recorded.frames, press, SKIN, CHANNELS, chosen, frame_s=0.2)
+    return simulate(recorded.frames, press, skin, CHANNELS, chosen, frame_s=0.2)
 
 
-def small_recording(*items: dict, noise: float = 1e-3, seed: int = 0, places: int = 6) -> Recording:
+def small_recording(
+    *items: dict, noise: float = 1e-3, seed: int = 0, places: int = 6, skin: Skin = SKIN
+) -> Recording:
     """A recording of effects; noise: over the median reading."""
-    recorded = Recording(states(places, seed), None, None, None, METADATA)
-    clean = voltage(recorded, list(items))
+    metadata = simulated_metadata(skin, CHANNELS)
+    recorded = Recording(states(places, seed), None, None, None, metadata)
+    clean = voltage(recorded, list(items), skin)
     draw = np.random.default_rng([seed, 1])
     recorded.voltage = clean + noise * np.median(np.abs(clean)) * draw.normal(size=clean.shape)
     return recorded

@@ -16,6 +16,7 @@ from eitskin.diagnose.tangents import Tangents
 from eitskin.errors import InputError
 from small_skin import (
     CHANNELS,
+    SKIN,
     calibrated,
     candidates_of,
     problem_of,
@@ -196,6 +197,25 @@ def test_an_effect_is_taken_out_where_no_skin_has_the_rest_alone():
         less.effects == effects[:1]
         and less.fit.chi2 < (problem.residual(np.zeros(2), effects[:1]) ** 2).sum()
     )
+
+
+def test_a_body_is_found_from_beliefs_where_a_sheet_took_the_calibrations_astray():
+    """Its depth is unknown, and the best of sheets has a conductivity far from any belief."""
+    deep = replace(SKIN, thickness_mm=20.0, electrode_height_mm=5.0, electrode_z_mm=8.0)
+    recorded = small_recording({"name": "third-dimension"}, noise=NOISE, places=1, skin=deep)
+    skin = {**recorded.metadata["skin"], "thickness_mm": None}
+    recorded = replace(recorded, metadata={**recorded.metadata, "skin": skin})
+    problem, scales = problem_of(recorded, NOISE)
+    every = candidates_of(recorded, problem, scales)
+    search = Search(problem, every, np.zeros(len(recorded.frames), int), 1, lambda line: None)
+    sheet = search.calibrated()
+    assert sheet.fit.chi2 > 2.0 * problem.whitening.size and sheet.fit.theta.max() > 5.0
+    shallow = next(c for c in every if c.name == "third-dimension")
+    assert shallow.start["depth_mm"] < 14.0
+    found = search.with_effect(sheet, shallow).fit
+    assert found.chi2 < 1.2 * problem.whitening.size
+    (body,) = found.settings()
+    assert abs(body.values["depth_mm"] - 20.0) < 0.5
 
 
 def free_gains(found):

@@ -408,7 +408,7 @@ class Search:
                 if discrete(effects[-1]) or (jacobian is not None and _per_dof(state) > GROSS):
                     knobs = len(self.problem.model.calibrations)
                     afresh = np.r_[np.zeros(knobs), start[knobs:]]
-                    again = fit(self.problem, effects, afresh, jacobian, enough=enough)
+                    again = fit(self.problem, effects, afresh, enough=enough)
                     fitted = min(fitted, again, key=lambda f: f.chi2)
                 return self.state(fitted, state.p_values)
         except (InputError, np.linalg.LinAlgError, Spent):
