@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from eitskin import drawing
-from eitskin.diagnose.figures import AFTER, BEFORE, QUIET, style
+from eitskin.diagnose.figures import AFTER, BEFORE, QUIET, log_ticks, style
 from eitskin.transfer import TRAINED_FEW, ZERO_SHOT
 from loop.plan import AUTHORS, BELIEF, DIAGNOSIS, LABELS, TRUTH
 from loop.table import PLACE, Files, collect, summarise
@@ -52,6 +52,7 @@ def draw(table: pd.DataFrame) -> Figure:
                     label=words,
                 )
             axes.set_xscale("log")
+            log_ticks(axes.xaxis, *axes.get_xlim())
             axes.set_xlabel(title)
             axes.grid(axis="y", color=QUIET, alpha=0.3, linewidth=0.4)
         panels[0].set_yticks(range(len(cases)), cases)

@@ -366,7 +366,7 @@ def misfit_place(evidence: Evidence) -> Figure | str:
         axes.set_xlabel("x, mm")
     row[0].set_ylabel("y, mm")
     bar = figure.colorbar(image, ax=row, location="bottom", aspect=40, shrink=0.8, pad=0.03)
-    _log_ticks(bar.ax.xaxis, norm.vmin, norm.vmax)
+    log_ticks(bar.ax.xaxis, norm.vmin, norm.vmax)
     bar.set_label("χ² per reading, mean over a place's touches; noise alone: 1")
     bar.outline.set_linewidth(0.4)
     return figure
@@ -497,10 +497,11 @@ def log_limits(axis: matplotlib.axis.Axis, values: np.ndarray, room: float = 1.1
     values = values[np.isfinite(values) & (values > 0)]
     low, high = min(0.5, values.min(initial=1.0) / 1.15), max(2.0, values.max(initial=1.0) * room)
     (axis.axes.set_xlim if axis.axis_name == "x" else axis.axes.set_ylim)(low, high)
-    _log_ticks(axis, low, high)
+    log_ticks(axis, low, high)
 
 
-def _log_ticks(axis: matplotlib.axis.Axis, low: float, high: float) -> None:
+def log_ticks(axis: matplotlib.axis.Axis, low: float, high: float) -> None:
+    """Few enough plain numbers on a logarithmic axis from `low` to `high`."""
     few = high / low < 300
     axis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,), numticks=8 if few else 5))
     axis.set_major_formatter(FuncFormatter(lambda value, _: power(value)))
