@@ -33,11 +33,11 @@ def states(places: int = 6, seed: int = 0) -> pd.DataFrame:
     )
 
 
-def voltage(recorded: Recording, items: list[dict], skin: Skin = SKIN) -> np.ndarray:
-    """(N, M): noise-free readings of a recording's states with effects."""
+def voltage(recorded: Recording, items: list[dict]) -> np.ndarray:
+    """(N, M): noise-free readings of a recording's skin and states with effects."""
     chosen = settings(items, site_counts(CHANNELS), (0, 0))
     press = presses(recorded)
-    return simulate(recorded.frames, press, skin, CHANNELS, chosen, frame_s=0.2)
+    return simulate(recorded.frames, press, recorded.skin, CHANNELS, chosen, frame_s=0.2)
 
 
 def small_recording(
@@ -46,7 +46,7 @@ def small_recording(
     """A recording of effects; noise: over the median reading."""
     metadata = simulated_metadata(skin, CHANNELS)
     recorded = Recording(states(places, seed), None, None, None, metadata)
-    clean = voltage(recorded, list(items), skin)
+    clean = voltage(recorded, list(items))
     draw = np.random.default_rng([seed, 1])
     recorded.voltage = clean + noise * np.median(np.abs(clean)) * draw.normal(size=clean.shape)
     return recorded
