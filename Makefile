@@ -81,11 +81,11 @@ real: .venv/installed
 
 bench: .venv/installed-test
 	@echo "eitskin: timing against pyEIT and scipy"
-	@$(BIN)/python -m eitskin.bench
+	@$(BIN)/python -m benchmark.speed
 
 accuracy: .venv/installed
 	@echo "eitskin: measuring the forward model's numerical error"
-	@$(BIN)/python -m eitskin.accuracy
+	@$(BIN)/python -m benchmark.accuracy
 
 # Not captures: nothing makes them again.
 clean:

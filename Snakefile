@@ -1,14 +1,14 @@
-from calibration.plan import batches
+from calibration.blocks import batches
 from concealed.naming import batches as case_batches
 from concealed.naming import names as case_names
 from eitskin import ablation
 from eitskin.capture.attached import attach, manifest_path
-from eitskin.chain import instrument_effects, last_link, link_before, skin_effects
+from eitskin.simulate.chain import instrument_effects, last_link, link_before, skin_effects
 from eitskin.configuration import captured_path, file_of, validate, with_continuous
 from eitskin.errors import reported
 from eitskin.fingerprint import fingerprint
-from eitskin.rows import rows
-from loop.plan import DIAGNOSIS, LABELS, SOURCES, TRUTH, named
+from eitskin.paper.rows import rows
+from loop.naming import DIAGNOSIS, LABELS, SOURCES, TRUTH, named
 from snakemake.utils import min_version
 
 min_version("9.0")

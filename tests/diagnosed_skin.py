@@ -14,15 +14,15 @@ import pyarrow.parquet as pq
 import yaml
 from scipy.stats import chi2
 
-from eitskin import recording
+from eitskin.data import recording
+from eitskin.data.recording import Recording, frames_table
 from eitskin.effects import EFFECTS
 from eitskin.effects.settings import settings, site_counts
-from eitskin.forward import Forward
-from eitskin.geometry import Geometry
-from eitskin.protocol import channel_table
-from eitskin.readings import simulate
-from eitskin.recording import Recording, frames_table
-from eitskin.skin import Skin
+from eitskin.physics.forward import Forward
+from eitskin.physics.geometry import Geometry
+from eitskin.physics.protocol import channel_table
+from eitskin.physics.skin import Skin
+from eitskin.simulate.readings import simulate
 from simulated_metadata import simulated_metadata
 
 SKIN = Skin(80.0, 3.0, 0.5, tuple(22.5 * np.arange(16)), 5.0, 2e-3, 1e-3, 0.9)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from eitskin.skin import Skin
+from eitskin.physics.skin import Skin
 
 
 def simulated_metadata(skin: Skin, channels: np.ndarray) -> dict:

@@ -3,11 +3,11 @@
 import numpy as np
 import pandas as pd
 
+from eitskin.data.recording import Recording, frames_table
 from eitskin.effects.settings import settings, site_counts
-from eitskin.protocol import channel_table
-from eitskin.readings import simulate
-from eitskin.recording import Recording, frames_table
-from eitskin.skin import Skin
+from eitskin.physics.protocol import channel_table
+from eitskin.physics.skin import Skin
+from eitskin.simulate.readings import simulate
 from simulated_metadata import simulated_metadata
 
 SKIN = Skin(80.0, 3.0, 0.5, tuple(45.0 * np.arange(8)), 8.0, 2e-3, 1e-3, 0.9)

@@ -3,15 +3,15 @@
 import numpy as np
 import pandas as pd
 
-from eitskin.diagnose import diagnose
+from eitskin.data.recording import Recording, frames_table, presses
+from eitskin.diagnose import diagnosis
 from eitskin.diagnose.candidates import Candidate, Scales, catalogue
 from eitskin.diagnose.fit import Fit, Problem, fit
 from eitskin.diagnose.noise import Noise
 from eitskin.effects.settings import settings, site_counts
-from eitskin.protocol import channel_table
-from eitskin.readings import simulate
-from eitskin.recording import Recording, frames_table, presses
-from eitskin.skin import Skin
+from eitskin.physics.protocol import channel_table
+from eitskin.physics.skin import Skin
+from eitskin.simulate.readings import simulate
 from simulated_metadata import simulated_metadata
 
 SKIN = Skin(40.0, 3.0, 0.5, tuple(45.0 * np.arange(8)), 5.0, 2e-3, 1e-3, 0.5)
@@ -55,7 +55,7 @@ def small_recording(
 def problem_of(recorded: Recording, noise: float = 1e-3) -> tuple[Problem, Scales]:
     """The fitting problem, the noise being known: over the median reading."""
     sd = np.full(recorded.voltage.shape[1], noise * np.median(np.abs(recorded.voltage)))
-    return diagnose.problem_of(recorded, Noise(sd, 1e6, "given"))
+    return diagnosis.problem_of(recorded, Noise(sd, 1e6, "given"))
 
 
 def candidates_of(

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from eitskin.dataset import Dataset, places, untouched_noise
+from eitskin.data.dataset import Dataset, places, untouched_noise
 
 RADIUS_mm = 70.0
 CHANNELS = 208

@@ -25,7 +25,7 @@ from driver_process import (
 )
 from emulated_rig import CENTRE, CLEARANCE_M, HARD_N, Emulated, emulated_rig
 
-from eitskin import recording
+from eitskin.data import recording
 
 pytestmark = pytest.mark.rehearsal
 

@@ -20,8 +20,8 @@ from driver_process import (
 )
 from emulated_rig import Emulated, emulated_rig
 
-from eitskin import recording
 from eitskin.capture import journal
+from eitskin.data import recording
 
 pytestmark = pytest.mark.rehearsal
 

@@ -3,7 +3,7 @@ import pandas as pd
 import pytest
 
 from eitskin.errors import InputError
-from eitskin.readings import simulate
+from eitskin.simulate.readings import simulate
 from rigsim import eit
 from rigsim.world import World
 from rigsim_process import CENTRE, SURFACE_Z_M, configuration

@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from eitskin.alignment import homogeneous_readings, sensitivity
-from eitskin.importers.description import describe, even_angles
-from eitskin.protocol import channel_table
-from eitskin.recording import Recording, frames_table, presses
+from eitskin.data.alignment import homogeneous_readings, sensitivity
+from eitskin.data.importers.description import describe, even_angles
+from eitskin.data.recording import Recording, frames_table, presses
+from eitskin.physics.protocol import channel_table
 
 RADIUS_MM = 80.0
 FORCES_N = (1.0, 4.0, 8.0, 4.0)

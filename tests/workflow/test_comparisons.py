@@ -4,8 +4,8 @@ import json
 
 import yaml
 
-from eitskin import recording
-from eitskin.diagnose.compare import parts
+from eitskin.data import recording
+from eitskin.diagnose.comparison.compare import parts
 from skin_sessions import CONTACT, recorded
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from eitskin import recording
+from eitskin.data import recording
 
 pytestmark = pytest.mark.xdist_group("finished")
 

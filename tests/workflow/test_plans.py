@@ -121,7 +121,7 @@ def test_a_comment_in_the_package_reruns_nothing(house):
 
 
 def test_code_of_the_package_reruns_what_uses_it(house):
-    module = house.folder / "workflow" / "eitskin" / "splits.py"
+    module = house.folder / "workflow" / "eitskin" / "data" / "splits.py"
     module.write_text(f"{module.read_text(encoding='utf-8')}\nUNUSED = 1\n")
     pending = house.pending()
     assert of(pending, "results/splits/") == {
@@ -134,7 +134,7 @@ def test_code_of_the_package_reruns_what_uses_it(house):
 
 
 def test_the_papers_numbers_rerun_the_table_alone(house):
-    paper = "workflow/eitskin/paper_table_1.csv"
+    paper = "workflow/eitskin/paper/printed_table_1.csv"
     house.edit(paper, "simulated,svr,x,mae,1.92", "simulated,svr,x,mae,1.93")
     assert house.pending() == {"results/tables/table_1.csv", "results/tables/table_1.md"}
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from eitskin import recording
-from eitskin.importers.description import describe, even_angles
-from eitskin.protocol import channel_table
-from eitskin.recording import Recording, frames_table
+from eitskin.data import recording
+from eitskin.data.importers.description import describe, even_angles
+from eitskin.data.recording import Recording, frames_table
+from eitskin.physics.protocol import channel_table
 
 pytestmark = pytest.mark.xdist_group("refusals")
 

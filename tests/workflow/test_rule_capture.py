@@ -14,11 +14,11 @@ import pandas as pd
 import pytest
 import yaml
 
-from eitskin import recording
 from eitskin.capture import journal
 from eitskin.capture.attached import manifest_path
-from eitskin.capture.plan import contacts, plan_sha256
+from eitskin.capture.press_plan import contacts, plan_sha256
 from eitskin.configuration import captured_path
+from eitskin.data import recording
 from rigsim_process import free_host
 
 pytestmark = pytest.mark.xdist_group("capture")

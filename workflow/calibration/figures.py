@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from eitskin.atomic import atomic_path
-from eitskin.diagnose.figures import AFTER, QUIET, SEQUENTIAL, WIDTH_IN, png, style, svg
+from eitskin.plotting import AFTER, QUIET, SEQUENTIAL, WIDTH_IN, png, style, svg
 
 NO_NAME = ("several", "nothing")
 

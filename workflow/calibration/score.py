@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 
 from calibration import figures, judge
+from calibration.blocks import trials
 from calibration.intervals import bootstrap, wilson
-from calibration.plan import trials
 from calibration.trial import file_of
 from eitskin.atomic import atomic_path
 from eitskin.diagnose.verdict import LIKELY

@@ -11,16 +11,16 @@ import numpy as np
 
 from calibration import black_box
 from eitskin.atomic import atomic_path
-from eitskin.diagnose import diagnose
+from eitskin.data.recording import Recording
+from eitskin.diagnose import diagnosis, result
 from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.fit import Fit, fit
 from eitskin.diagnose.gaps import Gap, gaps
-from eitskin.diagnose.search import Search, State, gross
+from eitskin.diagnose.search.search import Search, State, gross
 from eitskin.fingerprint import fingerprint
-from eitskin.recording import Recording
 from witness import cases
 
-CODE = fingerprint("eitskin.diagnose.diagnose")[:12]  # the diagnosis that this process runs
+CODE = fingerprint("eitskin.diagnose.diagnosis")[:12]  # the diagnosis that this process runs
 
 
 def trial(kind: str, seed: int) -> dict:
@@ -31,12 +31,12 @@ def trial(kind: str, seed: int) -> dict:
     case = cases.draw(kind, seed)
     recorded = Recording(case.states, case.voltage, None, None, dict(case.metadata))
     began = time.perf_counter(), time.process_time()
-    found = diagnose.diagnose(recorded)
+    found = diagnosis.diagnose(recorded)
     ended = time.perf_counter(), time.process_time()
-    said = diagnose.result(found, f"{kind} {seed}")
+    said = result.result(found, f"{kind} {seed}")
     query = Recording(case.query, None, None, None, dict(case.metadata))
-    voltage, sd = diagnose.predict(found, query)
-    plain, _ = diagnose.predict(found, query, found.before)
+    voltage, sd = diagnosis.predict(found, query)
+    plain, _ = diagnosis.predict(found, query, found.before)
     error = voltage - case.query_clean
     rmse = {"rmse_V": rms(error), "rmse_before_V": rms(plain - case.query_clean)}
     misfit = case.voltage - found.before.fit.voltage()
@@ -80,7 +80,7 @@ def snr_left(fitted: Fit, clean: np.ndarray) -> float:
 
 
 def true_gaps(
-    found: diagnose.Diagnosis, truth: list[dict], scopes: list[str]
+    found: diagnosis.Diagnosis, truth: list[dict], scopes: list[str]
 ) -> list[list[tuple[str, float]] | None]:
     """Gaps of each true effect to the other names, the nearest first, with the true set fitted;
     None where it cannot be fitted. Nothing of the diagnosis depends on it, nor does it end where

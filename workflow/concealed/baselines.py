@@ -20,19 +20,21 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import lasso_path
 
 from calibration import black_box
-from concealed import kept
+from concealed import cache
 from concealed.verdicts import FINAL, forget
-from eitskin import recording
 from eitskin.atomic import atomic_path
-from eitskin.diagnose import tones
+from eitskin.data import recording
+from eitskin.data.recording import Recording, presses
 from eitskin.diagnose.candidates import Candidate, log_ways
-from eitskin.diagnose.diagnose import begun, read_query, simulator
+from eitskin.diagnose.diagnosis import begun, simulator
 from eitskin.diagnose.excerpt import excerpt
 from eitskin.diagnose.fit import Fit, Problem, difference, fit
 from eitskin.diagnose.jacobian import Jacobian
 from eitskin.diagnose.model import Model
-from eitskin.diagnose.screen import log_evidence
-from eitskin.diagnose.search import (
+from eitskin.diagnose.result import read_query
+from eitskin.diagnose.search import tones
+from eitskin.diagnose.search.screen import log_evidence
+from eitskin.diagnose.search.search import (
     LEAST_EVIDENCE,
     MOST_EFFECTS,
     SEVERAL,
@@ -44,7 +46,6 @@ from eitskin.diagnose.tangents import Tangents
 from eitskin.diagnose.whitening import Whitening
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
-from eitskin.recording import Recording, presses
 
 NAMING = ("everything", "matched-filter", "lasso")
 METHODS = ("none", *NAMING, "equation-9", "gp", "mlp")
@@ -347,12 +348,12 @@ def run(cases: list[str], block: Path, seed: int, code: str) -> None:
             name: block / part / f"{case}.parquet"
             for name, part in (("recording", "recordings"), ("query", "queries"))
         }
-        made = kept.made_of(code, **files)
+        made = cache.made_of(code, **files)
         path = folder / f"{case}.json"
-        if not kept.stands(path, made, block.name == FINAL):
+        if not cache.stands(path, made, block.name == FINAL):
             forget(block)
             path.unlink(missing_ok=True)
-            kept.write(path, made, partial(_one, files, folder / f"{case}.npz", seed))
+            cache.write(path, made, partial(_one, files, folder / f"{case}.npz", seed))
 
 
 def _one(files: dict[str, Path], arrays: Path, seed: int) -> dict:

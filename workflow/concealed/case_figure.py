@@ -10,23 +10,14 @@ from matplotlib.figure import Figure
 
 from calibration import judge
 from concealed import opened, scoring
-from eitskin import drawing
-from eitskin.diagnose import evidence
-from eitskin.diagnose.evidence import Evidence
-from eitskin.diagnose.figures import (
-    AFTER,
-    BEFORE,
-    CULPRIT,
-    QUIET,
-    draw_matrices,
-    layout,
-    log_limits,
-    matrix_bar,
-    style,
-)
-from eitskin.diagnose.words import number, quantity, where
+from eitskin import figure_files, plotting
+from eitskin.diagnose.report import evidence
+from eitskin.diagnose.report.evidence import Evidence
+from eitskin.diagnose.report.figures import draw_matrices, layout, matrix_bar
+from eitskin.diagnose.words import number, power, quantity, where
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
+from eitskin.plotting import AFTER, BEFORE, CULPRIT, QUIET, log_limits, style
 
 WIDTH = 92  # characters of a line of the sentence
 
@@ -82,7 +73,7 @@ def draw(shown: Evidence, frames: pd.DataFrame, truth: dict) -> Figure:
     """Four panels over what was said and what was true: residual of the owner's simulation, the
     skin, residual of the corrected simulation, true error on hidden frames."""
     with style():
-        figure = drawing.sheet(drawing.FULL_MM, 76.0)
+        figure = plotting.sheet(plotting.FULL_MM, 76.0)
         grid = figure.add_gridspec(2, 4, height_ratios=(1, 0.3), width_ratios=(1, 0.85, 1, 1))
         first = figure.add_subplot(grid[0, 0])
         third = figure.add_subplot(grid[0, 2], sharey=first)
@@ -101,7 +92,7 @@ def draw(shown: Evidence, frames: pd.DataFrame, truth: dict) -> Figure:
 
 def _skin(axes: Axes, shown: Evidence) -> None:
     angle, radius = layout(shown)
-    drawing.disc(axes, radius, angle)
+    plotting.disc(axes, radius, angle)
     touched = shown.frames[shown.frames["touch"]][["x_mm", "y_mm"]].drop_duplicates()
     axes.plot(touched["x_mm"], touched["y_mm"], ".", color=QUIET, markersize=3)
     rim = radius * np.exp(1j * np.radians(angle))
@@ -140,7 +131,7 @@ def _hidden(axes: Axes, frames: pd.DataFrame) -> None:
         axes.plot([], [], ".", color=colour, label=f"{key}: rms {middle}")
     axes.axhline(1.0, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)), label="noise")
     axes.set_yscale("log")
-    log_limits(axes.yaxis, frames[["before", "after"]].to_numpy())
+    log_limits(axes.yaxis, frames[["before", "after"]].to_numpy(), power)
     axes.set_xlabel("force, N (0: untouched)")
     axes.set_ylabel("true error, in noise units")
     axes.set_title("hidden frames: other\nplaces, forces and probe")
@@ -155,4 +146,4 @@ def write(block: Path, schema: Path, out: tuple[Path, Path, Path]) -> None:
     found = evidence.read(folder, block / "recordings" / f"{case}.parquet", schema)
     frames = hidden(block, case)
     truth, _ = opened.read(block / "opened", case)
-    drawing.write(draw(found, frames, truth), frames, *out)
+    figure_files.write(draw(found, frames, truth), frames, *out)

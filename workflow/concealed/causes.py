@@ -4,7 +4,7 @@ import numpy as np
 
 from calibration import judge, score
 from concealed import scoring
-from eitskin.diagnose.search import LEAST_EVIDENCE
+from eitskin.diagnose.search.search import LEAST_EVIDENCE
 
 BROKEN_OFF = "broken off"
 UNTOLD = "not told from what the real recording has of its own"

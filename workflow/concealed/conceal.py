@@ -15,15 +15,15 @@ from calibration.trial import rms, true_gaps
 from concealed import planted, sealing
 from concealed.panel import RECORDED, Planned, plan
 from concealed.resemblance import moves
-from eitskin import recording
 from eitskin.atomic import atomic_path
-from eitskin.diagnose.diagnose import begun, problem_of
+from eitskin.data import recording
+from eitskin.data.recording import Recording, frames_table
+from eitskin.diagnose.diagnosis import begun, problem_of
 from eitskin.diagnose.noise import Noise
-from eitskin.diagnose.search import MOST_SOLVED
+from eitskin.diagnose.search.search import MOST_SOLVED
 from eitskin.errors import InputError
 from eitskin.fingerprint import fingerprint
-from eitskin.neighbours import Spent
-from eitskin.recording import Recording, frames_table
+from eitskin.physics.solver import Spent
 from witness.cases import Alike, Case, draw
 from witness.generators import GENERATORS
 

@@ -6,8 +6,7 @@ from matplotlib.figure import Figure
 from scipy.stats import norm
 
 from concealed import scoring
-from eitskin.diagnose.figures import AFTER, BEFORE, QUIET, style
-from eitskin.drawing import COLUMN_MM, sheet
+from eitskin.plotting import AFTER, BEFORE, COLUMN_MM, QUIET, sheet, style
 
 COLOURS = {
     "eitskin": AFTER,

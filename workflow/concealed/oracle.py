@@ -12,17 +12,18 @@ from pathlib import Path
 import numpy as np
 
 from calibration.trial import candidate_of, rms, snr_left, with_all
-from concealed import kept, opened, planted
-from eitskin import recording
-from eitskin.diagnose import diagnose
+from concealed import cache, opened, planted
+from eitskin.data import recording
+from eitskin.data.recording import Recording
+from eitskin.diagnose import diagnosis, result
 from eitskin.diagnose.candidates import Candidate
-from eitskin.diagnose.diagnose import begun, read_query, simulator
+from eitskin.diagnose.diagnosis import begun, simulator
 from eitskin.diagnose.estimates import estimates
 from eitskin.diagnose.excerpt import excerpt
-from eitskin.diagnose.search import MOST_SOLVED, Search, State
+from eitskin.diagnose.result import read_query
+from eitskin.diagnose.search.search import MOST_SOLVED, Search, State
 from eitskin.effects.effect import SITES
-from eitskin.neighbours import Spent
-from eitskin.recording import Recording
+from eitskin.physics.solver import Spent
 
 SHARE = 1 / 6  # of what a diagnosis may solve, that one set's fit may
 
@@ -116,7 +117,7 @@ def control(kind: str, seed: int, name: str) -> list[dict]:
     word, of, _ = kind.split(":")
     case = planted.draw(f"{word}:{of}:{planted.NONE}", seed)
     recorded = Recording(case.states, case.voltage, None, None, case.metadata)
-    return diagnose.result(diagnose.diagnose(recorded, 1), name)["effects"]
+    return result.result(diagnosis.diagnose(recorded, 1), name)["effects"]
 
 
 def run(cases: list[str], block: Path, seed: int, code: str) -> None:
@@ -131,9 +132,9 @@ def run(cases: list[str], block: Path, seed: int, code: str) -> None:
             "query": block / "queries" / f"{case}.parquet",
             "verdict": block / "verdicts" / case / "diagnosis.json",
         }
-        made, path = kept.made_of(code, **files), block / "oracle" / f"{case}.json"
-        if not kept.stands(path, made, False):
-            kept.write(path, made, partial(_one, files, case, truth, arrays, seed))
+        made, path = cache.made_of(code, **files), block / "oracle" / f"{case}.json"
+        if not cache.stands(path, made, False):
+            cache.write(path, made, partial(_one, files, case, truth, arrays, seed))
 
 
 def _one(files: dict[str, Path], case: str, truth: dict, arrays: dict, seed: int) -> dict:

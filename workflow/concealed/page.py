@@ -11,8 +11,8 @@ from calibration import judge, score
 from concealed import causes, figures, scoring, sealing
 from concealed.baselines import NAMING
 from eitskin.atomic import atomic_path
-from eitskin.drawing import write as write_figure
-from eitskin.similarity import MEASURES
+from eitskin.figure_files import write as write_figure
+from eitskin.paper.similarity import MEASURES
 
 STRATA = {  # columns of the page's second table: what they are called there, and their line
     "detected": "something noticed",

@@ -24,10 +24,10 @@ import pandas as pd
 import yaml
 
 from calibration.judge import site_kind, sites_right
-from eitskin import importers
+from eitskin.data import importers
+from eitskin.data.recording import Recording, presses
 from eitskin.diagnose.noise import estimate
 from eitskin.errors import InputError
-from eitskin.recording import Recording, presses
 from witness import laws, strengths
 from witness.cases import Case, scaled, signature
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from eitskin.errors import InputError
-from eitskin.similarity import MEASURES, Pool
-from eitskin.table_2 import LEVEL
+from eitskin.paper.similarity import MEASURES, Pool
+from eitskin.paper.table_2 import LEVEL
 
 ROUNDS = 200
 

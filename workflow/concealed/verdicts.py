@@ -7,9 +7,9 @@ import time
 import traceback
 from pathlib import Path
 
-from eitskin import recording
 from eitskin.atomic import atomic_path
-from eitskin.diagnose import diagnose
+from eitskin.data import recording
+from eitskin.diagnose import diagnosis, result
 from eitskin.errors import InputError
 
 MADE = "made.json"
@@ -20,7 +20,7 @@ SECONDS = "seconds"  # folder of what each took, which no seal is over: it is ne
 def run(names: list[str], block: Path, schema: Path, seed: int, code: str) -> None:
     """The verdict of every case in the folder of its block, each whole before the next begins.
 
-    verdicts/<name> holds what `eitskin.diagnose.diagnose.write` writes, and made.json: {code,
+    verdicts/<name> holds what `eitskin.diagnose.diagnosis.write` writes, and made.json: {code,
     recording, query}, the fingerprint of the diagnosis and the SHA-256 of what it was given. A case
     that breaks off leaves {recording, failed: why} for diagnosis.json. A verdict of the same files
     by the same code stays, in the final block one by any code. New verdicts take away the seal and
@@ -71,9 +71,9 @@ def same(known: dict, made: dict, any_code: bool) -> bool:
 def _diagnose(name: str, path: Path, query: Path, folder: Path, schema: Path, seed: int) -> None:
     try:
         recorded = recording.read(path)
-        diagnose.read_query(query, recorded)
-        found = diagnose.diagnose(recorded, seed, progress=True)
-        diagnose.write(found, name, folder, schema, query)
+        result.read_query(query, recorded)
+        found = diagnosis.diagnose(recorded, seed, progress=True)
+        result.write(found, name, folder, schema, query)
     except Exception as error:  # whatever it is, it is a verdict
         traceback.print_exc()
         shutil.rmtree(folder)

@@ -5,8 +5,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from eitskin import check, importers, recording
 from eitskin.capture import cli as rig
+from eitskin.data import check, importers, recording
 from eitskin.errors import InputError
 
 UNUSABLE = 2
@@ -67,20 +67,22 @@ def _import(arguments: argparse.Namespace) -> int:
 
 
 def _diagnose(arguments: argparse.Namespace) -> int:
-    from eitskin.diagnose import diagnose, report, words  # seconds, which other commands spare
+    # seconds, which other commands spare
+    from eitskin.diagnose import diagnosis, result, words
+    from eitskin.diagnose.report import page
 
     recorded = importers.load(arguments.file, arguments.format)
     if arguments.query is not None:
-        diagnose.read_query(arguments.query, recorded)
+        result.read_query(arguments.query, recorded)
     name = Path(arguments.file).stem
     folder = Path(arguments.out or f"diagnosis-{name}")
     folder.mkdir(parents=True, exist_ok=True)
     source = folder / "recording.parquet"
     recording.write(recorded, source)
-    found = diagnose.diagnose(recorded, progress=True)
-    diagnose.write(found, name, folder, SCHEMA, arguments.query)
-    report.write(folder, source, SCHEMA, folder / "report.html")
-    said = diagnose.result(found, name)
+    found = diagnosis.diagnose(recorded, progress=True)
+    result.write(found, name, folder, SCHEMA, arguments.query)
+    page.write(folder, source, SCHEMA, folder / "report.html")
+    said = result.result(found, name)
     print(words.VERDICTS[said["verdict"]])
     for effect in said["effects"]:
         print(effect["sentence"])

@@ -1,40 +1,29 @@
 """The configuration: refused in one line where it is wrong, before any work."""
 
 import contextlib
-import math
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-import jsonschema
 import numpy as np
 import yaml
-from jsonschema.exceptions import ValidationError, best_match
 from referencing import Registry, Resource
 
 from eitskin.effects.effect import START
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
-from eitskin.geometry import Geometry
-from eitskin.mesh import force_levels
-from eitskin.protocol import channel_table, pattern_step
-from eitskin.readings import apply_skin
-from eitskin.simulate import CONTINUOUS, sample_settings
-from eitskin.skin import Skin, is_number
+from eitskin.physics.geometry import Geometry
+from eitskin.physics.protocol import channel_table, pattern_step
+from eitskin.physics.skin import Skin
+from eitskin.schema import Validator, dotted, explained
+from eitskin.simulate.layout import force_levels
+from eitskin.simulate.readings import apply_skin
+from eitskin.simulate.sets import CONTINUOUS, sample_settings
 
 MISSING = object()
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 PATHS = ("path", "query")  # of a recording
-NOUNS = {
-    "number": "a finite number",
-    "integer": "a whole number",
-    "string": "a text",
-    "boolean": "true or false",
-    "array": "a list",
-    "object": "a mapping of keys",
-    "null": "null",
-}
 
 
 class _Refusal(Exception):
@@ -42,22 +31,6 @@ class _Refusal(Exception):
 
     def __init__(self, place: list, found: object, expected: str):
         self.place, self.found, self.expected = place, found, expected
-
-
-def _is_number(_checker: object, value: object) -> bool:
-    return is_number(value)
-
-
-def _is_integer(_checker: object, value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
-
-
-Validator = jsonschema.validators.extend(
-    jsonschema.Draft202012Validator,
-    type_checker=jsonschema.Draft202012Validator.TYPE_CHECKER.redefine_many(
-        {"number": _is_number, "integer": _is_integer}
-    ),
-)
 
 
 def validate(config: dict, schema_path: str | Path, files: Iterable[str | Path]) -> None:
@@ -188,39 +161,6 @@ def _at_place(place: list, within: dict[str, list]) -> Iterator[None]:
         raise _Refusal([*place, *inner], error.found, error.expected) from error
 
 
-def explained(error: ValidationError) -> tuple[list, str, str]:
-    """Place (keys and indices), what was found and what was expected, of a schema's error."""
-    while error.validator in ("anyOf", "oneOf"):
-        inner = [e for e in error.context if e.validator != "type" or len(e.path)]
-        if not inner:
-            break
-        error = best_match(inner)
-    place, value, wanted = list(error.absolute_path), error.instance, error.validator_value
-    if error.validator == "additionalProperties":
-        known = sorted(error.schema["properties"])
-        key = next(key for key in value if key not in known)
-        return [*place, key], "an unknown key", "one of " + ", ".join(known)
-    if error.validator == "required":
-        key = next(key for key in wanted if key not in value)
-        meaning = error.schema.get("properties", {}).get(key, {})
-        return [*place, key], "nothing", meaning.get("description", "a value")
-    expected = {
-        "type": lambda: _noun(wanted),
-        "enum": lambda: "one of " + ", ".join(map(str, wanted)),
-        "minimum": lambda: f"{wanted} or more",
-        "exclusiveMinimum": lambda: f"more than {wanted}",
-        "maximum": lambda: f"{wanted} or less",
-        "exclusiveMaximum": lambda: f"less than {wanted}",
-        "minItems": lambda: f"a list of {wanted} or more",
-        "maxItems": lambda: f"a list of {wanted} or fewer",
-        "uniqueItems": lambda: "a list without repetition",
-        "minProperties": lambda: f"{wanted} or more keys",
-    }.get(error.validator, lambda: error.schema["description"])()
-    if isinstance(value, str) and _reads_as_number(value) and error.validator != "enum":
-        expected += f" (YAML reads {value} as text; write {_yaml_number(value)})"
-    return place, "null" if value is None else repr(value), expected
-
-
 def _position(config: dict, place: list) -> tuple[int, list[int]]:
     """Depth of a place, then its order in the file: the first of the least deep comes first."""
     node, order = config, []
@@ -228,25 +168,6 @@ def _position(config: dict, place: list) -> tuple[int, list[int]]:
         order.append(list(node).index(part) if isinstance(node, dict) else part)
         node = node[part]
     return len(place), order
-
-
-def _noun(types: str | list[str]) -> str:
-    return " or ".join(NOUNS[kind] for kind in ([types] if isinstance(types, str) else types))
-
-
-def _reads_as_number(text: str) -> bool:
-    try:
-        return math.isfinite(float(text))
-    except ValueError:
-        return False
-
-
-def _yaml_number(text: str) -> str:
-    mantissa, _, exponent = text.lower().partition("e")
-    if not exponent:
-        return mantissa
-    mantissa = mantissa if "." in mantissa else f"{mantissa}.0"
-    return f"{mantissa}e{exponent if exponent[0] in '+-' else '+' + exponent}"
 
 
 def _unknown_name(config: dict) -> tuple[list, str, str] | None:
@@ -338,14 +259,6 @@ def _probe_of_no_rig(config: dict) -> tuple[list, str, str] | None:
 def _expanded(path: str) -> str:
     """The path with `${NAME}` replaced by the environment's value; KeyError where it has none."""
     return re.sub(r"\$\{(\w+)\}", lambda name: os.environ[name[1]], path)
-
-
-def dotted(place: list) -> str:
-    """Keys and indices as a person writes them: a.b[0]."""
-    text = ""
-    for part in place:
-        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
-    return text or "top level"
 
 
 def _indices(node: object) -> range:

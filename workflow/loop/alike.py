@@ -3,9 +3,9 @@
 import numpy as np
 import pandas as pd
 
-from eitskin import states
+from eitskin.data.recording import Recording, frames_table, presses
 from eitskin.errors import InputError
-from eitskin.recording import Recording, frames_table, presses
+from eitskin.simulate import state_priors
 
 IMITATED = "note_imitated"  # of a recording of which not all presses are left
 
@@ -48,9 +48,9 @@ def alike(
             if np.isfinite(peak).all():
                 own = force[a:b] * np.quantile(peak, part) / peak[k]
             else:
-                own = np.full(b - a, states.force_N(normal[2], **forces))
+                own = np.full(b - a, state_priors.force_N(normal[2], **forces))
             width = probe[a:b][on][0]
-            x, y = states.place_mm(normal[None, :2], reach - 0.5 * width)[0]
+            x, y = state_priors.place_mm(normal[None, :2], reach - 0.5 * width)[0]
             one = frames_table(time[a:b] - time[a] + now, on, x, y, own, width)
             one["contact"] = pd.array(np.where(on, contact, -1), dtype="Int64")
             parts.append(one.assign(session=f"{session}"))

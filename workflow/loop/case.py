@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from eitskin import dataset, recording, splits
 from eitskin.atomic import atomic_path
-from eitskin.recording import Recording
+from eitskin.data import dataset, recording, splits
+from eitskin.data.recording import Recording
 from loop.alike import alike
-from loop.plan import name_of
+from loop.naming import name_of
 from loop.sources import truth
 from witness import cases
 

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from eitskin import recording, train, transfer
-from eitskin.dataset import Dataset
-from eitskin.recording import Recording
-from eitskin.train import Recipe
+from eitskin.data import recording
+from eitskin.data.dataset import Dataset
+from eitskin.data.recording import Recording
+from eitskin.learn import train, transfer
+from eitskin.learn.train import Recipe
 from loop import sources
-from loop.plan import BELIEF, DIAGNOSIS, LABELS, TRUTH
+from loop.naming import BELIEF, DIAGNOSIS, LABELS, TRUTH
 
 
 def simulator(source: str, recorded: Recording, folder: str | Path, authors: list[dict]):

@@ -6,10 +6,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from eitskin import drawing
-from eitskin.diagnose.figures import AFTER, BEFORE, QUIET, log_ticks, style
-from eitskin.transfer import TRAINED_FEW, ZERO_SHOT
-from loop.plan import AUTHORS, BELIEF, DIAGNOSIS, LABELS, TRUTH
+from eitskin import figure_files, plotting
+from eitskin.diagnose.words import power
+from eitskin.learn.transfer import TRAINED_FEW, ZERO_SHOT
+from eitskin.plotting import AFTER, BEFORE, QUIET, log_ticks, style
+from loop.naming import AUTHORS, BELIEF, DIAGNOSIS, LABELS, TRUTH
 from loop.table import PLACE, Files, collect, summarise
 
 MARKS = {  # colour, marker, words
@@ -34,7 +35,7 @@ def draw(table: pd.DataFrame) -> Figure:
     """A row a case, a mark a source; bars are 95 % intervals over seeds."""
     cases = list(dict.fromkeys(table["case"]))
     with style():
-        figure = drawing.sheet(drawing.FULL_MM, 26.0 + 7.0 * len(cases))
+        figure = plotting.sheet(plotting.FULL_MM, 26.0 + 7.0 * len(cases))
         panels = figure.subplots(1, 2, sharey=True)
         for axes, (variable, title) in zip(panels, PANELS.items(), strict=True):
             for source, (colour, marker, words) in MARKS.items():
@@ -52,7 +53,7 @@ def draw(table: pd.DataFrame) -> Figure:
                     label=words,
                 )
             axes.set_xscale("log")
-            log_ticks(axes.xaxis, *axes.get_xlim())
+            log_ticks(axes.xaxis, *axes.get_xlim(), power)
             axes.set_xlabel(title)
             axes.grid(axis="y", color=QUIET, alpha=0.3, linewidth=0.4)
         panels[0].set_yticks(range(len(cases)), cases)
@@ -65,4 +66,4 @@ def draw(table: pd.DataFrame) -> Figure:
 def write(files: Files, model: str, vector: Path, image: Path, csv: Path) -> None:
     """The figure of one model as SVG and PNG, its numbers as CSV."""
     table = points(summarise(collect(files)), model)
-    drawing.write(draw(table), table, vector, image, csv)
+    figure_files.write(draw(table), table, vector, image, csv)

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from eitskin import dataset, recording, splits, transfer
-from eitskin.recording import Recording, presses
+from eitskin.data import dataset, recording, splits
+from eitskin.data.recording import Recording, presses
+from eitskin.learn import transfer
 from loop.alike import IMITATED
 
 

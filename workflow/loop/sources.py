@@ -16,18 +16,18 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from eitskin import dataset
-from eitskin.dataset import Dataset
+from eitskin.data import dataset
+from eitskin.data.dataset import Dataset
+from eitskin.data.recording import Recording, presses
 from eitskin.diagnose import corrected
-from eitskin.diagnose.diagnose import problem_of
+from eitskin.diagnose.diagnosis import problem_of
 from eitskin.diagnose.excerpt import excerpt
 from eitskin.diagnose.fit import fit
 from eitskin.diagnose.noise import estimate
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
-from eitskin.readings import simulate
-from eitskin.recording import Recording, presses
-from eitskin.skin import Skin
+from eitskin.physics.skin import Skin
+from eitskin.simulate.readings import simulate
 from loop.alike import alike
 from witness.world import World
 

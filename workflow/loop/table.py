@@ -7,12 +7,12 @@ import numpy as np
 import pandas as pd
 
 from eitskin.atomic import atomic_path
-from eitskin.dataset import UNITS
+from eitskin.data.dataset import UNITS
 from eitskin.errors import InputError
-from eitskin.metrics import interval
-from eitskin.transfer import METHODS, RUNS, TRAINED_FEW, ZERO_SHOT
-from eitskin.transfer_table import read_runs
-from loop.plan import AUTHORS, BELIEF, DIAGNOSIS, LABELS, SOURCES, TRUTH
+from eitskin.learn.metrics import interval
+from eitskin.learn.transfer import METHODS, RUNS, TRAINED_FEW, ZERO_SHOT
+from eitskin.paper.transfer_table import read_runs
+from loop.naming import AUTHORS, BELIEF, DIAGNOSIS, LABELS, SOURCES, TRUTH
 
 KEYS = ("case", "model", "source")
 PLACE = "place"  # the mean of the errors of x and y

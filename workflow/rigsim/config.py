@@ -6,8 +6,8 @@ from pathlib import Path
 import jsonschema
 import yaml
 
-from eitskin.configuration import Validator, explained
 from eitskin.errors import InputError
+from eitskin.schema import Validator, explained
 
 SCHEMA = Path(__file__).parents[1] / "schemas" / "rigsim.schema.yaml"
 

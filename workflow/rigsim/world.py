@@ -12,11 +12,11 @@ import pandas as pd
 
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
-from eitskin.force_history import ForceHistory
-from eitskin.neighbours import Neighbours
-from eitskin.protocol import channel_table
-from eitskin.readings import of_stage, read, sense
-from eitskin.skin import Skin
+from eitskin.physics.force_history import ForceHistory
+from eitskin.physics.protocol import channel_table
+from eitskin.physics.skin import Skin
+from eitskin.physics.solver import Neighbours
+from eitskin.simulate.readings import of_stage, read, sense
 
 N_ELECTRODES = 16
 WAVES = 8  # of the stiffness' scatter over the skin

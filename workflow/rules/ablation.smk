@@ -14,7 +14,7 @@ use rule train_autoencoder as ablation_autoencoder with:
         latent_dim=lambda wildcards: setting_of(wildcards)["latent_dim"],
         budget=budget_of,
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.train"),
+        code=fingerprint("eitskin.learn.train"),
     message:
         "Learning the manifold of the voltages of {wildcards.dataset}: {wildcards.setting}"
 
@@ -38,7 +38,7 @@ use rule train_regressor as ablation_regressor with:
         batch_size=lookup(dpath="training/batch_size", within=config),
         budget=budget_of,
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.train"),
+        code=fingerprint("eitskin.learn.train"),
     message:
         "Learning the latent voltages of a state, {wildcards.dataset}: {wildcards.setting}"
 
@@ -68,7 +68,7 @@ use rule train_predictor as ablation_predictor with:
         ),
         budget=budget_of,
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.train"),
+        code=fingerprint("eitskin.learn.train"),
     message:
         "Training {wildcards.model} on {wildcards.dataset}, {wildcards.split}: {wildcards.setting}"
 
@@ -104,7 +104,7 @@ rule ablation_tuned:
         ),
         budget=lookup(dpath="budgets/{budget}", within=config),
         seed=lookup(dpath="seed", within=config),
-        code=[fingerprint("eitskin.train"), fingerprint("eitskin.ablation")],
+        code=[fingerprint("eitskin.learn.train"), fingerprint("eitskin.paper.ablation")],
     message:
         "Training {wildcards.model} on {wildcards.dataset}, {wildcards.split}, as tuned"
     script:
@@ -134,7 +134,7 @@ rule ablation_errors:
         part=lambda wildcards: (
             "validation" if wildcards.setting in GRIDS[wildcards.budget] else "test"
         ),
-        code=[fingerprint("eitskin.predict"), fingerprint("eitskin.metrics")],
+        code=[fingerprint("eitskin.learn.predict"), fingerprint("eitskin.learn.metrics")],
     message:
         "Testing {wildcards.model} on {wildcards.dataset}, {wildcards.split}: {wildcards.setting}"
     script:
@@ -186,7 +186,7 @@ rule ablation:
         varied=STUDIES,
         compared=COMPARED,
         budget=config["budget"],
-        code=fingerprint("eitskin.ablation"),
+        code=fingerprint("eitskin.paper.ablation"),
     message:
         "Collecting what the choices in training are worth"
     script:

@@ -38,7 +38,7 @@ rule diagnose:
     params:
         name="{recording}",
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.diagnose.diagnose"),
+        code=fingerprint("eitskin.diagnose.diagnosis"),
     message:
         "Diagnosing {wildcards.recording}: where simulation and recording differ, and why"
     script:

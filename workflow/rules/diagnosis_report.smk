@@ -49,7 +49,7 @@ rule diagnosis_report:
         mem_mb=1000,
         runtime=5,
     params:
-        code=fingerprint("eitskin.diagnose.report"),
+        code=fingerprint("eitskin.diagnose.report.page"),
     message:
         "Reporting the diagnosis of {wildcards.recording}"
     script:

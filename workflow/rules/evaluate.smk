@@ -17,7 +17,7 @@ rule evaluate:
         mem_mb=2000,
         runtime=10,
     params:
-        code=[fingerprint("eitskin.predict"), fingerprint("eitskin.metrics")],
+        code=[fingerprint("eitskin.learn.predict"), fingerprint("eitskin.learn.metrics")],
     message:
         "Testing {wildcards.model} on {wildcards.dataset}, {wildcards.split}"
     script:
@@ -41,7 +41,7 @@ rule predict:
         mem_mb=2000,
         runtime=10,
     params:
-        code=fingerprint("eitskin.predict"),
+        code=fingerprint("eitskin.learn.predict"),
     message:
         "Applying {wildcards.model}, trained on {wildcards.dataset}, to {wildcards.recording}"
     script:
@@ -50,7 +50,7 @@ rule predict:
 
 rule table_1:
     input:
-        paper="workflow/eitskin/paper_table_1.csv",
+        paper="workflow/eitskin/paper/printed_table_1.csv",
         metrics=[
             f"results/metrics/{dataset}/{split}/{budget}/{model}.csv"
             for dataset, split, model in rows(config)
@@ -85,7 +85,7 @@ rule table_1:
         mem_mb=500,
         runtime=5,
     params:
-        code=fingerprint("eitskin.table_1"),
+        code=fingerprint("eitskin.paper.table_1"),
     message:
         "Collecting Table I"
     script:

@@ -16,7 +16,7 @@ rule held_out_pairs:
         runtime=5,
     params:
         seed=config["seed"],
-        code=fingerprint("eitskin.diagnose.held_out_pairs"),
+        code=fingerprint("studies.tank_geometry"),
     message:
         "Judging geometries of {wildcards.recording} on reciprocal pairs left out"
     script:
@@ -62,7 +62,7 @@ rule ground_return:
         runtime=5,
     params:
         seed=config["seed"],
-        code=fingerprint("eitskin.diagnose.ground_return"),
+        code=fingerprint("studies.ground_return"),
     message:
         "Judging a one-sided misfit of {wildcards.recording} on drives left out"
     script:

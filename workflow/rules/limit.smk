@@ -26,7 +26,7 @@ rule limit:
         continuous=lookup(dpath="configurations/{configuration}/continuous", within=config),
         samples=lookup(dpath="limit/samples", within=config),
         pairs=lookup(dpath="limit/pairs", within=config),
-        code=fingerprint("eitskin.limit"),
+        code=fingerprint("eitskin.limit.posterior_mean"),
     message:
         "Estimating touches of {wildcards.configuration} as well as physics allows"
     script:
@@ -57,7 +57,7 @@ rule cramer_rao:
         effects=lookup(dpath="configurations/{configuration}/effects", within=config),
         session_frames=lookup(dpath="configurations/{configuration}/session_frames", within=config),
         continuous=lookup(dpath="configurations/{configuration}/continuous", within=config),
-        code=fingerprint("eitskin.cramer_rao"),
+        code=fingerprint("eitskin.limit.cramer_rao"),
     message:
         "Bounding the errors of {wildcards.configuration} over the skin"
     script:

@@ -27,7 +27,7 @@ rule loop_case:
         size={key: config["loop"][key] for key in ("frames", "tested", "share")},
         forces=FORCES,
         probe_mm=lookup(dpath="touch_grid/probe_mm", within=config),
-        code=fingerprint("eitskin.dataset"),
+        code=fingerprint("eitskin.data.dataset"),
     message:
         "Drawing the skin {wildcards.case}, whose owner does not know all"
     script:
@@ -56,7 +56,7 @@ rule loop_labelled:
         runtime=10,
     params:
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.transfer"),
+        code=fingerprint("eitskin.learn.transfer"),
     message:
         "Keeping 5 % of the labels of {wildcards.case}"
     script:
@@ -80,7 +80,7 @@ use rule diagnose as diagnose_loop with:
     params:
         name="{case}",
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.diagnose.diagnose"),
+        code=fingerprint("eitskin.diagnose.diagnosis"),
     message:
         "Diagnosing {wildcards.case} from its labelled frames"
 
@@ -120,7 +120,7 @@ rule loop_errors:
         authors=lookup(dpath="configurations/authors/effects", within=config),
         forces=FORCES,
         probe_mm=lookup(dpath="touch_grid/probe_mm", within=config),
-        code=[fingerprint("eitskin.transfer"), fingerprint("eitskin.diagnose.diagnose")],
+        code=[fingerprint("eitskin.learn.transfer"), fingerprint("eitskin.diagnose.diagnosis")],
     message:
         "Training {wildcards.model} for {wildcards.case} on its {wildcards.source}"
     script:
@@ -178,7 +178,7 @@ rule loop:
     params:
         runs=LOOP_RUNS,
         models=config["loop"]["models"],
-        code=fingerprint("eitskin.transfer_table"),
+        code=fingerprint("eitskin.paper.transfer_table"),
     message:
         "Collecting what a diagnosis is worth to an estimator"
     script:

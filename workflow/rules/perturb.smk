@@ -24,7 +24,7 @@ rule skin_effects:
         session_frames=lookup(dpath="configurations/{configuration}/session_frames", within=config),
         crossed=lookup(dpath="configurations/{configuration}/crossed", within=config),
         continuous=lookup(dpath="configurations/{configuration}/continuous", within=config),
-        code=fingerprint("eitskin.simulate"),
+        code=fingerprint("eitskin.simulate.sets"),
     message:
         "Simulating the sessions of {wildcards.configuration}, a new skin for each"
     script:
@@ -59,7 +59,7 @@ rule perturb:
             config["configurations"][wildcards.configuration]["effects"]
         )[wildcards.link],
         position=lambda wildcards: int(wildcards.link.partition("-")[0]),
-        code=fingerprint("eitskin.simulate"),
+        code=fingerprint("eitskin.simulate.sets"),
     message:
         "Applying {wildcards.link} to {wildcards.configuration}"
     script:
@@ -88,7 +88,7 @@ rule simulated_dataset:
         seed=lookup(dpath="seed", within=config),
         noise=lookup(dpath="configurations/{configuration}/noise", within=config),
         baseline=lookup(dpath="configurations/{configuration}/baseline", within=config),
-        code=fingerprint("eitskin.simulate"),
+        code=fingerprint("eitskin.simulate.sets"),
     message:
         "Adding noise to {wildcards.configuration} and subtracting the untouched frames"
     script:

@@ -19,7 +19,7 @@ rule twin:
         runtime=10,
     params:
         twin=lookup(dpath="twin", within=config),
-        code=fingerprint("eitskin.twin"),
+        code=fingerprint("eitskin.simulate.twin"),
     message:
         "Simulating the twin of a real skin"
     script:
@@ -45,7 +45,7 @@ rule import_recording:
         runtime=10,
     params:
         format=lookup(dpath="recordings/{recording}/format", within=config, default=None),
-        code=fingerprint("eitskin.importers"),
+        code=fingerprint("eitskin.data.importers"),
     message:
         "Reading the recording {wildcards.recording}"
     script:
@@ -68,7 +68,7 @@ rule check:
         mem_mb=2000,
         runtime=10,
     params:
-        code=fingerprint("eitskin.check"),
+        code=fingerprint("eitskin.data.check"),
     message:
         "Checking what {wildcards.recording} holds and what it cannot tell"
     script:

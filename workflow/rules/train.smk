@@ -26,7 +26,7 @@ rule train_autoencoder:
         latent_dim=lookup(dpath="training/latent_dim", within=config),
         budget=lookup(dpath="budgets/{budget}", within=config),
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.train"),
+        code=fingerprint("eitskin.learn.train"),
     message:
         "Learning the manifold of the voltages of {wildcards.dataset}, {wildcards.split}"
     script:
@@ -56,7 +56,7 @@ rule train_regressor:
         batch_size=lookup(dpath="training/batch_size", within=config),
         budget=lookup(dpath="budgets/{budget}", within=config),
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.train"),
+        code=fingerprint("eitskin.learn.train"),
     message:
         "Learning the latent voltages of a state, {wildcards.dataset}, {wildcards.split}"
     script:
@@ -99,7 +99,7 @@ rule train_predictor:
         ),
         budget=lookup(dpath="budgets/{budget}", within=config),
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.train"),
+        code=fingerprint("eitskin.learn.train"),
     message:
         "Training {wildcards.model} on {wildcards.dataset}, {wildcards.split}"
     script:

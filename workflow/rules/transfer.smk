@@ -25,7 +25,7 @@ rule transfer_source:
         runtime=30,
     params:
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.transfer"),
+        code=fingerprint("eitskin.learn.transfer"),
     message:
         "Transferring {wildcards.model} from {wildcards.source} to {wildcards.recording}"
     script:
@@ -58,7 +58,7 @@ rule transfer_references:
         lambda_latent=rules.train_predictor.params.lambda_latent,
         budget=lookup(dpath="budgets/{budget}", within=config),
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.transfer"),
+        code=fingerprint("eitskin.learn.transfer"),
     message:
         "Learning {wildcards.model} from 5 % of the labels of {wildcards.recording} alone"
     script:
@@ -98,7 +98,7 @@ rule transfer:
         mem_mb=1000,
         runtime=5,
     params:
-        code=fingerprint("eitskin.transfer_table"),
+        code=fingerprint("eitskin.paper.transfer_table"),
     message:
         "Collecting what models of simulations are worth on recordings"
     script:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from eitskin import ablation
 from eitskin.errors import reported
+from eitskin.paper import ablation
 
 with reported(snakemake.log[0]):
     files, params, tables = snakemake.input, snakemake.params, snakemake.output

@@ -4,10 +4,11 @@ from pathlib import Path
 
 import pandas as pd
 
-from eitskin import ablation, dataset, splits
 from eitskin.atomic import atomic_path
+from eitskin.data import dataset, splits
 from eitskin.errors import reported
-from eitskin.train import Budget, Optimiser, train_predictor
+from eitskin.learn.train import Budget, Optimiser, train_predictor
+from eitskin.paper import ablation
 
 with reported(snakemake.log[0]):
     params, files = snakemake.params, snakemake.input

@@ -1,6 +1,6 @@
 """Say in plain words what a recording holds and what it cannot tell; stop where it is unusable."""
 
-from eitskin import check, recording
+from eitskin.data import check, recording
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):

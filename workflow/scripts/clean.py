@@ -1,11 +1,11 @@
 """Simulate every place and force on the ideal skin."""
 
-from eitskin import simulate
 from eitskin.errors import reported
+from eitskin.simulate import sets
 
 with reported(snakemake.log[0]):
     blocks = ("skin", "accuracy")
-    simulate.write_clean(
+    sets.write_clean(
         snakemake.input.mesh,
         snakemake.input.touch_grid,
         snakemake.output[0],

@@ -1,8 +1,8 @@
 """Compare two recordings of one skin: what they share and what changed between them."""
 
-from eitskin import recording
-from eitskin.diagnose import compare
-from eitskin.diagnose.diagnose import diagnose
+from eitskin.data import recording
+from eitskin.diagnose.comparison import compare, result
+from eitskin.diagnose.diagnosis import diagnose
 from eitskin.errors import InputError, reported
 
 with reported(snakemake.log[0]):
@@ -13,5 +13,4 @@ with reported(snakemake.log[0]):
         name: diagnose(recording.read(path), snakemake.params.seed, progress=True)
         for name, path in files.items()
     }
-    output = snakemake.output
-    compare.write(compare.compare(founds), output.json, output.page)
+    result.write(result.result(compare.compare(founds)), snakemake.output[0])

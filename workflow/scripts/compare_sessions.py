@@ -1,8 +1,8 @@
 """Compare the sessions of a recording: what they share and what changed between them."""
 
-from eitskin import recording
-from eitskin.diagnose import compare
-from eitskin.diagnose.diagnose import diagnose
+from eitskin.data import recording
+from eitskin.diagnose.comparison import compare, result
+from eitskin.diagnose.diagnosis import diagnose
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):
@@ -11,5 +11,4 @@ with reported(snakemake.log[0]):
         f"session {name}": diagnose(part, snakemake.params.seed, progress=True)
         for name, part in compare.parts(recording.read(path), path).items()
     }
-    output = snakemake.output
-    compare.write(compare.compare(founds), output.json, output.page)
+    result.write(result.result(compare.compare(founds)), snakemake.output[0])

@@ -2,15 +2,15 @@
 
 from pathlib import Path
 
-from eitskin import recording
-from eitskin.diagnose import diagnose
+from eitskin.data import recording
+from eitskin.diagnose import diagnosis, result
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):
     recorded = recording.read(snakemake.input.recording)
     query = snakemake.input.get("query")
     if query is not None:
-        diagnose.read_query(query, recorded)
-    found = diagnose.diagnose(recorded, snakemake.params.seed, progress=True)
+        result.read_query(query, recorded)
+    found = diagnosis.diagnose(recorded, snakemake.params.seed, progress=True)
     folder = Path(snakemake.output.diagnosis).parent
-    diagnose.write(found, snakemake.params.name, folder, snakemake.input.schema, query)
+    result.write(found, snakemake.params.name, folder, snakemake.input.schema, query)

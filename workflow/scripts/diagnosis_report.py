@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from eitskin.diagnose import report
+from eitskin.diagnose.report import page
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):
     files = snakemake.input
     folder = Path(files.diagnosis).parent
-    report.write(folder, files.recording, files.schema, snakemake.output.html)
+    page.write(folder, files.recording, files.schema, snakemake.output.html)

@@ -1,13 +1,14 @@
 """Predict the test part of a dataset and measure the errors."""
 
-from eitskin import dataset, metrics, models, predict, splits
+from eitskin.data import dataset, splits
 from eitskin.errors import reported
+from eitskin.learn import metrics, model_file, predict
 
 with reported(snakemake.log[0]):
     files, names = snakemake.input, snakemake.wildcards
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)
-    found = predict.predict_part(models.read(files.model), data, part)
+    found = predict.predict_part(model_file.read(files.model), data, part)
     table = metrics.evaluate(found, data, names.split, names.model, names.budget)
     predict.write(found, snakemake.output.predictions)
     metrics.write(table, snakemake.output.metrics)

@@ -1,7 +1,8 @@
 """Draw a frame, a press and its images: figure 1."""
 
-from eitskin import figure_1, recording
+from eitskin.data import recording
 from eitskin.errors import reported
+from eitskin.paper import figure_1
 
 with reported(snakemake.log[0]):
     files = snakemake.output

@@ -1,7 +1,7 @@
 """Draw the workflow: figure 2."""
 
-from eitskin import figure_2
 from eitskin.errors import reported
+from eitskin.paper import figure_2
 
 with reported(snakemake.log[0]):
     files, asked = snakemake.output, snakemake.params

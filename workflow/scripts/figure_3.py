@@ -1,7 +1,8 @@
 """Draw the correlations of voltages and states: figure 3."""
 
-from eitskin import dataset, figure_3
+from eitskin.data import dataset
 from eitskin.errors import reported
+from eitskin.paper import figure_3
 
 with reported(snakemake.log[0]):
     files = snakemake.output

@@ -2,8 +2,9 @@
 
 import pandas as pd
 
-from eitskin import dataset, figure_4
+from eitskin.data import dataset
 from eitskin.errors import reported
+from eitskin.paper import figure_4
 
 with reported(snakemake.log[0]):
     files, found, asked = snakemake.output, snakemake.input, snakemake.params

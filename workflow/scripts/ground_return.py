@@ -1,9 +1,9 @@
 """Judge a one-sided misfit's law on drives left out."""
 
-from eitskin import recording
 from eitskin.atomic import atomic_path
-from eitskin.diagnose.ground_return import judge, sentence
+from eitskin.data import recording
 from eitskin.errors import reported
+from studies.ground_return import judge, sentence
 
 with reported(snakemake.log[0]):
     table = judge(recording.read(snakemake.input[0]), snakemake.params.seed)

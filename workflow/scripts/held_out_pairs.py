@@ -2,10 +2,10 @@
 
 import pandas as pd
 
-from eitskin import recording
 from eitskin.atomic import atomic_path
-from eitskin.diagnose.held_out_pairs import judge, sentence, without_drawing
+from eitskin.data import recording
 from eitskin.errors import reported
+from studies.tank_geometry import judge, sentence, without_drawing
 
 with reported(snakemake.log[0]):
     recorded = recording.read(snakemake.input[0])

@@ -1,6 +1,6 @@
 """Bring a recording, from whatever source, into the recording format."""
 
-from eitskin import importers, recording
+from eitskin.data import importers, recording
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):

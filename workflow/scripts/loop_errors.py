@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
-from eitskin import dataset, splits, transfer
+from eitskin.data import dataset, splits
 from eitskin.errors import reported
-from eitskin.train import Budget, Optimiser, Recipe
+from eitskin.learn import transfer
+from eitskin.learn.train import Budget, Optimiser, Recipe
 from loop import errors
 
 with reported(snakemake.log[0]):

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from eitskin import dataset, recording
+from eitskin.data import dataset, recording
 from eitskin.errors import reported
 from loop import labelled
 

@@ -1,7 +1,8 @@
 """Apply a trained model to every frame of a recording."""
 
-from eitskin import predict, recording
+from eitskin.data import recording
 from eitskin.errors import reported
+from eitskin.learn import predict
 
 with reported(snakemake.log[0]):
     source = recording.read(snakemake.input.recording)

@@ -1,6 +1,6 @@
 """Make a training set of a recording's touches."""
 
-from eitskin import dataset, recording
+from eitskin.data import dataset, recording
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):

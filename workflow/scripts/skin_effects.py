@@ -1,11 +1,11 @@
 """Simulate the sessions of a configuration, a new skin for each."""
 
-from eitskin import simulate
 from eitskin.errors import reported
+from eitskin.simulate import sets
 
 with reported(snakemake.log[0]):
     blocks = ("seed", "skin", "accuracy", "effects", "session_frames", "crossed", "continuous")
-    simulate.write_skin_stage(
+    sets.write_skin_stage(
         snakemake.input.mesh,
         snakemake.input.touch_grid,
         snakemake.output[0],

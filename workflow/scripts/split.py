@@ -1,6 +1,6 @@
 """Draw the training, validation and test parts of a dataset."""
 
-from eitskin import dataset, splits
+from eitskin.data import dataset, splits
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):

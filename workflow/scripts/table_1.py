@@ -1,7 +1,7 @@
 """Collect Table I."""
 
-from eitskin import table_1
 from eitskin.errors import reported
+from eitskin.paper import table_1
 
 with reported(snakemake.log[0]):
     files, tables = snakemake.input, snakemake.output

@@ -3,8 +3,8 @@
 import sys
 from pathlib import Path
 
-from eitskin import table_2
 from eitskin.errors import reported
+from eitskin.paper import table_2
 
 with reported(snakemake.log[0]):
     files, tables = snakemake.input, snakemake.output

@@ -1,8 +1,8 @@
 """Stage 1: the autoencoder of the voltages, every seed."""
 
-from eitskin import dataset, splits
+from eitskin.data import dataset, splits
 from eitskin.errors import reported
-from eitskin.train import Budget, Optimiser, train_autoencoder
+from eitskin.learn.train import Budget, Optimiser, train_autoencoder
 
 with reported(snakemake.log[0]):
     params = snakemake.params

@@ -1,8 +1,8 @@
 """Stage 3: the predictor, plain or physics-informed, every seed."""
 
-from eitskin import dataset, splits
+from eitskin.data import dataset, splits
 from eitskin.errors import reported
-from eitskin.train import Budget, Optimiser, train_predictor
+from eitskin.learn.train import Budget, Optimiser, train_predictor
 
 with reported(snakemake.log[0]):
     params, files = snakemake.params, snakemake.input

@@ -1,8 +1,8 @@
 """Stage 2: the regressor from states to latent voltages, every seed."""
 
-from eitskin import dataset, splits
+from eitskin.data import dataset, splits
 from eitskin.errors import reported
-from eitskin.train import Budget, Optimiser, train_regressor
+from eitskin.learn.train import Budget, Optimiser, train_regressor
 
 with reported(snakemake.log[0]):
     params, files = snakemake.params, snakemake.input

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from eitskin import transfer_table
 from eitskin.errors import reported
+from eitskin.paper import transfer_table
 
 with reported(snakemake.log[0]):
     files = []

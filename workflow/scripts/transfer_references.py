@@ -1,8 +1,9 @@
 """What a recording's own labels give on its test part, few of them and all."""
 
-from eitskin import dataset, models, splits, transfer
+from eitskin.data import dataset, splits
 from eitskin.errors import reported
-from eitskin.train import Budget, Optimiser, Recipe
+from eitskin.learn import model_file, transfer
+from eitskin.learn.train import Budget, Optimiser, Recipe
 
 with reported(snakemake.log[0]):
     params, files = snakemake.params, snakemake.input
@@ -11,5 +12,5 @@ with reported(snakemake.log[0]):
     optimiser = Optimiser(params.learning_rate, params.weight_decay, params.batch_size)
     settings = (params.latent_dim, params.force_weight, params.lambda_latent)
     recipe = Recipe(optimiser, Budget(**params.budget), *settings)
-    rows = transfer.references(models.read(files.model), data, part, recipe, params.seed)
+    rows = transfer.references(model_file.read(files.model), data, part, recipe, params.seed)
     transfer.write(rows, snakemake.output[0])

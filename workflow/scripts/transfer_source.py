@@ -1,7 +1,8 @@
 """A simulation's model on a recording's test part, as it is and adapted."""
 
-from eitskin import dataset, models, recording, splits, transfer
+from eitskin.data import dataset, recording, splits
 from eitskin.errors import reported
+from eitskin.learn import model_file, transfer
 
 with reported(snakemake.log[0]):
     files = snakemake.input
@@ -12,5 +13,5 @@ with reported(snakemake.log[0]):
     sides = (source, source_part, target, part)
     seeds = range(snakemake.params.seed, snakemake.params.seed + transfer.DRAWS)
     draws = [transfer.labelled(target.table, part, seed) for seed in seeds]
-    rows = transfer.transferred(models.read(files.model), *sides, angles, draws)
+    rows = transfer.transferred(model_file.read(files.model), *sides, angles, draws)
     transfer.write(rows, snakemake.output[0])

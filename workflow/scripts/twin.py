@@ -1,7 +1,7 @@
 """Simulate the twin of a real skin."""
 
-from eitskin import twin
 from eitskin.errors import reported
+from eitskin.simulate import twin
 
 with reported(snakemake.log[0]):
     twin.write(snakemake.output[0], **snakemake.params.twin)

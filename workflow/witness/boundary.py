@@ -22,15 +22,7 @@ from scipy.linalg import lu_factor, lu_solve
 from scipy.special import ive
 
 from witness.arc import HALVINGS, moment_response, segment_response
-from witness.curves import (
-    Edge,
-    Shape,
-    close_angles,
-    disc_edge,
-    own_flux,
-    rim_edge,
-    same_curve_log,
-)
+from witness.curves import Edge, Shape, close_angles, disc_edge, own_flux, rim_edge, same_curve_log
 from witness.medium import Plane, Tilted, flux, potential
 
 CLOSE = 0.15  # inclusions nearer than this share of a radius get panels

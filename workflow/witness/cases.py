@@ -16,14 +16,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from eitskin import recording
 from eitskin.atomic import atomic_path
+from eitskin.data import recording
 from eitskin.errors import InputError
-from eitskin.protocol import channel_table
-from eitskin.skin import Skin
+from eitskin.physics.protocol import channel_table
+from eitskin.physics.skin import Skin
 from witness import outside, strengths
 from witness.generators import GENERATORS, LAWS, Generator
-from witness.plan import Keep, query_frames, recording_frames
+from witness.schedule import Keep, query_frames, recording_frames
 from witness.world import World
 
 N_ELECTRODES = 16

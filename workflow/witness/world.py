@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from eitskin.skin import Skin
+from eitskin.physics.skin import Skin
 from witness import laws as known
 from witness.boundary import Disc, Radial, Resolution
 from witness.deep import Depth

@@ -11,9 +11,10 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from eitskin.capture import configuration
-from eitskin.capture.plan import plan_sha256
-from eitskin.configuration import PATHS, captured_path, dotted, file_of
+from eitskin.capture.press_plan import plan_sha256
+from eitskin.configuration import PATHS, captured_path, file_of
 from eitskin.errors import InputError
+from eitskin.schema import dotted
 
 
 def manifest_path(name: str) -> str:

@@ -6,11 +6,11 @@ from pathlib import Path
 import yaml
 
 from eitskin.capture.interlock import Limits
-from eitskin.capture.plan import places
+from eitskin.capture.press_plan import places
 from eitskin.capture.wire import BOARDS
-from eitskin.configuration import Validator, dotted, explained
 from eitskin.errors import InputError
-from eitskin.skin import Skin
+from eitskin.physics.skin import Skin
+from eitskin.schema import Validator, dotted, explained
 
 SCHEMA = Path(__file__).parents[2] / "schemas" / "rig.schema.yaml"
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from eitskin.capture.interlock import Stop
-from eitskin.capture.plan import Contact
+from eitskin.capture.press_plan import Contact
 from eitskin.capture.rig import Fault, Rig
 
 STEP_GROWTH = 1.5  # a step may add this much more force than the last did

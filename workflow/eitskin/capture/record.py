@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from eitskin import recording
 from eitskin.atomic import atomic_path
 from eitskin.capture import journal
 from eitskin.capture.configuration import believed_skin
-from eitskin.capture.plan import contacts
+from eitskin.capture.press_plan import contacts
 from eitskin.capture.wire import BOARDS, Reject, measured, rms_frame
+from eitskin.data import recording
+from eitskin.data.recording import Recording, frames_table
 from eitskin.errors import InputError
-from eitskin.protocol import channel_table
-from eitskin.recording import Recording, frames_table
+from eitskin.physics.protocol import channel_table
 
 REAL, EMULATED = "rig", "emulated rig"
 RUN_GAP_S = 1.0  # least time between runs where the host's clock was set back

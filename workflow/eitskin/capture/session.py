@@ -13,8 +13,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 from eitskin.capture import journal, preflight
-from eitskin.capture.plan import Contact, contacts, plan_sha256
 from eitskin.capture.press import press
+from eitskin.capture.press_plan import Contact, contacts, plan_sha256
 from eitskin.capture.rig import Fault, Interrupted, Rig
 from eitskin.capture.robot import Robot, RobotError
 from eitskin.errors import InputError

@@ -16,10 +16,10 @@ import numpy as np
 import pandas as pd
 from scipy.stats import chi2, false_discovery_control
 
-from eitskin.diagnose.laws import Law, laws, load_direction, nearness
+from eitskin.data.recording import Recording
+from eitskin.diagnose.misfit_drivers import Law, laws, load_direction, nearness
 from eitskin.diagnose.noise import parity
-from eitskin.protocol import reciprocal_channels
-from eitskin.recording import Recording
+from eitskin.physics.protocol import reciprocal_channels
 
 DISCOVERY = 0.05  # a row says that something differs below this q
 FITTED = 1e-6  # a direction with less of its squared length left is a fitted one

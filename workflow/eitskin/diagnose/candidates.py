@@ -11,7 +11,7 @@ import numpy as np
 
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import ORDER, Effect, Parameter, Setting, site_of
-from eitskin.skin import Skin
+from eitskin.physics.skin import Skin
 
 OF_READINGS = {"V": 1.0, "1/V²": -2.0}
 

@@ -6,14 +6,14 @@ import numpy as np
 import pandas as pd
 import yaml
 
+from eitskin.data.recording import Recording
 from eitskin.diagnose.fit import Fit
 from eitskin.effects.settings import site_counts
 from eitskin.errors import InputError
-from eitskin.protocol import channel_table
-from eitskin.readings import simulate
-from eitskin.recording import Recording
-from eitskin.simulate import sample_settings
-from eitskin.skin import Skin
+from eitskin.physics.protocol import channel_table
+from eitskin.physics.skin import Skin
+from eitskin.simulate.readings import simulate
+from eitskin.simulate.sets import sample_settings
 
 ONE_AMPERE = 1.0  # so that simulated volts are the ohms that were recorded
 LAYOUT = {"session_frames": 300, "crossed": False}  # as the configuration `authors`

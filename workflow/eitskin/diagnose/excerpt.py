@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from eitskin.recording import Recording, presses
+from eitskin.data.recording import Recording, presses
 
 MOST_FRAMES = 500
 

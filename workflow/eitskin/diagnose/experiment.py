@@ -5,33 +5,27 @@ names is that of `gaps` on the frames simulated. Gaps grow with the root of the 
 any case: only a recipe that does better than more of the same is worth its trouble.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from eitskin.depth import forward_model
+from eitskin.data.recording import Recording
 from eitskin.diagnose.classes import CONFUSED, WEAK
+from eitskin.diagnose.diagnosis import Diagnosis
 from eitskin.diagnose.fit import Problem, fit
 from eitskin.diagnose.gaps import CLOSE, gaps
 from eitskin.diagnose.model import Model
-from eitskin.diagnose.search import Search
+from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.whitening import Whitening
 from eitskin.diagnose.words import listed, number
 from eitskin.effects.effect import Setting
 from eitskin.errors import InputError
-from eitskin.geometry import Geometry
-from eitskin.neighbours import Spent
-from eitskin.recording import Recording
-from eitskin.skin import Skin
-
-if TYPE_CHECKING:
-    from eitskin.diagnose.diagnose import Diagnosis
+from eitskin.physics.geometry import Geometry
+from eitskin.physics.skin import Skin
+from eitskin.physics.solver import Spent, forward_model
 
 MOST_PRESSES = 8  # on which recipes are compared
 MOST_TRIED = 2  # that are then simulated with every press and fitted ...

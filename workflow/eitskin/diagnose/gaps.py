@@ -12,8 +12,8 @@ import numpy as np
 from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.fit import fit
-from eitskin.diagnose.screen import explained, sparse
-from eitskin.diagnose.search import Search, State, discrete, gross
+from eitskin.diagnose.search.screen import explained, sparse
+from eitskin.diagnose.search.search import Search, State, discrete, gross
 from eitskin.diagnose.tangents import Tangents
 from eitskin.errors import InputError
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eitskin.diagnose.fit import Fit, inverse_root
-from eitskin.protocol import reciprocal_channels
+from eitskin.physics.protocol import reciprocal_channels
 
 FOLDS = 5
 

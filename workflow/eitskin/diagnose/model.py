@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from eitskin import alignment, recording
+from eitskin.data import alignment, recording
+from eitskin.data.recording import Recording
 from eitskin.effects.effect import START, Setting
 from eitskin.errors import InputError
-from eitskin.geometry import Geometry
-from eitskin.neighbours import Neighbours
-from eitskin.readings import Sensed, apply_skin, of_stage, read, sense
-from eitskin.recording import Recording
-from eitskin.skin import Skin
+from eitskin.physics.geometry import Geometry
+from eitskin.physics.skin import Skin
+from eitskin.physics.solver import Neighbours
+from eitskin.simulate.readings import Sensed, apply_skin, of_stage, read, sense
 
 KEPT = 48_000  # frames, of all the states that were solved last
 CURRENT_A = 1e-3  # where nobody knows it; the factor is calibrated then

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.stats import chi2, f
 
-from eitskin.protocol import reciprocal_channels
-from eitskin.recording import Recording
+from eitskin.data.recording import Recording
+from eitskin.physics.protocol import reciprocal_channels
 
 ROUNDING = 12**-0.5  # of a converter's step: the sd of an even distribution over it
 ALIKE = 1e-9  # of the largest reading: values closer are one

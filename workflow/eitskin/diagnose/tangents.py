@@ -10,13 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from eitskin.depth import forward_model, span
 from eitskin.diagnose.candidates import Candidate, own_channels
 from eitskin.diagnose.fit import STEP, Fit
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Moment, Setting, SkinEffect
 from eitskin.errors import InputError
-from eitskin.geometry import Geometry
+from eitskin.physics.depth import span
+from eitskin.physics.geometry import Geometry
+from eitskin.physics.solver import forward_model
 
 NEAR = 0.03  # of the readings, by which two fits may differ and share their derivatives
 KEPT = 64  # columns; a site's alone, among all and with one value for all follow one another

@@ -3,7 +3,7 @@
 import numpy as np
 
 from eitskin.effects.effect import Frames, InstrumentEffect, Parameter, Setting
-from eitskin.skin import Skin
+from eitskin.physics.skin import Skin
 
 
 class AdcNonlinearity(InstrumentEffect):

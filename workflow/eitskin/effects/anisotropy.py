@@ -1,7 +1,7 @@
 """A gel that conducts better in one direction."""
 
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
-from eitskin.geometry import Geometry
+from eitskin.physics.geometry import Geometry
 
 
 class Anisotropy(SkinEffect):

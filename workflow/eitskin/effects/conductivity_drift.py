@@ -1,7 +1,7 @@
 """A gel that dries, or warms: its conductivity changes with time."""
 
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
-from eitskin.geometry import Geometry
+from eitskin.physics.geometry import Geometry
 
 
 class ConductivityDrift(SkinEffect):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
-from eitskin.geometry import Geometry
+from eitskin.physics.geometry import Geometry
 
 
 class ConductivityGradient(SkinEffect):

@@ -4,8 +4,8 @@ import numpy as np
 
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.errors import InputError
-from eitskin.geometry import Geometry, Patch
-from eitskin.skin import Skin
+from eitskin.physics.geometry import Geometry, Patch
+from eitskin.physics.skin import Skin
 
 
 class ConductivityPatch(SkinEffect):

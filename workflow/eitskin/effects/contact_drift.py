@@ -1,7 +1,7 @@
 """Contacts that change with time."""
 
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
-from eitskin.geometry import Geometry
+from eitskin.physics.geometry import Geometry
 
 
 class ContactDrift(SkinEffect):

@@ -1,7 +1,7 @@
 """Electrodes that touch the gel worse, or better, than believed."""
 
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
-from eitskin.geometry import Geometry
+from eitskin.physics.geometry import Geometry
 
 
 class ContactImpedance(SkinEffect):

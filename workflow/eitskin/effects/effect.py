@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from eitskin.force_history import ForceHistory
-from eitskin.geometry import Geometry
-from eitskin.skin import Skin
+from eitskin.physics.force_history import ForceHistory
+from eitskin.physics.geometry import Geometry
+from eitskin.physics.skin import Skin
 
 STAGES = ("touch", "skin", "wiring", "instrument", "clock")
 SITES = ("electrodes", "drives", "measures", "channels")

@@ -1,7 +1,7 @@
 """Electrodes that are not where the drawing has them."""
 
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
-from eitskin.geometry import Geometry
+from eitskin.physics.geometry import Geometry
 
 
 class ElectrodePosition(SkinEffect):

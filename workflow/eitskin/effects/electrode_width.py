@@ -1,8 +1,8 @@
 """Electrodes wider or narrower than the drawing has them."""
 
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
-from eitskin.geometry import Geometry
-from eitskin.skin import Skin
+from eitskin.physics.geometry import Geometry
+from eitskin.physics.skin import Skin
 
 
 class ElectrodeWidth(SkinEffect):

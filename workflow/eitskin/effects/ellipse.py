@@ -1,7 +1,7 @@
 """The paper's geometry mismatch: a skin stretched along its axes."""
 
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
-from eitskin.geometry import Geometry
+from eitskin.physics.geometry import Geometry
 
 
 class Ellipse(SkinEffect):

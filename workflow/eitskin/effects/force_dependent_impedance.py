@@ -3,8 +3,8 @@
 import numpy as np
 
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
-from eitskin.geometry import Geometry
-from eitskin.skin import Skin
+from eitskin.physics.geometry import Geometry
+from eitskin.physics.skin import Skin
 
 
 class ForceDependentImpedance(SkinEffect):

@@ -1,7 +1,7 @@
 """A load cell whose zero is not 0."""
 
 from eitskin.effects.effect import ForceEffect, Parameter, Setting
-from eitskin.force_history import ForceHistory
+from eitskin.physics.force_history import ForceHistory
 
 
 class ForceOffset(ForceEffect):

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from eitskin.effects.effect import Frames, Parameter, Setting, TouchEffect
-from eitskin.skin import Skin
+from eitskin.physics.skin import Skin
 
 
 class Relaxation(TouchEffect):

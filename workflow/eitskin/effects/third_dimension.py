@@ -3,8 +3,8 @@
 import numpy as np
 
 from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
-from eitskin.geometry import Geometry
-from eitskin.skin import Skin
+from eitskin.physics.geometry import Geometry
+from eitskin.physics.skin import Skin
 
 DEPTHS_MM = 10.0, 30.0, 100.0  # from that of a skin to that of a tank
 CLEAR = 1.2  # times the electrodes' upper end, that a depth to start from has at least

@@ -1,0 +1,69 @@
+"""The bench compares like with like, and writes what its readers expect."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from benchmark import speed
+
+pytest.importorskip("pyeit")
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return speed.MeshSamples()
+
+
+def test_every_solver_on_the_mesh_gives_the_same_voltages(mesh):
+    solvers = [mesh.by_factoring, speed.Woodbury(mesh, False), speed.Woodbury(mesh, True)]
+    assert speed.disagreement(mesh, solvers) < speed.AGREEMENT
+
+
+def test_a_solver_that_computes_something_else_is_noticed(mesh):
+    assert speed.disagreement(mesh, [lambda s: mesh.by_factoring(s[::-1])]) > 1e-3
+
+
+def test_the_forward_model_simulates_the_samples_of_the_mesh(mesh):
+    """Equal up to the mesh's own error: touches ragged by whole elements, rim of chords."""
+    ours, peer = speed.by_forward_model([]), mesh.by_touch_modes([])
+    assert ours.shape == peer.shape == (192 * 260, 208)
+    assert np.median(abs(ours - peer) / abs(peer)) < 0.02
+
+
+def test_samples_are_spread_over_places_and_strengths():
+    samples = speed.spread_samples(96)
+    assert samples[0] == (0, 0)
+    assert samples[-1] == (191, 259)
+    assert len({place for place, _ in samples}) == 96
+
+
+def test_rows_are_written_as_a_list_with_their_command(tmp_path, monkeypatch, capsys):
+    def quick(runs, command):
+        return [speed.row("clean", "samples/s", 6.0, "a peer", 2.0, runs, command)]
+
+    monkeypatch.setattr(speed, "BENCHES", {"clean": quick})
+    speed.main(["clean", "--runs", "3", "--output", str(tmp_path)])
+    (row,) = json.loads((tmp_path / "clean.json").read_text())
+    assert list(row) == ["name", "unit", "ours", "peer_name", "peer", "ratio", "runs", "command"]
+    assert (row["ratio"], row["runs"]) == (3.0, 3)
+    assert "python -m benchmark.speed clean --runs 3" in row["command"]
+    assert "ratio 3" in capsys.readouterr().out
+
+
+def test_a_perturbed_set_runs_the_whole_chain():
+    config = yaml.safe_load((Path(__file__).parents[3] / "config.yaml").read_text())
+    config["touch_grid"] |= {"radii": 2, "angles": 3}
+    config["forces"]["levels"] = 4
+    samples, seconds, peak = speed.perturb(config, "authors")
+    assert samples == 24
+    assert seconds > 0
+    assert peak > 10
+
+
+def test_a_drawn_recording_is_diagnosed():
+    seconds, peak = speed.diagnose("null", 1, 60)
+    assert seconds > 0
+    assert peak > 10

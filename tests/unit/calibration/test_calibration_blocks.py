@@ -1,0 +1,60 @@
+"""Which recordings a calibration is made of."""
+
+from collections import Counter
+
+import pytest
+
+from calibration.blocks import SIZES, batches, trials
+from eitskin.errors import InputError
+from witness.cases import names_of
+from witness.outside import OUTSIDE
+from witness.strengths import DRAWN
+
+WHOLE = {
+    "quick": {"null": 60, "pair": 24, "triple": 16, "outside": 36},
+    "full": {"null": 150, "pair": 60, "triple": 40, "outside": 60},
+}
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_plan_has_the_numbers_stated(size):
+    plan = trials("report", size)
+    assert len(set(plan)) == len(plan)
+    words = Counter(kind.partition(":")[0] for kind, _ in plan)
+    assert words == {**WHOLE[size], "single": 4 * len(DRAWN)}
+    each = Counter(kind for kind, _ in plan if kind.startswith("single:"))
+    assert set(each.values()) == {4}
+    laws = Counter(kind for kind, _ in plan if kind.startswith("outside:"))
+    assert len(laws) == len(OUTSIDE)
+    assert max(laws.values()) - min(laws.values()) <= 1
+
+
+def test_blocks_share_no_seed_and_sizes_are_nested():
+    tuned, told = trials("development", "full"), trials("report", "full")
+    assert not {seed for _, seed in tuned} & {seed for _, seed in told}
+    assert set(trials("report", "quick")) <= set(told)
+    assert [kind for kind, _ in tuned] == [kind for kind, _ in told]
+
+
+def test_the_witness_knows_every_kind():
+    for kind in {kind for kind, _ in trials("report", "full")} - {"pair", "triple"}:
+        names_of(kind, None)
+
+
+def test_half_a_plan_holds_half_of_each():
+    plan = trials("report", "full")
+    half = Counter(kind.partition(":")[0] for kind, _ in plan[: len(plan) // 2])
+    for word, number in {**WHOLE["full"], "single": 4 * len(DRAWN)}.items():
+        assert abs(half[word] - number / 2) <= 2
+
+
+def test_batches_are_the_plan():
+    made = batches("development", "quick")
+    assert [trial for batch in made for trial in batch] == trials("development", "quick")
+    assert max(map(len, made)) == 8
+
+
+@pytest.mark.parametrize(("block", "size"), [("tuning", "full"), ("report", "huge")])
+def test_an_unknown_plan_is_refused(block, size):
+    with pytest.raises(InputError, match=r"calibration: (block|size)"):
+        trials(block, size)

@@ -1,0 +1,124 @@
+"""One press on a pretended rig: a spring under the probe, no devices and no time."""
+
+import copy
+
+import pytest
+import yaml
+
+pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
+
+from eitskin.capture import configuration
+from eitskin.capture.press import press
+from eitskin.capture.press_plan import Contact
+from eitskin.capture.rig import Fault
+
+PAPER = configuration.SCHEMA.parents[1] / "config" / "rig.yaml"
+CONTACT = Contact(number=0, probe_mm=7.0, session="7 mm, 1", x_mm=10.0, y_mm=-20.0, target_N=8.5)
+SEARCHED_MM = 0.2  # below the surface, where a search ends
+
+
+class Spring:
+    """A robot that is where it is sent, over a skin `clearance_mm` below the centre's height."""
+
+    def __init__(self, N_per_mm: float, clearance_mm: float = 5.0, offset_N: float = 0.0, **plan):
+        self.config = copy.deepcopy(yaml.safe_load(PAPER.read_text(encoding="utf-8"))["rig"])
+        self.config["plan"] |= plan
+        self.N_per_mm, self.offset_N, self.zero_N = N_per_mm, offset_N, 0.0
+        self.position_m = tuple(self.config["pose"]["centre"][:3])
+        self.surface_m = self.position_m[2] - 1e-3 * clearance_mm
+        self.moves: list[tuple] = []
+
+    @property
+    def depth_mm(self) -> float:
+        return max(0.0, 1e3 * (self.surface_m - self.position_m[2]))
+
+    @property
+    def force_N(self) -> float:
+        return self.N_per_mm * self.depth_mm + self.offset_N - self.zero_N
+
+    def touches(self, force_N: float) -> bool:
+        return self.force_N >= force_N
+
+    def move(self, position_m, speed_m_s, acceleration_m_s2, until=None) -> bool:
+        sideways = position_m[:2] != self.position_m[:2]
+        assert not (sideways and self.depth_mm), "the probe was dragged over the skin"
+        assert not (sideways and position_m[2] != self.position_m[2])
+        if until is not None and position_m[2] < self.surface_m - 1e-3 * SEARCHED_MM:
+            self.position_m = (*position_m[:2], self.surface_m - 1e-3 * SEARCHED_MM)
+            assert until()
+            return False
+        self.position_m = tuple(position_m)
+        self.moves.append((self.depth_mm, speed_m_s))
+        return True
+
+    def frame(self, settle_s: float) -> dict:
+        assert settle_s == self.config["plan"]["settle_s"]
+        return {"force_N": self.force_N + self.zero_N, "zero_N": self.zero_N}
+
+
+def pressed(rig: Spring) -> tuple[str, list[dict]]:
+    kept: list[dict] = []
+    return press(rig, CONTACT, kept.append, lambda news: None), kept
+
+
+def phases(kept: list[dict]) -> list[str]:
+    return [frame["phase"] for frame in kept]
+
+
+def test_steps_of_a_millimetre_to_the_target_and_up_again():
+    rig = Spring(2.0, offset_N=0.1)
+    end, kept = pressed(rig)
+    assert end == "target"
+    assert phases(kept) == ["untouched"] * 2 + ["press"] * 5
+    assert [f["depth_mm"] for f in kept[2:]] == pytest.approx([1, 2, 3, 4, 5])
+    assert kept[-1]["force_N"] - kept[-1]["zero_N"] >= CONTACT.target_N
+    assert [f["zero_N"] for f in kept] == pytest.approx([0.0] * 2 + [0.1] * 5)
+    assert rig.position_m == pytest.approx((-0.583, -0.221, -0.092))
+
+
+def test_into_the_skin_it_is_never_faster_than_a_press():
+    rig = Spring(2.0)
+    pressed(rig)
+    deep = [speed for depth, speed in rig.moves if depth > 0]
+    assert set(deep) == {rig.config["motion"]["press_m_s"]}
+
+
+def test_the_depth_cap_is_tested_before_the_step():
+    rig = Spring(0.8, depth_cap_mm=7.0)
+    end, kept = pressed(rig)
+    assert end == "depth cap"
+    assert kept[-1]["depth_mm"] == pytest.approx(7.0)
+
+
+def test_the_box_ends_a_press_as_the_cap_does():
+    rig = Spring(0.8, clearance_mm=11.0)
+    floor = rig.config["pose"]["box_m"][2][0] = rig.surface_m - 0.004
+    end, kept = pressed(rig)
+    assert end == "depth cap"
+    assert rig.surface_m - 1e-3 * kept[-1]["depth_mm"] >= floor
+
+
+def test_no_step_is_taken_that_may_pass_the_soft_limit():
+    end, kept = pressed(Spring(4.5))
+    assert end == "stiff"
+    assert max(frame["force_N"] for frame in kept) <= 12.0
+
+
+def test_holds_and_the_way_up():
+    _, kept = pressed(Spring(2.0, hold_frames=2, unload=True))
+    assert phases(kept)[2:] == ["press"] * 5 + ["hold"] * 2 + ["unload"] * 4
+    assert [f["depth_mm"] for f in kept[-4:]] == pytest.approx([4, 3, 2, 1])
+
+
+def test_a_load_cell_that_has_drifted_stops_before_the_skin_is_touched():
+    rig = Spring(2.0, offset_N=-0.4)
+    with pytest.raises(Fault, match=r"-0\.400 N with nothing touched") as fault:
+        pressed(rig)
+    assert fault.value.reason == "load cell zero"
+    assert rig.depth_mm == 0.0
+
+
+def test_where_there_is_no_skin_it_stops():
+    with pytest.raises(Fault, match=r"no touch within 12\.0 mm") as fault:
+        pressed(Spring(2.0, clearance_mm=50.0))
+    assert fault.value.reason == "no touch"

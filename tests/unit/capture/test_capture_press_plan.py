@@ -1,0 +1,125 @@
+"""The plan: every place with every probe, once, repeatably."""
+
+import copy
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eitskin.capture import configuration
+from eitskin.capture.press_plan import contacts, plan_sha256
+from eitskin.errors import InputError
+
+PAPER = configuration.SCHEMA.parents[1] / "config" / "rig.yaml"
+RIG = yaml.safe_load(PAPER.read_text(encoding="utf-8"))["rig"]
+
+
+def changed(*path: str, to: object) -> dict:
+    """The paper's rig with one value changed."""
+    rig = copy.deepcopy(RIG)
+    node = rig
+    for key in path[:-1]:
+        node = node[key]
+    node[path[-1]] = to
+    return rig
+
+
+def test_the_papers_plan():
+    planned = contacts(RIG["plan"])
+    assert [c.number for c in planned] == list(range(192 * 3))
+    for probe in (7.0, 10.0, 15.0):
+        places = [(c.x_mm, c.y_mm) for c in planned if c.probe_mm == probe]
+        assert len(set(places)) == len(places) == 192
+    assert [c.session for c in planned[::96]] == [
+        "7 mm, 1",
+        "7 mm, 2",
+        "10 mm, 1",
+        "10 mm, 2",
+        "15 mm, 1",
+        "15 mm, 2",
+    ]
+    assert all(8.0 <= c.target_N <= 10.0 for c in planned)
+    radius = max((c.x_mm**2 + c.y_mm**2) ** 0.5 for c in planned)
+    assert radius == pytest.approx(0.86 * 88.0)
+
+
+@given(st.integers(1, 4), st.integers(1, 9), st.integers(1, 5), st.integers(0, 99))
+def test_every_place_once_a_probe_and_the_same_each_time(radii, angles, sessions, seed):
+    plan = RIG["plan"] | {"radii": radii, "angles": angles, "seed": seed}
+    plan |= {"sessions_per_probe": sessions}
+    planned = contacts(plan)
+    assert planned == contacts(plan)
+    assert len(planned) == 3 * radii * angles
+    assert [c.probe_mm for c in planned] == sorted(c.probe_mm for c in planned)
+    sizes = [sum(c.session == s for c in planned) for s in {c.session for c in planned}]
+    assert max(sizes) - min(sizes) <= 1
+
+
+def test_the_fingerprint_follows_what_decides_the_samples():
+    same = plan_sha256(RIG)
+    assert plan_sha256(changed("board", "port", to="/dev/ttyACM7")) == same
+    assert plan_sha256(changed("session", "operator", to="B")) == same
+    assert plan_sha256(changed("plan", "step_mm", to=0.5)) != same
+    assert plan_sha256(changed("limits", "soft_N", to=11.0)) == same
+    assert plan_sha256(changed("pose", "centre", to=[-0.5, -0.2, -0.1, 0.0, 3.14, 0.0])) != same
+    assert plan_sha256(changed("skin", "id", to="gelatin-2")) != same
+    assert plan_sha256(changed("emulated", to=True)) != same
+
+
+def test_the_papers_rig_is_accepted():
+    assert configuration.read(PAPER) == RIG
+
+
+@pytest.mark.parametrize(
+    ("path", "to", "message"),
+    [
+        (("plan", "target_N"), [8.0, 12.0], "rig.plan.target_N: found .*below limits.soft_N, 12.0"),
+        (("plan", "target_N"), [9.0, 8.0], "rig.plan.target_N: found .* two forces in order"),
+        (("plan", "touch_N"), 8.0, "rig.plan.touch_N: found 8.0, expected less than 8.0"),
+        (("plan", "step_mm"), 5.0, "rig.plan.step_mm: found 5.0 mm, up to 10 N more"),
+        (("plan", "search_mm"), 40.0, "rig.pose.box_m, z"),
+        (("plan", "radius_mm"), 200.0, "rig.pose.box_m, x"),
+        (("plan", "probes_mm"), [7.0, 7.0], "rig.plan.probes_mm: .*without repetition"),
+        (("motion", "press_m_s"), 0.02, "rig.motion: found 0.02 m/s: the force grows by 16 N"),
+        (("motion", "travel_m_s"), 1.0, "rig.motion.travel_m_s: found 1.0, expected 0.25 or less"),
+        (("limits", "watchdog_Hz"), 2.0, "rig.limits.watchdog_Hz: found 0.01 m/s: .* by 10 N with"),
+        (("limits", "watchdog_Hz"), 1.0, "rig.limits.watchdog_Hz: found 1.0, expected 2 or more"),
+        (("limits", "watchdog_Hz"), 50.0, "rig.limits.watchdog_Hz: found 50.0, expected 20 or le"),
+        (("limits", "hard_N"), 12.0, "rig.motion: .*at most 0 N"),
+        (("limits", "stale_s"), "1e-1", "rig.limits.stale_s: found '1e-1'"),
+        (("pose", "centre"), [0.0] * 6, "rig.pose.centre: found a tool turned by 0.000 rad"),
+        (("pose", "box_m"), [[1, 0], [0, 1], [0, 1]], "rig.pose.box_m, x: found .*smaller value"),
+        (("skin", "electrode_deg"), [0.0, 90.0], "rig.skin.electrode_deg: found 2 electrodes"),
+        (("skin", "colour"), "pink", "skin.colour: found an unknown key"),
+        (("board", "profile"), "other", "rig.board.profile: found 'other', expected one of"),
+        (("board", "frame_s"), 0.4, "rig.board.frame_s: found 0.4, expected at most period_s"),
+        (("robot", "series"), "ur5", "rig.robot.series: found 'ur5', expected one of cb3, e"),
+        (("name",), "../x", "rig.name: found '../x', expected a name of a-z"),
+    ],
+)
+def test_a_rig_that_cannot_be_driven_safely_is_one_message(path, to, message):
+    with pytest.raises(InputError, match=message) as refused:
+        configuration.validate(changed(*path, to=to), "rig.yaml")
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("key", sorted(RIG["limits"]))
+def test_no_limit_may_be_left_out(key):
+    rig = copy.deepcopy(RIG)
+    del rig["limits"][key]
+    with pytest.raises(InputError, match=f"rig.limits.{key}: found nothing"):
+        configuration.validate(rig, "rig.yaml")
+
+
+@pytest.mark.parametrize("text", ["", "[1, 2]", "rig: {", "other: 1", "rig: 3"])
+def test_a_file_that_holds_no_rig(tmp_path, text):
+    path = tmp_path / "rig.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"rig\.yaml"):
+        configuration.read(path)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(InputError, match="file"):
+        configuration.read(tmp_path / "none.yaml")

@@ -1,0 +1,206 @@
+"""A journal becomes a recording of the format, and a manifest with hashes."""
+
+import copy
+import hashlib
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from eitskin.capture import configuration, journal, record
+from eitskin.capture.press_plan import contacts, plan_sha256
+from eitskin.capture.wire import RMS_STEP_V, measured
+from eitskin.data import check, recording
+from eitskin.errors import InputError
+
+PAPER = configuration.SCHEMA.parents[1] / "config" / "rig.yaml"
+RIG = yaml.safe_load(PAPER.read_text(encoding="utf-8"))["rig"]
+RIG["plan"] |= {"radii": 1, "angles": 2, "probes_mm": [7.0, 10.0]}
+ZERO_N = 0.02
+
+
+class Rig:
+    """Writes the records of a capture; a clock that goes on, frames that are told apart."""
+
+    def __init__(self, emulated: bool = False):
+        self.config = copy.deepcopy(RIG) | {"emulated": emulated}
+        self.draw = np.random.default_rng(5)
+        self.now_s, self.records = 1000.0, []
+        head = {"format": "eit-capture", "version": 1, "config": self.config}
+        self.add("capture", **head, plan_sha256=plan_sha256(self.config))
+        self.planned = contacts(self.config["plan"])
+        self.run = -1
+
+    def add(self, kind: str, **values: object) -> None:
+        self.records.append({"kind": kind, **values})
+
+    def begin_run(self, utc: str = "2026-03-01T10:00:00+00:00") -> None:
+        self.run += 1
+        robot = {"serial": "20201234", "emulated": self.config["emulated"]}
+        clocks = {"monotonic_s": self.now_s, "utc": utc}
+        self.add("run", run=self.run, robot=robot, **clocks)
+
+    def frame(self, about: dict, phase: str, depth_mm: float | None, force_N: float) -> None:
+        self.now_s += 1.0
+        contact = self.planned[about["contact"]]
+        centre = self.config["pose"]["centre"]
+        steps = np.where(measured(16), self.draw.integers(30, 40, (16, 16)), 0)
+        raw = b"".join(b"%.4f, " % (step * RMS_STEP_V) for step in steps.ravel()) + b"\n"
+        pose = [centre[0] + 1e-3 * contact.x_mm, centre[1] + 1e-3 * contact.y_mm, -0.1, 0, 3.1, 0]
+        self.add(
+            "frame",
+            **about,
+            phase=phase,
+            depth_mm=depth_mm,
+            raw=raw.decode(),
+            before_s=self.now_s - 0.35,
+            end_s=self.now_s,
+            end_utc="2026-03-01T10:00:00+00:00",
+            force_N=force_N,
+            force_spread_N=0.01,
+            zero_N=0.0 if phase == "untouched" else ZERO_N,
+            pose_before=pose,
+            pose_end=pose,
+            robot_end_s=self.now_s,
+            saturated=0,
+        )
+
+    def contact(self, number: int, attempt: int = 0, broken: bool = False) -> None:
+        about = {"contact": number, "attempt": attempt, "run": self.run}
+        self.add("begin", **about)
+        self.frame(about, "untouched", None, ZERO_N)
+        self.frame(about, "untouched", None, ZERO_N)
+        for depth in (1.0, 2.0, 3.0):
+            self.frame(about, "press", depth, depth + ZERO_N)
+        if broken:
+            self.add("stop", run=self.run, reason="force", message="too large")
+        else:
+            self.add("end", **about, end="target")
+
+    def journal(self, path):
+        journal.begin(path, self.records[0])
+        writer = journal.Writer(path, journal.read(path))
+        writer.append(*self.records[1:])
+        writer.close()
+        return path
+
+
+@pytest.fixture
+def finished() -> Rig:
+    """Four contacts, of which the second was broken off and redone in a second run."""
+    rig = Rig()
+    rig.begin_run()
+    rig.contact(0)
+    rig.add("reject", port="board", reason="count", detail="3 values", raw="x", end_s=rig.now_s)
+    rig.contact(1, broken=True)
+    rig.now_s = 5.0  # the host was started anew
+    rig.begin_run("2026-03-01T11:00:00+00:00")
+    rig.contact(1, attempt=1)
+    rig.contact(2)
+    rig.contact(3)
+    return rig
+
+
+def test_a_journal_becomes_a_recording_that_the_format_accepts(finished, tmp_path):
+    path = finished.journal(tmp_path / "j.jsonl")
+    record.write(path, tmp_path / "r.parquet", tmp_path / "m.json")
+    recorded = recording.read(tmp_path / "r.parquet")
+    frames = recorded.frames
+    assert len(frames) == 20
+    assert frames["contact"].dropna().astype(int).tolist() == [0] * 3 + [1] * 3 + [2] * 3 + [3] * 3
+    assert frames["force_N"][2:5].tolist() == pytest.approx([1.0, 2.0, 3.0])
+    assert frames["probe_mm"].dropna().unique().tolist() == [7.0, 10.0]
+    assert recorded.voltage.shape == (20, 208)
+    assert recorded.metadata["source"] == "rig"
+    assert recorded.metadata["position_frame"] == "robot"
+    for contact in finished.planned:
+        touched = frames[frames["contact"] == contact.number]
+        np.testing.assert_allclose(touched["x_mm"], contact.x_mm, atol=1e-9)
+        np.testing.assert_allclose(touched["y_mm"], contact.y_mm, atol=1e-9)
+    assert check.check(recorded).ok
+
+
+def test_the_voltages_are_the_raw_lines(finished):
+    recorded, _ = record.to_recording(finished.records, "j")
+    raw = next(r["raw"] for r in finished.records if r["kind"] == "frame")
+    values = [float(value) for value in raw.split(",")[:-1]]
+    channels = recorded.channels
+    assert recorded.voltage[0].tolist() == [values[16 * s + p] for s, _, p, _ in channels]
+
+
+def test_time_goes_on_over_a_restart_of_the_host(finished):
+    recorded, _ = record.to_recording(finished.records, "j")
+    time_s = recorded.frames["time_s"].to_numpy()
+    assert time_s[0] == 0.0
+    assert time_s[5] - time_s[0] == pytest.approx(3600.0)  # both a second after their run began
+
+
+def test_a_clock_that_was_set_back_does_not_turn_time_round(finished):
+    runs = [r for r in finished.records if r["kind"] == "run"]
+    runs[1]["utc"] = "2026-02-01T10:00:00+00:00"
+    recorded, _ = record.to_recording(finished.records, "j")
+    assert (np.diff(recorded.frames["time_s"]) > 0.0).all()
+
+
+def test_the_manifest_says_where_every_byte_came_from(finished, tmp_path):
+    path = finished.journal(tmp_path / "j.jsonl")
+    record.write(path, tmp_path / "r.parquet", tmp_path / "m.json")
+    said = json.loads((tmp_path / "m.json").read_text())
+    for key, file in (("recording_sha256", "r.parquet"), ("journal_sha256", "j.jsonl")):
+        assert said[key] == hashlib.sha256((tmp_path / file).read_bytes()).hexdigest()
+    assert said["source"] == "rig"
+    assert said["plan_sha256"] == plan_sha256(finished.config)
+    assert said["contacts"] == 4
+    assert len(said["runs"]) == 2
+    assert said["rejected_lines"] == {"board: count": 1}
+    assert [stop["reason"] for stop in said["stops"]] == ["force"]
+
+
+def test_the_same_journal_gives_the_same_bytes(finished, tmp_path):
+    path = finished.journal(tmp_path / "j.jsonl")
+    for name in "ab":
+        record.write(path, tmp_path / f"{name}.parquet", tmp_path / f"{name}.json")
+    assert (tmp_path / "a.parquet").read_bytes() == (tmp_path / "b.parquet").read_bytes()
+    assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+
+
+@pytest.mark.parametrize("where", ["configuration", "robot"])
+def test_an_emulated_capture_never_passes_for_a_real_one(finished, where):
+    if where == "configuration":
+        finished.config["emulated"] = True
+    else:
+        finished.records[-7]["robot"] = {}  # some other record changes nothing
+        [r for r in finished.records if r["kind"] == "run"][1]["robot"]["emulated"] = True
+    recorded, left_out = record.to_recording(finished.records, "j")
+    assert recorded.metadata["source"] == "emulated rig"
+    assert record.manifest(finished.records, recorded, left_out)["source"] == "emulated rig"
+
+
+def test_a_capture_with_an_unfinished_contact_is_refused(finished):
+    finished.records.pop()
+    with pytest.raises(InputError, match="found contact 3 of 4 unfinished"):
+        record.to_recording(finished.records, "j")
+
+
+def test_a_raw_line_that_was_changed_is_refused(finished):
+    frame = next(r for r in finished.records if r["kind"] == "frame")
+    frame["number"] = 7
+    frame["raw"] = frame["raw"][8:]
+    with pytest.raises(InputError, match="record 7: found count: 255 values"):
+        record.to_recording(finished.records, "j")
+
+
+def test_a_press_of_which_the_force_is_none_is_left_out_and_counted(finished):
+    frame = next(r for r in finished.records if r["kind"] == "frame" and r["phase"] == "press")
+    frame["force_N"] = ZERO_N - 0.001
+    recorded, left_out = record.to_recording(finished.records, "j")
+    assert (len(recorded.frames), left_out) == (19, 1)
+
+
+def test_the_measured_place_counts_not_the_planned_one(finished):
+    for frame in (r for r in finished.records if r["kind"] == "frame" and r["contact"] == 0):
+        frame["pose_before"] = [frame["pose_before"][0] + 0.002, *frame["pose_before"][1:]]
+        frame["pose_end"] = frame["pose_before"]
+    recorded, _ = record.to_recording(finished.records, "j")
+    assert recorded.frames["x_mm"][2] == pytest.approx(finished.planned[0].x_mm + 2.0)

@@ -1,0 +1,37 @@
+import numpy as np
+import pytest
+
+from eitskin.data import dataset, importers, splits
+from eitskin.learn import metrics, model_file, predict, train
+from shared_data import shared_data
+
+BUDGET = train.Budget(samples=None, epochs=60, patience=60, seeds=1)
+
+
+@pytest.mark.parametrize(
+    ("path", "targets", "unit"),
+    [
+        ("hydrogel-skin/ohmc16.mat", ["x", "y", "depth"], "arbitrary"),
+        ("hydrogel-skin/ohmc8.mat", ["x", "y", "depth"], "arbitrary"),
+        ("patterned-skin/inp_noPattern.csv", ["x", "y"], None),
+    ],
+)
+@pytest.mark.parametrize("kind", ["random", "place"])
+def test_a_real_skin_is_learned_from(tmp_path, path, targets, unit, kind):
+    recording = importers.load(shared_data(path), None)
+    data = dataset.from_recording(recording, "a real skin")
+    assert data.metadata["targets"] == targets
+    assert unit is None or data.metadata["unit"] == unit
+    assert len(data.table) == recording.frames["touch"].sum()
+    part = splits.assign(data.table, kind, 1)
+    assert 0.15 < (part == "test").mean() < 0.25
+    out = tmp_path / "mlp.pt"
+    train.train_predictor(data, part, "mlp", out, train.Optimiser(), BUDGET, 1, 5.0)
+    model = model_file.read(out)
+    found = predict.predict_part(model, data, part)
+    table = metrics.evaluate(found, data, kind, "mlp", "small")
+    assert (table["mean"][table["metric"] == "r2"] > 0.85).all()
+    assert found["abstain"].mean() < 0.1
+    test = data.delta_V[part == "test"]
+    order = np.random.default_rng(0).permutation(test.shape[1])
+    assert predict.judge(model, test[:, order])["abstain"].mean() > 0.7

@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eitskin.data import alignment, reconstruct
+from eitskin.data.importers.description import even_angles
+from eitskin.physics.protocol import channel_table
+
+ACROSS, RADIUS_MM = 40, 80.0
+CHANNELS, ANGLES = channel_table(16), even_angles(16)
+PLACES = reconstruct.pixels(ACROSS)
+JACOBIAN = reconstruct.jacobian(CHANNELS, ANGLES, PLACES, ACROSS)
+
+
+def test_pixels_cover_the_disc():
+    assert len(PLACES) * (2.0 / ACROSS) ** 2 == pytest.approx(np.pi, rel=0.02)
+    assert np.abs(PLACES).max() < 1.0
+    assert len(np.unique(PLACES)) == len(PLACES)
+
+
+def test_pixels_sum_to_what_an_inner_disc_changes():
+    """Against a polar quadrature, away from the electrodes' singularities."""
+    fine = reconstruct.pixels(200, reach=0.7)
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    radius, turns = 0.35 * (nodes + 1.0), np.exp(2j * np.pi * np.arange(64) / 64)
+    expected = sum(
+        0.35 * weight * 2.0 * np.pi * r * alignment.sensitivity(CHANNELS, ANGLES, r * turns).mean(0)
+        for r, weight in zip(radius, weights, strict=True)
+    )
+    found = reconstruct.jacobian(CHANNELS, ANGLES, fine, 200).sum(axis=1)
+    np.testing.assert_allclose(found, expected, atol=0.01 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("strength", [1e-3, 1.0, 100.0])
+def test_noser_is_cheney_s_normal_equation(strength):
+    small = JACOBIAN[:, ::7]
+    normal = small.T @ small
+    expected = np.linalg.solve(normal + strength * np.diag(np.diag(normal)), small.T)
+    np.testing.assert_allclose(
+        reconstruct.noser(small, strength), expected, atol=1e-9 * np.abs(expected).max()
+    )
+
+
+def touch(place, noise=0.003, seed=0):
+    """What a small touch at a complex place changes, over a whole press of five forces, with noise
+    over the largest change."""
+    change = alignment.sensitivity(CHANNELS, ANGLES, np.array([place]))[0]
+    draw = np.random.default_rng(seed).standard_normal((5, len(change)))
+    return np.linspace(0.2, 1.0, 5)[:, None] * change + noise * np.abs(change).max() * draw
+
+
+@settings(max_examples=12)
+@given(radius=st.floats(0.0, 0.85), turn=st.floats(0.0, 2.0 * np.pi), seed=st.integers(0, 9))
+def test_a_small_touch_lights_up_where_it_is(radius, turn, seed):
+    place = radius * np.exp(1j * turn)
+    change = touch(place, seed=seed)
+    strength = reconstruct.strength(JACOBIAN, change)
+    image = reconstruct.noser(JACOBIAN, strength) @ change[-1]
+    assert abs(PLACES[image.argmax()] - place) * RADIUS_MM < 8.0
+    projected = alignment.back_projection(JACOBIAN.T, change[-1:])[:, 0]
+    assert abs(PLACES[projected.argmax()] - place) * RADIUS_MM < 4.0
+
+
+def test_the_image_grows_with_the_touch():
+    change = touch(0.4j)
+    images = reconstruct.noser(JACOBIAN, 1.0) @ change.T
+    assert np.all(np.diff(images.max(axis=0)) > 0)
+
+
+def test_the_strength_minimises_what_cross_validation_says():
+    change = touch(0.5 + 0.1j, noise=0.02)
+    chosen = reconstruct.strength(JACOBIAN, change)
+
+    def score(strength):
+        hat = JACOBIAN @ reconstruct.noser(JACOBIAN, strength)
+        left = change - change @ hat.T
+        return (left**2).mean() / (1.0 - np.trace(hat) / len(hat)) ** 2
+
+    assert score(chosen) < min(score(chosen / 1.3), score(chosen * 1.3))
+
+
+def test_more_noise_asks_for_more_strength():
+    quiet, loud = (reconstruct.strength(JACOBIAN, touch(0.5, noise)) for noise in (0.001, 0.1))
+    assert loud > 3.0 * quiet

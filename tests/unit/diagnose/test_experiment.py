@@ -1,0 +1,222 @@
+"""The next experiment: names that a recording confuses, frames that split them, and that they do
+once they are simulated with noise."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from eitskin.data import recording
+from eitskin.data.recording import Recording, frames_table
+from eitskin.diagnose import experiment
+from eitskin.diagnose.candidates import catalogue
+from eitskin.diagnose.classes import CONFUSED
+from eitskin.diagnose.diagnosis import problem_of
+from eitskin.diagnose.experiment import NOTHING, SAME, Budget, propose
+from eitskin.diagnose.fit import Problem, fit
+from eitskin.diagnose.gaps import Gap, gaps
+from eitskin.diagnose.noise import Noise
+from eitskin.diagnose.search.search import Search
+from eitskin.effects.settings import settings, site_counts
+from eitskin.physics.protocol import channel_table
+from eitskin.physics.skin import Skin
+from eitskin.simulate.readings import simulate
+from simulated_metadata import simulated_metadata
+
+CHANNELS = channel_table(8)
+SKIN = Skin(80.0, 3.0, 0.5, tuple(45.0 * np.arange(8)), 5.0, 2e-3, 1e-3, 0.9)
+PLACES = np.array([30.0 + 20.0j, -45.0 + 5.0j, 10.0 - 50.0j, 5.0 + 2.0j, 55.0 - 20.0j])
+
+
+def recorded(item: dict, forces: list[float], noise: float, **metadata) -> tuple[Recording, Noise]:
+    """Presses at PLACES, an untouched frame before each, one effect present."""
+    force = np.r_[np.zeros(4), np.tile([0.0, *forces], len(PLACES))]
+    place = np.r_[np.zeros(4), np.repeat(PLACES, 1 + len(forces))]
+    time_s = 0.5 * np.arange(len(force))
+    frames = frames_table(time_s, force > 0, place.real, place.imag, force, 10.0)
+    known = simulated_metadata(SKIN, CHANNELS)
+    query = Recording(frames, None, None, None, known | metadata)
+    chosen = settings([item], site_counts(CHANNELS), (0, 0))
+    voltage = simulate(frames, recording.presses(query), SKIN, CHANNELS, chosen, frame_s=0.2)
+    if query.metadata["values"] == "difference":
+        voltage = voltage - voltage[:1]
+    sd = np.full(len(CHANNELS), noise)
+    draw = np.random.default_rng(5).normal(size=voltage.shape)
+    return replace(query, voltage=voltage + sd * draw), Noise(sd, 100.0, "given")
+
+
+def diagnosed(item: dict, rivals: list[str], forces: list[float], noise: float, **metadata):
+    """What `propose` needs of a diagnosis that has found an effect and knows some rivals."""
+    taken, sd = recorded(item, forces, noise, **metadata)
+    problem, scales = problem_of(taken, sd)
+    model = problem.model
+    candidates = catalogue(
+        taken.skin,
+        model.believed,
+        problem.recorded,
+        site_counts(CHANNELS),
+        scales,
+        floating=True,
+        timed=True,
+    )
+    sites = item.get("electrodes") or item.get("drives")
+    effect = next(
+        c
+        for c in candidates
+        if c.name == item["name"] and (sites is None or c.sites == tuple(sites))
+    )
+    candidates = [c for c in candidates if c.name in (effect.name, *rivals)]
+    search = Search(problem, candidates, np.arange(len(model.press)) % 5, 1, lambda line: None)
+    start = np.zeros(len(model.calibrations) + effect.size)
+    after = search.state(fit(problem, [effect], start, polish=True))
+    return SimpleNamespace(
+        recorded=taken, search=search, after=after, gaps=[gaps(search, after, 0)]
+    )
+
+
+RADIUS = {"name": "probe-radius", "parameters": {"ratio": 1.05}}
+GROWTH = {"name": "contact-area-growth", "parameters": {"exponent": 0.02}}
+
+
+@pytest.mark.parametrize(
+    ("item", "rival", "forces", "noise", "words"),
+    [
+        (RADIUS, "touch-contrast", [5.0], 3e-5, "times the force"),
+        (GROWTH, "contact-law", [3.0, 4.0], 3e-5, "a probe twice as wide"),
+        (GROWTH, "probe-radius", [5.0], 1e-5, "times the force"),
+    ],
+)
+def test_the_gap_proposed_is_reached_with_noise(item, rival, forces, noise, words):
+    found = diagnosed(item, [rival], forces, noise)
+    (pair,) = propose(found)["pairs"]
+    assert (pair["a"], pair["b"]) == (item["name"], rival)
+    assert pair["gap_now"] < CONFUSED < pair["gap_then"]
+    assert words in pair["recipe"] and pair["recipe"] != SAME
+    rows = np.arange(len(found.recorded.frames))
+    recipe = experiment._recipes(found, rows)[pair["recipe"]]
+    effects, theta = found.after.effects, found.after.fit.theta
+    model = recipe.simulator()
+    problem = Problem(model, np.zeros(1), recipe.whitening)
+    clean = model.voltage(*problem.split(theta, effects))
+    gained = []
+    for seed in range(6):
+        draw = np.random.default_rng(seed).normal(size=clean.shape)
+        noisy = replace(problem, recorded=clean + recipe.whitening.sd * draw)
+        search = Search(noisy, found.search.candidates, rows, 1, lambda line: None)
+        true = search.state(fit(noisy, effects, theta, polish=True))
+        less = search.less(true, 0)
+        others = [c for c in found.search.candidates if c.name == rival]
+        wrong = min(search.with_effect(less, c).fit.chi2 for c in others)
+        gained.append(wrong - true.fit.chi2)
+    # Each is gap^2 +- 2 gap.
+    error = 2.0 * pair["gap_then"] / np.sqrt(len(gained))
+    assert abs(np.mean(gained) - pair["gap_then"] ** 2) < 3.0 * error
+
+
+def test_more_of_the_same_grows_with_the_root_of_the_frames():
+    found = diagnosed(RADIUS, ["touch-contrast"], [5.0], 1e-5)
+    recipes = experiment._recipes(found, np.arange(len(found.recorded.frames)))
+    now = recipes[experiment.AS_IS].gap(found, Budget(np.inf), 0, "touch-contrast")
+    assert now == pytest.approx(found.gaps[0][0].gap, rel=0.05)
+    assert recipes[SAME].gap(found, Budget(np.inf), 0, "touch-contrast") == pytest.approx(
+        2.0 * now, rel=0.02
+    )
+
+
+def test_what_the_budget_has_no_room_for_is_not_tried(monkeypatch):
+    found = diagnosed(RADIUS, ["touch-contrast"], [5.0], 1e-5)
+    recipes = experiment._recipes(found, np.arange(len(found.recorded.frames)))
+    budget = Budget(1e-9)
+    assert recipes[SAME].gap(found, budget, 0, "touch-contrast") is None
+    assert budget.left < 0.0
+    monkeypatch.setattr(experiment, "SHARE", -1.0)
+    for pair in propose(found)["pairs"]:
+        assert pair["recipe"] == SAME and pair["gap_then"] == pair["gap_now"]
+
+
+def test_a_turned_connector_takes_faults_of_the_skin_along_and_no_others():
+    """Turning twice as many frames as there are electrodes apart would be the same skin: a fault of
+    electrode 3 is at terminal 2 after one turn; a drive's stays."""
+    contact = {"name": "contact-impedance", "electrodes": [3], "parameters": {"ratio": 3.0}}
+    found = diagnosed(contact, [], [5.0], 1e-5)
+    rows = np.arange(len(found.recorded.frames))
+    turned = experiment._recipes(found, rows)[experiment.TURN].simulator()
+    count = len(found.recorded.frames)
+    index = {tuple(row): k for k, row in enumerate(CHANNELS.tolist())}
+    shifted = [index[tuple(row)] for row in ((CHANNELS + 1) % 8).tolist()]
+    knobs = np.zeros(len(turned.calibrations))
+
+    def of(item):
+        chosen = settings([item], site_counts(CHANNELS), (0, 0))
+        voltage = turned.voltage(knobs, chosen)
+        return voltage[:count], voltage[count:]
+
+    before, after = of(contact)
+    np.testing.assert_allclose(after, before[:, shifted], rtol=1e-9)
+    before, after = of({"name": "drive-gain", "drives": [3], "parameters": {"gain": 1.1}})
+    plain = of({"name": "drive-gain", "drives": [3], "parameters": {"gain": 1.0}})[1]
+    gained = ~np.isclose(after[0], plain[0], rtol=1e-9)
+    np.testing.assert_array_equal(gained, CHANNELS[:, 0] == 3)
+
+
+def test_driven_electrodes_split_contacts_from_leaks():
+    contact = {"name": "contact-impedance", "electrodes": [3], "parameters": {"ratio": 3.0}}
+    found = diagnosed(contact, ["ground-leak"], [5.0], 3e-5)
+    recipes = experiment._recipes(found, np.arange(len(found.recorded.frames)))
+    driven, same = (
+        recipes[k].gap(found, Budget(np.inf), 0, "ground-leak") for k in (experiment.DRIVE, SAME)
+    )
+    assert driven > 3.0 * same
+    points = replace(SKIN, electrode_width_mm=0.0).metadata()
+    gain = {"name": "drive-gain", "drives": [3], "parameters": {"gain": 1.1}}
+    found = diagnosed(gain, [], [5.0], 1e-4, skin=points)
+    recipes = experiment._recipes(found, np.arange(len(found.recorded.frames)))
+    assert experiment.DRIVE not in recipes
+
+
+def test_presses_go_on_in_the_rhythm_of_the_recording():
+    found = diagnosed(RADIUS, [], [2.0, 6.0, 4.0], 1e-5)
+    frames = found.recorded.frames
+    run = experiment._Run(found.recorded, found.search.problem.model, np.arange(len(frames)))
+    plans = run.presses()
+    for plan in plans.values():
+        time_s = np.r_[frames["time_s"], plan["time_s"]]
+        assert np.all(np.diff(time_s) > 0)
+        assert plan["contact"].min() == len(PLACES)
+    back = next(p for text, p in plans.items() if "way back" in text)
+    forces = back.loc[back["contact"] == len(PLACES), "force_N"]
+    assert forces.tolist() == [2.0, 6.0, 2.0, 4.0]
+    held = next(p for text, p in plans.items() if "hold" in text)
+    one = held[held["contact"] == len(PLACES)]
+    assert one["force_N"].tolist() == [2.0, 6.0, 6.0, 6.0, 6.0, 4.0]
+    np.testing.assert_allclose(np.diff(one["time_s"]), [0.5, 10.0, 10.0, 10.0, 0.5])
+
+
+def test_presses_left_out_of_the_comparison_are_in_the_proof(monkeypatch):
+    found = diagnosed(RADIUS, ["touch-contrast"], [5.0], 3e-5)
+    whole = propose(found)
+    monkeypatch.setattr(experiment, "MOST_PRESSES", 2)
+    assert propose(found)["pairs"] == whole["pairs"]
+
+
+def test_differences_can_be_told_apart_too():
+    found = diagnosed(RADIUS, ["touch-contrast"], [5.0], 3e-5, values="difference")
+    (pair,) = propose(found)["pairs"]
+    assert pair["gap_now"] < CONFUSED < pair["gap_then"]
+
+
+def test_what_nothing_splits_is_said():
+    found = diagnosed(RADIUS, ["touch-contrast"], [5.0], 1e-2)
+    said = propose(found)
+    assert said["sentence"].startswith("Nothing tried would tell probe-radius from touch-contrast")
+    assert said["pairs"][0]["gap_then"] < CONFUSED
+
+
+def test_pairs_are_alternatives_or_a_near_rival():
+    found = diagnosed(RADIUS, ["touch-contrast"], [5.0], 3e-5)
+    for distances, rivals in (([2.0, 2.9, 4.0], "ab"), ([3.5, 4.0], "a"), ([6.0], ""), ([], "")):
+        named = [Gap(name, gap, 9.0) for name, gap in zip("abc", distances, strict=False)]
+        found.gaps = [named]
+        assert "".join(rival for _, rival, _ in experiment._pairs(found)) == rivals
+    assert propose(found) == {"sentence": NOTHING, "pairs": []}

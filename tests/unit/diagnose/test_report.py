@@ -1,0 +1,304 @@
+"""The report: whole, readable without anything else, the same bytes for the same inputs."""
+
+import json
+import re
+import time
+from html import unescape
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from diagnosed_skin import CHANNELS, KINDS, SCHEMA, diagnosed
+from eitskin import plotting
+from eitskin.diagnose.report import evidence, figures, page
+from eitskin.effects import EFFECTS
+from eitskin.effects.effect import SITES
+from eitskin.errors import InputError
+
+VOID = {"meta", "br"}
+RULES = Path(__file__).parents[3] / "workflow" / "rules" / "diagnosis_report.smk"
+CAPTIONS = Path(__file__).parents[3] / "workflow" / "report"
+
+
+class Page(HTMLParser):
+    """A strict reader: every element closed in order, ids once; its text and attributes."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.ids, self.attributes, self.texts = [], [], [], []
+        self.feed(text)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag, attributes):
+        self.handle_startendtag(tag, attributes)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.attributes += [(tag, key, value) for key, value in attributes]
+        self.ids += [value for key, value in attributes if key == "id"]
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.texts.append(data)
+
+    @property
+    def text(self):
+        return re.sub(r"\s+", " ", "".join(self.texts))
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """The folder of each kind, with its report, and how long that took."""
+    found = {}
+    for kind in KINDS:
+        folder, recording = diagnosed(tmp_path_factory.mktemp(kind), kind)
+        begin = time.perf_counter()
+        page.write(folder, recording, SCHEMA, folder / "report.html")
+        found[kind] = folder, time.perf_counter() - begin
+    return found
+
+
+def page_of(written, kind):
+    return (written[kind][0] / "report.html").read_text(encoding="utf-8")
+
+
+def edited(folder, file, change):
+    """Change the content of a JSON file of a folder in place."""
+    path = folder / file
+    content = json.loads(path.read_text(encoding="utf-8"))
+    change(content)
+    path.write_text(json.dumps(content), encoding="utf-8")
+
+
+def rewritten(folder):
+    page.write(folder, folder / "recording.parquet", SCHEMA, folder / "report.html")
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_is_one_file_that_needs_no_other(written, kind):
+    text = page_of(written, kind)
+    parsed = Page(text)
+    assert len(parsed.ids) == len(set(parsed.ids))
+    for word in ("http:", "https:", "src=", "<link", "<script", "@import", "<iframe", "nan"):
+        assert word not in text, word
+    for tag, key, value in parsed.attributes:
+        if key == "href":
+            assert tag == "use" and value.removeprefix("#") in parsed.ids
+        for reference in re.findall(r"url\((.*?)\)", value or ""):
+            assert reference.removeprefix("#") in parsed.ids
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_says_what_the_diagnosis_says(written, kind):
+    folder, _ = written[kind]
+    diagnosis = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
+    text = Page(page_of(written, kind)).text
+    for effect in diagnosis["effects"]:
+        assert effect["sentence"] in text
+        assert all(name in text for name in effect["alternatives"])
+    assert (diagnosis["other"]["sentence"] or "") in text
+    assert all(name in text for name in diagnosis["unobservable"])
+    assert "0.49910 (90 %: 0.49870 to 0.49960)" in text
+    assert "the odd half of reciprocal pairs" in text
+
+
+def test_an_effect_comes_with_numbers_and_a_mend(written):
+    text = Page(page_of(written, "explained")).text
+    assert "ratio = 2.104 (90 %: 2.087 to 2.121)" in text
+    assert "Re-seat electrode 7." in text
+    assert "The 20 states of the query are predicted" in text
+    assert "states of the query" not in page_of(written, "consistent")
+
+
+def test_figures_are_drawn_or_their_absence_told(written):
+    drawn = {kind: page_of(written, kind).count("<svg ") for kind in KINDS}
+    assert drawn["explained"] == len(figures.FIGURES)
+    assert drawn["untouched"] == 4
+    text = Page(page_of(written, "untouched")).text
+    assert "No frame was touched: there is no misfit against force." in text
+    assert "No effect was named" in text
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_figure_is_a_file_in_both_formats(written, kind):
+    for name in figures.FIGURES:
+        path = written[kind][0] / "figures" / name
+        assert path.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+        svg = path.with_suffix(".svg").read_text(encoding="utf-8")
+        width = float(re.search(r'<svg [^>]*width="([\d.]+)pt"', svg)[1])
+        assert width == pytest.approx(85 / 25.4 * 72, rel=1e-3)
+
+
+def test_it_is_fast(written):
+    assert max(seconds for _, seconds in written.values()) < 6.0
+
+
+def test_equal_inputs_give_equal_bytes(written, tmp_path):
+    folder, recording = diagnosed(tmp_path / "again", "explained")
+    page.write(folder, recording, SCHEMA, folder / "report.html")
+    first = written["explained"][0]
+    files = [path.relative_to(folder) for path in sorted(folder.rglob("*")) if path.is_file()]
+    assert len(files) > 25
+    for file in files:
+        assert (folder / file).read_bytes() == (first / file).read_bytes(), file
+
+
+def test_before_and_after_are_drawn_from_the_residuals(written):
+    found = evidence.read(written["explained"][0], *_rest(written["explained"][0]))
+    drawn = figures.draw(found)
+    titles = [axes.get_title() for axes in drawn["residual_matrix"].axes[:2]]
+    rms = [float(np.sqrt(np.nanmean(r**2))) for r in (found.before, found.after)]
+    assert [float(title.rpartition(" ")[2]) for title in titles] == pytest.approx(rms, rel=5e-3)
+    before, after = (axes.collections[0].get_array() for axes in drawn["residual_matrix"].axes[:2])
+    k = int(np.nanargmax(np.abs(np.nanmean(found.before, axis=0))))
+    source, _, plus, _ = CHANNELS[k]
+    assert before[source, plus] == pytest.approx(np.nanmean(found.before[:, k]))
+    assert after[source, plus] == pytest.approx(np.nanmean(found.after[:, k]))
+    assert before.mask.sum() == 16 * 16 - len(CHANNELS)
+    lines = drawn["misfit_time"].axes[0].lines
+    assert lines[0].get_ydata() == pytest.approx(np.nanmean(found.before**2, axis=1))
+    assert {lines[0].get_color(), lines[1].get_color()} == {plotting.BEFORE}
+
+
+def _rest(folder):
+    return folder / "recording.parquet", SCHEMA
+
+
+def test_what_the_diagnosis_writes_is_text_not_markup(tmp_path):
+    folder, _ = diagnosed(tmp_path, "partly-explained")
+    evil = "<script>alert('x')</script> & <b>"
+
+    def change(diagnosis):
+        diagnosis["recording"] = diagnosis["effects"][0]["sentence"] = evil
+        diagnosis["other"] |= {"sentence": evil, "law": evil}
+
+    edited(folder, "diagnosis.json", change)
+    edited(folder, "evidence/experiment.json", lambda e: e["pairs"][0].update(recipe=evil))
+    table = pd.read_csv(folder / "evidence" / "search.csv")
+    table.assign(sites=evil).to_csv(folder / "evidence" / "search.csv", index=False)
+    parsed = Page(rewritten(folder))
+    assert "<script>" not in (folder / "report.html").read_text(encoding="utf-8")
+    assert unescape(parsed.text).count(evil) >= 6
+
+
+def test_sites_of_every_kind_and_no_gap(tmp_path):
+    """Every name of the catalogue at its sites: drawn, and mended in words without a gap."""
+    folder, _ = diagnosed(tmp_path, "explained")
+
+    def change(diagnosis):
+        sample = diagnosis["effects"][0]
+        diagnosis["effects"] = []
+        for name in sorted(set(EFFECTS) - {"ellipse", "adc-nonlinearity"}):
+            effect = EFFECTS[name]
+            kind = next(iter(effect.sites), None)
+            chosen = {k: [] for k in SITES}
+            if kind:
+                chosen[kind] = [2, 5]
+            parameters = {
+                key: {"value": 1.5, "low": 1.25, "high": 1.75, "unit": one.unit}
+                for key, one in effect.parameters.items()
+            }
+            new = {"name": name, "driver": effect.driver, "parameters": parameters, "gap": None}
+            new |= {"alternatives": [], "scope": "sparse" if kind else "common"}
+            diagnosis["effects"].append({**sample, **new, **chosen})
+
+    edited(folder, "diagnosis.json", change)
+    text = Page(rewritten(folder)).text
+    assert "{" not in text
+    assert text.count("No other name looks like it.") == len(EFFECTS) - 2
+    for words in (
+        "Re-seat electrodes 2 and 5.",
+        "Exchange the wires of electrodes 2 and 5.",
+        "Calibrate channels 2 and 5 with a resistor phantom.",
+        "Check the current with electrodes 2 and 5 as source.",
+        "Zero the amplifier at the measuring pairs at electrodes 2 and 5 with its inputs shorted.",
+    ):
+        assert words in text
+
+
+def test_dense_values_are_summed_up(tmp_path):
+    folder, _ = diagnosed(tmp_path, "explained")
+
+    def change(diagnosis):
+        value = np.linspace(0.9, 1.0, 208)
+        value[13] = 1.3
+        gain = {"value": value, "low": value - 0.01, "high": value + 0.01}
+        gain = {key: numbers.tolist() for key, numbers in gain.items()} | {"unit": "1"}
+        new = {"name": "channel-gain", "scope": "dense", "electrodes": [], "parameters": {}}
+        new |= {"channels": list(range(208)), "parameters": {"gain": gain}}
+        diagnosis["effects"][0] |= new
+
+    edited(folder, "diagnosis.json", change)
+    text = Page(rewritten(folder)).text
+    assert "from 0.900 to 1.30, farthest out 1.300 (90 %: 1.290 to 1.310) at channel 13" in text
+    assert "channel-gain, 208 channels, static" in text
+
+
+def test_the_atlas_shows_what_is_significant(written):
+    folder, _ = written["explained"]
+    table = pd.read_csv(folder / "evidence" / "atlas_before.csv")
+    assert (table["q"] < 0.05).all()
+    text = Page(page_of(written, "explained")).text
+    assert "16 of 16 statistics at a false discovery rate of 5%" in text
+    assert "None of 16 statistics is significant." in text
+
+
+def test_an_unfinished_folder_is_refused(tmp_path):
+    folder, _ = diagnosed(tmp_path, "consistent")
+    path = folder / "evidence" / "rivals.csv"
+    path.write_text("effect,instead\n")
+    with pytest.raises(InputError, match=r"rivals.csv: columns: found effect, instead, expected"):
+        rewritten(folder)
+    path.unlink()
+    with pytest.raises(InputError, match=r"rivals.csv: file: found no such file"):
+        rewritten(folder)
+    assert not (folder / "report.html").exists()
+
+
+def test_a_prediction_without_its_spread_is_refused(tmp_path):
+    folder, _ = diagnosed(tmp_path, "explained")
+    table = pd.read_parquet(folder / "predicted.parquet")
+    table.drop(columns="std_V").to_parquet(folder / "predicted.parquet")
+    with pytest.raises(InputError, match=r"predicted.parquet: column std_V: found nothing"):
+        rewritten(folder)
+
+
+def test_residuals_of_another_shape_are_refused(tmp_path):
+    folder, _ = diagnosed(tmp_path, "consistent")
+    path = folder / "evidence" / "residuals.npz"
+    with np.load(path) as file:
+        arrays = dict(file)
+    np.savez(path, **arrays | {"after": arrays["after"][:, :-1]})
+    with pytest.raises(InputError, match=r"residuals.npz: after: found shape"):
+        rewritten(folder)
+    del arrays["noise_source"]
+    np.savez(path, **arrays)
+    with pytest.raises(InputError, match=r"residuals.npz: noise_source: found nothing"):
+        rewritten(folder)
+
+
+def test_a_number_that_is_none_is_refused(tmp_path):
+    folder, _ = diagnosed(tmp_path, "explained")
+    path = folder / "evidence" / "identifiability.csv"
+    table = pd.read_csv(path, dtype=str)
+    table.loc[3, "gap"] = "large"
+    table.to_csv(path, index=False)
+    with pytest.raises(InputError, match=r"column gap, row 3: found 'large'"):
+        rewritten(folder)
+
+
+def test_the_workflow_knows_every_figure_and_captions_it():
+    rule = RULES.read_text(encoding="utf-8")
+    for name in figures.FIGURES:
+        assert f'"{name}":' in rule
+        assert (CAPTIONS / f"{name}.rst").is_file()
+    assert set(page.CAPTIONS) == set(figures.FIGURES)

@@ -1,0 +1,100 @@
+"""Score tests: their p-values are uniform by chance, alone and over the whole catalogue."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from eitskin.diagnose.search import channels
+from eitskin.diagnose.search.screen import Null, log_evidence, null, score, sparse, subset
+from eitskin.diagnose.search.search import discrete
+from eitskin.diagnose.tangents import Tangents
+from small_skin import calibrated, candidates_of, problem_of, small_recording
+
+PROBLEM, SCALES = problem_of(small_recording(places=2))
+CATALOGUE = candidates_of(small_recording(places=2), PROBLEM, SCALES)
+DRAWS = 150
+
+
+@pytest.fixture(scope="module")
+def tangents():
+    return Tangents(calibrated(PROBLEM))
+
+
+@pytest.fixture(scope="module")
+def columns(tangents):
+    """Every candidate with tangents, kept for residuals of any noise."""
+    usable = [
+        c
+        for c in CATALOGUE
+        if c.kind != "channels" and not discrete(c) and c.name != "mains-interference"
+    ]
+    return {c.key: (c, tangents.of(c)) for c in usable if len(tangents.of(c))}
+
+
+def noisy(tangents, columns, draw):
+    """What score tests see of a recording without any effect."""
+    residual = tangents.away(draw.normal(size=tangents.residual.size))
+    return SimpleNamespace(residual=residual, of=lambda c: columns[c.key][1])
+
+
+def test_a_score_s_p_value_is_uniform_by_chance(tangents, columns):
+    draw = np.random.default_rng(1)
+    p = [
+        [score(seen, c).p_value for c, _ in list(columns.values())[::40]]
+        for seen in (noisy(tangents, columns, draw) for _ in range(DRAWS))
+    ]
+    assert all(kstest(one, "uniform").pvalue > 1e-4 for one in np.transpose(p))
+
+
+def test_the_least_p_value_of_the_catalogue_is_calibrated(tangents, columns):
+    chosen = [c for c, _ in columns.values()]
+    nothing = null(tangents, chosen, 0, 1)
+    draw = np.random.default_rng(2)
+    found = []
+    for _ in range(DRAWS):
+        seen = noisy(tangents, columns, draw)
+        found.append(nothing.p_value(min(score(seen, c).p_value for c in chosen)))
+    assert kstest(found, "uniform").pvalue > 1e-3
+    assert nothing.p_value(0.0) == pytest.approx(1 / (1 + len(nothing.least)))
+
+
+def test_further_looks_count():
+    alone, many = Null(np.linspace(0.0, 1.0, 1001), 0), Null(np.linspace(0.0, 1.0, 1001), 500)
+    assert many.p_value(1e-3) > alone.p_value(1e-3) + 0.3
+
+
+def test_a_planted_signature_has_the_best_score(tangents, columns):
+    draw = np.random.default_rng(3)
+    alone = [c for c, own in columns.values() if len(own) == 1]
+    for candidate in alone[::10]:
+        own = columns[candidate.key][1]
+        seen = noisy(tangents, columns, draw)
+        seen.residual = seen.residual + 30.0 * own[0] / np.linalg.norm(own[0])
+        gains = {c.key: score(seen, c).gain for c in alone}
+        assert gains[candidate.key] > 0.97 * max(gains.values())
+
+
+def test_evidence_falls_where_a_coordinate_brings_nothing():
+    assert log_evidence(np.zeros(1), np.full((1, 1), 1e4)) < 0.0
+    assert log_evidence(np.full(1, 2e3), np.full((1, 1), 1e4)) > 100.0
+    assert log_evidence(np.zeros(0), np.zeros((0, 0))) == -np.inf
+
+
+def test_a_subset_is_found(tangents):
+    dense = next(c for c in CATALOGUE if c.name == "contact-impedance" and c.scope == "dense")
+    own = tangents.of(dense)
+    residual = 20.0 * (own[2] / np.linalg.norm(own[2]) - own[6] / np.linalg.norm(own[6]))
+    seen = SimpleNamespace(residual=residual, of=tangents.of)
+    assert subset(seen, dense).sites == (2, 6)
+
+
+def test_single_channels_scores_are_those_of_their_columns(tangents):
+    dense = next(c for c in CATALOGUE if c.name == "channel-gain")
+    best, second, *rest = channels.scores(tangents, dense)
+    for found in (best, second):
+        alone = score(tangents, sparse(dense, found.candidate.sites))
+        assert found.gain == pytest.approx(alone.gain, rel=1e-6)
+        assert found.p_value == pytest.approx(alone.p_value, rel=1e-5)
+    assert rest[-1].candidate == dense and rest[-1].dof == 40

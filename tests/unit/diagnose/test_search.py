@@ -1,0 +1,304 @@
+"""Whole diagnoses of tiny recordings, and the controls: evidence that goes where it must."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.trial import true_gaps
+from eitskin.diagnose import diagnosis, result
+from eitskin.diagnose.atlas import atlas
+from eitskin.diagnose.corrected import items
+from eitskin.diagnose.fit import fit
+from eitskin.diagnose.search import search
+from eitskin.diagnose.search.screen import score
+from eitskin.diagnose.search.search import Search, State
+from eitskin.diagnose.tangents import Tangents
+from eitskin.errors import InputError
+from small_skin import (
+    CHANNELS,
+    SKIN,
+    calibrated,
+    candidates_of,
+    problem_of,
+    small_recording,
+    voltage,
+)
+
+CONTACT = {"name": "contact-impedance", "electrodes": [3], "parameters": {"ratio": 1.7}}
+SWAP = {"name": "electrode-swap", "electrodes": [1, 5], "parameters": {}}
+MEMORY = {"name": "multiplexer-memory", "parameters": {"mu": 0.03}}
+DRIFT = {"name": "conductivity-drift", "parameters": {"per_minute": 0.00025}}
+NOISE = 5e-4
+
+
+@pytest.fixture(scope="module")
+def contact():
+    """A recording of one poor contact, and its diagnosis."""
+    recorded = small_recording(CONTACT, noise=NOISE, places=4)
+    return recorded, diagnosis.diagnose(recorded)
+
+
+def test_nothing_missing_is_consistent():
+    said = result.result(diagnosis.diagnose(small_recording(noise=NOISE, places=4)), "null")
+    assert said["verdict"] == "consistent" and said["effects"] == []
+    assert 0.8 < said["fit"]["held_out"]["chi2_per_dof_after"] < 1.25
+    conductivity = said["calibration"]["conductivity_S_per_m"]
+    assert 0.49 < conductivity["low"] < conductivity["high"] < 0.51
+
+
+def test_one_effect_is_found(contact):
+    said = result.result(contact[1], "contact")
+    assert said["verdict"] == "explained"
+    (effect,) = said["effects"]
+    assert (effect["name"], effect["electrodes"], effect["scope"]) == (
+        "contact-impedance",
+        [3],
+        "sparse",
+    )
+    assert 1.4 < effect["parameters"]["ratio"]["low"] < 1.75
+    assert effect["share"] > 0.8 and effect["evidence"]["elpd_gain"] > 30
+    fit = said["fit"]["held_out"]
+    assert fit["chi2_per_dof_after"] < 1.2 < fit["chi2_per_dof_before"]
+
+
+@pytest.mark.parametrize(("ratio", "electrodes"), [(1.1, [3]), (1.15, [3, 6])])
+def test_a_further_site_must_earn_what_an_effect_must(ratio, electrodes):
+    """The second contact is worth one nat at a ratio of 1.1, ten at 1.15."""
+    both = {**CONTACT, "electrodes": [3, 6], "parameters": {"ratio": [1.7, ratio]}}
+    found = diagnosis.diagnose(small_recording(both, noise=NOISE, places=4))
+    (effect,) = result.result(found, "further")["effects"]
+    assert (effect["name"], effect["electrodes"]) == ("contact-impedance", electrodes)
+
+
+def test_an_effect_gives_way_to_itself_at_further_sites_as_to_no_other(contact):
+    _, found = contact
+    (effect,) = found.after.effects
+    more = replace(effect, sites=(3, 6, 7))
+    assert search._lead(effect, more) == 2 * search.LEAST_EVIDENCE
+    width = next(c for c in found.search.candidates if c.name == "electrode-width" and c.sites)
+    for other in (replace(more, scope="dense"), replace(more, sites=(6, 7)), width):
+        assert search._lead(effect, other) == search.LEAD
+
+
+def test_swapped_wires_are_found_beside_another_fault():
+    recorded = small_recording(SWAP, MEMORY, noise=NOISE, places=2)
+    said = result.result(diagnosis.diagnose(recorded), "swapped")
+    found = {effect["name"]: effect for effect in said["effects"]}
+    assert set(found) == {"electrode-swap", "multiplexer-memory"}
+    assert found["electrode-swap"]["electrodes"] == [1, 5]
+    assert found["multiplexer-memory"]["parameters"]["mu"]["value"] == pytest.approx(0.03, abs=2e-3)
+
+
+def test_a_search_on_few_frames_goes_on_with_all(monkeypatch):
+    weak = {"name": "multiplexer-memory", "parameters": {"mu": 2e-4}}
+    monkeypatch.setattr(diagnosis, "FIRST_FRAMES", 11)
+    found = diagnosis.diagnose(small_recording(CONTACT, weak, noise=NOISE))
+    assert [effect.name for effect in found.after.effects] == [
+        "contact-impedance",
+        "multiplexer-memory",
+    ]
+    steps = [(step["action"], step["effect"]) for step in found.search.path]
+    assert steps == [("calibrate", ""), ("start", ""), ("add", "multiplexer-memory")]
+    monkeypatch.setattr(diagnosis, "FIRST_SHARE", 0.0)
+    unbegun = diagnosis.diagnose(small_recording(CONTACT, weak, noise=NOISE)).search.path
+    assert "start" not in [step["action"] for step in unbegun]
+    assert unbegun[-1]["action"] == "cut short"
+
+
+def test_equal_seeds_give_equal_diagnoses(contact):
+    recorded, found = contact
+    again = diagnosis.diagnose(recorded)
+    assert result.result(again, "x") == result.result(found, "x")
+
+
+def test_the_recovered_effect_in_a_clean_simulation_has_the_same_atlas(contact):
+    recorded, found = contact
+    clean = small_recording(*items(found.after.fit), noise=0.0, places=4)
+    draw = np.random.default_rng(9)
+    sd = found.noise.sd
+    again = replace(recorded, voltage=clean.voltage + sd * draw.normal(size=clean.voltage.shape))
+    atlases = []
+    for one in (recorded, again):
+        problem, _ = diagnosis.problem_of(one, found.noise)
+        fitted = calibrated(problem)
+        jacobian = fitted.jacobian.reshape(1, -1).T
+        atlases.append(atlas(one, fitted.residual, fitted.voltage() / sd, jacobian))
+    tops = [[*zip(a["statistic"], a["site"], strict=True)][:5] for a in atlases]
+    assert tops[0][0] == tops[1][0]
+    assert len(set(tops[0]) & set(tops[1])) >= 3
+    after = found.atlas_after
+    assert (after["q"] > 0.05).all() and (atlases[0]["q"] < 1e-6).sum() >= 5
+
+
+def p_values(recorded, residual, *names, sites=None):
+    """Score tests' p-values of candidates about the calibrated fit of a recording whose whitened
+    misfit is exchanged for `residual` of it."""
+    problem, scales = problem_of(recorded, NOISE)
+    tangents = Tangents(calibrated(problem))
+    tangents.residual = tangents.away(residual(tangents.fit.residual).ravel())
+    every = candidates_of(recorded, problem, scales)
+    return [
+        score(tangents, c).p_value for c in every if c.name in names and c.sites in (sites, None)
+    ]
+
+
+def test_shuffled_times_take_the_evidence_of_a_drift():
+    recorded = small_recording(DRIFT, noise=NOISE, places=8)
+    order = np.random.default_rng(4).permutation(len(recorded.frames))
+    (before,) = p_values(recorded, lambda r: r, "conductivity-drift")
+    (after,) = p_values(recorded, lambda r: r[order], "conductivity-drift")
+    assert before < 1e-10 and after > 1e-3
+
+
+def test_shuffled_channels_take_the_evidence_of_a_contact(contact):
+    recorded, _ = contact
+    order = np.random.default_rng(4).permutation(len(CHANNELS))
+    (before,) = p_values(recorded, lambda r: r, "contact-impedance", sites=(3,))
+    (after,) = p_values(recorded, lambda r: r[:, order], "contact-impedance", sites=(3,))
+    assert before < 1e-10 and after > 1e-3
+
+
+def test_turned_electrode_labels_turn_the_answer(contact):
+    """What electrode 3 did, told of electrode k + 2 wherever it was told of k, is electrode 5's."""
+    recorded, _ = contact
+    turned = (CHANNELS + 2) % 8
+    at = [int(np.flatnonzero((row == CHANNELS).all(axis=1))[0]) for row in turned]
+    still = ~recorded.frames["touch"].to_numpy()
+    one = replace(recorded, frames=recorded.frames[still].reset_index(drop=True))
+    one.voltage = recorded.voltage[still].copy()
+    one.voltage[:, at] = recorded.voltage[still]
+    problem, scales = problem_of(one, NOISE)
+    tangents = Tangents(calibrated(problem))
+    own = [c for c in candidates_of(one, problem, scales) if c.name == "contact-impedance"]
+    gains = {c.sites[0]: score(tangents, c).gain for c in own if c.scope == "sparse"}
+    assert max(gains, key=gains.get) == 5
+
+
+def test_an_effect_is_taken_out_where_no_skin_has_the_rest_alone():
+    """Contacts better than can be resolved on the electrodes believed in, on narrower ones."""
+    recorded = small_recording(noise=NOISE, places=1)
+    skin = {**recorded.metadata["skin"], "contact_impedivity_ohm_m2": 4e-6}
+    recorded = replace(recorded, metadata={**recorded.metadata, "skin": skin})
+    problem, scales = problem_of(recorded, NOISE)
+    every = candidates_of(recorded, problem, scales)
+    effects = [
+        next(c for c in every if c.name == name and c.scope == "common")
+        for name in ("contact-impedance", "electrode-width")
+    ]
+    ratio = np.log(0.4) / scales.of(effects[0].effect.parameters["ratio"])
+    width = np.log(0.5) / scales.of(effects[1].effect.parameters["width_mm"])
+    both = fit(problem, effects, np.array([0.0, ratio, width]), enough=-np.inf)
+    alone = both.theta[:2]
+    with pytest.raises(InputError, match="z sigma / width"):
+        problem.residual(alone, effects[:1])
+    search = Search(problem, every, np.zeros(len(recorded.frames), int), 1, lambda line: None)
+    less = search.without(State(both, search.fold, 0.0), 1)
+    assert (
+        less.effects == effects[:1]
+        and less.fit.chi2 < (problem.residual(np.zeros(2), effects[:1]) ** 2).sum()
+    )
+
+
+def test_a_body_is_found_from_beliefs_where_a_sheet_took_the_calibrations_astray():
+    """Its depth is unknown, and the best of sheets has a conductivity far from any belief."""
+    deep = replace(SKIN, thickness_mm=20.0, electrode_height_mm=5.0, electrode_z_mm=8.0)
+    recorded = small_recording({"name": "third-dimension"}, noise=NOISE, places=1, skin=deep)
+    skin = {**recorded.metadata["skin"], "thickness_mm": None}
+    recorded = replace(recorded, metadata={**recorded.metadata, "skin": skin})
+    problem, scales = problem_of(recorded, NOISE)
+    every = candidates_of(recorded, problem, scales)
+    search = Search(problem, every, np.zeros(len(recorded.frames), int), 1, lambda line: None)
+    sheet = search.calibrated()
+    assert sheet.fit.chi2 > 2.0 * problem.whitening.size and sheet.fit.theta.max() > 5.0
+    shallow = next(c for c in every if c.name == "third-dimension")
+    assert shallow.start["depth_mm"] < 14.0
+    found = search.with_effect(sheet, shallow).fit
+    assert found.chi2 < 1.2 * problem.whitening.size
+    (body,) = found.settings()
+    assert abs(body.values["depth_mm"] - 20.0) < 0.5
+
+
+def free_gains(found):
+    """A gain of its own for every channel, in place of what was found."""
+    search = found.search
+    free = next(c for c in search.candidates if c.name == "channel-gain")
+    return search.with_effect(search.calibrated(), free)
+
+
+def test_free_gains_lose_unless_they_are_there(contact):
+    _, found = contact
+    assert free_gains(found).log_evidence < found.after.log_evidence - 10
+    gain = 1 + 0.02 * np.random.default_rng(3).normal(size=len(CHANNELS))
+    planted = {"name": "channel-gain", "parameters": {"gain": gain.tolist()}}
+    recorded = small_recording(planted, noise=NOISE, places=1)
+    said = result.result(diagnosis.diagnose(recorded), "gains")
+    assert [(e["name"], e["scope"]) for e in said["effects"]] == [("channel-gain", "dense")]
+    estimate = said["effects"][0]["parameters"]["gain"]
+    apart = np.array(estimate["value"]) / np.mean(estimate["value"]) - gain / gain.mean()
+    assert np.abs(apart).max() < 5 * NOISE
+
+
+def test_what_is_injected_is_what_was_planted(contact):
+    recorded, found = contact
+    (item,) = items(found.after.fit)
+    assert item["name"] == "contact-impedance" and item["electrodes"] == [3]
+    corrected = voltage(recorded, [item])
+    assert np.sqrt(np.mean((corrected - voltage(recorded, [CONTACT])) ** 2)) < 0.5 * np.median(
+        found.noise.sd
+    )
+
+
+def test_a_search_that_has_spent_its_skins_ends_with_what_it_has(contact, monkeypatch):
+    monkeypatch.setattr(search, "MOST_SOLVED", 0)
+    found = diagnosis.diagnose(contact[0])
+    assert found.search.path[-1]["action"] == "cut short"
+    assert contact[1].search.path[-1]["action"] != "cut short"
+    said = result.result(found, "contact")
+    assert said["verdict"] == "unexplained" and said["effects"] == []
+    assert said["other"]["probability"] > 0.5
+
+
+def test_what_a_search_cut_short_missed_has_its_gaps_all_the_same(contact, monkeypatch):
+    monkeypatch.setattr(search, "MOST_SOLVED", 1)
+    found = diagnosis.diagnose(contact[0])
+    assert found.after.effects == []
+    (listed,) = true_gaps(found, [CONTACT], ["sparse"])
+    assert 0.0 < listed[0][1] == min(gap for _, gap in listed)
+
+
+def test_a_query_beyond_the_physics_found_is_predicted_as_far_as_it_goes(capsys):
+    law = {"name": "force-dependent-impedance", "electrodes": [2], "parameters": {"per_N": -0.09}}
+    recorded = small_recording(law, noise=NOISE, places=4)
+    found = diagnosis.diagnose(recorded)
+    assert [effect.name for effect in found.after.effects] == ["force-dependent-impedance"]
+    diagnosis.predict(found, recorded)
+    assert capsys.readouterr().err == ""
+    force = (
+        2.0 * recorded.frames["force_N"]
+    )  # up to 16 N: from 11.1 N on its contact has less than 0
+    twice = replace(recorded, frames=recorded.frames.assign(force_N=force))
+    capped = replace(recorded, frames=recorded.frames.assign(force_N=force.clip(upper=9.6)))
+    predicted = diagnosis.predict(found, twice)
+    said = capsys.readouterr().err
+    assert "touches above 9.6 N are predicted as at 9.6 N" in said
+    assert "contact_impedivity_ohm_m2" in said
+    for ours, theirs in zip(predicted, diagnosis.predict(found, capped), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_what_comes_and_goes_again_ends_the_growth(contact, monkeypatch):
+    """A further site may earn enough to come and too little to stay."""
+    found = contact[1]
+    state, less = found.after, found.before
+    rounds = []
+
+    def added(self, now):
+        rounds.append(now)
+        assert len(rounds) < 10
+        return state
+
+    monkeypatch.setattr(Search, "_add", added)
+    monkeypatch.setattr(Search, "_drop", lambda self, better: less)
+    assert replace(found.search, rival_evidence=-np.inf)._grow(less) is less
+    assert len(rounds) == 1

@@ -1,0 +1,104 @@
+"""Tangents against differences of the simulator itself."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eitskin.diagnose.fit import fit
+from eitskin.diagnose.search.search import discrete
+from eitskin.diagnose.tangents import Tangents
+from small_skin import calibrated, candidates_of, kinds_of, problem_of, small_recording
+
+RECORDED = small_recording(places=2)
+PROBLEM, SCALES = problem_of(RECORDED)
+STEP = 1e-3
+# A patch's tangent is that of a faint one in untouched frames: enough to find its place.
+ROUGH = ("conductivity-patch", "mains-interference", "indenter-grounding", "ground-leak")
+KINDS = [
+    c
+    for c in kinds_of(candidates_of(RECORDED, PROBLEM, SCALES))
+    if c.name not in ROUGH and c.kind != "channels" and not discrete(c) and c.scope != "dense"
+]
+
+
+@pytest.fixture(scope="module")
+def tangents():
+    return Tangents(calibrated(PROBLEM))
+
+
+def brute_force(tangents, candidate):
+    """Differences of the readings, whitened, what is fitted projected out."""
+    columns = []
+    for i in np.flatnonzero(candidate.linear):
+        unit = STEP * np.eye(candidate.size)[i]
+        one_sided = candidate.name == "force-lag"  # a press's beginning is a bend
+        up, down = (
+            PROBLEM.model.voltage(tangents.knobs, [candidate.setting(s * unit)])
+            for s in (1, 0 if one_sided else -1)
+        )
+        change = (up - down) / (STEP if one_sided else 2 * STEP)
+        columns.append(tangents.away(PROBLEM.whitening(change).ravel()))
+    return np.array(columns)
+
+
+@pytest.mark.parametrize("candidate", KINDS, ids=lambda c: f"{c.name} {c.kind} {c.scope} {c.start}")
+def test_tangents_are_differences(tangents, candidate):
+    expected = brute_force(tangents, candidate)
+    expected = expected[(expected**2).sum(axis=1) > 1e-9]
+    found = tangents.of(candidate)
+    assert found.shape == expected.shape
+    for column, other in zip(found, expected, strict=True):
+        assert np.linalg.norm(column - other) < 0.02 * np.linalg.norm(other)
+
+
+def test_tangents_about_a_body_are_differences_of_accurate_ones():
+    skin = {**RECORDED.metadata["skin"], "thickness_mm": 14.0, "electrode_height_mm": 6.0}
+    recorded = replace(RECORDED, metadata={**RECORDED.metadata, "skin": skin})
+    problem, scales = problem_of(recorded)
+    every = candidates_of(recorded, problem, scales)
+    body = next(c for c in every if c.name == "third-dimension")
+    about = Tangents(fit(problem, [body], np.zeros(1), enough=-np.inf))
+    assert about.accuracy == "train"
+    apart = []
+    for name in ("contact-impedance", "electrode-position", "electrode-width", "touch-contrast"):
+        candidate = next(c for c in every if c.name == name)
+        sides = [
+            problem.model.voltage(about.knobs, [*about.chosen, candidate.setting(np.array([step]))])
+            for step in (STEP, -STEP)
+        ]
+        exact = problem.whitening((sides[0] - sides[1]) / (2 * STEP)).ravel()
+        found = about.problem.whitening(about._change(candidate, 0)).ravel()
+        apart.append(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+    assert max(apart) < 6e-3
+
+
+def test_nothing_fitted_is_left_in_them(tangents):
+    knob = tangents.fit.jacobian.reshape(1, -1)
+    for candidate in KINDS:
+        columns = tangents.of(candidate)
+        lengths = np.linalg.norm(columns, axis=1) * np.linalg.norm(knob)
+        assert (np.abs(columns @ knob.T).ravel() < 1e-6 * lengths).all()
+
+
+def test_a_dense_candidate_has_the_columns_of_its_sites(tangents):
+    every = candidates_of(RECORDED, PROBLEM, SCALES)
+    own = [c for c in every if c.name == "contact-impedance"]
+    dense, common = (next(c for c in own if c.scope == s) for s in ("dense", "common"))
+    singles = [tangents.of(c)[0] for c in own if c.scope == "sparse"]
+    assert np.allclose(tangents.of(dense), singles)
+    assert np.allclose(tangents.of(common)[0], np.sum(singles, axis=0))
+    assert tangents.jacobian(dense).shape == (8, *RECORDED.voltage.shape)
+
+
+@pytest.mark.parametrize("beside", [[], ["crosstalk"]])
+@pytest.mark.parametrize("kind", ["drives", "measures"])
+def test_gains_of_all_sites_are_differentiated_together(kind, beside):
+    every = candidates_of(RECORDED, PROBLEM, SCALES)
+    effects = [next(c for c in every if c.name == name) for name in beside]
+    start = np.full(1 + sum(c.size for c in effects), 0.2)
+    about = fit(PROBLEM, effects, start, polish=True)
+    gains = [c for c in every if c.kind == kind and c.name.endswith("gain")]
+    together = Tangents(about).of(next(c for c in gains if c.scope == "dense"))
+    singles = [Tangents(about).of(c)[0] for c in gains if c.scope == "sparse"]
+    assert np.allclose(together, singles, atol=1e-6 * np.abs(singles).max())

@@ -1,0 +1,382 @@
+"""The configuration is refused in one line that names file, place, found and expected."""
+
+import copy
+import json
+from pathlib import Path
+
+import jsonschema
+import pytest
+import yaml
+
+from eitskin.configuration import validate
+from eitskin.data.importers import KNOWN
+from eitskin.effects import EFFECTS
+from eitskin.errors import InputError
+from shared_data import shared_data
+
+ROOT = Path(__file__).parents[3]
+SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.yaml"
+CONFIG = yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))
+EPSILON = ("configurations", "authors", "effects", 4, "parameters", "epsilon")
+
+
+def changed(*place_and_value):
+    *place, key, value = place_and_value
+    config = json.loads(json.dumps(CONFIG))  # a copy in which YAML's aliases are apart
+    node = config
+    for part in place:
+        node = node[part]
+    node[key] = value
+    return config
+
+
+@pytest.fixture
+def refusal(tmp_path, monkeypatch):
+    """The one line with which a configuration, written to config.yaml, is refused."""
+    monkeypatch.chdir(tmp_path)
+
+    def line(config, written=None, overrides=()):
+        text = yaml.safe_dump(config if written is None else written, allow_unicode=True)
+        Path("config.yaml").write_text(text, encoding="utf-8")
+        with pytest.raises(InputError) as refused:
+            validate(config, SCHEMA, ["config.yaml", *overrides])
+        assert "\n" not in str(refused.value)
+        return str(refused.value)
+
+    return line
+
+
+def test_the_paper_s_configuration_is_accepted():
+    validate(CONFIG, SCHEMA, [ROOT / "config.yaml"])
+
+
+@pytest.mark.parametrize(
+    ("place_and_value", "message"),
+    [
+        (
+            ("sed", 1),
+            "config.yaml: sed: found an unknown key, expected one of ablation, accuracy, budget",
+        ),
+        (
+            ("figures", "recording", "x"),
+            "config.yaml: figures.recording: found 'x', expected one of simulated-twin",
+        ),
+        (
+            ("table_2", "configurations", ["authors", "x"]),
+            "config.yaml: table_2.configurations[1]: found 'x', expected one of authors",
+        ),
+        (
+            ("table_2", "permutations", 3),
+            "config.yaml: table_2.permutations: found 3, expected 39 or more",
+        ),
+        (("seed", 1.5), "config.yaml: seed: found 1.5, expected a whole number"),
+        (("seed", True), "config.yaml: seed: found True, expected a whole number"),
+        (("seed", -1), "config.yaml: seed: found -1, expected 0 or more"),
+        (
+            ("skin", "radius_mm", float("nan")),
+            "config.yaml: skin.radius_mm: found nan, expected a finite number",
+        ),
+        (("skin", None), "config.yaml: skin: found null, expected a mapping of keys"),
+        (
+            ("configurations", "text", "noise", "2e-2"),
+            "config.yaml: configurations.text.noise: found '2e-2', expected a finite number "
+            "(YAML reads 2e-2 as text; write 2.0e-2)",
+        ),
+        (
+            (*EPSILON, "3e5"),
+            "config.yaml: configurations.authors.effects[4].parameters.epsilon: found '3e5', "
+            "expected a number, a list with one number a site, or {sd, mean, tie} to draw it anew "
+            "for every session (YAML reads 3e5 as text; write 3.0e+5)",
+        ),
+        (
+            (*EPSILON, {"sd": 1.0, "median": 0.0}),
+            "config.yaml: configurations.authors.effects[4].parameters.epsilon.median: "
+            "found an unknown key, expected one of mean, sd, tie",
+        ),
+        (
+            ("configurations", "authors", "effects", 4, "parameters", {}),
+            "config.yaml: configurations.authors.effects[4].parameters.epsilon: "
+            "found nothing, expected a value",
+        ),
+        (
+            ("configurations", "authors", "effects", 4, "parameters", "gain", 1.0),
+            "config.yaml: configurations.authors.effects[4].parameters.gain: "
+            "found an unknown key, expected one of epsilon",
+        ),
+        (
+            ("configurations", "authors", "effects", 4, "name", "cross-talk"),
+            "config.yaml: configurations.authors.effects[4].name: found 'cross-talk', "
+            "expected one of ellipse",
+        ),
+        (
+            ("protocol", "drive", "skip"),
+            "config.yaml: protocol.drive: found 'skip', expected adjacent, opposite or skip-<n>",
+        ),
+        (
+            ("recordings", "my-skin", {"path": "nowhere.parquet"}),
+            "config.yaml: recordings.my-skin.path: found no file 'nowhere.parquet', "
+            "expected a recording's path",
+        ),
+        (
+            ("table_1", "configurations", "autors", []),
+            "config.yaml: table_1.configurations.autors: found an unknown name, "
+            "expected one of authors, text",
+        ),
+        (("diagnoses", ["a-twin"]), "config.yaml: diagnoses[0]: found 'a-twin', expected one of"),
+        (
+            ("loop", "recordings", ["bench"]),
+            "config.yaml: loop.recordings[0]: found 'bench', expected one of simulated-twin",
+        ),
+        (
+            ("loop", "budget", "samples", None),
+            "config.yaml: loop.budget.samples: found null, expected a whole number",
+        ),
+        (
+            ("table_1", "recordings", "simulated-twin", ["continuous"]),
+            "config.yaml: table_1.recordings.simulated-twin[0]: found 'continuous', "
+            "expected one of random, place, session",
+        ),
+        (
+            ("table_1", "recordings", "simulated-twin", {"continuous": ["mlp"]}),
+            "config.yaml: table_1.recordings.simulated-twin.continuous: found an unknown key, "
+            "expected one of place, random, session",
+        ),
+        (("limit", "samples", 0), "config.yaml: limit.samples: found 0, expected 2 or more"),
+        (
+            ("transfer", "sources", ["authors"]),
+            "config.yaml: transfer.sources[0]: found 'authors', expected one of simulated-authors,",
+        ),
+        (
+            ("transfer", "targets", ["simulated-twin", "bench"]),
+            "config.yaml: transfer.targets[1]: found 'bench', expected one of simulated-twin",
+        ),
+        (("transfer", "models", ["gru"]), "config.yaml: transfer.models[0]: found 'gru'"),
+        (
+            ("table_1", "configurations", "authors", {"random": ["mlp", "gru"]}),
+            "config.yaml: table_1.configurations.authors.random[1]: found 'gru', expected one of",
+        ),
+        (
+            ("table_1", "recordings", "simulated-twin", ["random", "probe"]),
+            "config.yaml: table_1.recordings.simulated-twin[1]: found 'probe', expected one of",
+        ),
+        (
+            ("table_1", "recordings", "simulated-twin", "random"),
+            "config.yaml: table_1.recordings.simulated-twin: found 'random', expected a list",
+        ),
+        (
+            ("ablation", "small", "varied_on", {"authors": ["random"]}),
+            "config.yaml: ablation.small.varied_on.authors: found an unknown name, "
+            "expected one of simulated-authors",
+        ),
+        (
+            ("ablation", "full", "grid", "force_weight", []),
+            "config.yaml: ablation.full.grid.force_weight: found [], expected a list of 1 or more",
+        ),
+        (
+            ("splits", ["random"]),
+            "config.yaml: table_1.configurations.authors.place: found 'place', expected one of",
+        ),
+    ],
+)
+def test_a_mistake_gives_one_line(refusal, place_and_value, message):
+    assert refusal(changed(*place_and_value)).startswith(message)
+
+
+WIDTH = {"name": "electrode-width", "parameters": {"width_mm": 40.0}}
+GAIN = {"name": "channel-gain", "parameters": {"gain": 1.1}, "channels": [900]}
+
+
+@pytest.mark.parametrize(
+    ("place_and_value", "message"),
+    [
+        (
+            ("twin", "skin", "electrode_width_mm", 31.5),
+            "twin.skin.electrode_width_mm: found two that overlap, expected each an arc of its own",
+        ),
+        (
+            ("skin", "electrode_deg", [0.0, 90.0, 180.0, 360.0]),
+            "skin.electrode_deg: found two equal angles",
+        ),
+        (
+            ("twin", "skin", "contact_impedivity_ohm_m2", 0.0),
+            "twin.skin.contact_impedivity_ohm_m2: found 0, expected more than 0",
+        ),
+        (("skin", "radius_mm", 0.5), "skin.radius_mm: found 0.5, expected 1 or more"),
+        (("skin", "radius_mm", 10**400), "skin.radius_mm: found 10"),
+        (("skin", "thickness_mm", 2000), "skin.thickness_mm: found 2000, expected 1000 or less"),
+        (
+            ("twin", "skin", "contact_impedivity_ohm_m2", 1e-12),
+            "twin.skin.contact_impedivity_ohm_m2: found 1e-12, expected contact impedivity, 0 or",
+        ),
+        (("skin", "current_A", 2.0), "skin.current_A: found 2.0, expected 1 or less"),
+        (
+            ("protocol", "measure", "skip-20"),
+            "protocol.measure: found 'skip-20', expected a pair among 16",
+        ),
+        (
+            ("twin", "protocol", "drive", "skip-15"),
+            "twin.protocol.drive: found 'skip-15', expected a pair among 16",
+        ),
+        (
+            (*EPSILON, 0.7),
+            "configurations.authors.effects[4].parameters.epsilon: found 0.7 to 0.7, "
+            "expected -0.25 to 0.25 1",
+        ),
+        (
+            (*EPSILON, [0.1, 0.2]),
+            "configurations.authors.effects[4].parameters.epsilon: found 2 values, expected one",
+        ),
+        (
+            ("configurations", "text", "effects", 2, GAIN),
+            "configurations.text.effects[2].channels: found [900], expected indices 0 to 207, once",
+        ),
+        (
+            ("twin", "effects", 0, "drives", [3]),
+            "twin.effects[0].drives: found [3], expected electrodes",
+        ),
+        (
+            ("twin", "effects", 0, WIDTH),
+            "twin.effects[0]: found two that overlap, expected each an arc of its own",
+        ),
+        (
+            ("touch_grid", "inner", 0.95),
+            "touch_grid.inner: found 0.95, expected at most outer, 0.9",
+        ),
+        (
+            ("twin", "touch_grid", "outer", 0.05),
+            "twin.touch_grid.inner: found 0.1, expected at most",
+        ),
+        (
+            ("twin", "press", "target_N", [9.0, 8.0]),
+            "twin.press.target_N: found [9.0, 8.0], expected the smaller force first",
+        ),
+        (("forces", "decimals", 0), "forces.levels: found 260, expected at most 11 at 0 decimals"),
+    ],
+)
+def test_what_physics_cannot_do_is_refused_before_any_work(refusal, place_and_value, message):
+    assert refusal(changed(*place_and_value)).startswith(f"config.yaml: {message}")
+
+
+def test_a_protocol_without_channels_is_refused(refusal):
+    config = changed("skin", "electrode_deg", [0.0, 90.0, 180.0, 270.0])
+    config["protocol"]["measure"] = "opposite"
+    assert refusal(config).startswith("config.yaml: protocol: found no channel is left with adj")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("seed: 1\nseed: 2\n", "seed: found it in line 1 and again in line 2, expected it once"),
+        (
+            "configurations:\n  own:\n    noise: 1\n    effects: []\n    noise: 2\n",
+            "configurations.own.noise: found it in line 3 and again in line 5",
+        ),
+        ("list: [{a: 1}, {b: 1, b: 2}]\n", "list[1].b: found it in line 1 and again in line 1"),
+    ],
+)
+def test_a_key_that_stands_twice_is_refused(refusal, text, message):
+    Path("twice.yaml").write_text(text, encoding="utf-8")
+    assert refusal(CONFIG, CONFIG, ["twice.yaml"]).startswith(f"twice.yaml: {message}")
+
+
+def test_paths_are_taken_from_the_environment(refusal, tmp_path, monkeypatch):
+    monkeypatch.setenv("CAPTURES", str(tmp_path / "captures"))
+    mine = {"path": "${CAPTURES}/skin.parquet", "query": "${CAPTURES}/query.parquet"}
+    config = changed("recordings", "my-skin", mine)
+    message = "config.yaml: recordings.my-skin."
+    assert refusal(config).startswith(message)
+    (tmp_path / "captures").mkdir()
+    for file in ("skin", "query"):
+        (tmp_path / "captures" / f"{file}.parquet").touch()
+    validate(config, SCHEMA, ["config.yaml"])
+    assert config["recordings"]["my-skin"] == {
+        "path": f"{tmp_path}/captures/skin.parquet",
+        "query": f"{tmp_path}/captures/query.parquet",
+    }
+    monkeypatch.delenv("CAPTURES")
+    unset = refusal(changed("recordings", "my-skin", {"path": "${CAPTURES}/skin.parquet"}))
+    assert unset == (
+        f"{message}path: found '${{CAPTURES}}/skin.parquet', but CAPTURES is not set, "
+        "expected an environment variable that is set"
+    )
+
+
+def test_the_real_recordings_are_found_where_the_environment_says(monkeypatch):
+    data = shared_data("README.md").parent
+    monkeypatch.setenv("EITSKIN_DATA", str(data))
+    real = yaml.safe_load((ROOT / "workflow" / "config" / "real.yaml").read_text(encoding="utf-8"))
+    config = copy.deepcopy(CONFIG)
+    config["recordings"] |= real["recordings"]
+    config["table_1"]["recordings"] |= real["table_1"]["recordings"]
+    validate(config, SCHEMA, [ROOT / "config.yaml"])
+    assert config["recordings"]["lct-tank"]["path"] == f"{data}/lct-tank/homogeneous"
+
+
+def test_a_missing_key_is_named_with_its_meaning(refusal):
+    config = copy.deepcopy(CONFIG)
+    del config["forces"]["mean_N"]
+    expected = "forces.mean_N: found nothing, expected mean of the normal distribution in N"
+    assert refusal(config) == f"config.yaml: {expected}"
+
+
+def test_the_file_that_holds_the_mistake_is_named(refusal):
+    Path("override.yaml").write_text("forces: {mean_N: '5'}\n", encoding="utf-8")
+    message = refusal(changed("forces", "mean_N", "5"), CONFIG, ["override.yaml"])
+    assert message.startswith("override.yaml: forces.mean_N: found '5'")
+
+
+def test_a_mistake_that_no_file_holds_is_the_command_line_s(refusal):
+    message = refusal(changed("budget", "smal"), CONFIG)
+    assert message == "--config: budget: found 'smal', expected one of small, full"
+
+
+def test_a_recording_may_not_take_the_name_of_a_simulated_set(refusal, tmp_path):
+    recording = tmp_path / "recording.parquet"
+    recording.touch()
+    config = changed("recordings", "simulated-text", {"path": str(recording)})
+    assert "recordings.simulated-text: found a simulated set's name" in refusal(config)
+
+
+def test_the_schema_is_valid_and_closed_everywhere():
+    schema = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
+    jsonschema.Draft202012Validator.check_schema(schema)
+
+    def objects(node):
+        if isinstance(node, dict):
+            if "properties" in node and "name" not in node["properties"]:
+                yield node
+            for key, value in node.items():
+                if key != "if" and key != "then":
+                    yield from objects(value)
+        elif isinstance(node, list):
+            for value in node:
+                yield from objects(value)
+
+    found = list(objects(schema))
+    assert len(found) > 15
+    assert all(node["additionalProperties"] is not True for node in found)
+    assert schema["$defs"]["effect"]["additionalProperties"] is False
+
+
+def test_the_schema_knows_every_effect_and_its_parameters():
+    effect = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))["$defs"]["effect"]
+    names = effect["properties"]["name"]["enum"]
+    assert sorted(names) == sorted(EFFECTS)
+    definitions = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))["$defs"]
+    for name in names:
+        (block,) = [
+            rule["then"]["properties"]["parameters"]["$ref"].rpartition("/")[2]
+            for rule in effect["allOf"]
+            for test in [rule["if"]["properties"]["name"]]
+            if name in test.get("enum", [test.get("const")])
+        ]
+        parameters = EFFECTS[name].parameters
+        assert set(definitions[block]["properties"]) == set(parameters)
+        given = {key for key, parameter in parameters.items() if not parameter.optional}
+        assert set(definitions[block]["required"]) == given
+
+
+def test_the_schema_knows_every_importer():
+    schema = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
+    recording = schema["properties"]["recordings"]["additionalProperties"]["properties"]
+    assert recording["format"]["enum"] == list(KNOWN)

@@ -1,0 +1,18 @@
+"""The README's example runs and gives what its comments say."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+README = Path(__file__).parents[3] / "README.md"
+
+
+def test_the_example():
+    (code,) = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
+    names: dict = {}
+    exec(compile(code, str(README), "exec"), names)
+    assert names["channels"].shape == (208, 4)
+    assert names["untouched"].shape == names["by_angle"].shape == (208,)
+    assert names["change"].shape == (50, 208)
+    assert np.abs(names["change"][0]).max() == 0 < np.abs(names["change"][1]).min()

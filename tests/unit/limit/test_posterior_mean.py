@@ -1,0 +1,165 @@
+"""The limit: what it says of itself, and how it is scored."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from authors_strengths import EFFECTS, FORCES
+from eitskin.data.dataset import Dataset
+from eitskin.learn import metrics
+from eitskin.limit import cramer_rao, posterior_mean
+from eitskin.limit.observation import Experiment, Sample
+from eitskin.physics.protocol import channel_table
+from eitskin.physics.skin import Skin
+from eitskin.simulate.layout import polar_grid
+
+SKIN = Skin(80.0, 3.0, 0.5, tuple(22.5 * np.arange(16)), 0.0, 0.0, 1e-3, 0.9)
+
+
+def experiment(effects=EFFECTS, noise=0.01, averaged=1):
+    channels = channel_table(16)
+    return Experiment(SKIN, channels, "train", effects, noise, averaged, 72.0, 16.0, FORCES, 10.0)
+
+
+def sampled(model, rng):
+    """A change, the state behind it and the unknowns, drawn from the model itself."""
+    sample = Sample(model, np.zeros(208))
+    z = rng.standard_normal(sample.size)
+    e, noise = model.change(sample.state(z), z[3:])
+    gain = 1.0 + model.gain_spread @ rng.standard_normal(model.gain_spread.shape[1])
+    return model.mixing @ (e * gain) + noise * rng.standard_normal(208), sample.state(z), z
+
+
+def test_errors_are_as_large_as_the_posterior_says_with_the_skin_known():
+    model = experiment().known(1, 3)
+    starts, rng = posterior_mean.Starts(model), np.random.default_rng(2)
+    pulls, effective = [], []
+    for _ in range(60):
+        change, state, _ = sampled(model, rng)
+        found = posterior_mean.estimate(model, change, starts.of(change), 32, rng)
+        pulls.append((found["mean"] - state) / found["sd"])
+        effective.append(found["effective"])
+    # mean square of 180 pulls: 1 ± 0.105
+    assert np.mean(np.square(pulls)) == pytest.approx(1.0, abs=0.35)
+    assert np.median(effective) > 0.5
+
+
+def test_scores_at_the_truth_are_as_large_as_the_information_says():
+    """The posterior's gradient at what was drawn has the precision as its covariance."""
+    model, rng = experiment().unknown(), np.random.default_rng(3)
+    sizes = []
+    for _ in range(40):
+        change, _, z = sampled(model, rng)
+        _, gradient, information = Sample(model, change).local(z)
+        score = gradient - z
+        sizes.append(score @ np.linalg.solve(information + np.eye(21), score))
+    # mean of 40 of chi-squared with 21 degrees of freedom: 21 ± 1.0
+    assert np.mean(sizes) == pytest.approx(21.0, abs=3.5)
+
+
+def test_an_unknown_skin_s_touch_is_found():
+    model, rng = experiment().unknown(), np.random.default_rng(4)
+    change, state, _ = sampled(model, rng)
+    found = posterior_mean.estimate(model, change, posterior_mean.Starts(model).of(change), 16, rng)
+    assert (np.abs(found["mean"] - state) < 4.0 * found["sd"]).all()
+    assert found["sd"][:2].max() < 3.0 and found["sd"][2] < 2.0
+
+
+def test_an_untouched_frame_tells_no_place():
+    model = experiment().known(1, 3)
+    rng = np.random.default_rng(4)
+    noise = model.change(np.zeros(3), np.zeros(0))[1]
+    change = noise * rng.standard_normal(208)
+    found = posterior_mean.estimate(
+        model, change, posterior_mean.Starts(model).of(change), 200, rng
+    )
+    assert found["mean"][2] < 0.5
+    assert np.hypot(*found["mean"][:2]) < 30.0 and found["sd"][:2].min() > 15.0
+
+
+def table(n, rng):
+    truth = rng.normal(0.0, 30.0, n)
+    rows = {"estimate": "limit", "sample": np.arange(n), "session": np.arange(n) // 10}
+    for column in posterior_mean.TARGETS.values():
+        rows |= {column: truth, f"{column}_mean": truth + rng.normal(0, 2.0, n)}
+        rows[f"{column}_sd"] = 2.0
+    return pd.DataFrame(rows)
+
+
+def test_scores_are_the_metrics_of_the_models():
+    found = table(200, np.random.default_rng(1))
+    own = Dataset(found, np.zeros((200, 1)), {"configuration": "authors"})
+    rows = posterior_mean.score(found, own, "continuous", 1)
+    assert tuple(rows.columns) == posterior_mean.COLUMNS and len(rows) == 3 * 4
+    value = rows.set_index(["target", "metric"])
+    truth, mean = found["x_mm"].to_numpy(), found["x_mm_mean"].to_numpy()
+    for name, metric in metrics.METRICS.items():
+        assert value.loc[("x", name), "value"] == metric(truth, mean)
+    assert value.loc[("x", "z2"), "value"] == pytest.approx(1.0, abs=0.3)
+    assert (rows["low"] < rows["value"]).all() and (rows["value"] < rows["high"]).all()
+    assert set(rows["configuration"]) == {"authors"} and set(rows["samples"]) == {200}
+    pd.testing.assert_frame_equal(rows, posterior_mean.score(found, own, "continuous", 1))
+
+
+def test_samples_are_tested_ones_and_the_same_each_time(monkeypatch):
+    monkeypatch.setattr(posterior_mean, "PLACES", 40)
+    own, rng = experiment(), np.random.default_rng(6)
+    known = [own.known(1, session) for session in range(3)]
+    changes, states, _ = zip(*(sampled(known[k // 4], rng) for k in range(12)), strict=True)
+    frame = pd.DataFrame(np.array(states), columns=list(posterior_mean.TARGETS.values()))
+    frame.insert(0, "sample", np.arange(12))
+    frame.insert(1, "session", np.arange(12) // 4)
+    made = Dataset(frame, np.array(changes, dtype=np.float32), {})
+    part = np.where(np.arange(12) // 4 == 1, "test", "train")
+    first, again = (posterior_mean.estimates(own, made, part, 1, 2, 4) for _ in range(2))
+    pd.testing.assert_frame_equal(first, again)
+    assert list(first["estimate"]) == ["limit", "limit_known"] * 2
+    assert set(first["session"]) == {1} and first["sample"].nunique() == 2
+
+
+def test_bounds_at_the_text_s_noise_are_those_computed_before():
+    """0.6 to 0.8 mm and 0.42 N, medians over places; noise on one frame, the skin known."""
+    model = experiment(noise=0.02, averaged=10**9).unknown().at_mean()
+    grid, rng = polar_grid(80.0, 8, 24, 0.1, 0.9, 16.0), np.random.default_rng(1)
+    places = [place for k, place in enumerate(grid.itertuples()) if k % 5 == 0 and k < 168]
+    bounds = [
+        cramer_rao.bound(model, np.array([p.x_mm, p.y_mm, rng.uniform(0.5, 10.0)])) for p in places
+    ]
+    x, y, force = np.median(bounds, axis=0)
+    assert 0.5 < x < 0.9 and 0.5 < y < 0.9 and force == pytest.approx(0.42, rel=0.3)
+
+
+def test_what_is_unknown_widens_the_bound_and_what_is_not_drawn_does_not():
+    state = np.array([40.0, 10.0, 6.0])
+    known, unknown = (
+        cramer_rao.bound(model, state)
+        for model in (experiment().unknown().at_mean(), experiment().unknown())
+    )
+    assert (unknown >= known).all() and unknown[0] > 1.5 * known[0]
+    sure = [
+        {**e, "parameters": {k: _still(v) for k, v in e["parameters"].items()}} for e in EFFECTS
+    ]
+    assert np.allclose(cramer_rao.bound(experiment(sure).unknown(), state), known)
+
+
+def _still(value):
+    return {**value, "sd": 0.0} if isinstance(value, dict) else value
+
+
+def test_the_posterior_is_near_its_bound_where_the_prior_says_little():
+    """Away from the rim and at middling force a known skin's posterior sd is about the bound's."""
+    model = experiment().known(1, 3)
+    state, rng = np.array([45.0, 20.0, 5.0]), np.random.default_rng(5)
+    e, noise = model.change(state, np.zeros(0))
+    change = model.mixing @ e + noise * rng.standard_normal(208)
+    found = posterior_mean.estimate(
+        model, change, posterior_mean.Starts(model).of(change), 100, rng
+    )
+    assert found["sd"] == pytest.approx(cramer_rao.bound(model, state), rel=0.3)
+
+
+def test_the_table_of_bounds_leaves_out_the_rim():
+    grid = polar_grid(80.0, 2, 3, 0.1, 0.9, 16.0)
+    rows = cramer_rao.table(experiment(), grid)
+    assert set(rows["place"]) == {0, 1, 2} and len(rows) == 3 * len(cramer_rao.FORCES_N)
+    assert np.isfinite(rows.to_numpy()).all()

@@ -1,0 +1,91 @@
+import json
+
+import numpy as np
+import pytest
+
+from eitskin.data import dataset, recording, splits
+from eitskin.learn import transfer
+from eitskin.learn.train import Budget, Optimiser, Recipe
+from loop import errors, labelled
+from loop.alike import alike
+from loop.naming import AUTHORS, BELIEF, DIAGNOSIS, LABELS, TRUTH, named
+from loop_skin import FORCES, JITTER, LAW
+from small_skin import SKIN, small_recording
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A case as the rules before `loop_errors` leave it."""
+    folder = tmp_path_factory.mktemp("case")
+    recorded = small_recording(LAW, places=40)
+    target = dataset.from_recording(recorded, "bench")
+    labelled.write(recorded, target, folder, 1)
+    (folder / "truth.json").write_text(json.dumps({"true": SKIN.metadata(), "effects": [LAW]}))
+    found = folder / "diagnosis"
+    found.mkdir()
+    (found / "diagnosis.json").write_text(json.dumps({"calibration": {}, "effects": []}))
+    twin = {"twin": {"skin": SKIN.metadata(), "effects": [LAW]}}
+    (found / "effects.yaml").write_text(json.dumps(twin))  # which is YAML
+    return folder
+
+
+def parts(folder):
+    target = dataset.read(folder / "target.parquet")
+    return target, splits.read(folder / "split.parquet", target.table)
+
+
+def run(folder, source):
+    settings = (Recipe(Optimiser(), Budget(150, 2, 2, 2), 4, 5.0, 0.0), 1)
+    return errors.errors(source, "mlp", folder, *parts(folder), *settings, [JITTER], FORCES, 8.0)
+
+
+def test_a_diagnosis_sees_no_tested_touch_and_few_labels(folder):
+    target, part = parts(folder)
+    seen = recording.read(folder / "recording.parquet")
+    touched = seen.frames[seen.frames["touch"]]
+    labels = target.table[part == "train"]
+    columns = ["x_mm", "y_mm", "force_N"]
+    np.testing.assert_array_equal(touched[columns], labels[columns])
+    assert 0 < len(labels) <= 0.1 * (part != "test").sum()
+    places = {*target.table["place"][part == "test"]}
+    assert places and not places & {*target.table["place"][part != "test"]}
+    free = [k for k in range(40) if k not in places]  # places are presses here
+    untouched = ~seen.frames["touch"]
+    assert untouched.sum() == len(free) + 4 * (0 in free)
+    pressed = np.unique(labels["place"])
+    imitated = seen.frames["note_imitated"].astype(bool)
+    assert imitated[~untouched].all() and imitated[untouched].sum() == len(pressed)
+    again = alike(seen, 1, np.random.default_rng(1), FORCES, 8.0)
+    assert (~again["touch"]).sum() == len(pressed)
+
+
+@pytest.mark.parametrize("source", [BELIEF, AUTHORS, DIAGNOSIS, TRUTH])
+def test_every_source_gives_errors_for_every_seed(folder, source):
+    rows = run(folder, source)
+    assert set(rows["seed"]) == {1, 2} and set(rows["left_out"]) == {""}
+    plain = rows[(rows["method"] == transfer.ZERO_SHOT) & (rows["metric"] == "mae")]
+    assert sorted(plain["variable"]) == ["F", "F", "x", "x", "y", "y"]
+    assert plain["value"].nunique() == 6 and np.isfinite(plain["value"]).all()
+    assert {"CORAL", "affine", "isotonic"} < set(rows["method"])
+    assert set(rows.loc[rows["method"] == "affine", "labelled_frames"]) == {
+        (parts(folder)[1] == "train").sum()
+    }
+
+
+def test_labels_alone_are_the_reference_where_they_are_enough(folder):
+    rows = run(folder, LABELS)
+    assert set(rows["method"]) == {transfer.TRAINED_FEW}
+    assert rows["left_out"].str.contains("no spread").all()
+    target, part = parts(folder)
+    part = np.where(part == "validation", "train", part)
+    settings = (Recipe(Optimiser(), Budget(150, 2, 2, 2), 4, 5.0, 0.0), 1)
+    rows = errors.errors(LABELS, "mlp", folder, target, part, *settings, [JITTER], FORCES, 8.0)
+    assert set(rows["seed"]) == {1, 2} and set(rows["left_out"]) == {""}
+
+
+def test_cases_are_named_by_kind_and_seed():
+    assert named({"single:contact-law": [3], "pair": [1, 2]}) == {
+        "single-contact-law-3": ("single:contact-law", 3),
+        "pair-1": ("pair", 1),
+        "pair-2": ("pair", 2),
+    }

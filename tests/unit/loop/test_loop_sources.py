@@ -1,0 +1,94 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eitskin.data import dataset
+from eitskin.data.recording import Recording
+from eitskin.diagnose.noise import estimate
+from eitskin.errors import InputError
+from loop import sources
+from loop_skin import FORCES, JITTER, LAW
+from small_skin import METADATA, SKIN, small_recording
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    made = small_recording(LAW)
+    contact = np.where(made.frames["touch"], np.arange(len(made.frames)) // 5, -1)
+    made.frames["contact"] = contact
+    made.frames["contact"] = made.frames["contact"].astype("Int64").where(made.frames["touch"])
+    return made
+
+
+def made_by(simulator, recorded, seed=1, samples=150):
+    return sources.source_set(simulator, recorded, samples, seed, FORCES, 8.0, "a set")
+
+
+def test_sets_of_one_seed_differ_in_physics_alone(recorded):
+    plain, part = made_by(sources.Simulator(SKIN, []), recorded)
+    again, _ = made_by(sources.Simulator(SKIN, []), recorded)
+    law, of_law = made_by(sources.Simulator(SKIN, [LAW]), recorded)
+    assert plain.table.equals(law.table) and (part == of_law).all()
+    assert np.array_equal(plain.delta_V, again.delta_V)
+    sd = estimate(recorded).sd
+    assert np.abs(plain.delta_V - law.delta_V).max() > 20.0 * sd.max()
+    other, _ = made_by(sources.Simulator(SKIN, []), recorded, seed=2)
+    assert not other.table.equals(plain.table)
+    assert {*part} == {"train", "validation"} and (part == "train").sum() >= 150
+    sessions = plain.table["session"]
+    assert not {*sessions[part == "train"]} & {*sessions[part == "validation"]}
+
+
+def test_noise_is_the_recording_s_on_touched_and_untouched_frame(recorded):
+    clean = sources.Simulator(SKIN, [])
+    one, _ = made_by(clean, recorded, 1, 600)
+    sessions = one.table["session"].nunique()
+    frames = sources.alike(recorded, sessions, np.random.default_rng([1, 4]), FORCES, 8.0)
+    exact = Recording(frames, clean.readings(frames, recorded, 1), None, None, METADATA)
+    truth = dataset.from_recording(exact, "exact").delta_V
+    spread = (one.delta_V - truth).std(axis=0) / estimate(recorded).sd
+    # The first press of a session has five untouched frames to its baseline, the others one.
+    assert spread.mean() == pytest.approx(np.sqrt(2.0), rel=0.08)
+
+
+def test_the_belief_is_calibrated_and_has_no_effect(recorded):
+    doubted = {**METADATA, "skin": SKIN.metadata() | {"conductivity_S_per_m": 0.6}}
+    believed = sources.belief(replace(recorded, metadata=doubted))
+    assert believed.effects == [] and not believed.drawn
+    assert believed.skin.conductivity_S_per_m == pytest.approx(0.5, rel=0.05)
+
+
+def test_the_diagnosed_simulator_is_what_effects_yaml_says(tmp_path):
+    twin = {"skin": SKIN.metadata(), "protocol": {}, "effects": [LAW], "noise": 1e-3}
+    path = tmp_path / "effects.yaml"
+    path.write_text(json.dumps({"twin": twin}))  # which is YAML
+    found = sources.diagnosed(path, {"calibration": {}})
+    assert (found.skin, found.effects, found.factor, found.drawn) == (SKIN, [LAW], 1.0, False)
+    scaled = sources.diagnosed(path, {"calibration": {"factor": {"value": 3.0}}})
+    assert scaled.factor == 3.0
+
+
+def test_drawn_effects_change_from_session_to_session(recorded):
+    frames = sources.alike(recorded, 2, np.random.default_rng(1), FORCES, 8.0)
+    drawn = sources.Simulator(SKIN, [JITTER], drawn=True).readings(frames, recorded, 1)
+    free = np.flatnonzero(~frames["touch"])
+    first, last = drawn[free[0]], drawn[free[-1]]
+    assert np.abs(first - last).max() > 1e-3 * np.abs(first).max()
+    same = sources.Simulator(SKIN, []).readings(frames, recorded, 1)
+    np.testing.assert_allclose(same[free[0]], same[free[-1]])
+
+
+def test_the_truth_is_the_same_physics_by_another_solver(recorded):
+    told = {"true": SKIN.metadata(), "effects": [LAW]}
+    frames = sources.alike(recorded, 1, np.random.default_rng(2), FORCES, 8.0)
+    own = sources.truth(told, recorded).readings(frames, recorded, 1)
+    ours = sources.Simulator(SKIN, [LAW], factor=2.0).readings(frames, recorded, 1)
+    np.testing.assert_allclose(2.0 * own, ours, atol=2e-3 * np.median(np.abs(own)))
+
+
+def test_differences_are_refused(recorded):
+    metadata = {**METADATA, "values": "difference"}
+    with pytest.raises(InputError, match="difference"):
+        made_by(sources.Simulator(SKIN, []), replace(recorded, metadata=metadata))

@@ -1,0 +1,120 @@
+import itertools
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from eitskin.paper import ablation
+
+TRAINING = {"learning_rate": 0.001, "latent_dim": 16, "lambda_latent": 0.03, "force_weight": 5.0}
+
+
+def by_seed(values, metric="mae", target="F"):
+    """Rows of `metrics.by_seed` with a value a seed."""
+    rows = [(target, metric, seed, value) for seed, value in enumerate(values, 1)]
+    return pd.DataFrame(rows, columns=["target", "metric", "seed", "value"])
+
+
+def test_one_choice_is_varied_and_its_default_is_shared():
+    varied = {"lambda_latent": [0.0, 0.03], "latent_dim": [4, 16], "samples": [750, None]}
+    named = ablation.settings(TRAINING, None, varied)
+    assert list(named) == ["default", "lambda_latent-0", "latent_dim-4", "samples-750"]
+    default = named["default"]
+    assert default == {**TRAINING, "samples": None}
+    for name, setting in named.items():
+        changed = [key for key in default if setting[key] != default[key]]
+        assert changed == ([] if name == "default" else [name.partition("-")[0]])
+    listed = ablation.studies(TRAINING, None, varied)
+    assert [key for key, _, _ in listed] == ["lambda_latent"] * 2 + ["latent_dim"] * 2 + [
+        "samples"
+    ] * 2
+    assert all(named[name][key] == value for key, value, name in listed)
+
+
+def test_only_what_a_teacher_depends_on_needs_other_teachers():
+    varied = {"lambda_latent": [0.1], "latent_dim": [4], "force_weight": [1.0], "samples": [750]}
+    named = ablation.settings(TRAINING, 6000, varied)
+    own = {name for name in named if ablation.has_own_teachers(name)}
+    assert own == {"latent_dim-4", "samples-750"}
+
+
+def test_the_grid_has_every_combination_once_in_whatever_order_it_is_written():
+    axes = {"learning_rate": [0.001, 0.003], "force_weight": [1.0, 5.0, 20.0]}
+    grid = ablation.grid(TRAINING, 6000, axes)
+    points = {(item["learning_rate"], item["force_weight"]) for item in grid.values()}
+    assert points == set(itertools.product(*axes.values())) and len(grid) == 6
+    assert all(item["latent_dim"] == 16 and item["samples"] == 6000 for item in grid.values())
+    assert grid == ablation.grid(TRAINING, 6000, dict(reversed(axes.items())))
+    assert not any(ablation.has_own_teachers(name) for name in grid)
+
+
+def test_the_best_setting_has_the_highest_mean_r2():
+    scores = {
+        "a": pd.concat([by_seed([0.5, 0.7], "r2"), by_seed([0.1, 0.1], "mae")]),
+        "b": pd.concat([by_seed([0.7, 0.6], "r2"), by_seed([9.0, 9.0], "mae")]),
+        "c": by_seed([0.7, 0.6], "r2"),
+    }
+    assert ablation.best(scores) == "b"
+
+
+@settings(max_examples=25)
+@given(st.lists(st.tuples(st.floats(0, 9), st.floats(0, 9)), min_size=2, max_size=9))
+def test_a_difference_is_paired_by_seed(values):
+    plain, informed = np.array(values).T
+    shuffled = by_seed(informed).sample(frac=1, random_state=1)
+    (row,) = ablation.compared_rows(by_seed(plain), shuffled, {"dataset": "a set"})
+    difference = informed - plain
+    assert row["difference"] == pytest.approx(difference.mean(), abs=1e-12)
+    assert (row["plain"], row["informed"]) == pytest.approx((plain.mean(), informed.mean()))
+    if np.ptp(difference) > 1e-9:
+        expected = stats.ttest_rel(informed, plain).confidence_interval(0.95)
+        assert (row["low"], row["high"]) == pytest.approx(tuple(expected), abs=1e-9)
+
+
+def test_pairs_that_are_none_are_refused():
+    with pytest.raises(ValueError, match="differ in their seeds"):
+        ablation.compared_rows(by_seed([1.0, 2.0]), by_seed([1.0, 2.0, 3.0]), {})
+
+
+@pytest.mark.parametrize(
+    ("metric", "low", "high", "words"),
+    [
+        ("mae", -0.2, -0.1, "helps"),
+        ("mae", 0.1, 0.2, "harms"),
+        ("r2", 0.1, 0.2, "helps"),
+        ("r2", -0.2, -0.1, "harms"),
+        ("r2", -0.1, 0.1, "no difference that 10 seeds can tell"),
+        ("mae", 0.0, 0.0, "no difference that 10 seeds can tell"),
+        ("mae", float("nan"), float("nan"), "cannot be told from one seed"),
+    ],
+)
+def test_a_verdict_follows_from_the_interval(metric, low, high, words):
+    assert ablation.verdict(metric, low, high, 10) == words
+
+
+def test_tables_are_written_with_their_columns(tmp_path):
+    place = {"dataset": "a set", "split": "random", "budget": "small"}
+    varied = ablation.varied_rows(by_seed([0.5, 0.7]), {"study": "samples", "value": None, **place})
+    tuned = {"plain_setting": "force weight 1", "informed_setting": "force weight 5"}
+    compared = ablation.compared_rows(by_seed([0.5, 0.52]), by_seed([0.4, 0.43]), place | tuned)
+    paths = [tmp_path / name for name in ("ablation.csv", "latent_loss.csv", "ablation.md")]
+    ablation.write(varied, compared, *paths)
+    assert list(pd.read_csv(paths[0])) == list(ablation.VARIED)
+    assert list(pd.read_csv(paths[1])) == list(ablation.COMPARED)
+    row = pd.read_csv(paths[0]).iloc[0]
+    assert (row["value"], row["model"], row["mean"], row["unit"]) == (
+        "all",
+        "physics-informed-mlp",
+        0.6,
+        "N",
+    )
+    text = paths[2].read_text(encoding="utf-8")
+    assert "| samples | all | 0.600 [" in text
+    assert "mlp force weight 1, physics-informed-mlp force weight 5" in text
+    assert "| MAE F | 0.510 | 0.415 | -0.0950 [-0.1585, -0.0315] | helps |" in text
+    assert "Of 1 differences, 1 say that the latent loss helps, 0 that it harms, 0 nothing." in text
+    ablation.write([], [], *paths)
+    assert list(pd.read_csv(paths[0])) == list(ablation.VARIED)

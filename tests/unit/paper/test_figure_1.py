@@ -1,0 +1,83 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitskin.errors import InputError
+from eitskin.paper import figure_1
+
+
+def test_the_press_shown_is_nearest_to_half_the_radius_and_its_frames_rise(make_recording):
+    made = make_recording(presses=20)
+    shown = figure_1.press(made, "bench")
+    frames = made.frames[made.frames["touch"]]
+    off = (np.hypot(frames["x_mm"], frames["y_mm"]) / 80.0 - 0.5).abs()
+    assert abs(abs(shown.place) / 80.0 - 0.5) == pytest.approx(off.min())
+    rows = made.frames.set_index("frame").loc[shown.frame]
+    assert rows["touch"].all()
+    assert rows["x_mm"].to_numpy() == pytest.approx(shown.place.real)
+    assert shown.force_N.tolist() == rows["force_N"].tolist()
+
+
+@pytest.mark.parametrize("magnitude", [False, True])
+def test_both_images_light_up_at_the_touch_and_tell_the_rise(make_recording, magnitude):
+    made = make_recording(presses=20)
+    if magnitude:
+        made.voltage = np.abs(made.voltage)
+        made.metadata["voltage"] = "magnitude"
+    shown = figure_1.press(made, "bench")
+    strongest = np.nanargmax(shown.force_N)
+    for image, reach in ((shown.noser, 10.0), (shown.projected, 5.0)):
+        place = shown.places[image[strongest].argmax()] * 80.0
+        assert abs(place - shown.place) < reach
+    area = (2.0 / figure_1.ACROSS) ** 2
+    ratio = shown.noser[strongest].sum() * area / (0.01 * shown.force_N[strongest])
+    assert 0.3 < ratio < 3.0, "the conductance added, to a factor"
+    assert np.abs(shown.projected).max() == 1.0
+
+
+def test_the_level_of_the_readings_does_not_matter(make_recording):
+    made = make_recording(presses=10)
+    before = figure_1.press(made, "bench")
+    made.voltage = 1e3 * made.voltage
+    made.metadata["unit"] = "arbitrary"
+    after = figure_1.press(made, "bench")
+    np.testing.assert_allclose(after.noser, before.noser, rtol=1e-6, atol=1e-9)
+
+
+def test_lost_channels_leave_an_image(make_recording):
+    made = make_recording(presses=10)
+    made.voltage[:, 7] = np.nan
+    shown = figure_1.press(made, "bench")
+    assert np.isnan(shown.change[:, 7]).all() and np.isfinite(shown.noser).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda r: r.metadata["skin"].update(radius_mm=None), "skin.radius_mm: found null"),
+        (lambda r: r.metadata["skin"].update(electrode_deg=None), "electrode_deg: found null"),
+        (lambda r: r.metadata.update(values="difference"), "found differences"),
+        (lambda r: setattr(r, "voltage", None), "found a query"),
+        (lambda r: r.frames.__setitem__("touch", False), "found no touch"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(make_recording, change, message):
+    made = make_recording(presses=3)
+    change(made)
+    with pytest.raises(InputError, match=message):
+        figure_1.press(made, "bench")
+
+
+def test_files_are_the_same_for_the_same_recording(make_recording, tmp_path):
+    made = make_recording(presses=3)
+    found = []
+    for k in range(2):
+        files = [tmp_path / f"{k}.{kind}" for kind in ("svg", "png", "csv")]
+        figure_1.write(made, "bench", *files)
+        found.append([file.read_bytes() for file in files])
+    assert found[0] == found[1]
+    table = pd.read_csv(tmp_path / "0.csv")
+    counts = table["panel"].value_counts()
+    assert counts["untouched frame"] == 208 and counts["change"] == 208 * 4
+    assert counts["noser"] == counts["back-projection"] > 1000 * 4
+    assert set(table["unit"]) == {"V", "1"}

@@ -1,0 +1,78 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from eitskin.data import dataset
+from eitskin.data.importers.description import even_angles
+from eitskin.errors import InputError
+from eitskin.learn import metrics
+from eitskin.paper import figure_4
+
+
+@pytest.fixture
+def touches(make_recording):
+    return dataset.from_recording(make_recording(presses=12), "bench")
+
+
+def predicted(touches, error_N, seeds=(3, 4)):
+    """Predictions of every sample, off by `error_N` (one a seed), and their metrics."""
+    tables = []
+    for seed, off in zip(seeds, error_N, strict=True):
+        table = touches.table[["sample", "x_mm", "y_mm", "force_N"]].copy()
+        table["force_N"] += off
+        table.insert(1, "seed", seed)
+        tables.append(table.assign(touch=True, abstain=False))
+    predictions = pd.concat(tables, ignore_index=True)
+    return predictions, metrics.evaluate(predictions, touches, "random", "any", "small")
+
+
+def test_worst_and_best_are_by_the_mean_over_the_seeds(touches):
+    errors = {"a": (0.1, 0.5), "b": (0.4, 0.4), "c": (0.2, 0.2)}
+    rows = {model: predicted(touches, off)[1] for model, off in errors.items()}
+    chosen = figure_4.choose(rows)
+    assert (chosen.worst, chosen.best, chosen.models) == ("b", "c", ("a", "b", "c"))
+
+
+def test_one_model_and_a_model_without_force_are_refused(touches):
+    rows = predicted(touches, (0.1, 0.2))[1]
+    with pytest.raises(InputError, match="models: found mlp, expected two or more"):
+        figure_4.choose({"mlp": rows})
+    with pytest.raises(InputError, match="mae of F: found 0 of them"):
+        figure_4.choose({"mlp": rows[rows["target"] != "F"], "cnn": rows})
+
+
+def test_errors_by_place_are_means_over_samples_and_seeds(touches):
+    predictions, _ = predicted(touches, (0.25, -0.75))
+    places = figure_4.by_place(figure_4.joined(predictions, touches, "mlp"))
+    assert len(places) == touches.table["place"].nunique()
+    np.testing.assert_allclose(places["mae_N"], 0.5)
+    assert places["samples"].sum() == 2 * len(touches.table)
+    first = touches.table[touches.table["place"] == places["place"][0]]
+    assert places["x_mm"][0] == pytest.approx(first["x_mm"].mean())
+
+
+def test_truth_and_prediction_stand_side_by_side(touches):
+    predictions, _ = predicted(touches, (0.25, -0.75))
+    table = figure_4.joined(predictions, touches, "mlp")
+    off = (table["predicted_N"] - table["force_N"]).groupby(table["seed"]).mean()
+    np.testing.assert_allclose(off, [0.25, -0.75])
+
+
+def test_files_are_written_and_the_numbers_beside_them(touches, tmp_path):
+    rows, paths = {}, {}
+    for model, off in {"mlp": (0.1, 0.2), "cnn": (0.5, 0.6), "svr": (0.3, 0.3)}.items():
+        predictions, rows[model] = predicted(touches, off)
+        paths[model] = tmp_path / f"{model}.parquet"
+        predictions.to_parquet(paths[model])
+    files = [tmp_path / f"figure.{kind}" for kind in ("svg", "png", "csv")]
+    chosen = figure_4.write(rows, paths, touches, 80.0, even_angles(16), *files)
+    assert (chosen.worst, chosen.best) == ("cnn", "mlp")
+    table = pd.read_csv(files[2])
+    assert table.groupby("panel")["model"].unique().map(list).to_dict() == {
+        "a": ["cnn"],
+        "b, c": ["mlp"],
+    }
+    assert all(file.stat().st_size > 1000 for file in files[:2])
+    assert (
+        "worst" in figure_4.draw(table[:20], table[-20:], 80.0, even_angles(16)).axes[0].get_title()
+    )

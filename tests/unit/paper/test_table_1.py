@@ -1,0 +1,151 @@
+import pandas as pd
+import pytest
+
+from eitskin.errors import InputError
+from eitskin.learn import metrics
+from eitskin.limit import posterior_mean
+from eitskin.paper import table_1
+from eitskin.pins import ROOT
+
+PAPER = ROOT / "workflow" / "eitskin" / "paper" / "printed_table_1.csv"
+HEADER = (
+    "configuration,recording,split,model,target,metric,mean,low,high,unit,seeds,budget,limit,paper"
+)
+
+
+def metric_file(folder, **given):
+    """A metrics file with R² and MAE of x and F; the mean is 0.5, the interval 0.4 to 0.6."""
+    row = {
+        "configuration": "text",
+        "recording": "simulated",
+        "origin": "simulated",
+        "split": "random",
+        "model": "mlp",
+        "mean": 0.5,
+        "low": 0.4,
+        "high": 0.6,
+        "seeds": 2,
+        "budget": "small",
+        **given,
+    }
+    rows = [
+        {**row, "target": target, "metric": metric, "unit": "1" if metric == "r2" else "N"}
+        for target in ("x", "F")
+        for metric in ("r2", "mae", "rmse")
+    ]
+    path = folder / f"{abs(hash(tuple(row.values())))}.csv"
+    metrics.write(pd.DataFrame(rows, columns=list(metrics.COLUMNS)), path)
+    return path
+
+
+def limit_file(folder):
+    """The limit of a set whose touches lie everywhere: 0.9, and 0.95 with skin and gains known."""
+    row = {"configuration": "text", "recording": "simulated", "split": "continuous"}
+    row |= {"low": 0.8, "high": 1.0, "unit": "1", "samples": 300}
+    rows = [
+        {**row, "estimate": estimate, "target": target, "metric": metric, "value": value}
+        for estimate, value in (("limit", 0.9), ("limit_known", 0.95))
+        for target in ("x", "F")
+        for metric in ("r2", "mae", "rmse", "z2")
+    ]
+    path = folder / "limit.csv"
+    posterior_mean.write(pd.DataFrame(rows, columns=list(posterior_mean.COLUMNS)), path)
+    return path
+
+
+def write(folder, *paths, limits=()):
+    table_1.write(list(paths), PAPER, list(limits), folder / "table_1.csv", folder / "table_1.md")
+    return pd.read_csv(folder / "table_1.csv", keep_default_na=False)
+
+
+def test_the_papers_numbers_are_all_there():
+    paper = table_1.paper(PAPER)
+    assert len(paper) == 2 * 7 * 3 * 2
+    assert not paper.duplicated(["recording", "model", "target", "metric"]).any()
+    cell = paper.set_index(["recording", "model", "target", "metric"])["value"]
+    assert cell["simulated", "physics-informed-mlp", "F", "r2"] == 0.92
+    assert cell["simulated", "transformer", "y", "mae"] == 2.83
+    assert cell["real", "mlp", "F", "mae"] == 0.75
+    assert cell["real", "svr", "x", "mae"] == 0.7
+    assert cell["real", "cnn-transformer", "F", "r2"] == 0.62
+
+
+def test_columns_are_exactly_these_and_the_paper_stands_beside(tmp_path):
+    table = write(tmp_path, metric_file(tmp_path))
+    assert (tmp_path / "table_1.csv").read_text().splitlines()[0] == HEADER
+    cell = table.set_index(["target", "metric"])["paper"]
+    assert (cell["F", "r2"], cell["F", "mae"], cell["x", "mae"]) == ("0.89", "0.48", "1.73")
+    assert cell["F", "rmse"] == ""
+    table = write(tmp_path, metric_file(tmp_path, configuration="authors"))
+    assert table.set_index(["target", "metric"])["paper"]["F", "r2"] == "0.89"
+    assert set(table["limit"]) == {""}
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"split": "place"},
+        {"configuration": "averaged"},
+        {"configuration": "crossed"},
+        {"configuration": "my-own"},
+        {"recording": "bench-top", "configuration": "", "origin": "a citation"},
+        {"recording": "real", "configuration": "", "origin": "a citation"},
+        {"model": "gru"},
+    ],
+)
+def test_no_number_of_the_papers_beside_another_experiment(tmp_path, given):
+    assert set(write(tmp_path, metric_file(tmp_path, **given))["paper"]) == {""}
+
+
+def test_order_of_the_files_does_not_matter(tmp_path):
+    paths = [
+        metric_file(tmp_path),
+        metric_file(tmp_path, model="physics-informed-mlp"),
+        metric_file(tmp_path, split="place"),
+        metric_file(tmp_path, budget="full"),
+        metric_file(tmp_path, recording="bench-top", configuration="", origin="a citation"),
+    ]
+    table = write(tmp_path, *paths)
+    written = [tmp_path / "table_1.csv", tmp_path / "table_1.md"]
+    first = [path.read_bytes() for path in written]
+    write(tmp_path, *reversed(paths))
+    assert [path.read_bytes() for path in written] == first
+    assert len(table) == 30
+    text = table[(table["configuration"] == "text") & (table["budget"] == "small")]
+    assert list(text["split"].unique()) == ["random", "place"]
+    assert list(text["model"][text["split"] == "random"].unique()) == [
+        "mlp",
+        "physics-informed-mlp",
+    ]
+    assert list(text["target"][:6]) == ["x"] * 3 + ["F"] * 3
+
+
+def test_markdown_has_interval_and_paper_and_labels_simulations(tmp_path):
+    one_seed = metric_file(tmp_path, seeds=1, low=None, high=None, split="session")
+    twin = metric_file(tmp_path, recording="twin", configuration="")
+    write(tmp_path, metric_file(tmp_path), one_seed, twin)
+    text = (tmp_path / "table_1.md").read_text()
+    assert "## simulated, text · split by random · budget small · seeds 2" in text
+    assert "## twin (simulated) · split by random" in text
+    assert "0.500 [0.400, 0.600] (0.89)" in text
+    session = text.split("split by session")[1]
+    assert "| mlp | 0.500 | 0.500 |" in session
+
+
+def test_the_limit_stands_beside_its_own_split_alone(tmp_path):
+    paths = [metric_file(tmp_path, split=split) for split in ("random", "continuous")]
+    table = write(tmp_path, *paths, limits=[limit_file(tmp_path)])
+    cell = table.set_index(["split", "target", "metric"])["limit"]
+    assert set(cell["random"]) == {""} and set(cell["continuous"]) == {"0.9"}
+    text = (tmp_path / "table_1.md").read_text().split("split by continuous")
+    assert "limit, skin" not in text[0]
+    assert "| limit | 0.900 | 0.900 | 0.900 | 0.900 |" in text[1]
+    assert "| limit, skin and gains known | 0.950 |" in text[1]
+
+
+def test_other_files_are_refused(tmp_path):
+    (tmp_path / "other.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(InputError, match=r"other\.csv: columns: found \['a', 'b'\]"):
+        table_1.collect([tmp_path / "other.csv"], PAPER)
+    with pytest.raises(InputError, match="metrics files: found none"):
+        table_1.collect([], PAPER)

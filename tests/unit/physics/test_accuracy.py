@@ -1,0 +1,42 @@
+"""The two named accuracies keep their promise, on electrodes and on hard places and probes."""
+
+import numpy as np
+import pytest
+
+from eitskin.physics import accuracy
+from eitskin.physics.geometry import Geometry
+from eitskin.physics.protocol import channel_table
+
+CHANNELS = channel_table(16)
+ANGLES = np.arange(16) * 22.5
+SKINS = {
+    "points": Geometry(80.0, 3.0, 0.5, ANGLES, 0.0, 0.0),
+    "complete": Geometry(80.0, 3.0, 0.5, ANGLES, 5.0, 2e-3),
+    "wide, good contact": Geometry(80.0, 3.0, 0.5, ANGLES, 14.0, 1e-4),
+}
+
+
+@pytest.mark.parametrize("skin", SKINS)
+@pytest.mark.parametrize(("name", "bound"), [("train", 2e-4), ("diagnose", 2e-5)])
+def test_untouched(skin, name, bound):
+    limit, _ = accuracy.electrode_limit(SKINS[skin], CHANNELS)
+    error = accuracy.untouched_error(SKINS[skin], CHANNELS, name)
+    assert error.shape == (208,)
+    assert np.sqrt((error**2).mean()) < bound * np.median(np.abs(limit))
+
+
+@pytest.mark.parametrize("skin", SKINS)
+@pytest.mark.parametrize(("name", "bound"), [("train", 5e-3), ("diagnose", 2e-4)])
+@pytest.mark.parametrize("radius", [3.5, 7.5])
+def test_touch_nearest_the_rim(skin, name, bound, radius):
+    place = (72.0, 0.0, radius)
+    change = accuracy.Forward(SKINS[skin]).place(*place)
+    size = np.linalg.norm(change.channel_change(CHANNELS, accuracy.CONTRASTS), axis=1)
+    error = accuracy.touch_error(SKINS[skin], CHANNELS, name, place)
+    assert (np.linalg.norm(error, axis=1) < bound * size).all()
+
+
+def test_the_error_falls_at_the_order_told():
+    _, order = accuracy.electrode_limit(SKINS["wide, good contact"], CHANNELS)
+    assert 4 < order < 7
+    assert np.isnan(accuracy.electrode_limit(SKINS["complete"], CHANNELS)[1])

@@ -1,0 +1,90 @@
+"""What solved skins share, and what they are said to take."""
+
+import numpy as np
+import pytest
+
+from eitskin.physics.depth import DepthForward, span
+from eitskin.physics.geometry import Geometry, Patch
+from eitskin.physics.solver import Neighbours, Spent, forward_model
+
+SHEET = Geometry(80.0, 3.0, 0.5, 22.5 * np.arange(16), 5.0, 2e-3)
+BODY = SHEET.with_values(thickness_mm=20.0, deep=True, electrode_height_mm=8.0)
+CONTACTS = 2e-3 * np.linspace(1.0, 1.5, 16)
+
+
+def test_bodies_that_differ_in_their_contacts_share_all_else_bit_for_bit():
+    near = Neighbours()
+    first = near.solve(BODY, "train")
+    poorer = BODY.with_values(contact_impedivity_ohm_m2=CONTACTS)
+    found = near.solve(poorer, "train")
+    assert found.electrodes.interaction is first.electrodes.interaction
+    assert found.effort < first.effort
+    alone = DepthForward(poorer, span(poorer), "train")
+    assert np.array_equal(found.transfer(), alone.transfer())
+    place = (20.0, 10.0, 6.0)
+    here, there = (f.place(*place).transfer_change(np.array([2.0])) for f in (found, alone))
+    assert np.array_equal(here, there)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"thickness_mm": 21.0},
+        {"electrode_height_mm": 7.0},
+        {"electrode_z_mm": 9.0},
+        {"electrode_width_mm": 4.0},
+        {"contact_impedivity_ohm_m2": 2e-4},
+    ],
+    ids=lambda values: next(iter(values)),
+)
+def test_bodies_that_differ_otherwise_share_nothing(values):
+    first = forward_model(BODY, "train")
+    other = BODY.with_values(**values)
+    found, alone = forward_model(other, "train", first), forward_model(other, "train")
+    assert found.electrodes.interaction is not first.electrodes.interaction
+    assert np.array_equal(found.transfer(), alone.transfer())
+    assert found.effort == alone.effort
+
+
+def test_a_body_counts_for_many_sheets_and_the_larger_for_more():
+    near = Neighbours()
+    near.solve(SHEET, "train")
+    assert near.spent == 1.0
+    plain = near.solve(BODY, "train")
+    crowded = near.solve(BODY.with_values(contact_impedivity_ohm_m2=2e-4), "train")
+    assert 1.0 < plain.effort < crowded.effort
+    assert near.spent == 1.0 + plain.effort + crowded.effort
+    patched = near.solve(SHEET.with_values(patch=Patch(20.0, 10.0, 15.0, 2.0)), "train")
+    assert patched.effort == 1.0
+    assert forward_model(SHEET, "train").touch_effort < patched.touch_effort
+    assert forward_model(SHEET, "train").touch_effort < plain.touch_effort
+
+
+def test_a_body_of_the_diagnosis_counts_for_about_a_hundred_sheets():
+    whole = forward_model(BODY, "diagnose")
+    assert 50.0 < whole.effort < 250.0
+    shared = forward_model(BODY.with_values(contact_impedivity_ohm_m2=CONTACTS), "diagnose", whole)
+    assert 0.2 * whole.effort < shared.effort < 0.6 * whole.effort
+
+
+def test_what_may_be_solved_ends_and_the_limit_with_it():
+    near = Neighbours()
+    with pytest.raises(Spent), near.within(1.5):
+        near.solve(SHEET, "train")
+        near.solve(SHEET, "train")
+        near.solve(SHEET, "train")
+    assert near.spent == 2.0
+    near.solve(SHEET, "train")
+
+
+def test_a_limit_inside_another_leaves_that_one_as_it_was():
+    near = Neighbours()
+    with pytest.raises(Spent), near.within(1.5):
+        with near.within(100.0):
+            near.solve(SHEET, "train")
+        near.solve(SHEET, "train")
+        near.solve(SHEET, "train")
+    assert near.spent == 2.0
+    with pytest.raises(Spent), near.within(2.5), near.within(100.0):
+        near.solve(SHEET, "train")
+        near.solve(SHEET, "train")

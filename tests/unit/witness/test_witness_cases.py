@@ -1,0 +1,145 @@
+"""Cases: repeatable, as promised, and made without the tool's solver."""
+
+import ast
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import witness
+from eitskin.data import recording
+from eitskin.effects import EFFECTS
+from eitskin.errors import InputError
+from witness.cases import draw, names_of, signature, write
+from witness.outside import OUTSIDE, Scene
+from witness.strengths import DRAWN
+from witness.world import World
+
+ALLOWED = {"recording", "skin", "protocol", "errors", "atomic"}
+
+
+@pytest.fixture(scope="module")
+def null():
+    return draw("null", 3)
+
+
+def test_shares_no_solving_code():
+    for path in Path(witness.__file__).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module == "eitskin":
+                used = {name.name for name in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                used = (
+                    {node.module.partition(".")[2]} if node.module.startswith("eitskin") else set()
+                )
+            elif isinstance(node, ast.Import):
+                used = {n.name for n in node.names if n.name.split(".")[0] == "eitskin"}
+            else:
+                continue
+            assert used <= ALLOWED, f"{path.name} imports {used - ALLOWED}"
+
+
+def test_draws_every_name_of_the_catalogue():
+    assert set(DRAWN) == set(EFFECTS) - {"ellipse"}
+
+
+@pytest.mark.parametrize("kind", ["null", "single:crosstalk", "outside:texture"])
+def test_repeats_bit_for_bit(kind):
+    first, again = draw(kind, 5), draw(kind, 5)
+    assert np.array_equal(first.voltage, again.voltage)
+    assert np.array_equal(first.query_clean, again.query_clean)
+    assert first.effects == again.effects and first.outside == again.outside
+    assert not np.array_equal(first.voltage[:5], draw(kind, 6).voltage[:5])
+
+
+def test_recording_as_promised(null):
+    frames = null.states
+    assert 100 <= len(frames) <= 150 and 24 <= len(null.query) <= 40
+    assert not frames["touch"][:2].any()
+    assert 10 <= frames["contact"].dropna().nunique() <= 14
+    reach = np.hypot(frames["x_mm"], frames["y_mm"]) + 0.5 * frames["probe_mm"]
+    assert reach.max() <= 0.93 * null.true.radius_mm + 1e-9
+    off = null.true.conductivity_S_per_m / null.believed.conductivity_S_per_m
+    assert 0.85 <= off <= 1.15 and off != 1.0
+    left = (null.voltage - null.clean) / null.noise_V
+    assert left.std() == pytest.approx(1.0, abs=0.02)
+    assert null.query["force_N"].max() > frames["force_N"].max()
+    assert null.query["time_s"].min() > frames["time_s"].max()
+
+
+@pytest.mark.parametrize("kind", ["single:contact-impedance", "pair", "outside:source-sag"])
+def test_written_and_read(kind, tmp_path):
+    case = draw(kind, 4)
+    write(case, tmp_path)
+    made = recording.read(tmp_path / "recording.parquet")
+    assert np.array_equal(made.voltage, case.voltage)
+    assert made.skin == case.believed
+    asked = recording.read(tmp_path / "query.parquet")
+    assert asked.voltage is None and len(asked.frames) == len(case.query_clean)
+    truth = json.loads((tmp_path / "truth.json").read_text())
+    assert truth["effects"] == case.effects
+    assert np.array_equal(truth["query_voltage_V"], case.query_clean)
+
+
+def test_shows_as_much_as_it_says():
+    case = draw("single:drive-gain", 8)
+    world = World(case.true, np.array(case.metadata["channels"]), case.metadata["frame_s"])
+    plain = world.readings(case.states, [])
+    assert signature(case.clean, plain, case.noise_V) == pytest.approx(case.snr[0], rel=1e-9)
+    assert 9.5 <= case.snr[0] <= 63.0
+    assert signature(1.3 * plain, plain, case.noise_V) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_an_effect_of_no_strength_changes_nothing(null):
+    world = World(null.true, np.array(null.metadata["channels"]), null.metadata["frame_s"])
+    for name in ("contact-impedance", "anisotropy", "relaxation", "crosstalk", "frame-skew"):
+        scene = type("S", (), {"n": 16, "channels": world.channels})
+        nothing = DRAWN[name](np.random.default_rng(1), scene).at(0.0)
+        changed = world.readings(null.states, [nothing])
+        assert np.abs(changed - null.clean).max() < 1e-9 * np.abs(null.clean).max(), name
+
+
+def test_every_outside_law_starts_from_nothing(null):
+    world = World(null.true, np.array(null.metadata["channels"]), null.metadata["frame_s"])
+    states = null.states.iloc[:30]
+    presses = states["contact"].dropna().unique().astype(int)
+    scene = Scene(16, presses, states["time_s"].max(), 60.0, (0.0, 0.0, 0.1), null.clean[0])
+    plain = world.readings(states, [])
+    median = np.median(np.abs(plain[0]))
+    for name, law in OUTSIDE.items():
+        if name in ("palm", "slit"):  # these need a free place
+            continue
+        drawn = law.draw(np.random.default_rng(2), scene)
+        small = [world.readings(states, [], replace(drawn, amount=a * law.most)) for a in (0, 0.1)]
+        limit = 1e-2 if name == "smooth-dent" else 1e-9
+        assert np.abs(small[0] - plain).max() < limit * median, name
+        assert np.abs(small[1] - plain).max() > 1e-7 * median, name
+
+
+@pytest.mark.parametrize("kind", ["nil", "single:nothing", "outside:nothing", "pair:x"])
+def test_refuses_unknown_kinds(kind):
+    with pytest.raises(InputError, match="kind"):
+        names_of(kind, np.random.default_rng(0))
+
+
+def test_sets_have_their_size():
+    rng = np.random.default_rng(0)
+    assert all(len(set(names_of("triple", rng)[0])) == 3 for _ in range(20))
+
+
+def test_longer_recordings_have_more_presses(null):
+    long = draw("null", 3, frames=500)
+    assert len(long.states) == len(long.voltage) == 500
+    ratio = long.states["contact"].nunique() / null.states["contact"].nunique()
+    assert 3.5 < ratio < 4.5
+    assert long.true.radius_mm == null.true.radius_mm
+
+
+def test_a_share_of_the_largest_strength_is_drawn_in_place_of_an_snr():
+    case, own = draw("single:force-offset", 2, share=0.4), draw("single:force-offset", 2)
+    (effect,) = case.effects
+    assert abs(effect["parameters"]["offset_N"]) == pytest.approx(0.8)
+    assert case.true == own.true and case.states.equals(own.states) and case.level >= own.level
+    assert case.snr[0] > own.snr[0]

@@ -1,0 +1,1 @@
+"""What is measured against others: speed, finite elements, numerical errors."""

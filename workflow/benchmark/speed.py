@@ -1,0 +1,399 @@
+"""How fast, side by side with peers in one run: `python -m benchmark.speed [NAME]`.
+
+Writes results/bench/NAME.json, a list of {name, unit, ours, peer_name, peer, ratio, runs, command}:
+medians over the runs, ratio = ours / peer.
+
+`clean`: every side computes the same thing, the 208 voltages of a sheet with 16 point electrodes
+for 192 places and 260 strengths of one circular touch. Slow peers are timed on a few samples,
+spread evenly over all. What a side prepares once counts in its time, but for what favours the
+peers: the mesh, the element matrices and the touched elements' stiffness are there before. Before
+timing, every solver on pyEIT's mesh must give the same voltages. `perturbed`, `diagnosed`: see
+there.
+"""
+
+import argparse
+import contextlib
+import io
+import json
+import os
+import resource
+import shlex
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import yaml
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import SuperLU, splu
+from tqdm import tqdm
+
+from benchmark.finite_elements import FiniteElements, straight_mesh
+from eitskin import cli
+from eitskin.atomic import atomic_path
+from eitskin.data import recording
+from eitskin.data.recording import Recording
+from eitskin.physics.forward import Forward, channel_values
+from eitskin.physics.geometry import Geometry
+from eitskin.physics.protocol import channel_table
+from eitskin.simulate import chain, layout, sets
+from witness import cases
+
+N = 16
+CHANNELS = channel_table(N)
+MESH_SIZE = 0.05
+TOUCH_RADIUS = 0.1
+PLACES = np.array(
+    [
+        (r * np.cos(angle), r * np.sin(angle))
+        for r in np.linspace(0.1, 0.9, 8)
+        for angle in 2.0 * np.pi * np.arange(24) / 24
+    ]
+)
+CONTRASTS = 9.0 * np.linspace(0.0, 1.0, 261)[1:]
+AGREEMENT = 1e-10
+LIMIT_S, LIMIT_MIB = 120.0, 2048.0
+FRAMES = 500
+DRAWN = (
+    "null",
+    "single:contact-impedance",
+    "pair",
+    "single:conductivity-drift",
+    "outside:gain-range",
+)
+DIAGNOSIS_S, WORST_S, DIAGNOSIS_MIB = 60.0, 180.0, 4096.0
+
+Samples = list[tuple[int, int]]
+
+
+class MeshSamples:
+    """pyEIT's mesh and its touches: samples are (place, strength) pairs of indices."""
+
+    def __init__(self):
+        from pyeit.eit import protocol
+        from pyeit.eit.fem import EITForward
+        from pyeit.mesh.wrapper import PyEITAnomaly_Circle, create, set_perm
+
+        peer = create(N, h0=MESH_SIZE)
+        self.pyeit = EITForward(peer, protocol.create(N))
+        self.elements = FiniteElements(straight_mesh(peer.node, peer.element), peer.el_pos)
+        self.background = np.ones(len(peer.element))
+        self.touched = []
+        for place in PLACES:
+            circle = PyEITAnomaly_Circle(center=list(place), r=TOUCH_RADIUS, perm=2.0)
+            self.touched.append(np.flatnonzero(set_perm(peer, circle, background=1.0).perm == 2.0))
+
+    def conductance(self, place: int, strength: int) -> np.ndarray:
+        """Conductance (elements,) in S of one sample."""
+        conductance = self.background.copy()
+        conductance[self.touched[place]] *= 1.0 + CONTRASTS[strength]
+        return conductance
+
+    def by_pyeit(self, samples: Samples) -> np.ndarray:
+        """pyEIT's solve_eit, a sample at a time; its measurement is u[minus] - u[plus]."""
+        return -np.array([self.pyeit.solve_eit(self.conductance(*s)) for s in samples])
+
+    def by_factoring(self, samples: Samples) -> np.ndarray:
+        """SciPy: one sparse factorisation a sample, all electrodes solved from it."""
+        return np.array(
+            [
+                channel_values(self.elements.transfer(self.conductance(*sample)), CHANNELS)
+                for sample in samples
+            ]
+        )
+
+    def by_touch_modes(self, _: Samples) -> np.ndarray:
+        """Closed form in the strength, on the same mesh: every sample there is, (C, M)."""
+        factored = self.elements.factored(self.background)
+        untouched = channel_values(factored.transfer, CHANNELS)
+        values = np.empty((len(PLACES), len(CONTRASTS), len(CHANNELS)))
+        for place, touched in enumerate(self.touched):
+            modes = factored.touch_modes(touched)
+            values[place] = untouched + modes.channel_change(CHANNELS, CONTRASTS)
+        return values.reshape(-1, len(CHANNELS))
+
+
+class Woodbury:
+    """SciPy: the untouched sheet factored once, each sample corrected by a small dense solve.
+
+    With `kept`, what depends on the place alone is computed once a place, not once a sample.
+    The factorisation counts in the time.
+    """
+
+    def __init__(self, sheet: MeshSamples, kept: bool):
+        self.sheet, self.kept = sheet, kept
+        self.changes = [self._change(touched) for touched in sheet.touched]
+
+    def _change(self, touched: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        elements = self.sheet.elements
+        dofs = elements.basis.element_dofs[:, touched]
+        nodes = np.unique(dofs)
+        local = np.zeros(len(self.sheet.background))
+        local[touched] = 1.0
+        stiffness = elements.stiffness(self.sheet.background + local)
+        stiffness = stiffness - elements.stiffness(self.sheet.background)
+        return nodes, stiffness[nodes][:, nodes].toarray()
+
+    def __call__(self, samples: Samples) -> np.ndarray:
+        elements = self.sheet.elements
+        matrix = elements.stiffness(self.sheet.background)
+        size = matrix.shape[0]
+        ground = self.sheet.pyeit.mesh.ref_node
+        terminals = self.sheet.pyeit.mesh.el_pos
+        free = np.delete(np.arange(size), ground)
+        factors = splu(
+            csc_matrix(matrix[free][:, free]),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+        currents = np.zeros((size, N))
+        currents[terminals, np.arange(N)] = 1.0
+        fields = np.zeros((size, N))
+        fields[free] = factors.solve(currents[free])
+        untouched = fields[terminals]
+        known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        values = np.empty((len(samples), len(CHANNELS)))
+        for row, (place, strength) in enumerate(samples):
+            nodes, change = self.changes[place]
+            if not self.kept or place not in known:
+                known[place] = self._columns(factors, free, nodes, change)
+            moved, response = known[place]
+            system = np.eye(len(nodes)) / CONTRASTS[strength] + response
+            correction = fields[nodes].T @ np.linalg.solve(system, moved @ fields[nodes])
+            values[row] = channel_values(untouched - correction, CHANNELS)
+        return values
+
+    @staticmethod
+    def _columns(
+        factors: SuperLU, free: np.ndarray, nodes: np.ndarray, change: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        unit = np.zeros((len(free) + 1, len(nodes)))
+        unit[nodes, np.arange(len(nodes))] = 1.0
+        potentials = np.zeros_like(unit)
+        potentials[free] = factors.solve(unit[free])
+        return change, change @ potentials[nodes]
+
+
+def by_forward_model(_: Samples) -> np.ndarray:
+    """eitskin's own forward model at `train` accuracy: every sample there is, (C, M)."""
+    radius_mm, points = 80.0, np.zeros(N)
+    forward = Forward(
+        Geometry(radius_mm, 1.0, 1000.0, 360.0 * np.arange(N) / N, points, points), "train"
+    )
+    untouched = channel_values(forward.transfer(), CHANNELS)
+    values = np.empty((len(PLACES), len(CONTRASTS), len(CHANNELS)))
+    for place, (x, y) in enumerate(radius_mm * PLACES):
+        modes = forward.place(x, y, TOUCH_RADIUS * radius_mm)
+        values[place] = untouched + modes.channel_change(CHANNELS, CONTRASTS)
+    return values.reshape(-1, len(CHANNELS))
+
+
+def spread_samples(count: int) -> Samples:
+    """`count` samples, place-major, spread evenly over places and strengths."""
+    flat = np.linspace(0, len(PLACES) * len(CONTRASTS) - 1, count).round().astype(int)
+    return [(int(i) // len(CONTRASTS), int(i) % len(CONTRASTS)) for i in flat]
+
+
+def rates(solver: Callable[[Samples], np.ndarray], samples: Samples, runs: int) -> list[float]:
+    """Samples a second, run by run; a first run that only warms up is not counted."""
+    solver(samples)
+    found = []
+    for _ in range(runs):
+        start = time.perf_counter()
+        found.append(len(solver(samples)) / (time.perf_counter() - start))
+    return found
+
+
+def disagreement(sheet: MeshSamples, solvers: list[Callable[[Samples], np.ndarray]]) -> float:
+    """Largest difference from pyEIT's voltages on its mesh, of the largest voltage, 24 samples."""
+    samples = spread_samples(24)
+    expected = sheet.by_pyeit(samples)
+    rows = [place * len(CONTRASTS) + strength for place, strength in samples]
+    every = sheet.by_touch_modes(samples)[rows]
+    found = [every, *(solver(samples) for solver in solvers)]
+    return max(np.max(abs(f - expected)) for f in found) / np.max(abs(expected))
+
+
+def clean(runs: int, command: str) -> list[dict]:
+    """Clean samples a second: our forward model, and our closed form on pyEIT's mesh, by peer.
+
+    Raises RuntimeError where the solvers on pyEIT's mesh disagree.
+    """
+    sheet = MeshSamples()
+    per_sample, kept = Woodbury(sheet, kept=False), Woodbury(sheet, kept=True)
+    difference = disagreement(sheet, [sheet.by_factoring, per_sample, kept])
+    if not difference < AGREEMENT:
+        raise RuntimeError(f"solvers on pyEIT's mesh differ by {difference:.1e} of a voltage")
+    ours = {"clean": by_forward_model, "clean on pyEIT's mesh": sheet.by_touch_modes}
+    peers = {
+        "pyEIT 1.2.4": (sheet.by_pyeit, spread_samples(12)),
+        "SciPy, one factorisation a sample": (sheet.by_factoring, spread_samples(96)),
+        "SciPy, one factorisation in all, Woodbury a sample": (per_sample, spread_samples(384)),
+        "SciPy, the same, columns kept for each place": (
+            kept,
+            spread_samples(len(PLACES) * len(CONTRASTS)),
+        ),
+    }
+    bar = tqdm(total=len(ours) + len(peers), desc="clean", disable=None)
+    measured = {}
+    for name, solver in ours.items():
+        measured[name] = statistics.median(rates(solver, [], runs))
+        bar.update()
+    for name, (solver, samples) in peers.items():
+        measured[name] = statistics.median(rates(solver, samples, runs))
+        bar.update()
+    bar.close()
+    return [
+        row(name, "samples/s", measured[name], peer, measured[peer], runs, command)
+        for name in ours
+        for peer in peers
+    ]
+
+
+def row(
+    name: str, unit: str, ours: float, peer_name: str, peer: float, runs: int, command: str
+) -> dict:
+    """One line of a bench: medians over `runs`, ratio = ours / peer."""
+    return {
+        "name": name,
+        "unit": unit,
+        "ours": ours,
+        "peer_name": peer_name,
+        "peer": peer,
+        "ratio": ours / peer,
+        "runs": runs,
+        "command": command,
+    }
+
+
+def perturb(config: dict, name: str) -> tuple[int, float, float]:
+    """Simulate configuration `name` from nothing to its dataset, as the workflow does.
+
+    Returns samples, seconds and the process's peak memory in MiB: call it in a fresh process.
+    """
+    start = time.perf_counter()
+    chosen = config["configurations"][name]
+    with TemporaryDirectory() as folder:
+        laid, places, stage = (Path(folder) / part for part in ("mesh.npz", "places.csv", "0"))
+        blocks = ("seed", "skin", "protocol", "touch_grid", "forces", "accuracy")
+        layout.write(laid, places, **{block: config[block] for block in blocks})
+        sets.write_skin_stage(
+            laid,
+            places,
+            stage,
+            config["seed"],
+            config["skin"],
+            config["accuracy"],
+            chain.skin_effects(chosen["effects"]),
+            chosen["session_frames"],
+            chosen["crossed"],
+        )
+        links = chain.instrument_effects(chosen["effects"])
+        for position, effect in enumerate(links.values(), start=1):
+            done = stage.with_name(str(position))
+            sets.write_stage(stage, done, config["seed"], effect, position)
+            stage = done
+        dataset = Path(folder) / "dataset.parquet"
+        noise, baseline = chosen["noise"], chosen["baseline"]
+        sets.write_dataset(stage, dataset, name, config["seed"], noise, baseline)
+        samples = len(sets.read_stage(stage)[0])
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    return samples, time.perf_counter() - start, peak
+
+
+def perturbed(runs: int, command: str) -> list[dict]:
+    """Seconds and peak memory of the perturbed sets of config.yaml, beside what they may take.
+
+    One process on one core, a fresh one each run; a new geometry every `session_frames` samples.
+    """
+    config = yaml.safe_load(Path("config.yaml").read_text(encoding="utf-8"))
+    rows = []
+    for name in tqdm(["authors", "crossed"], desc="perturbed", disable=None):
+        found = []
+        for _ in range(runs):
+            with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+                found.append(pool.submit(perturb, config, name).result())
+        samples, seconds, peak = (statistics.median(values) for values in zip(*found, strict=True))
+        label = "perturbed" if name == "authors" else f"perturbed, {name}"
+        title = f"limit for {samples:.0f} samples"
+        rows.append(row(label, "s", seconds, title, LIMIT_S, runs, command))
+        rows.append(row(f"{label}, memory", "MiB", peak, title, LIMIT_MIB, runs, command))
+    return rows
+
+
+def diagnose(kind: str, seed: int, frames: int) -> tuple[float, float]:
+    """Draw a recording and diagnose it as `eitskin diagnose` does, report and all.
+
+    Returns seconds and the process's peak memory in MiB, of the diagnosis: call it in a fresh
+    process. Raises RuntimeError where the diagnosis fails.
+    """
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "drawn.parquet"
+        case = cases.draw(kind, seed, frames)
+        recording.write(Recording(case.states, case.voltage, None, None, case.metadata), path)
+        start = time.perf_counter()
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            code = cli.main(["diagnose", str(path), "--out", str(Path(folder) / "out")])
+        seconds = time.perf_counter() - start
+    if code:
+        raise RuntimeError(f"the diagnosis of {kind}, seed {seed}, ended with code {code}")
+    return seconds, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def diagnosed(runs: int, command: str) -> list[dict]:
+    """Seconds and peak memory of diagnoses of 500 frames, beside what they may take.
+
+    `runs` recordings of 16 electrodes, of the kinds DRAWN in turn, drawn by `witness`; each in a
+    fresh process, first one after the other, then two at a time.
+    """
+    drawn = [(DRAWN[i % len(DRAWN)], 1 + i // len(DRAWN), FRAMES) for i in range(runs)]
+    rows = []
+    for at_once, words in ((1, ""), (2, ", two at once")):
+        pool = ProcessPoolExecutor(at_once, get_context("spawn"), max_tasks_per_child=1)
+        with pool:
+            done = pool.map(diagnose, *zip(*drawn, strict=True))
+            found = list(tqdm(done, total=runs, desc=f"diagnosed{words}", disable=None))
+        seconds, peaks = zip(*found, strict=True)
+        for name, unit, value, limit in (
+            ("median", "s", statistics.median(seconds), DIAGNOSIS_S),
+            ("worst", "s", max(seconds), WORST_S),
+            ("memory, most", "MiB", max(peaks), DIAGNOSIS_MIB),
+        ):
+            title = f"limit for {FRAMES} frames"
+            label = f"diagnosed{words}, {name}"
+            rows.append(row(label, unit, value, title, limit, runs, command))
+    return rows
+
+
+BENCHES = {"clean": clean, "perturbed": perturbed, "diagnosed": diagnosed}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the benches named, all by default, print their ratios and write them."""
+    parser = argparse.ArgumentParser(prog="python -m benchmark.speed", description=__doc__)
+    parser.add_argument("name", nargs="?", choices=list(BENCHES), help="all by default")
+    parser.add_argument("--runs", type=int, default=5)
+    parser.add_argument("--output", type=Path, default=Path("results/bench"))
+    chosen = parser.parse_args(arguments)
+    given = sys.argv[1:] if arguments is None else arguments
+    threads = f"OMP_NUM_THREADS={os.environ.get('OMP_NUM_THREADS', 'unset')}"
+    command = f"env {threads} {shlex.join(['python', '-m', 'benchmark.speed', *given])}"
+    for name in [chosen.name] if chosen.name else BENCHES:
+        rows = BENCHES[name](chosen.runs, command)
+        with atomic_path(chosen.output / f"{name}.json") as path:
+            path.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
+        for line in rows:
+            print(
+                f"{line['name']}: {line['ours']:.4g} {line['unit']}; {line['peer_name']}: "
+                f"{line['peer']:.4g}; ratio {line['ratio']:.4g} (median of {line['runs']})"
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,286 @@
+"""Training sets: what a touch changes in the voltages, and the contact state that belongs to it."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from eitskin.atomic import atomic_path
+from eitskin.data.recording import ONE_PLACE_MM, Recording
+from eitskin.errors import InputError
+
+TARGETS = {"x": "x_mm", "y": "y_mm", "F": "force_N", "depth": "depth_mm"}
+UNITS = {"x": "mm", "y": "mm", "F": "N", "depth": "mm"}
+INTEGERS = ("sample", "session", "place")
+NUMBERS = ("x_mm", "y_mm", "force_N", "probe_mm", "depth_mm")
+KEYS = ("format", "version", "name", "origin", "configuration", "targets", "unit")
+SCHEMA_KEY = b"eitskin-dataset"
+
+LOST_SHARE = 0.1  # a channel lost in more of the touched frames than this is dropped
+BLOCKS_ACROSS = 8  # square blocks of places across a skin that was never touched twice alike
+
+
+@dataclass
+class Dataset:
+    """`table` (N rows: sample, session, place, x_mm ...), `delta_V` (N, M) float32 in
+    `metadata["unit"]`, and `metadata`: name, origin ("simulated" or a citation), configuration,
+    targets and, from a recording, what was left out and the noise of its untouched frames.
+    """
+
+    table: pd.DataFrame
+    delta_V: np.ndarray
+    metadata: dict
+
+    def states(self) -> np.ndarray:
+        """The targets (N, T) float64 in mm, mm, N, mm, in the order of `metadata["targets"]`."""
+        columns = [TARGETS[target] for target in self.metadata["targets"]]
+        return self.table[columns].to_numpy(float)
+
+
+def validate(dataset: Dataset, file: str | Path) -> None:
+    """Raise InputError naming `file` unless columns, types, targets and metadata are in order."""
+    metadata, table, delta_V = dataset.metadata, dataset.table, dataset.delta_V
+    for key in KEYS:
+        if key not in metadata:
+            raise InputError(file, f"metadata.{key}", "nothing", f"the keys {', '.join(KEYS)}")
+    if (metadata["format"], metadata["version"]) != ("eitskin-dataset", 1):
+        found = f"{metadata['format']!r}, {metadata['version']!r}"
+        raise InputError(file, "metadata.format, version", found, "'eitskin-dataset', 1")
+    targets = metadata["targets"]
+    if not targets or targets != [target for target in TARGETS if target in targets]:
+        raise InputError(file, "metadata.targets", targets, f"some of {list(TARGETS)}, in order")
+    if list(table.columns) != [*INTEGERS, *NUMBERS]:
+        raise InputError(file, "columns", list(table.columns), f"{[*INTEGERS, *NUMBERS]}")
+    for column in table.columns:
+        dtype = "int64" if column in INTEGERS else "float64"
+        if table[column].dtype != dtype:
+            raise InputError(file, f"column {column}", table[column].dtype, dtype)
+    if len(table) == 0:
+        raise InputError(file, "rows", "none", "at least one sample")
+    if (np.diff(table["sample"]) <= 0).any():
+        raise InputError(file, "column sample", "repeats or a fall", "numbers that increase")
+    if delta_V.dtype != np.float32 or delta_V.ndim != 2 or len(delta_V) != len(table):
+        found = f"{delta_V.dtype} {delta_V.shape}"
+        raise InputError(file, "column delta_V", found, f"float32 ({len(table)}, channels)")
+    where = [(TARGETS[target], table[TARGETS[target]].to_numpy()) for target in targets]
+    for column, values in [*where, ("delta_V", delta_V.sum(axis=1))]:
+        if not np.isfinite(values).all():
+            row = int(np.flatnonzero(~np.isfinite(values))[0])
+            raise InputError(file, f"column {column}, row {row}", "no number", "a finite number")
+
+
+def write(dataset: Dataset, path: str | Path) -> None:
+    """Write a valid dataset to `path`, atomically; equal datasets give equal bytes."""
+    validate(dataset, path)
+    n_channels = dataset.delta_V.shape[1]
+    table = pa.Table.from_pandas(dataset.table, preserve_index=False)
+    flat = pa.array(np.ascontiguousarray(dataset.delta_V).ravel())
+    table = table.append_column("delta_V", pa.FixedSizeListArray.from_arrays(flat, n_channels))
+    header = json.dumps(dataset.metadata, sort_keys=True, allow_nan=False)
+    with atomic_path(path) as temporary:
+        pq.write_table(table.replace_schema_metadata({SCHEMA_KEY: header}), temporary)
+
+
+def read(path: str | Path) -> Dataset:
+    """Read and validate a dataset; raises InputError."""
+    try:
+        table = pq.read_table(path, use_threads=False)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(path, "file", str(error).splitlines()[0], "a Parquet file") from None
+    header = (table.schema.metadata or {}).get(SCHEMA_KEY)
+    if header is None:
+        raise InputError(path, "schema", "no key eitskin-dataset", "a dataset's metadata")
+    kind = table.schema.field("delta_V").type if "delta_V" in table.column_names else None
+    if not (pa.types.is_fixed_size_list(kind) if kind else False):
+        raise InputError(path, "column delta_V", kind, "fixed_size_list<float32>")
+    if kind.value_type != pa.float32() or table["delta_V"].null_count:
+        raise InputError(path, "column delta_V", f"{kind} or nulls", "float32 without nulls")
+    flat = table["delta_V"].combine_chunks().flatten().to_numpy(zero_copy_only=False)
+    dataset = Dataset(
+        table.drop_columns(["delta_V"]).to_pandas(ignore_metadata=True),
+        flat.reshape(len(table), kind.list_size),
+        json.loads(header),
+    )
+    validate(dataset, path)
+    return dataset
+
+
+def changes(recording: Recording, name: str) -> np.ndarray:
+    """What changed in each frame (N, M) float64 against the untouched skin; NaN where unknown.
+
+    One rule for every recording: the baseline of a frame is the mean of the run of untouched
+    frames last seen before it in its session, or of the next run where none came before. A skin
+    measured untouched before every press is thus followed as it drifts; one measured untouched at
+    the start alone gets the paper's V_ref (§ II-B). An untouched frame is compared with the run
+    before its own, as a touch in its place would be; in a session's first run with the other
+    frames of that run. Frames of `values: difference` are changes already.
+
+    Raises InputError for a query and for a session without an untouched frame.
+    """
+    if recording.voltage is None:
+        raise InputError(name, "column voltage_V", "nothing", "voltages; this is a query")
+    if recording.metadata["values"] == "difference":
+        return recording.voltage
+    touched = recording.frames["touch"].to_numpy(bool)
+    difference = np.full(recording.voltage.shape, np.nan)
+    sessions = _sessions(recording.frames)
+    for session in np.unique(sessions):
+        frames = np.flatnonzero(sessions == session)
+        free = ~touched[frames]
+        if not free.any():
+            raise InputError(name, f"session {session}", "no untouched frame", "at least one")
+        voltage = recording.voltage[frames]
+        first = free & ~np.concatenate([[False], free[:-1]])
+        run = np.cumsum(first) - 1  # of an untouched frame its own, of a touched one the last
+        count, total = np.zeros((2, run[-1] + 1, voltage.shape[1]))
+        np.add.at(count, run[free], np.isfinite(voltage[free]))
+        np.add.at(total, run[free], np.nan_to_num(voltage[free]))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            baseline = (total / count)[np.maximum(run - free, 0)]
+            own = free & (run == 0)
+            baseline[own] = (total[0] - voltage[own]) / (count[0] - 1)
+        difference[frames] = voltage - np.where(np.isfinite(baseline), baseline, np.nan)
+    return difference
+
+
+def upper_limit(values: np.ndarray, share: float) -> float:
+    """The value of (n,) below which a new one falls with probability `share` or more, if drawn
+    alike: the ⌈(n + 1) share⌉-th smallest (split conformal), the largest where n is too small.
+    """
+    rank = min(len(values), int(np.ceil((len(values) + 1) * share)))
+    return float(np.sort(values)[rank - 1])
+
+
+def untouched_noise(difference: np.ndarray) -> dict | None:
+    """What the change of an untouched frame looks like, from (U, M) such changes.
+
+    `rms` per channel; `quantile_99`: the `upper_limit` at 99 % of the root mean square of
+    change / rms in a frame; `frames`: how many there were. None below 20, or where a channel is
+    still.
+    """
+    difference = difference[np.isfinite(difference).all(axis=1)]
+    if len(difference) < 20:
+        return None
+    rms = np.sqrt((difference**2).mean(axis=0))
+    if not (rms > 0).all():
+        return None
+    size = np.sqrt(((difference / rms) ** 2).mean(axis=1))
+    return {
+        "rms": rms.tolist(),
+        "quantile_99": upper_limit(size, 0.99),
+        "frames": len(difference),
+    }
+
+
+def from_recording(recording: Recording, name: str) -> Dataset:
+    """The touched frames of a recording, each as its change against the untouched skin.
+
+    A channel lost in more than a tenth of the touched frames is dropped (`lost_channels`, indices
+    into the recording's table); a touched frame that still lacks a reading, or that holds several
+    touches, is left out and counted (`frames_left_out`). Targets are those of x, y, F, depth that
+    are known in every frame and vary. `sample` is the recording's frame number.
+
+    Raises InputError where nothing remains to learn from or to be learned.
+    """
+    difference = changes(recording, name)
+    touched = recording.frames["touch"].to_numpy(bool)
+    if not touched.any():
+        raise InputError(name, "column touch", "no touched frame", "at least one")
+    lost = (~np.isfinite(difference[touched])).mean(axis=0) > LOST_SHARE
+    if lost.all():
+        raise InputError(name, "column voltage_V", "every channel lost", "at least one channel")
+    difference = difference[:, ~lost]
+    whole = np.isfinite(difference).all(axis=1)
+    single = np.array([len(t or []) <= 1 for t in recording.touches or [[]] * len(touched)])
+    kept = touched & whole & single
+    if not kept.any():
+        raise InputError(name, "column voltage_V", "no whole frame of one touch", "at least one")
+
+    frames = recording.frames[kept].reset_index(drop=True)
+    columns = {column: frames[column].to_numpy(float) for column in NUMBERS}
+    targets = [
+        target
+        for target, column in TARGETS.items()
+        if np.isfinite(columns[column]).all() and np.ptp(columns[column]) > 0
+    ]
+    if not targets:
+        raise InputError(name, "x, y, force and depth", "none known that varies", "at least one")
+    if not np.isfinite(columns["x_mm"] + columns["y_mm"]).all():
+        raise InputError(name, "columns x_mm, y_mm", "a touch without place", "a number")
+    place, place_rule = places(np.column_stack([columns["x_mm"], columns["y_mm"]]))
+    sessions = _sessions(recording.frames)
+    table = pd.DataFrame(
+        {
+            "sample": recording.frames["frame"].to_numpy(np.int64)[kept],
+            "session": sessions[kept],
+            "place": place,
+            **columns,
+        }
+    )
+    source = recording.metadata["source"]
+    metadata = {
+        "format": "eitskin-dataset",
+        "version": 1,
+        "name": name,
+        "origin": "simulated" if source == "simulation" else source,
+        "configuration": "",
+        "targets": targets,
+        "unit": recording.metadata["unit"],
+        "voltage": recording.metadata["voltage"],
+        "position_frame": recording.metadata["position_frame"],
+        "channels": recording.channels[~lost].tolist(),
+        "lost_channels": np.flatnonzero(lost).tolist(),
+        "frames_left_out": {
+            "reading lost": int((touched & ~whole).sum()),
+            "several touches": int((touched & whole & ~single).sum()),
+        },
+        "places": place_rule,
+        "untouched": untouched_noise(difference[~touched]),
+    }
+    return Dataset(table, difference[kept].astype(np.float32), metadata)
+
+
+def places(xy: np.ndarray) -> tuple[np.ndarray, str]:
+    """Place (N,) int64 of each touch at `xy` (N, 2) in mm, and the rule that gave it.
+
+    Touches within ONE_PLACE_MM of each other, in chains, are one place: the jitter of a point that
+    is pressed again never splits it. Where that leaves more chains than half of the touches, or
+    one wider than twice that distance, the skin was touched all over: then the places are the
+    cells of a square grid, eight across the wider span, so that leaving a place out leaves a
+    neighbourhood out; a chain narrower than a cell lies in the cell of its mean.
+    """
+    chain = _chains(xy)
+    side = float(np.ptp(xy, axis=0).max()) / BLOCKS_ACROSS or 1.0
+    chained = pd.DataFrame(xy).groupby(chain)
+    width = (chained.transform("max") - chained.transform("min")).to_numpy().max(axis=1)
+    if chain.max() + 1 <= len(xy) / 2 and width.max() <= 2.0 * ONE_PLACE_MM:
+        return chain, f"positions within {ONE_PLACE_MM:g} mm of each other, in chains"
+    xy = np.where(width[:, None] <= side, chained.transform("mean").to_numpy(), xy)
+    block = np.minimum((xy - xy.min(axis=0)) // side, BLOCKS_ACROSS - 1)
+    place = np.unique(block, axis=0, return_inverse=True)[1].astype(np.int64)
+    return place, f"square blocks of {side:.1f} mm"
+
+
+def _chains(xy: np.ndarray) -> np.ndarray:
+    """(N,) int64: the chain of each position, numbered by first appearance; neighbours in a chain
+    are at most ONE_PLACE_MM apart (single linkage).
+    """
+    position, of = np.unique(xy, axis=0, return_inverse=True)
+    near = cKDTree(position).query_pairs(ONE_PLACE_MM, output_type="ndarray")
+    shape = (len(position), len(position))
+    links = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=shape)
+    chain = connected_components(links, directed=False)[1]
+    return pd.factorize(chain[of])[0].astype(np.int64)
+
+
+def _sessions(frames: pd.DataFrame) -> np.ndarray:
+    if "session" not in frames:
+        return np.zeros(len(frames), dtype=np.int64)
+    return pd.factorize(frames["session"])[0].astype(np.int64)

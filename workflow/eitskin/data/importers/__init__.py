@@ -1,0 +1,64 @@
+"""Other laboratories' files as recordings; one module a format.
+
+A format is a module with `matches(path) -> bool`, by content, and `load(path) -> Recording`.
+"""
+
+from pathlib import Path
+
+from eitskin.data import recording
+from eitskin.data.importers import (
+    hydrogel_skin,
+    iirc_tank,
+    lct_tank,
+    logger_csv,
+    patterned_skin,
+    pyeidors_tank,
+)
+from eitskin.data.recording import Recording
+from eitskin.errors import InputError
+
+OWN_FORMAT = "eit-recording"
+FORMATS = {
+    "logger-csv": logger_csv,
+    "hydrogel-skin": hydrogel_skin,
+    "iirc-tank": iirc_tank,
+    "pyeidors-tank": pyeidors_tank,
+    "lct-tank": lct_tank,
+    "patterned-skin": patterned_skin,
+}
+KNOWN = (OWN_FORMAT, *FORMATS)
+
+
+def load(path: str | Path, format: str | None = None) -> Recording:
+    """Read a recording of any known format, told by its content unless `format` names it.
+
+    Raises InputError for a file that is not there, of no known format or not as its format has it.
+    """
+    path = Path(path)
+    if format is not None and format not in KNOWN:
+        raise InputError(path, "format", repr(format), f"one of {', '.join(KNOWN)}")
+    if not path.exists():
+        raise InputError(path, "file", "no such file", f"a recording: {', '.join(KNOWN)}")
+    if format is None:
+        format = _detect(path)
+    if format == OWN_FORMAT:
+        return recording.read(path)
+    try:
+        imported = FORMATS[format].load(path)
+    except OSError as error:
+        raise InputError(path, "file", error.strerror, f"one of the format {format}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(path, "file", "bytes that are no text", f"the format {format}") from error
+    recording.validate(imported, path)
+    return imported
+
+
+def _detect(path: Path) -> str:
+    if path.is_file():
+        with path.open("rb") as stream:
+            if stream.read(4) == b"PAR1":
+                return OWN_FORMAT
+    for name, module in FORMATS.items():
+        if module.matches(path):
+            return name
+    raise InputError(path, "format", "none that is known", f"one of {', '.join(KNOWN)}")

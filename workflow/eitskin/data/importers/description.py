@@ -1,0 +1,53 @@
+"""The metadata of an imported recording: what its files say, and null for what they do not."""
+
+import numpy as np
+
+from eitskin.data.recording import DEFAULTS
+
+
+def describe(
+    channels: np.ndarray,
+    electrode_deg: np.ndarray,
+    source: str,
+    voltage: str,
+    position_frame: str = "skin",
+    values: str = "absolute",
+    unit: str = "arbitrary",
+    clock: str = "index",
+    skin: dict | None = None,
+) -> dict:
+    """A recording's metadata; `skin` holds the keys that are known, the others are null."""
+    unknown = dict.fromkeys(
+        (
+            "radius_mm",
+            "thickness_mm",
+            "conductivity_S_per_m",
+            "electrode_width_mm",
+            "contact_impedivity_ohm_m2",
+            "current_A",
+            "contrast_per_N",
+        )
+    )
+    return DEFAULTS | {
+        "format": "eit-recording",
+        "version": 1,
+        "channels": np.asarray(channels).tolist(),
+        "voltage": voltage,
+        "values": values,
+        "unit": unit,
+        "frame_s": None,
+        "clock": clock,
+        "position_frame": position_frame,
+        "source": source,
+        "skin": unknown | {"electrode_deg": np.asarray(electrode_deg).tolist()} | (skin or {}),
+    }
+
+
+def even_angles(n_electrodes: int, first_deg: float = 0.0) -> np.ndarray:
+    """(n,) degrees: electrodes evenly round the rim, counter-clockwise from the first."""
+    return first_deg + 360.0 * np.arange(n_electrodes) / n_electrodes
+
+
+def swap_measured(channels: np.ndarray) -> np.ndarray:
+    """The same channels with plus and minus exchanged: the other polarity of measurement."""
+    return channels[:, [0, 1, 3, 2]]

@@ -1,0 +1,55 @@
+"""Saline tank of the IIRC, 16 electrodes: iirc_data_2006.mat of eidors3d/eidors-readonly.
+
+`v_reference` (256, 1) the empty tank, `v_rotate` (256, F) with a rod carried round, complex;
+reshaped (16, 16): row = drive (k, k+1), column = measurement (j, j+1). Each pair is read at u[j] -
+u[j+1] with current entering at k: so the sign agrees with a homogeneous disc's (correlation 0.998).
+
+The rod's places were not written down, so its frames cannot be touches; and they are not untouched
+either. They are left out, as are the 48 readings that share an electrode with their drive (the
+drive pair itself reads 15 times less than its neighbour there): `source` says so.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from eitskin.data.importers.description import describe, even_angles
+from eitskin.data.importers.tables import matlab
+from eitskin.data.recording import Recording, frames_table
+from eitskin.errors import InputError
+from eitskin.physics.protocol import channel_table
+
+ARRAYS = ("v_reference", "v_rotate")
+N_ELECTRODES = 16
+SOURCE = (
+    "eidors3d/eidors-readonly, {name} (the empty tank; {left_out} frames with a rod at unknown "
+    "places and 48 readings at driven electrodes left out)"
+)
+# Tank 20 cm across, water 6 cm deep, round electrodes of 1 cm: the file's own description.
+SKIN = {
+    "radius_mm": 100.0,
+    "thickness_mm": 60.0,
+    "electrode_width_mm": 10.0,
+    "electrode_height_mm": 10.0,
+}
+
+
+def matches(path: Path) -> bool:
+    """Whether the file holds the reference and the rotated frames."""
+    return matlab(path, ARRAYS) is not None
+
+
+def load(path: Path) -> Recording:
+    """The one frame of the empty tank; raises InputError for another size."""
+    content = matlab(path, ARRAYS)
+    if content is None:
+        raise InputError(path, "arrays", "not both", f"{', '.join(ARRAYS)} in a MATLAB file")
+    reference, rotated = (content[name] for name in ARRAYS)
+    if reference.shape != (N_ELECTRODES**2, 1):
+        raise InputError(path, "v_reference", reference.shape, "(256, 1)")
+    channels = channel_table(N_ELECTRODES)
+    reading = reference[N_ELECTRODES * channels[:, 0] + channels[:, 2], 0].astype(complex)
+    source = SOURCE.format(name=path.name, left_out=rotated.shape[1])
+    metadata = describe(channels, even_angles(N_ELECTRODES), source, "signed", skin=SKIN)
+    frames = frames_table(np.zeros(1), np.zeros(1, dtype=bool))
+    return Recording(frames, reading.real[None], reading.imag[None], None, metadata)

@@ -1,0 +1,54 @@
+"""Saline tank of CBZ199671/PyEIDORS: CSV without header, 208 x 4.
+
+Columns: reference real, imaginary, target real, imaginary. Drive k is (k, k+1); its 13 pairs (j,
+j+1), j = k+2 ... k+14, wrap round and are read as u[j+1] - u[j] (the sign of a homogeneous disc,
+correlation -0.998 with the other). The target frame has objects in the tank, of which the folder's
+name tells the electrode but nobody the place: it is no touch at a known place and no untouched
+frame, so it is left out, and `source` says so.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from eitskin.data.importers.description import describe, even_angles, swap_measured
+from eitskin.data.importers.tables import first_line, is_numbers, numbers
+from eitskin.data.recording import Recording, frames_table
+from eitskin.errors import InputError
+from eitskin.physics.protocol import channel_table
+
+N_ELECTRODES = 16
+COLUMNS = 4
+SOURCE = (
+    "CBZ199671/PyEIDORS, {name} (the reference frame; the target frame, objects at unknown places, "
+    "left out)"
+)
+
+
+def matches(path: Path) -> bool:
+    """Whether the file begins with a line of four numbers."""
+    return is_numbers(first_line(path), COLUMNS)
+
+
+def channels_from_drive() -> np.ndarray:
+    """(208, 4): each drive's pairs from its own sink onwards, wrapping round."""
+    channels = channel_table(N_ELECTRODES)
+    after_source = (channels[:, 2] - channels[:, 0]) % N_ELECTRODES
+    return channels[np.lexsort((after_source, channels[:, 0]))]
+
+
+def load(path: Path) -> Recording:
+    """The one reference frame; raises InputError for another size or what is no number."""
+    with path.open(encoding="utf-8-sig") as lines:
+        table = numbers(path, lines, COLUMNS, ",")
+    channels = channels_from_drive()
+    if len(table) != len(channels):
+        raise InputError(path, "rows", len(table), f"{len(channels)}, one a channel")
+    metadata = describe(
+        swap_measured(channels),
+        even_angles(N_ELECTRODES),
+        SOURCE.format(name=path.name),
+        "signed",
+    )
+    frames = frames_table(np.zeros(1), np.zeros(1, dtype=bool))
+    return Recording(frames, table[None, :, 0], table[None, :, 1], None, metadata)

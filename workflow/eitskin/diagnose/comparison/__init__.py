@@ -1,0 +1,1 @@
+"""What two recordings of one skin share, and what changed between them."""

@@ -1,0 +1,69 @@
+"""comparison.json."""
+
+import json
+from pathlib import Path
+
+from eitskin.atomic import atomic_path
+from eitskin.diagnose.comparison.joint import (
+    CALIBRATED,
+)
+from eitskin.diagnose.comparison.sentences import NOTHING
+from eitskin.diagnose.comparison.tested import Comparison, Tested
+from eitskin.effects.effect import SITES
+
+
+def result(compared: Comparison) -> dict:
+    """comparison.json, as an object."""
+    tested = [_row(compared, test) for test in compared.tested]
+    shared, found = compared.all_shared, compared.as_found
+    gain, error = found.gain(shared)
+    return {
+        "format": "eit-comparison",
+        "version": 1,
+        "parts": compared.names,
+        "sentences": [t.sentence for t in compared.tested if t.changed] or [NOTHING],
+        "effects": [
+            {
+                "name": e.candidate.name,
+                "found_in": list(e.own),
+                "alternatives": sorted(e.alternatives),
+            }
+            for e in compared.effects
+        ],
+        "tested": tested,
+        "p_value": compared.p_value,
+        "held_out": {
+            "frames": len(found.chi2),
+            "readings": found.readings,
+            "chi2_per_dof_all_shared": shared.chi2_per_dof,
+            "chi2_per_dof_as_found": found.chi2_per_dof,
+            "elpd_gain": gain,
+            "elpd_se": error,
+        },
+    }
+
+
+def _row(compared: Comparison, test: Tested) -> dict:
+    """One value tested, for comparison.json."""
+    candidate = None if test.effect == CALIBRATED else compared.effects[test.effect].candidate
+    row: dict = {"name": candidate.name if candidate else test.keys[0]}
+    row |= {"parameters": list(test.keys), **{kind: [] for kind in SITES}}
+    if candidate and candidate.kind is not None and candidate.scope != "common":
+        row[candidate.kind] = list(candidate.sites if test.site is None else (test.site,))
+    row["calibration"] = candidate is None
+    row |= {"changed": test.changed, "chi2": test.chi2, "dof": test.dof, "p": test.p, "q": test.q}
+    values = test.combined or [{} for _ in test.groups]
+    row["runs"] = [
+        {"parts": list(run), "values": value, "there": test.there.get(run[0], True)}
+        for run, value in zip(test.groups, values, strict=True)
+    ]
+    row["parts"] = test.values
+    row["sentence"] = test.sentence
+    return row
+
+
+def write(said: dict, path: str | Path) -> None:
+    """Write comparison.json, whole or not at all."""
+    with atomic_path(path) as temporary:
+        text = json.dumps(said, indent=2, ensure_ascii=False, allow_nan=False)
+        temporary.write_text(text + "\n", "utf-8")

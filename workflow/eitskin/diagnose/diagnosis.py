@@ -1,0 +1,202 @@
+"""A recording diagnosed, from noise and calibration to search and remainder."""
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from eitskin.data.recording import Recording
+from eitskin.diagnose.atlas import atlas
+from eitskin.diagnose.candidates import Scales, catalogue
+from eitskin.diagnose.excerpt import excerpt
+from eitskin.diagnose.fit import Fit, Problem, difference
+from eitskin.diagnose.gaps import Gap, gaps, strengths
+from eitskin.diagnose.held_out import folds
+from eitskin.diagnose.model import Model
+from eitskin.diagnose.noise import Noise, estimate
+from eitskin.diagnose.remainder import Other, other
+from eitskin.diagnose.search.search import Search, State
+from eitskin.diagnose.whitening import COHERENT, Whitening
+from eitskin.effects.settings import site_counts
+from eitskin.errors import InputError
+from eitskin.physics.accuracy import untouched_error
+from eitskin.physics.geometry import Geometry
+
+FIRST_FRAMES = 120  # on which the search begins, where there are twice as many
+FIRST_SHARE = 2 / 3  # of what may be solved, that the search on these may take
+FORCES = np.linspace(1.0, 0.0, 11)  # of a query's largest, up to which predictions are tried
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found of one recording, and the search that found it."""
+
+    recorded: Recording
+    search: Search
+    noise: Noise
+    before: State
+    after: State
+    atlas_before: pd.DataFrame
+    atlas_after: pd.DataFrame
+    gaps: list[list[Gap]]
+    strengths: dict[str, float]
+    other: Other
+
+
+def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diagnosis:
+    """Diagnose a recording: locate, name and model what its simulation leaves out.
+
+    Of a long recording, an excerpt; a search on a few frames of it is where that on all begins.
+    Equal seeds give equal results, bit for bit. Raises InputError where nothing can be simulated.
+    """
+
+    def report(line: str) -> None:
+        if progress:
+            print(f"  {line}", file=sys.stderr, flush=True)
+
+    whole, recorded = len(recorded.frames), excerpt(recorded)
+    if len(recorded.frames) < whole:
+        report(f"an excerpt: {len(recorded.frames)} of {whole} frames")
+    noise, search = begun(recorded, seed, report)
+    start, cut_short = None, False
+    if len(recorded.frames) >= 2 * FIRST_FRAMES:
+        problem = _few(search.problem, recorded)
+        report(f"first on {len(problem.recorded)} frames")
+        first = _search(problem, search.candidates, recorded.channels, seed, report, FIRST_SHARE)
+        start, cut_short = first.run()[1], first.spent
+        report(f"then on {len(recorded.frames)}")
+    before, after = search.run(start)
+    report("comparing with every other name")
+    found = [gaps(search, after, i) for i in range(len(after.effects))]
+    if search.spent or cut_short:
+        search.cut_short(after)
+    atlas_after = _atlas(recorded, noise, after.fit)
+    left = other(atlas_after, search.catalogue_p)
+    return Diagnosis(
+        recorded,
+        search,
+        noise,
+        before,
+        after,
+        _atlas(recorded, noise, before.fit),
+        atlas_after,
+        found,
+        strengths(search, after),
+        left,
+    )
+
+
+def begun(
+    recorded: Recording, seed: int, report: Callable[[str], None] = lambda line: None
+) -> tuple[Noise, Search]:
+    """The noise of a recording, and the search of its whole catalogue, which has not run yet;
+    InputError where nothing can be simulated."""
+    noise = estimate(recorded)
+    report(f"noise {np.median(noise.sd):.3g} ({noise.source})")
+    problem, scales = problem_of(recorded, noise)
+    model = problem.model
+    candidates = catalogue(
+        recorded.skin,
+        model.believed,
+        np.where(problem.whitening.mask, recorded.voltage, np.nan),
+        site_counts(recorded.channels),
+        scales,
+        floating=not model.sink_grounded,
+        timed=recorded.metadata["clock"] == "measured",
+    )
+    return noise, _search(problem, candidates, recorded.channels, seed, report)
+
+
+def _search(
+    problem: Problem,
+    candidates: list,
+    channels: np.ndarray,
+    seed: int,
+    report: Callable[[str], None],
+    share: float = 1.0,
+) -> Search:
+    model = problem.model
+    fold = folds(model.touched & model.known, model.press, channels, seed)
+    return Search(problem, candidates, fold, seed, report, share)
+
+
+def problem_of(recorded: Recording, noise: Noise) -> tuple[Problem, Scales]:
+    """The fitting problem of a recording whose noise is known, and the sizes of its readings."""
+    model = Model(recorded)
+    readings = np.where(model.known[:, None], recorded.voltage, np.nan)
+    if not np.isfinite(readings).any():
+        found = f"{int(model.touched.sum())} touches of unknown force or probe and no other frame"
+        raise InputError("recording", "frames", found, "untouched frames, or touches fully known")
+    median = float(np.nanmedian(np.abs(readings[~model.touched])) or 0.0)
+    if model.difference or not np.isfinite(median):
+        median = float(np.nanmedian(np.abs(readings)))
+    geometry = Geometry.from_skin(model.believed)
+    current = model.believed.current_A if model.unit != "ohm" else 1.0
+    error = np.abs(current * untouched_error(geometry, recorded.channels, "diagnose"))
+    error = np.hypot(error, np.hypot(COHERENT * median, noise.rounding))
+    whitening = Whitening.of(readings, noise.sd, model.difference, error)
+    return Problem(model, readings, whitening), Scales(median, current)
+
+
+def _few(problem: Problem, recorded: Recording) -> Problem:
+    """The same problem on FIRST_FRAMES of the frames."""
+    few = excerpt(recorded, FIRST_FRAMES)
+    model = Model(recorded, few, problem.model.near)
+    readings = np.where(model.known[:, None], few.voltage, np.nan)
+    return Problem(model, readings, replace(problem.whitening, mask=np.isfinite(readings)))
+
+
+def _atlas(recorded: Recording, noise: Noise, fit: Fit) -> pd.DataFrame:
+    simulated = np.where(fit.problem.whitening.mask, fit.voltage(), np.nan)
+    fitted = fit.jacobian.reshape(len(fit.theta), -1).T
+    residual = np.where(fit.problem.whitening.mask, fit.residual, np.nan)
+    return atlas(recorded, residual, simulated / noise.sd, fitted)
+
+
+def predict(
+    found: Diagnosis, query: Recording, state: State | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Voltages (N, M) of a query's states, noise-free, and their standard deviations; by another
+    state than the one found, where that is given. InputError for touches of unknown state.
+
+    Where the laws found have no physics at a force, as they may beyond the forces that they were
+    found at, touches are predicted as at the largest one at which they have: a line on stderr says
+    so.
+    """
+    fit, force = (state or found.after).fit, query.frames["force_N"].to_numpy(float)
+    refused = None
+    for most in np.nanmax(force, initial=0.0) * FORCES:
+        lighter = query.frames.assign(force_N=np.minimum(force, most))
+        voltage = simulator(fit, found.recorded, replace(query, frames=lighter))
+        try:
+            there = voltage(fit.theta)
+            moved = [difference(voltage, fit.theta, there, i) for i in range(len(fit.theta))]
+        except InputError as error:
+            refused = refused or error
+            continue
+        if refused:
+            said = f"touches above {most:.3g} N are predicted as at {most:.3g} N: {refused}"
+            print(f"  {said}", file=sys.stderr, flush=True)
+        slopes = np.array(moved).reshape(len(fit.theta), *there.shape)
+        spread = np.einsum("pq,pnm->qnm", fit.root, slopes)
+        return there, np.sqrt((spread**2).sum(axis=0))
+    raise refused
+
+
+def simulator(
+    fit: Fit, recorded: Recording, query: Recording
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Voltages (N, M) of a query's states, noise-free, of the coordinates (P,) of a recording's
+    fit. InputError for touches of unknown state."""
+    problem = Problem(Model(recorded, query), np.zeros(1), fit.problem.whitening)
+    if not problem.model.known.all():
+        row = int(np.flatnonzero(~problem.model.known)[0])
+        raise InputError("query", f"row {row}", "a touch of unknown state", "x, y, force and probe")
+
+    def voltage(theta: np.ndarray) -> np.ndarray:
+        knobs, chosen = problem.split(theta, fit.effects)
+        return problem.model.voltage(knobs, chosen)
+
+    return voltage

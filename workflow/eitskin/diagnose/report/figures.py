@@ -1,0 +1,429 @@
+"""The figures of a diagnosis: 85 mm wide, one style, before in one colour and after in another."""
+
+from collections.abc import Sequence
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.colorbar import Colorbar
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from eitskin.data.importers.description import even_angles
+from eitskin.diagnose.classes import CONFUSED
+from eitskin.diagnose.report.evidence import Evidence
+from eitskin.diagnose.verdict import LIKELY
+from eitskin.diagnose.words import MINUS, number, power, sites, where
+from eitskin.plotting import (
+    AFTER,
+    BEFORE,
+    CENTRED,
+    CULPRIT,
+    DIVERGING,
+    PLAIN,
+    QUIET,
+    SEQUENTIAL,
+    STEPS,
+    column,
+    log_limits,
+    log_ticks,
+    style,
+)
+
+MOST_VECTORS = 3000  # dots of a figure; more are drawn as an image
+MOST_CHORDS = 8  # drives or measuring pairs of one effect that are drawn
+TAG_STEP = 0.14  # between numbers at one electrode, in radii of the skin
+MOST_RIVALS = 5  # of one effect
+BINS = 10
+SHOWN = 0.97  # of the channels lie within the colours of the residual matrix
+
+
+def draw(evidence: Evidence) -> dict[str, Figure | str]:
+    """Every figure by name, or the sentence that says why there is none.
+
+    To be saved within `style`, as `svg` and `png` do.
+    """
+    with style():
+        return {name: function(evidence) for name, function in FIGURES.items()}
+
+
+def electrodes(evidence: Evidence) -> Figure:
+    """The ring of electrodes, seen from the touched side; culprits marked, touches as dots."""
+    angle, radius = layout(evidence)
+    diagnosis = evidence.diagnosis
+    effects = list(enumerate(diagnosis["effects"], start=1))
+    other = diagnosis["other"]
+    labels = [f"{k}  {effect['name']}: {where(effect)}" for k, effect in effects]
+    if other["probability"] >= LIKELY:
+        effects.append(("?", other | {"channels": []}))
+        labels.append(f"?  no name: {sites(other) or 'no single site'}")
+    marked = {
+        k: effect["electrodes"] if 2 * len(effect["electrodes"]) <= len(angle) else []
+        for k, effect in effects
+    }
+    named = [e for chosen in marked.values() for e in chosen]
+    most = max(map(named.count, named), default=0)
+    outer = 1.2 + TAG_STEP * most
+    text_mm = 4.0 * (1 + len(labels))
+    figure = column(76 + text_mm)
+    figure.set_layout_engine("none")
+    axes = figure.add_axes((0, text_mm / (76 + text_mm), 1, 76 / (76 + text_mm)))
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    axes.set(xlim=(-outer, outer), ylim=(-outer, outer))
+    axes.add_patch(Circle((0, 0), 1, facecolor="#f6f6f6", edgecolor="#404040", linewidth=0.8))
+    for _, effect in effects:
+        if effect.get("name") == "conductivity-patch":
+            _draw_patch(axes, effect["parameters"], radius)
+    frames = evidence.frames[evidence.frames["touch"]]
+    places = frames[["x_mm", "y_mm"]].drop_duplicates() / radius
+    many = len(places) > MOST_VECTORS
+    axes.scatter(places["x_mm"], places["y_mm"], s=5, color=QUIET, linewidths=0, rasterized=many)
+    rim = np.exp(1j * np.radians(angle))
+    for electrode, z in enumerate(rim):
+        culprit = electrode in named
+        colour = CULPRIT if culprit else "#202020"
+        arc = z * np.exp(1j * np.linspace(-1, 1, 9) * min(0.07, 1.2 / len(rim)))
+        axes.plot(arc.real, arc.imag, color=colour, linewidth=5 if culprit else 3.2)
+        weight = "bold" if culprit else "normal"
+        at = 1.13 * z
+        axes.text(at.real, at.imag, str(electrode), color=colour, weight=weight, **CENTRED)
+    for electrode in set(named):
+        at = [k for k, chosen in marked.items() if electrode in chosen]
+        for level, k in enumerate(at, start=1):
+            _tag(axes, (1.15 + TAG_STEP * level) * rim[electrode], k)
+    _draw_pairs(axes, effects, rim, evidence.channels)
+    notes = ["seen from the touched side", "dots: touches" if len(places) else "no touches"]
+    if evidence.recording.skin.electrode_deg is None:
+        notes.append("angles unknown, drawn evenly")
+    line = 4.0 / (76 + text_mm)
+    figure.text(0.5, line * (len(labels) + 0.5), "; ".join(notes), color=QUIET, **CENTRED)
+    for k, label in enumerate(reversed(labels)):
+        figure.text(0.03, line * (k + 0.5), label, color=CULPRIT, va="center")
+    return figure
+
+
+def layout(evidence: Evidence) -> tuple[np.ndarray, float]:
+    """Angles (n,) deg of the electrodes, evenly where unknown, and the skin's radius, mm; where
+    that is unknown, one that holds every touch."""
+    skin, calibrated = evidence.recording.skin, evidence.diagnosis["calibration"]
+    angle = skin.electrode_deg
+    if angle is None:
+        angle = even_angles(evidence.recording.n_electrodes)
+    radius = skin.radius_mm or calibrated.get("radius_mm", {}).get("value")
+    if radius is None:
+        reach = np.hypot(evidence.frames["x_mm"], evidence.frames["y_mm"]).max()
+        radius = 1.2 * reach if reach > 0 else 1.0
+    return np.asarray(angle, float), float(radius)
+
+
+def _draw_patch(axes: Axes, parameters: dict, radius: float) -> None:
+    x, y, size = (parameters[key]["value"] / radius for key in ("x_mm", "y_mm", "radius_mm"))
+    axes.add_patch(Circle((x, y), size, facecolor=CULPRIT, alpha=0.25, linewidth=0))
+
+
+def _draw_pairs(axes: Axes, effects: list, rim: np.ndarray, channels: np.ndarray) -> None:
+    """The pairs that an effect is on as chords with its number: drives as arrows, measuring pairs
+    dashed; none for an effect on many."""
+    taken: dict[tuple[int, int], int] = {}
+    for k, effect in effects:
+        pairs = []
+        for kind, ends in (("drives", (0, 1)), ("measures", (2, 3))):
+            chosen = np.isin(channels[:, ends[0]], effect[kind])
+            if len(effect[kind]) <= MOST_CHORDS:
+                pairs += [(kind, *p) for p in np.unique(channels[chosen][:, ends], axis=0)]
+        if len(effect["channels"]) <= MOST_CHORDS // 2:
+            for source, sink, plus, minus in channels[effect["channels"]]:
+                pairs += [("drives", source, sink), ("measures", plus, minus)]
+        for kind, first, last in pairs:
+            a, b = 0.93 * rim[first], 0.93 * rim[last]
+            drive = kind == "drives"
+            line = {"color": CULPRIT, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
+            line |= {"arrowstyle": "-|>" if drive else "-", "linestyle": "-" if drive else ":"}
+            axes.annotate("", (b.real, b.imag), (a.real, a.imag), arrowprops=line)
+            level = taken.get((first, last), 0)
+            taken[first, last] = level + 1
+            middle = 0.5 * (a + b) if abs(a + b) > 0.5 else 0.3 * a
+            _tag(axes, middle * (0.93 - TAG_STEP * level), k)
+
+
+def _tag(axes: Axes, at: complex, text: object) -> None:
+    box = {"boxstyle": "circle,pad=0.2", "facecolor": CULPRIT, "edgecolor": "white"}
+    white = {"color": "white", "weight": "bold", "fontsize": 6}
+    axes.text(at.real, at.imag, str(text), bbox=box | {"linewidth": 0.5}, **white, **CENTRED)
+
+
+def residual_matrix(evidence: Evidence) -> Figure:
+    """Mean residual of every channel over the frames, in noise units, before and after."""
+    figure = column(58)
+    row = figure.subplots(1, 2, sharey=True)
+    image = draw_matrices(row, evidence)
+    matrix_bar(figure, image, row)
+    return figure
+
+
+def draw_matrices(row: Sequence[Axes], evidence: Evidence) -> QuadMesh:
+    """`residual_matrix` on two axes that share y, before and after, in one scale of colours."""
+    panels = [_matrix(evidence.channels, _mean(r)) for r in (evidence.before, evidence.after)]
+    drives, pairs = (_pairs(evidence.channels, ends)[0] for ends in ((0, 1), (2, 3)))
+    quiet = 10 / np.sqrt(len(evidence.frames))  # noise alone stays in the palest third
+    limit = max(quiet, *(np.nanquantile(np.abs(panel), SHOWN) for panel in panels))
+    colours = matplotlib.colormaps[DIVERGING].resampled(STEPS).with_extremes(bad="#c8c8c8")
+    for axes, panel, (title, colour) in zip(row, panels, TITLES, strict=True):
+        cells = np.arange(panel.shape[1] + 1) - 0.5, np.arange(panel.shape[0] + 1) - 0.5
+        norm = Normalize(-limit, limit)
+        image = axes.pcolormesh(
+            *cells, np.ma.masked_invalid(panel), cmap=colours, norm=norm, edgecolor="face", lw=0.1
+        )
+        axes.set_aspect("equal")
+        axes.spines[:].set_visible(True)
+        residual = evidence.before if title == "before" else evidence.after
+        rms = number(float(np.sqrt(np.nanmean(residual**2))))
+        axes.set_title(f"{title}: rms {rms}", color=colour)
+        axes.set_xlabel("measuring pair, + electrode")
+        _pair_ticks(axes.xaxis, pairs)
+        _pair_ticks(axes.yaxis, drives)
+    row[0].set_ylabel("drive, source electrode")
+    row[0].invert_yaxis()
+    return image
+
+
+def matrix_bar(figure: Figure, image: QuadMesh, beside: Sequence[Axes]) -> Colorbar:
+    """The colours' scale of `draw_matrices`, under some axes."""
+    limit = image.norm.vmax
+    bar = figure.colorbar(
+        image, ax=beside, location="bottom", aspect=40, shrink=0.8, pad=0.03, extend="both"
+    )
+    bar.set_ticks([-limit, -limit / 2, 0, limit / 2, limit])
+    bar.ax.set_xticklabels([number(v, 2) for v in (-limit, -limit / 2, 0.0, limit / 2, limit)])
+    bar.set_label(
+        f"recording {MINUS} simulation, mean over the frames,\nin units of the noise of a reading"
+    )
+    bar.outline.set_linewidth(0.4)
+    return bar
+
+
+TITLES = (("before", BEFORE), ("after", AFTER))
+
+
+def _mean(residual: np.ndarray) -> np.ndarray:
+    """(M,): mean over the frames; NaN for a channel that was always lost."""
+    count = np.isfinite(residual).sum(axis=0)
+    return np.nansum(residual, axis=0) / np.where(count, count, np.nan)
+
+
+def _pairs(channels: np.ndarray, ends: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    pairs, index = np.unique(channels[:, ends], axis=0, return_inverse=True)
+    return pairs, index.ravel()
+
+
+def _matrix(channels: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """(drives, measuring pairs): a value (M,) of each channel, NaN where there is none."""
+    drives, row = _pairs(channels, (0, 1))
+    pairs, column = _pairs(channels, (2, 3))
+    known = np.isfinite(value)
+    total, count = np.zeros((2, len(drives), len(pairs)))
+    np.add.at(total, (row[known], column[known]), value[known])
+    np.add.at(count, (row[known], column[known]), 1)
+    return total / np.where(count, count, np.nan)
+
+
+def _pair_ticks(axis: matplotlib.axis.Axis, pairs: np.ndarray) -> None:
+    step = -(-len(pairs) // 5) if len(pairs) != 16 else 4
+    at = np.arange(0, len(pairs), step)
+    unique = len(np.unique(pairs[:, 0])) == len(pairs)
+    axis.set_ticks(at, [str(a) if unique else f"{a}, {b}" for a, b in pairs[at]])
+
+
+def misfit_force(evidence: Evidence) -> Figure | str:
+    """Chi2 per reading of each frame against the force."""
+    force = evidence.frames["force_N"].to_numpy(float)
+    if not evidence.frames["touch"].any():
+        return "No frame was touched: there is no misfit against force."
+    if np.isnan(force[evidence.frames["touch"]]).all():
+        return "Nobody measured the force: there is no misfit against it."
+    return _misfit(evidence, force, "force, N (0: untouched)")
+
+
+def misfit_time(evidence: Evidence) -> Figure:
+    """Chi2 per reading of each frame against time."""
+    if evidence.recording.metadata["clock"] == "index":
+        return _misfit(evidence, np.arange(len(evidence.frames), dtype=float), "frame")
+    return _misfit(evidence, evidence.frames["time_s"].to_numpy(float), "time, s")
+
+
+def misfit_place(evidence: Evidence) -> Figure | str:
+    """Chi2 per reading of the touches at each place, a map over the skin."""
+    known = evidence.frames[["x_mm", "y_mm"]].notna().all(axis=1)
+    touch = (evidence.frames["touch"] & known).to_numpy()
+    if not touch.any():
+        return "No frame was touched at a known place: there is no map of the misfit."
+    angle, radius = layout(evidence)
+    table = evidence.frames.loc[touch, ["x_mm", "y_mm"]]
+    table = table.assign(**{t: c[touch] for (t, _), c in zip(TITLES, _chi2(evidence), strict=True)})
+    places = table.groupby(["x_mm", "y_mm"], as_index=False).mean()
+    low = np.nanmin(places[["before", "after"]].to_numpy())
+    high = np.nanmax(places[["before", "after"]].to_numpy())
+    norm = LogNorm(min(0.5, 0.9 * max(low, 1e-3)), max(2.0, 1.1 * high))
+    figure = column(56)
+    row = figure.subplots(1, 2, sharey=True)
+    rim = radius * np.exp(1j * np.radians(angle))
+    circle = radius * np.exp(2j * np.pi * np.linspace(0, 1, 181))
+    size = float(np.clip(2500 / len(places), 3, 28))
+    for axes, (title, colour) in zip(row, TITLES, strict=True):
+        axes.plot(circle.real, circle.imag, color="#404040", linewidth=0.6)
+        axes.plot(rim.real, rim.imag, "s", color="#202020", markersize=2)
+        image = axes.scatter(
+            places["x_mm"],
+            places["y_mm"],
+            s=size,
+            c=places[title],
+            norm=norm,
+            cmap=matplotlib.colormaps[SEQUENTIAL].resampled(STEPS),
+            linewidths=0.2,
+            edgecolors="#404040",
+            rasterized=len(places) > MOST_VECTORS,
+        )
+        axes.set_aspect("equal")
+        axes.set_title(title, color=colour)
+        axes.set_xlabel("x, mm")
+    row[0].set_ylabel("y, mm")
+    bar = figure.colorbar(image, ax=row, location="bottom", aspect=40, shrink=0.8, pad=0.03)
+    log_ticks(bar.ax.xaxis, norm.vmin, norm.vmax, power)
+    bar.set_label("χ² per reading, mean over a place's touches; noise alone: 1")
+    bar.outline.set_linewidth(0.4)
+    return figure
+
+
+def _chi2(evidence: Evidence) -> list[np.ndarray]:
+    """Before and after (N,): mean square of each frame's residuals in noise units, NaN where all
+    are lost."""
+    found = []
+    for residual in (evidence.before, evidence.after):
+        count = np.isfinite(residual).sum(axis=1)
+        found.append(np.nansum(residual**2, axis=1) / np.where(count, count, np.nan))
+    return found
+
+
+def _misfit(evidence: Evidence, x: np.ndarray, label: str) -> Figure:
+    figure = column(48)
+    axes = figure.add_subplot()
+    values = _chi2(evidence)
+    for y, (title, colour), width in zip(values, TITLES, (2.2, 1.2), strict=True):
+        many = len(x) > MOST_VECTORS
+        axes.plot(x, y, ".", color=colour, markersize=3.4, alpha=0.4, mew=0, rasterized=many)
+        centre, mean = _binned(x, y)
+        axes.plot(centre, mean, "-o", color=colour, linewidth=width, markersize=3, label=title)
+    axes.axhline(1, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)), label="noise alone")
+    axes.set_xlabel(label)
+    axes.set_ylabel("χ² per reading")
+    axes.set_yscale("log")
+    log_limits(axes.yaxis, np.concatenate(values), power)
+    figure.legend(loc="outside upper center", ncols=3, borderpad=0.1, columnspacing=1.5)
+    return figure
+
+
+def _binned(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean x and y of as many frames each; of each x by itself where there are few different."""
+    known = np.isfinite(x) & np.isfinite(y)
+    x, y = x[known], y[known]
+    values, label = np.unique(x, return_inverse=True)
+    if len(values) > BINS:
+        label = np.empty(len(x), int)
+        label[np.argsort(x, kind="stable")] = np.arange(len(x)) * BINS // len(x)
+    count = np.bincount(label)
+    return np.bincount(label, x) / count, np.bincount(label, y) / count
+
+
+def held_out(evidence: Evidence) -> Figure:
+    """Chi2 per degree of freedom of the frames held out, before and after; noise gives 1."""
+    fit = evidence.diagnosis["fit"]["held_out"]
+    values = [fit[f"chi2_per_dof_{title}"] for title, _ in TITLES]
+    figure = column(26)
+    axes = figure.add_subplot()
+    axes.axvline(1, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)))
+    axes.plot(values, [1, 0], color=QUIET, linewidth=0.8, zorder=1)
+    for y, value, (_, colour) in zip((1, 0), values, TITLES, strict=True):
+        axes.plot(value, y, "o", color=colour, markersize=6)
+        beside = {"xytext": (6, 0), "textcoords": "offset points", "va": "center"}
+        text = number(value)
+        axes.annotate(text, (value, y), color=colour, weight="bold", bbox=PLAIN, **beside)
+    axes.set_xscale("log")
+    log_limits(axes.xaxis, np.array(values), power, room=1.8)
+    axes.set(ylim=(-0.6, 1.6), yticks=[1, 0], yticklabels=[title for title, _ in TITLES])
+    axes.set_xlabel("held-out χ² per degree of freedom; noise alone: 1")
+    for tick, (_, colour) in zip(axes.get_yticklabels(), TITLES, strict=True):
+        tick.set_color(colour)
+    return figure
+
+
+def rivals(evidence: Evidence) -> Figure | str:
+    """Held-out chi2 with an effect taken out again, or with another name in its place."""
+    table = evidence.tables["rivals"]
+    if table.empty:
+        return "No effect was named: there is none to take out or to replace."
+    after = evidence.diagnosis["fit"]["held_out"]["chi2_per_dof_after"]
+    rows = [("all that is named", after, None, AFTER)]
+    for effect, group in table.groupby("effect", sort=False):
+        out = group["instead"] == "nothing"
+        for _, row in group[out].iterrows():
+            rows.append((f"without {effect}", row["chi2_per_dof"], row["elpd_difference"], BEFORE))
+        best = group[~out].sort_values("elpd_difference", ascending=False, kind="stable")
+        for _, row in best.head(MOST_RIVALS).iterrows():
+            name = f"{row['instead']} instead"
+            rows.append((name, row["chi2_per_dof"], row["elpd_difference"], QUIET))
+    figure = column(12 + 6.5 * len(rows))
+    axes = figure.add_subplot()
+    axes.spines["left"].set_visible(False)
+    axes.axvline(1, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)))
+    for y, (name, value, elpd, colour) in enumerate(rows):
+        axes.plot([after, value], [y, y], color=colour, linewidth=0.8, alpha=0.6)
+        axes.plot(value, y, "o", color=colour, markersize=4)
+        text = number(value) if elpd is None else f"{number(value)} ({number(elpd)} nats)"
+        above = {"textcoords": ("axes fraction", "data"), "va": "center", "color": colour}
+        axes.annotate(name, (value, y), xytext=(0, y - 0.45), ha="left", bbox=PLAIN, **above)
+        axes.annotate(text, (value, y), xytext=(1, y - 0.45), ha="right", bbox=PLAIN, **above)
+    axes.set_xscale("log")
+    log_limits(axes.xaxis, np.array([value for _, value, *_ in rows]), power)
+    axes.set(ylim=(len(rows) - 0.6, -0.8), yticks=[])
+    axes.set_xlabel("held-out χ² per degree of freedom")
+    return figure
+
+
+def next_experiment(evidence: Evidence) -> Figure | str:
+    """The gap between names now, and after the experiment proposed."""
+    pairs = evidence.experiment["pairs"]
+    if not pairs:
+        return "No pair of names is left to be told apart."
+    figure = column(20 + 8 * len(pairs))
+    axes = figure.add_subplot()
+    axes.axvspan(0, CONFUSED, color="#e4e4e4", linewidth=0)
+    top = 1.25 * max(CONFUSED, *(max(pair["gap_now"], pair["gap_then"]) for pair in pairs))
+    for y, pair in enumerate(pairs):
+        ends = pair["gap_now"], pair["gap_then"]
+        arrow = {"arrowstyle": "-|>", "color": "#202020", "linewidth": 1, "shrinkA": 3}
+        axes.annotate("", (ends[1], y), (ends[0], y), arrowprops=arrow | {"shrinkB": 3})
+        axes.plot(ends[0], y, "o", color="#202020", markersize=5, markerfacecolor="white")
+        axes.plot(ends[1], y, "o", color="#202020", markersize=5)
+        for word, value, height in zip(("now", "then"), ends, (5, -11), strict=True):
+            side = "left" if value < 0.1 * top else "center"  # clear of the names
+            at = {"xytext": (0, height), "textcoords": "offset points", "ha": side}
+            axes.annotate(f"{word} {number(value, 2)}", (value, y), fontsize=6.5, **at)
+    axes.set(xlim=(0, top), ylim=(len(pairs) - 0.3, -0.7), yticks=range(len(pairs)))
+    axes.set_yticklabels([f"{pair['a']}\nor {pair['b']}" for pair in pairs])
+    axes.set_xlabel("gap, in noise units")
+    return figure
+
+
+FIGURES = {
+    "electrodes": electrodes,
+    "residual_matrix": residual_matrix,
+    "misfit_force": misfit_force,
+    "misfit_time": misfit_time,
+    "misfit_place": misfit_place,
+    "held_out": held_out,
+    "rivals": rivals,
+    "next_experiment": next_experiment,
+}

@@ -1,0 +1,448 @@
+"""The report of a diagnosis: one HTML file for a person, with the figures inside and beside it."""
+
+import platform
+import re
+from collections.abc import Iterable
+from html import escape
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from eitskin import plotting
+from eitskin.atomic import atomic_path
+from eitskin.diagnose.classes import CONFUSED, WEAK
+from eitskin.diagnose.report import evidence, figures
+from eitskin.diagnose.report.evidence import Evidence
+from eitskin.diagnose.search.search import CUT_SHORT
+from eitskin.diagnose.verdict import LIKELY
+from eitskin.diagnose.words import (
+    NONE,
+    VERDICTS,
+    chance,
+    interval,
+    listed,
+    mend,
+    number,
+    quantity,
+    sites,
+    where,
+)
+from eitskin.effects.effect import SITES
+
+SIGNIFICANT = 0.05  # false discovery rate below which a row of the atlas counts
+MOST_ROWS = 25
+PACKAGES = ("eitskin", "numpy", "scipy", "pandas", "matplotlib")
+UNITS = {"V": "V", "ohm": "Ω", "arbitrary": "arbitrary units"}
+CAPTIONS = {
+    "electrodes": "The ring of electrodes, numbered from 0. Numbers in discs mark what is named"
+    " above, at its electrodes; arrows are drives, dotted lines measuring pairs.",
+    "residual_matrix": "Every channel: what the simulation leaves, one colour scale for both."
+    " Grey: channels that are not read. An electrode's fault shows as its two rows and columns, a"
+    " gain as one row or column.",
+    "misfit_force": "Misfit against force. Dots are frames, lines their means.",
+    "misfit_time": "Misfit against time. Dots are frames, lines their means.",
+    "misfit_place": "Misfit over the skin.",
+    "held_out": "Held-out frames.",
+    "rivals": "Each name taken out again, and others in its place. In brackets: the difference in"
+    " held-out log predictive density to all that is named; below 0 is worse.",
+    "next_experiment": "What the next experiment would tell apart. Shaded: a gap under 3, where"
+    " names are one class.",
+}
+CSS = """
+body { font: 15px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff; margin: 0 auto;
+  padding: 1.5em; max-width: 60em; }
+h1 { font-size: 1.5em; line-height: 1.25; margin: 0.2em 0; }
+h2 { font-size: 1.15em; margin: 2em 0 0.4em; border-bottom: 1px solid #ccc; }
+h3 { font-size: 1em; margin: 1.2em 0 0.3em; }
+p { margin: 0.4em 0; max-width: 46em; }
+.quiet, figcaption, caption { color: #595959; }
+.effect { border-left: 4px solid #8b1a6b; padding: 0.1em 0 0.1em 0.9em; margin: 1em 0; }
+.effect > p:first-of-type { font-size: 1.1em; font-weight: 600; }
+.before { color: #b84f00; font-weight: 600; } .after { color: #0072b2; font-weight: 600; }
+.row { display: flex; flex-wrap: wrap; gap: 1.2em; align-items: flex-start; }
+figure { margin: 0.8em 0; flex: 1 1 22em; max-width: 29em; break-inside: avoid; }
+figure svg { width: 100%; height: auto; display: block; }
+figcaption { font-size: 0.87em; }
+table { border-collapse: collapse; font-size: 0.87em; margin: 0.6em 0; width: 100%; }
+caption { text-align: left; padding: 0.2em 0; }
+th, td { text-align: left; padding: 0.2em 0.7em 0.2em 0; border-bottom: 1px solid #e4e4e4;
+  vertical-align: top; }
+th { border-bottom: 1px solid #888; }
+td.n, th.n { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
+code { font-size: 0.93em; overflow-wrap: anywhere; }
+@media print { body { font-size: 10pt; padding: 0; max-width: none; }
+  tr { break-inside: avoid; } h2, h3 { break-after: avoid; } }
+"""
+
+
+def write(
+    folder: str | Path, recording_path: str | Path, schema: str | Path, out: str | Path
+) -> None:
+    """Write the report of the diagnosis in `folder` to `out`, and figures/*.svg, *.png beside it.
+
+    Equal inputs give equal bytes. Raises InputError as `evidence.read` does.
+    """
+    found = evidence.read(folder, recording_path, schema)
+    drawn = figures.draw(found)
+    inline = {}
+    for name, figure in drawn.items():
+        vectors = plotting.svg(figure)
+        inline[name] = f"<p>{escape(figure)}</p>" if isinstance(figure, str) else vectors
+        beside = Path(out).parent / "figures" / name
+        with atomic_path(beside.with_suffix(".svg")) as path:
+            path.write_text(vectors, encoding="utf-8")
+        with atomic_path(beside.with_suffix(".png")) as path:
+            path.write_bytes(plotting.png(figure))
+    with atomic_path(out) as path:
+        path.write_text(page(found, inline), encoding="utf-8")
+
+
+def page(found: Evidence, drawn: dict[str, str]) -> str:
+    """The report as HTML: no scripts, and nothing that it would have to fetch.
+
+    drawn: each figure as SVG, or a paragraph that says why there is none.
+    """
+    name = escape(found.diagnosis["recording"])
+    shown = {key: _figure(key, drawn[key]) for key in figures.FIGURES}
+    sections = [
+        _answer(found),
+        "<h2>Where</h2>",
+        _row(shown["electrodes"], shown["residual_matrix"]),
+        "<h2>Where the misfit is, and where it went</h2>",
+        "<p>Misfit is χ² per reading: the mean square of recording minus simulation in units of"
+        " the noise. Noise alone gives 1. <span class='before'>Before</span>: what its owner"
+        " believes of the skin, calibrated. <span class='after'>After</span>: with what is named"
+        " above.</p>",
+        _row(shown["misfit_force"], shown["misfit_time"], shown["misfit_place"]),
+        "<h2>Held-out frames</h2>",
+        "<p>Each is predicted by a fit that has not seen its block.</p>",
+        _held_out(found),
+        _row(shown["held_out"], shown["rivals"]),
+        _other(found),
+        _next(found, shown["next_experiment"]),
+        _unobservable(found),
+        _identifiability(found),
+        _atlas(found),
+        _calibration(found),
+        _noise(found),
+        _record(found),
+    ]
+    body = "\n".join(filter(None, sections))
+    return (
+        "<!DOCTYPE html>\n<html lang='en'>\n<head>\n<meta charset='utf-8'>\n"
+        "<meta name='viewport' content='width=device-width, initial-scale=1'>\n"
+        f"<title>Diagnosis of {name}</title>\n<style>{CSS}</style>\n</head>\n<body>\n"
+        f"<p class='quiet'>Diagnosis of {name}</p>\n{body}\n</body>\n</html>\n"
+    )
+
+
+def inlined(svg: str, name: str) -> str:
+    """An SVG file's picture as an element of HTML: no prologue, no namespaces, ids of its own.
+
+    name: what tells its ids from other figures'; its title is read out for it.
+    """
+    picture = svg[svg.index("<svg ") :]
+    picture = re.sub(r"<metadata>.*?</metadata>", "", picture, flags=re.DOTALL)
+    picture = re.sub(r' xmlns(:xlink)?="[^"]*"', "", picture).replace("xlink:href=", "href=")
+    picture = re.sub(r'\bid="', f'id="{name}-', picture)
+    picture = re.sub(r'href="#', f'href="#{name}-', picture)
+    picture = picture.replace("url(#", f"url(#{name}-")
+    label = escape(CAPTIONS[name], quote=True)
+    return picture.replace("<svg ", f'<svg role="img" aria-label="{label}" ', 1)
+
+
+def _figure(name: str, drawn: str) -> str:
+    if not drawn.startswith("<?xml"):
+        return drawn
+    caption = escape(CAPTIONS[name])
+    return f"<figure>{inlined(drawn, name)}<figcaption>{caption}</figcaption></figure>"
+
+
+def _row(*items: str) -> str:
+    """Figures side by side, then the sentences that stand for others."""
+    pictures = [item for item in items if item.startswith("<figure")]
+    row = f"<div class='row'>{''.join(pictures)}</div>" if pictures else ""
+    return row + "".join(item for item in items if item not in pictures)
+
+
+def _table(
+    heads: list[str], rows: Iterable[list[str]], numbers: Iterable[str] = (), caption: str = ""
+) -> str:
+    """A table of cells that are HTML; the columns of `numbers` are aligned to the right."""
+    kind = [" class='n'" if head in numbers else "" for head in heads]
+    head = "".join(f"<th{k}>{h}</th>" for k, h in zip(kind, heads, strict=True))
+    lines = [
+        "<tr>" + "".join(f"<td{k}>{c}</td>" for k, c in zip(kind, row, strict=True)) + "</tr>"
+        for row in rows
+    ]
+    caption = f"<caption>{caption}</caption>" if caption else ""
+    table = f"<table>{caption}<thead><tr>{head}</tr></thead>"
+    return f"{table}<tbody>\n{chr(10).join(lines)}\n</tbody></table>"
+
+
+def _answer(found: Evidence) -> str:
+    """The verdict in words, each effect in words, numbers and what to do."""
+    diagnosis = found.diagnosis
+    fit = diagnosis["fit"]["held_out"]
+    parts = [f"<h1>{VERDICTS[diagnosis['verdict']]}</h1>"]
+    fall = (
+        f"On {fit['frames']} frames held out, the misfit (χ² per degree of freedom) falls from"
+        f" <span class='before'>{number(fit['chi2_per_dof_before'])}</span> to"
+        f" <span class='after'>{number(fit['chi2_per_dof_after'])}</span>; noise alone gives 1."
+    )
+    stays = (
+        f"On {fit['frames']} frames held out, the misfit (χ² per degree of freedom) is"
+        f" <span class='before'>{number(fit['chi2_per_dof_before'])}</span>; noise alone gives 1."
+    )
+    parts.append(f"<p>{fall if diagnosis['effects'] else stays}</p>")
+    if diagnosis["other"]["probability"] >= LIKELY:
+        parts.append(f"<p>What has no name: {escape(diagnosis['other']['sentence'])}</p>")
+    elif diagnosis["verdict"] == "partly-explained":
+        parts.append("<p>What is left there is more than the noise.</p>")
+    parts += [_effect(k, effect, found) for k, effect in enumerate(diagnosis["effects"], start=1)]
+    if diagnosis["effects"]:
+        parts.append(
+            "<p class='quiet'>Electrodes and channels are numbered from 0; brackets hold 90 %"
+            " intervals. The corrected simulator is <code>effects.yaml</code>, in the form that"
+            " the configuration takes.</p>"
+        )
+    if found.predicted is not None:
+        parts.append(_predicted(found))
+    return "\n".join(parts)
+
+
+def _effect(k: int, effect: dict, found: Evidence) -> str:
+    lines = [f"<p>{k}. {escape(effect['sentence'])}</p>"]
+    place = where(effect)
+    varies = "static" if effect["driver"] == "static" else f"varies with {effect['driver']}"
+    head = f"<code>{escape(effect['name'])}</code>, {escape(place)}, {escape(varies)}"
+    values = [_parameter(key, each, effect) for key, each in effect["parameters"].items()]
+    lines.append(f"<p>{'; '.join([head, *values])}.</p>")
+    lines.append(f"<p>At the bench: {escape(mend(effect, found.channels))}</p>")
+    evidence_ = effect["evidence"]
+    share = f"It explains {number(100 * effect['share'])} % of the misfit on frames held out"
+    gain = f"gains {number(evidence_['elpd_gain'])} ± {number(evidence_['elpd_se'], 2)} nats there"
+    lines.append(f"<p>{share}, {gain}; p = {chance(evidence_['p_value'])}.</p>")
+    if effect["alternatives"]:
+        names = listed([f"<code>{escape(name)}</code>" for name in effect["alternatives"]])
+        lines.append(f"<p>This recording cannot tell it from {names}.</p>")
+    elif effect["gap"] is not None:
+        gap = number(effect["gap"])
+        lines.append(f"<p>The gap to the nearest other name is {gap} in noise units.</p>")
+    else:
+        lines.append("<p>No other name looks like it.</p>")
+    return "<div class='effect'>" + "\n".join(lines) + "</div>"
+
+
+def _parameter(name: str, estimate: dict, effect: dict) -> str:
+    """One parameter with its interval; of a list, its range and the value farthest out."""
+    keys = ("value", "low", "high")
+    label, unit = f"<code>{escape(name)}</code>", estimate["unit"]
+    if not isinstance(estimate["value"], list):
+        return f"{label} = {escape(interval(*(estimate[key] for key in keys), unit))}"
+    value, low, high = (np.array(estimate[key]) for key in keys)
+    kind = next(kind for kind in SITES if effect[kind])
+    if len(value) <= 4:
+        each = [
+            f"{interval(*numbers, unit)} at {sites({kind: [site]})}"
+            for site, *numbers in zip(effect[kind], value, low, high, strict=True)
+        ]
+        return f"{label} = {escape(listed(each))}"
+    far = int(np.argmax(np.abs(value - np.median(value))))
+    most = interval(value[far], low[far], high[far], unit)
+    text = f"from {number(value.min())} to {quantity(value.max(), unit)}, farthest out {most}"
+    return f"{label} {escape(f'{text} at {sites({kind: [effect[kind][far]]})}')}"
+
+
+def _unit(found: Evidence) -> str:
+    return UNITS[found.recording.metadata["unit"]]
+
+
+def _predicted(found: Evidence) -> str:
+    table = found.predicted
+    sd, size = (float(table[key].median()) for key in ("std_V", "voltage_V"))
+    return (
+        f"<p>The {len(table)} states of the query are predicted in <code>predicted.parquet</code>:"
+        f" median reading {quantity(size, _unit(found))}, standard deviation of the prediction"
+        f" {quantity(sd, _unit(found), 2)}.</p>"
+    )
+
+
+def _held_out(found: Evidence) -> str:
+    fit, unit = found.diagnosis["fit"]["held_out"], _unit(found)
+    rows = [
+        [
+            f"<span class='{key}'>{key}</span>",
+            number(fit[f"chi2_per_dof_{key}"]),
+            quantity(fit[f"rms_{key}_V"], unit),
+        ]
+        for key in ("before", "after")
+    ]
+    heads = ["", "χ² per degree of freedom", "rms residual"]
+    folds = found.frames["held_out"].nunique()
+    caption = f"Frames: {fit['frames']}; blocks: {folds}. Noise alone gives 1."
+    return _table(heads, rows, heads[1:], caption)
+
+
+def _other(found: Evidence) -> str:
+    other = found.diagnosis["other"]
+    percent = number(100 * other["probability"], 2)
+    lines = [
+        "<h2>What has no name</h2>",
+        f"<p>Probability that something outside the catalogue is present: {percent} %.</p>",
+    ]
+    if other["sentence"]:
+        lines.append(f"<p>{escape(other['sentence'])}</p>")
+    facts = {
+        "where": sites(other),
+        "varies with": other["driver"] if other["driver"] != "static" else "nothing (static)",
+        "law": other["law"],
+    }
+    rows = [[label, escape(fact)] for label, fact in facts.items() if fact]
+    return "\n".join([*lines, _table(["what is left", ""], rows) if rows else ""])
+
+
+def _next(found: Evidence, figure: str) -> str:
+    experiment = found.experiment
+    lines = ["<h2>The next experiment</h2>", f"<p>{escape(experiment['sentence'])}</p>"]
+    if not experiment["pairs"]:
+        return "\n".join(lines)
+    rows = [
+        [
+            f"<code>{escape(pair['a'])}</code> or <code>{escape(pair['b'])}</code>",
+            number(pair["gap_now"], 2),
+            number(pair["gap_then"], 2),
+            escape(pair["recipe"]),
+        ]
+        for pair in experiment["pairs"]
+    ]
+    heads = ["tells apart", "gap now", "gap then", "how"]
+    caption = "Proved by simulating the frames proposed. Names with a gap under 3 are one class."
+    return "\n".join([*lines, _table(heads, rows, heads[1:3], caption), _row(figure)])
+
+
+def _unobservable(found: Evidence) -> str:
+    names = found.diagnosis["unobservable"]
+    head = "<h2>What this recording could not have shown</h2>"
+    if not names:
+        return f"{head}\n<p>Every name of the catalogue would have shown.</p>"
+    table = found.tables["identifiability"].set_index("name")["experiment"]
+    rows = [[f"<code>{escape(name)}</code>", escape(table.get(name, "")) or NONE] for name in names]
+    return f"{head}\n{_table(['name', 'the experiment that would show it'], rows)}"
+
+
+def _identifiability(found: Evidence) -> str:
+    rows = []
+    for row in found.tables["identifiability"].itertuples():
+        if not row.observable:
+            told = "not observable"
+        elif np.isnan(row.gap):
+            told = "yes, no rival"
+        elif row.gap < CONFUSED:
+            told = "no, one class"
+        else:
+            told = "weakly" if row.gap < WEAK else "yes"
+        nearest = f"<code>{escape(row.nearest)}</code>" if row.nearest else NONE
+        cells = [f"<code>{escape(row.name)}</code>", number(row.snr), nearest, number(row.gap)]
+        rows.append([*cells, told, escape(row.experiment)])
+    heads = ["name", "strength", "nearest rival", "gap", "told apart?", "experiment"]
+    caption = (
+        "Strength: length in noise units of the signature at typical size. Gap: what is left of it"
+        " after the rival has been fitted to it; under 3 the two are one class, under 5 they are"
+        " told apart weakly."
+    )
+    table = _table(heads, rows, ("strength", "gap"), caption)
+    return f"<h2>What this recording can tell apart</h2>\n{table}"
+
+
+def _atlas(found: Evidence) -> str:
+    parts = ["<h2>The atlas: where simulation and recording differ</h2>"]
+    for key in ("before", "after"):
+        table = found.tables[f"atlas_{key}"]
+        rows = table[table["q"] < SIGNIFICANT].sort_values("p", kind="stable")
+        word = "Before" if key == "before" else "Left after"
+        parts.append(f"<h3>{word}</h3>")
+        count = f"{len(rows)} of {len(table)} statistics"
+        if rows.empty:
+            parts.append(f"<p>None of {len(table)} statistics is significant.</p>")
+            continue
+        heads = ["statistic", "site", "value", "dof", "p", "q", "in words"]
+        cells = [
+            [
+                escape(row.statistic),
+                escape(row.site),
+                *(number(x) for x in (row.value, row.dof)),
+                *(chance(x) for x in (row.p, row.q)),
+                escape(row.sentence),
+            ]
+            for row in rows.head(MOST_ROWS).itertuples()
+        ]
+        more = f"; the first {MOST_ROWS} are shown" if len(rows) > MOST_ROWS else ""
+        caption = f"{count} at a false discovery rate of {SIGNIFICANT:.0%}{more}."
+        parts.append(_table(heads, cells, ("value", "dof", "p", "q"), caption))
+    return "\n".join(parts)
+
+
+def _calibration(found: Evidence) -> str:
+    head = "<h2>Calibrated values</h2>"
+    rows = []
+    for name, each in found.diagnosis["calibration"].items():
+        keys = [each[key] for key in ("value", "low", "high")]
+        if isinstance(each["value"], list):
+            text = "; ".join(
+                interval(*numbers, each["unit"]) for numbers in zip(*keys, strict=True)
+            )
+        else:
+            text = interval(*keys, each["unit"])
+        rows.append([f"<code>{escape(name)}</code>", escape(text)])
+    if not rows:
+        return f"{head}\n<p>Nothing was calibrated.</p>"
+    return f"{head}\n{_table(['name', 'value'], rows)}"
+
+
+def _noise(found: Evidence) -> str:
+    unit, sd = _unit(found), found.noise_V[np.isfinite(found.noise_V)]
+    return (
+        "<h2>The noise</h2>\n"
+        f"<p>Standard deviation of a reading: {quantity(found.diagnosis['noise_V'], unit)} in the"
+        f" median channel, {quantity(sd.min(), unit)} to {quantity(sd.max(), unit)} over the"
+        f" channels. Found from: {escape(found.noise_source)}"
+        f" ({number(found.noise_dof)} degrees of freedom).</p>"
+    )
+
+
+def _record(found: Evidence) -> str:
+    parts = ["<h2>For the record</h2>", "<h3>The path of the search</h3>"]
+    search = found.tables["search"]
+    if search.empty:
+        parts.append("<p>No step gained enough to be taken.</p>")
+    else:
+        rows = [
+            [
+                number(row.step, 1),
+                escape(row.action),
+                f"<code>{escape(row.effect)}</code>",
+                escape(row.sites),
+                number(row.chi2, 5),
+                number(row.log_evidence, 5),
+                chance(row.p_value),
+            ]
+            for row in search.itertuples()
+        ]
+        heads = ["step", "action", "effect", "sites", "χ²", "log evidence", "p"]
+        parts.append(_table(heads, rows, ("step", "χ²", "log evidence", "p")))
+    if (search["action"] == CUT_SHORT).any():
+        parts.append(
+            "<p>The search, or the comparison with other names after it, was cut short: it had"
+            " solved as many skins as it may. Effects not tried by then are not excluded, and gaps"
+            " found by then are those of the linearised model.</p>"
+        )
+    versions = [f"Python {platform.python_version()}"]
+    versions += [f"{package} {version(package)}" for package in PACKAGES]
+    parts.append(f"<h3>Versions</h3>\n<p>{escape(', '.join(versions))}</p>")
+    files = pd.Series(found.hashes).items()
+    rows = [[f"<code>{escape(file)}</code>", f"<code>{digest}</code>"] for file, digest in files]
+    parts.append(f"<h3>Files</h3>\n{_table(['file', 'SHA-256'], rows)}")
+    return "\n".join(parts)

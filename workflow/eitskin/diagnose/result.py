@@ -1,0 +1,234 @@
+"""What a diagnosis found, as files: diagnosis.json, effects.yaml, predictions, evidence."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from scipy.stats import norm
+
+from eitskin.atomic import atomic_path
+from eitskin.data import recording
+from eitskin.data.recording import Recording
+from eitskin.diagnose import corrected, validation, words
+from eitskin.diagnose.classes import CONFUSED
+from eitskin.diagnose.diagnosis import Diagnosis, predict
+from eitskin.diagnose.estimates import calibration, estimates
+from eitskin.diagnose.experiment import propose
+from eitskin.diagnose.gaps import OBSERVABLE
+from eitskin.diagnose.verdict import verdict
+from eitskin.effects import EFFECTS
+from eitskin.errors import InputError
+
+
+def result(found: Diagnosis, name: str) -> dict:
+    """diagnosis.json of a diagnosis, as an object."""
+    before, after = found.before, found.after
+    entries = [_entry(found, i) for i in range(len(after.effects))]
+    reading_dof = 1.0 / after.held_out.readings + 1.0 / max(found.noise.dof, 1.0)
+    excess = (after.held_out.chi2_per_dof - 1.0) / np.sqrt(2.0 * reading_dof)
+    mask = found.search.problem.whitening.mask
+    left = found.other
+    return {
+        "format": "eit-diagnosis",
+        "version": 1,
+        "recording": name,
+        "verdict": verdict(entries, float(norm.sf(excess)), left.probability),
+        "calibration": calibration(after.fit),
+        "noise_V": float(np.median(found.noise.sd)),
+        "effects": entries,
+        "other": {
+            "probability": left.probability,
+            "electrodes": left.electrodes,
+            "drives": left.drives,
+            "measures": left.measures,
+            "driver": left.driver,
+            "law": left.law,
+            "sentence": left.sentence,
+        },
+        "unobservable": unobservable(found),
+        "fit": {
+            "held_out": {
+                "frames": int(mask.any(axis=1).sum()),
+                "chi2_per_dof_before": before.held_out.chi2_per_dof,
+                "chi2_per_dof_after": after.held_out.chi2_per_dof,
+                "rms_before_V": before.held_out.rms,
+                "rms_after_V": after.held_out.rms,
+            }
+        },
+    }
+
+
+def unobservable(found: Diagnosis) -> list[str]:
+    """Names of the catalogue that the recording could not have shown at a typical size."""
+    there = {c.name for c in found.after.effects}
+    return sorted(
+        name
+        for name, effect in EFFECTS.items()
+        if not effect.composite
+        and name not in there
+        and found.strengths.get(name, 0.0) < OBSERVABLE
+    )
+
+
+def _entry(found: Diagnosis, index: int) -> dict:
+    """One effect of diagnosis.json."""
+    state, search = found.after, found.search
+    candidate = state.effects[index]
+    less = search.less(state, index)
+    named = found.gaps[index]
+    alternatives = [g.rival for g in named if g.gap < CONFUSED]
+    before, after = found.before.held_out, state.held_out
+    rivals = search.trials.get(tuple(c.key for c in less.effects), [])
+    outside = [r for r in rivals if r.effects[-1].name != candidate.name]
+    best = max([less, *outside], key=lambda s: s.held_out.density.sum())
+    gain, error = after.gain(best.held_out)
+    share = (less.held_out.chi2.sum() - after.chi2.sum()) / max(
+        before.chi2.sum() - before.readings, 1e-300
+    )
+    entry = {
+        "name": candidate.name,
+        "alternatives": alternatives,
+        "scope": candidate.scope or "common",
+        **{kind: [] for kind in ("electrodes", "drives", "measures", "channels")},
+        "driver": candidate.effect.driver,
+        "parameters": estimates(state.fit, index),
+        "share": float(share),
+        "evidence": {"elpd_gain": gain, "elpd_se": error, "p_value": state.p_value(candidate)},
+        "gap": named[0].gap if named else None,
+    }
+    if candidate.kind is not None and candidate.scope != "common":
+        entry[candidate.kind] = [int(site) for site in candidate.sites]
+    entry["sentence"] = words.finding(entry, EFFECTS[candidate.name])
+    return entry
+
+
+def write(
+    found: Diagnosis,
+    name: str,
+    folder: str | Path,
+    schema: str | Path,
+    query_path: str | Path | None = None,
+) -> None:
+    """Write a diagnosis into its folder: diagnosis.json, effects.yaml, predicted.parquet where a
+    query is given, and the evidence that the report is made from."""
+    folder = Path(folder)
+    said = result(found, name)
+    validation.validate(said, schema, folder / "diagnosis.json")
+    (folder / "evidence").mkdir(parents=True, exist_ok=True)
+    if query_path is None:
+        (folder / "predicted.parquet").unlink(missing_ok=True)
+    else:
+        voltage, sd = predict(found, read_query(query_path, found.recorded))
+        _write_predicted(query_path, voltage, sd, folder / "predicted.parquet")
+    _write_evidence(found, folder / "evidence")
+    with atomic_path(folder / "effects.yaml") as path:
+        text = corrected.text(found.after.fit, found.recorded, found.noise.sd, name)
+        path.write_text(text, "utf-8")
+    with atomic_path(folder / "diagnosis.json") as path:
+        text = json.dumps(said, indent=2, ensure_ascii=False, allow_nan=False)
+        path.write_text(text + "\n", "utf-8")
+
+
+def read_query(path: str | Path, recorded: Recording) -> Recording:
+    """The states of a query of a recording; InputError where it is of other channels."""
+    query = recording.read(path)
+    if not np.array_equal(query.channels, recorded.channels):
+        raise InputError(path, "channels", "another table", "the recording's own")
+    return query
+
+
+def _write_predicted(query: str | Path, voltage: np.ndarray, sd: np.ndarray, out: Path) -> None:
+    table = pq.read_table(query)
+    for key, values in (("voltage_V", voltage), ("std_V", sd)):
+        column = pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+        if key in table.column_names:
+            table = table.drop_columns(key)
+        table = table.append_column(key, column)
+    with atomic_path(out) as path:
+        pq.write_table(table, path)
+
+
+def _write_evidence(found: Diagnosis, folder: Path) -> None:
+    before, after, problem = found.before.fit, found.after.fit, found.search.problem
+    mask = problem.whitening.mask
+    frames = found.recorded.frames
+    with atomic_path(folder / "residuals.npz") as path, path.open("wb") as file:
+        np.savez_compressed(
+            file,
+            before=np.where(mask, before.residual, np.nan),
+            after=np.where(mask, after.residual, np.nan),
+            noise_V=found.noise.sd,
+            noise_source=np.array(found.noise.source),
+            noise_dof=np.array(float(found.noise.dof)),
+            channels=found.recorded.channels,
+            held_out=found.search.fold if found.search.fold.ndim == 1 else np.zeros(len(mask), int),
+            press=problem.model.press,
+            recorded_V=problem.recorded,
+            before_V=before.voltage(),
+            after_V=after.voltage(),
+            **{
+                key: frames[key].to_numpy(bool if key == "touch" else float)
+                for key in ("time_s", "touch", "x_mm", "y_mm", "force_N", "probe_mm")
+            },
+        )
+    tables = {
+        "atlas_before": found.atlas_before,
+        "atlas_after": found.atlas_after,
+        "rivals": _rivals(found),
+        "identifiability": _identifiability(found),
+        "search": pd.DataFrame(found.search.path),
+    }
+    for key, table in tables.items():
+        with atomic_path(folder / f"{key}.csv") as path:
+            table.to_csv(path, index=False)
+    with atomic_path(folder / "experiment.json") as path:
+        path.write_text(json.dumps(propose(found), ensure_ascii=False) + "\n", "utf-8")
+
+
+def _rivals(found: Diagnosis) -> pd.DataFrame:
+    rows = []
+    state, search = found.after, found.search
+    for index, candidate in enumerate(state.effects):
+        less = search.less(state, index)
+        trials = search.trials.get(tuple(c.key for c in less.effects), [])
+        best = {s.effects[-1].name: s for s in reversed(trials) if s.effects}
+        best.pop(candidate.name, None)
+        gap = {g.rival: g.gap for g in found.gaps[index]}
+        snr = found.gaps[index][0].snr if found.gaps[index] else np.nan
+        for name, rival in [("nothing", less), *best.items()]:
+            difference, _ = rival.held_out.gain(state.held_out)
+            rows.append(
+                {
+                    "effect": candidate.name,
+                    "instead": name,
+                    "chi2_per_dof": rival.held_out.chi2_per_dof,
+                    "elpd_difference": difference,
+                    "gap": snr if name == "nothing" else gap.get(name, np.nan),
+                }
+            )
+    return pd.DataFrame(
+        rows, columns=["effect", "instead", "chi2_per_dof", "elpd_difference", "gap"]
+    )
+
+
+def _identifiability(found: Diagnosis) -> pd.DataFrame:
+    nearest = {c.name: found.gaps[i][0] for i, c in enumerate(found.after.effects) if found.gaps[i]}
+    hidden = set(unobservable(found))
+    rows = []
+    for name in sorted(n for n, e in EFFECTS.items() if not e.composite):
+        gap = nearest.get(name)
+        snr = gap.snr if gap else found.strengths.get(name, 0.0)
+        rows.append(
+            {
+                "name": name,
+                "snr": snr if np.isfinite(snr) else np.nan,
+                "nearest": gap.rival if gap else "",
+                "gap": gap.gap if gap else np.nan,
+                "observable": name not in hidden,
+                "experiment": EFFECTS[name].shown_by if name in hidden else "",
+            }
+        )
+    return pd.DataFrame(rows)

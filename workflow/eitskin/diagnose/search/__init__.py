@@ -1,0 +1,1 @@
+"""The search for what was left out."""

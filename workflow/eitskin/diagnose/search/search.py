@@ -1,0 +1,621 @@
+"""The smallest set of effects that explains a recording: forward, backward, and rivals in place.
+
+Score tests screen every candidate; the best of every name are fitted on the nonlinear model,
+jointly with all that is there. An effect enters if chance alone gives so good a score, over all
+that is looked at, less than once in a thousand recordings, and if held-out frames are better
+predicted by more than two standard errors. After every step each effect must stand against its
+own absence; at the end against every other name in its place.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.special import chdtrc
+
+from eitskin.diagnose.candidates import Candidate, without_site
+from eitskin.diagnose.fit import MOST_ROUNDS, RENEWALS, Fit, Problem, fit
+from eitskin.diagnose.held_out import HeldOut, held_out
+from eitskin.diagnose.search import channels, tones
+from eitskin.diagnose.search.screen import (
+    AMPLITUDES,
+    NULL_DRAWS,
+    Null,
+    Score,
+    null,
+    score,
+    subset,
+)
+from eitskin.diagnose.tangents import Tangents
+from eitskin.effects import EFFECTS
+from eitskin.errors import InputError
+from eitskin.physics.solver import Spent
+
+SIGNIFICANT = 1e-3
+STANDARD_ERRORS = 2.0
+MOST_EFFECTS = 5
+LEAST_EVIDENCE = 3.0  # nats by which an effect, or a further site of one, must raise the evidence
+LEAD = 1.0  # nats by which another name in an effect's place must be better
+WITHIN = 20.0  # nats of linear evidence below the best, or this share of its gain ...
+SHARE = 0.3
+MOST_NAMES = 12
+MOST_SOLVED = 24_000  # sheets, of one diagnosis
+CUT_SHORT = "cut short"  # the step on the path that says so
+FEW_SITES = 2  # of a sparse effect; with more, single sites are tried in its place
+MOST_JOINED = 8  # sites of an effect that is still called sparse
+FAR = 16.0  # times chi squared: a change of so great a squared length cannot lower it
+FEW = 6  # coordinates; candidates with more are fitted after the others
+GROSS = 30.0  # chi squared over its degrees of freedom above which gross faults are tried first
+PLAIN = 0.5  # of the misfit without it, that a gross fault may leave
+RACE = 10.0  # nats behind the best trial at which another is given up
+SEVERAL = ("domain-shape",)  # one entry each: harmonics
+
+
+@dataclass
+class State:
+    """A set of effects fitted, with what it predicts for frames left out."""
+
+    fit: Fit
+    fold: np.ndarray
+    log_evidence: float
+    p_values: dict[tuple, float] = field(default_factory=dict)
+
+    @cached_property
+    def held_out(self) -> HeldOut:
+        """What it predicts for frames left out."""
+        return held_out(self.fit, self.fold)
+
+    def p_value(self, candidate: Candidate) -> float:
+        """Global p-value with which an effect, or the first of its sites, came in."""
+        own = [p for key, p in self.p_values.items() if key[:2] == candidate.key[:2]]
+        return self.p_values.get(candidate.key, min(own, default=1.0))
+
+    @property
+    def effects(self) -> list[Candidate]:
+        """The effects, in the order in which they came in."""
+        return self.fit.effects
+
+    @property
+    def key(self) -> tuple:
+        """What its set of effects is known by."""
+        return tuple(c.key for c in self.effects)
+
+
+@dataclass
+class Search:
+    """One recording's search. `path`: what was done, a row a step; report: called with words;
+    share: of all that a diagnosis may solve, with which this ends; catalogue_p: the global p-value
+    of the best candidate that did not enter."""
+
+    problem: Problem
+    candidates: list[Candidate]
+    fold: np.ndarray
+    seed: int
+    report: Callable[[str], None]
+    share: float = 1.0
+    catalogue_p: float = 1.0
+    rival_evidence: float = -np.inf
+    path: list[dict] = field(default_factory=list)
+    null: Null | None = None
+    tangents: dict[tuple, Tangents] = field(default_factory=dict)
+    lengths: dict[tuple, float] = field(default_factory=dict)
+    scored: dict[tuple, list[Score]] = field(default_factory=dict)
+    trials: dict[tuple, list[State]] = field(default_factory=dict)
+
+    @property
+    def most_solved(self) -> float:
+        """Sheets after which nothing more is tried for its own sake."""
+        return self.share * MOST_SOLVED
+
+    @property
+    def spent(self) -> bool:
+        """Whether the search has taken so long that it ends with what it has."""
+        return self.problem.model.near.spent > self.most_solved
+
+    def state(self, fitted: Fit, p_values: dict | None = None) -> State:
+        """A fit with its evidence and held-out density."""
+        return State(fitted, self.fold, set_evidence(fitted), dict(p_values or {}))
+
+    def calibrated(self) -> State:
+        """The owner's beliefs with their calibrations fitted, no effect."""
+        start = np.zeros(len(self.problem.model.calibrations))
+        best = fit(self.problem, [], start, polish=True)
+        return self.state(best)
+
+    def run(self, start: State | None = None) -> tuple[State, State]:
+        """The state before and the state found; start: what was found on fewer frames."""
+        before = state = self.calibrated()
+        self._step("calibrate", None, state, None)
+        if start is not None and start.effects:
+            known = fit(self.problem, start.effects, start.fit.theta, polish=True)
+            state = self.state(known, start.p_values)
+            if state.log_evidence > before.log_evidence:
+                self._step("start", None, state, None)
+                return before, self._explained(self._drop(state))
+            state = before
+        while (plain := self._gross(state)) is not None:
+            state = plain
+        free = self._free_channels(state)
+        if free is not None:
+            self.rival_evidence = free.log_evidence
+        found = self._without_freedom(state, self._explained(state))
+        # What is unfinished has not lost to it.
+        won = free is not None and free.log_evidence > found.log_evidence
+        if won and not self.spent:
+            self._step("swap", free.effects[-1], free, None)
+            self.rival_evidence = -np.inf
+            found = self._explained(self._drop(free))
+        return before, found
+
+    def cut_short(self, state: State) -> None:
+        """Puts on the path that as much was solved as may be, and that this is what there is."""
+        self.report("as many skins are solved as may be: what was not tried by then stays untried")
+        self._step(CUT_SHORT, None, state, None)
+
+    def _explained(self, state: State) -> State:
+        """What grows from `state` and stands."""
+        return self._stand(self._grow(state))
+
+    def _without_freedom(self, state: State, found: State) -> State:
+        """`found`, or what grows from `state` with less freedom, where that is better: many free
+        values take what several plain effects explain together. First without the names that have
+        a value at every site, then, where one has several sites still, without any such subset."""
+        dense = {c.name for c in found.effects if c.scope == "dense"}
+        if dense and not self.spent:
+            self.report(f"again without a free value at every site ({', '.join(sorted(dense))})")
+            kept = [c for c in self.candidates if c.name not in dense or c.scope != "dense"]
+            found = self._rival(state, found, kept)
+        several = any(c.scope == "sparse" and len(c.sites) > FEW_SITES for c in found.effects)
+        if several and not self.spent:
+            self.report("again with single sites and pairs alone")
+            found = self._rival(state, found, [c for c in self.candidates if c.scope != "dense"])
+        return found
+
+    def _rival(self, state: State, found: State, candidates: list[Candidate]) -> State:
+        """`found`, or what grows from `state` out of other candidates, where that is better."""
+        best = max(self.rival_evidence, found.log_evidence)
+        plain = replace(self, candidates=candidates, rival_evidence=best, scored={}, trials={})
+        rival = plain._explained(state)
+        if rival.log_evidence <= found.log_evidence:
+            return found
+        self.trials, self.catalogue_p = plain.trials, plain.catalogue_p
+        return rival
+
+    def _free_channels(self, state: State) -> State | None:
+        """`state` with a gain, or an offset, of its own for every channel; None where their score
+        is no better than that of plainer candidates. It is what a few plain effects must beat.
+        None where nobody touches: they would fit whatever there is, and predict nothing."""
+        if self.fold.ndim == 2:
+            return None
+        plain = max((s.log_evidence for s in self.scores(state)), default=0.0)
+        tangents = self.linearised(state)
+        found = []
+        for candidate in self.candidates:
+            if _of_channels(candidate):
+                free = channels.scores(tangents, candidate)[-1]
+                if free.log_evidence > max(plain, LEAST_EVIDENCE):
+                    trial = self.with_effect(state, candidate)
+                    if trial is not None and trial.log_evidence > state.log_evidence:
+                        trial.p_values[candidate.key] = self.null.p_value(0.0)
+                        found.append(trial)
+        return max(found, key=lambda s: s.log_evidence, default=None)
+
+    def _grow(self, state: State) -> State:
+        """`state` with effects added until none is warranted, until what comes goes again, or until
+        as many as may still come, each as good as the last, could not catch up with
+        `rival_evidence`."""
+        met = set()
+        while len(state.effects) < MOST_EFFECTS and state.key not in met:
+            met.add(state.key)
+            better = self._add(state)
+            if better is None:
+                break
+            gain = better.log_evidence - state.log_evidence
+            state = self._drop(better)
+            left = MOST_EFFECTS - len(state.effects)
+            if self.rival_evidence - state.log_evidence > left * gain:
+                break
+        return state
+
+    def linearised(self, state: State) -> Tangents:
+        """Tangents about a state, kept."""
+        key = state.key
+        if key not in self.tangents:
+            self.tangents[key] = Tangents(state.fit, reversed(self.tangents.values()))
+        return self.tangents[key]
+
+    def scores(self, state: State) -> list[Score]:
+        """Every candidate's score about a state, the best evidence first; kept."""
+        key = state.key
+        if key not in self.scored:
+            self.scored[key] = self._scores(state)
+        return self.scored[key]
+
+    def _scores(self, state: State) -> list[Score]:
+        tangents = self.linearised(state)
+        taken = {c.key for c in state.effects}
+        # So far off with effects in it, a set wants more than any few channels.
+        hopeless = bool(state.effects) and _per_dof(state) > GROSS
+        found = []
+        for candidate in self.candidates:
+            if candidate.key in taken:
+                continue
+            if _of_channels(candidate):
+                scored = channels.scores(tangents, candidate)
+                found += [s for s in scored if s.candidate.scope == "sparse" or hopeless]
+            elif candidate.name == "mains-interference":
+                found.append(
+                    tones.score(tangents, candidate.effect, candidate.skin, candidate.scales)
+                )
+            elif discrete(candidate):
+                found.append(self._tried(tangents, candidate))
+            else:
+                found.append(score(tangents, candidate))
+                if candidate.scope == "dense":
+                    few = subset(tangents, candidate)
+                    found.append(few and score(tangents, few))
+        found = [s for s in found if s is not None]
+        if self.null is None:
+            linear = [
+                c
+                for c in self.candidates
+                if not (_of_channels(c) or discrete(c) or c.name == "mains-interference")
+            ]
+            free = sum(discrete(c) for c in self.candidates)
+            free += 2 * len(self.problem.whitening.sd)
+            self.report("drawing recordings in which nothing is missing")
+            self.null = null(tangents, linear, free, self.seed)
+        return sorted(found, key=lambda s: -s.log_evidence)
+
+    def _tried(self, tangents: Tangents, candidate: Candidate) -> Score | None:
+        """A candidate without tangents, by trying it; the calibrations follow to first order. One
+        with coordinates counts at the size at which it fits best: a fit finds it."""
+        if self.lengths.get(candidate.key, 0.0) > FAR * tangents.fit.chi2:
+            return None
+        change = tangents.tried(candidate)
+        if change is None:
+            return None
+        length = float(change @ change)
+        self.lengths[candidate.key] = length
+        if length == 0.0:
+            return None
+        along = float(change @ tangents.residual)
+        gain = 2.0 * along - length
+        if candidate.size and along > 0:
+            gain = along**2 / length
+        p = float(chdtrc(1, along**2 / length)) if gain > 0 else 1.0
+        return Score(candidate, gain, 1, p, 0.5 * gain - np.log(candidate.looks))
+
+    def _gross(self, state: State) -> State | None:
+        """`state` with one gross fault of the wiring, None where none is plain to see.
+
+        Such a fault leads the calibrations astray, and what is linear about them: each is tried
+        with the beliefs as they are, one common factor free.
+        """
+        if _per_dof(state) < GROSS:
+            return None
+        recorded = self.problem.whitening(self.problem.recorded)
+        start = np.zeros(len(self.problem.model.calibrations))
+        chosen = state.fit.settings()
+        taken = {c.key for c in state.effects}
+
+        def left(settings: list) -> float:
+            scaled = self.problem.whitening(self.problem.model.voltage(start, settings))
+            return float((recorded**2).sum() - (scaled * recorded).sum() ** 2 / (scaled**2).sum())
+
+        faults = [c for c in self.candidates if gross(c)]
+        trials = [
+            (left([*chosen, c.setting(np.zeros(c.size))]), i)
+            for i, c in enumerate(faults)
+            if c.key not in taken
+        ]
+        least, best = min(trials)
+        if least > PLAIN * left(chosen):
+            return None
+        effects = [*state.effects, faults[best]]
+        size = sum(c.size for c in effects)
+        found = self.state(fit(self.problem, effects, np.r_[start, np.zeros(size)], polish=True))
+        if found.log_evidence < state.log_evidence + LEAST_EVIDENCE:
+            return None
+        found.p_values = dict.fromkeys((c.key for c in effects), 1.0 / (NULL_DRAWS + 1.0))
+        self._step("add", faults[best], found, 1.0 / (NULL_DRAWS + 1.0))
+        return found
+
+    def _add(self, state: State) -> State | None:
+        """The state with one more effect, None where none is warranted."""
+        scores = self.scores(state)
+        if not scores:
+            return None
+        p_value = self.catalogue_p = self.null.p_value(min(s.p_value for s in scores))
+        self.report(
+            f"{len(state.effects)} effects, chi2/dof {_per_dof(state):.3f}: best score "
+            f"{scores[0].candidate.name}, p = {p_value:.2g}"
+        )
+        if p_value >= SIGNIFICANT or self.spent:
+            return None
+        for trial in self.tried(state, scores):
+            gain, error = trial.held_out.gain(state.held_out)
+            if trial.log_evidence < state.log_evidence + LEAST_EVIDENCE:
+                break
+            if gain > STANDARD_ERRORS * error:
+                entered = {c.key for c in trial.effects} - set(state.p_values)
+                trial.p_values = {**state.p_values, **dict.fromkeys(entered, p_value)}
+                self._step("add", trial.effects[-1], trial, p_value)
+                return trial
+        return None
+
+    def tried(
+        self,
+        state: State,
+        scores: list[Score],
+        known: Candidate | None = None,
+        best: float = -np.inf,
+    ) -> list[State]:
+        """States with one more effect, the best of every name fitted, best first; but for one that
+        is `known` to have the log evidence `best`."""
+        key = state.key
+        if key not in self.trials:
+            found: list[State] = []
+            for candidate in shortlist(scores):
+                if self.spent:
+                    break
+                if known is not None and candidate.key == known.key:
+                    continue
+                trial = self.with_effect(state, candidate, 2.0 * (RACE - best))
+                if trial is not None:
+                    found.append(trial)
+                    best = max(best, trial.log_evidence)
+            found.sort(key=lambda s: -s.log_evidence)
+            self.trials[key] = found
+        return self.trials[key]
+
+    def with_effect(
+        self, state: State, candidate: Candidate, enough: float = np.inf
+    ) -> State | None:
+        """`state` with a candidate fitted beside what is there; joined to a sparse effect of the
+        same name. None where it cannot be, or would take too long; enough: as of `fit`."""
+        effects, theta, jacobian = list(state.effects), state.fit.theta, state.fit.jacobian
+        for index, other in enumerate(effects):
+            if other.name != candidate.name or other.kind != candidate.kind:
+                continue
+            both = {other.scope, candidate.scope}
+            if (
+                both == {"sparse"}
+                and other.start == candidate.start
+                and candidate.effect.parameters
+            ):
+                joined = _joined(other, candidate)
+                if joined is None:
+                    return None
+                place = state.fit.place(index)
+                values = np.zeros(joined.size)
+                for i, name in enumerate(joined.names):
+                    site = joined.sites[name[1]] if name[1] is not None else None
+                    if site in other.sites:
+                        old = (name[0], other.sites.index(site))
+                        values[i] = theta[place][other.names.index(old)]
+                    elif name[1] is None:
+                        values[i] = theta[place][other.names.index(name)]
+                start = np.r_[theta[: place.start], values, theta[place.stop :]]
+                effects[index] = joined
+                return self._fitted(effects, start, None, state, enough)
+            if other.name not in SEVERAL or other.start == candidate.start:
+                return None
+        start = np.r_[theta, np.zeros(candidate.size)]
+        columns = self.linearised(state).jacobian(candidate)
+        return self._fitted(
+            [*effects, candidate], start, np.concatenate([jacobian, columns]), state, enough
+        )
+
+    def _fitted(self, effects, start, jacobian, state: State, enough: float) -> State | None:
+        try:
+            with self.problem.model.near.within(self.most_solved):
+                fitted = fit(self.problem, effects, start, jacobian, enough=enough)
+                if discrete(effects[-1]) or (jacobian is not None and _per_dof(state) > GROSS):
+                    knobs = len(self.problem.model.calibrations)
+                    afresh = np.r_[np.zeros(knobs), start[knobs:]]
+                    again = fit(self.problem, effects, afresh, enough=enough)
+                    fitted = min(fitted, again, key=lambda f: f.chi2)
+                return self.state(fitted, state.p_values)
+        except (InputError, np.linalg.LinAlgError, Spent):
+            return None
+
+    def without(self, state: State, index: int, enough: float = np.inf) -> State:
+        """`state` less one effect, the rest fitted anew, from the beliefs where no skin has the
+        rest alone; enough: as of `fit`."""
+        place = state.fit.place(index)
+        effects = [c for i, c in enumerate(state.effects) if i != index]
+        theta = np.delete(state.fit.theta, np.arange(place.start, place.stop))
+        jacobian = np.delete(state.fit.jacobian, np.arange(place.start, place.stop), axis=0)
+        try:
+            fitted = fit(self.problem, effects, theta, jacobian, enough=enough)
+        except InputError:
+            fitted = fit(self.problem, effects, np.zeros_like(theta), enough=enough)
+        return self.state(fitted, state.p_values)
+
+    def _drop(self, state: State) -> State:
+        """Effects that no longer earn their place, taken out one by one; the rest polished."""
+        dropped = True
+        while dropped and len(state.effects) > 1:
+            dropped = False
+            # What the rest costs for its freedom can only add to chi squared.
+            enough = 2.0 * (LEAST_EVIDENCE - state.log_evidence)
+            for index in range(len(state.effects) - 1):
+                less = self.without(state, index, enough)
+                if less.log_evidence > state.log_evidence - LEAST_EVIDENCE:
+                    self._step("drop", state.effects[index], less, None)
+                    state, dropped = less, True
+                    break
+        state = self._trim(state)
+        return self.state(self._polished(state.fit), state.p_values)
+
+    def _polished(self, found: Fit) -> Fit:
+        """A fit at its optimum, with a fresh Jacobian; near it, where no more may be solved."""
+        renewals = RENEWALS if self.spent else MOST_ROUNDS
+        start = found.theta, found.jacobian
+        return fit(self.problem, found.effects, *start, polish=True, renewals=renewals)
+
+    def _trim(self, state: State) -> State:
+        """Sites of sparse effects that do not earn their place, taken out one by one."""
+        for index in range(len(state.effects)):
+            effect = state.effects[index]
+            while effect.scope == "sparse" and effect.size == len(effect.sites) > 1:
+                place = state.fit.place(index)
+                sd = np.sqrt(np.diag(state.fit.covariance)[place])
+                weakest = int(np.argmin(np.abs(state.fit.theta[place]) / sd))
+                fewer = without_site(effect, weakest)
+                effects = [*state.effects[:index], fewer, *state.effects[index + 1 :]]
+                theta = np.delete(state.fit.theta, place.start + weakest)
+                jacobian = np.delete(state.fit.jacobian, place.start + weakest, axis=0)
+                try:
+                    fitted = fit(self.problem, effects, theta, jacobian)
+                except InputError:
+                    break
+                trial = self.state(fitted, dict(state.p_values))
+                if trial.log_evidence <= state.log_evidence - LEAST_EVIDENCE:
+                    break
+                trial.p_values[fewer.key] = state.p_values.get(effect.key, 1.0)
+                state, effect = trial, fewer
+        return state
+
+    def _stand(self, state: State) -> State:
+        """Every effect against every other name in its place, until none gives way."""
+        if self.rival_evidence > state.log_evidence:
+            return state
+        for _ in range(MOST_EFFECTS):
+            for index, effect in enumerate(state.effects):
+                if gross(effect) or self.spent:
+                    continue
+                less = self.less(state, index)
+                rivals = self.tried(less, self.scores(less), effect, state.log_evidence)
+                ahead = (
+                    rival
+                    for rival in rivals
+                    if rival.log_evidence > state.log_evidence + _lead(effect, rival.effects[-1])
+                )
+                better = next(ahead, None)
+                if better is not None:
+                    entered = {c.key for c in better.effects} - set(state.p_values)
+                    p = state.p_values.get(effect.key, 1.0)
+                    better.p_values = {**state.p_values, **dict.fromkeys(entered, p)}
+                    self._step("swap", better.effects[-1], better, p)
+                    state = self._grow(self._drop(better))
+                    break
+            else:
+                return state
+        return state
+
+    def less(self, state: State, index: int) -> State:
+        """`state` less one effect, polished unless no more may be solved; kept with its tangents
+        where the set was met."""
+        key = tuple(c.key for i, c in enumerate(state.effects) if i != index)
+        if key in self.tangents:
+            return self.state(self.tangents[key].fit, state.p_values)
+        less = self.without(state, index)
+        return less if self.spent else self.state(self._polished(less.fit), state.p_values)
+
+    def _step(self, action: str, effect: Candidate | None, state: State, p: float | None) -> None:
+        self.path.append(
+            {
+                "step": len(self.path),
+                "action": action,
+                "effect": effect.name if effect else "",
+                "sites": " ".join(map(str, effect.sites)) if effect and effect.sites else "",
+                "chi2": state.fit.chi2,
+                "log_evidence": state.log_evidence,
+                "p_value": p,
+            }
+        )
+
+
+def discrete(candidate: Candidate) -> bool:
+    """Whether a candidate is there or not: it has no coordinate about which it starts."""
+    return not candidate.linear.any() and candidate.name != "mains-interference"
+
+
+def gross(candidate: Candidate) -> bool:
+    """Whether a candidate is a fault of the wiring that is there or not, far from any tangent."""
+    return candidate.effect.stage == "wiring" and discrete(candidate)
+
+
+def _of_channels(candidate: Candidate) -> bool:
+    return candidate.kind == "channels"
+
+
+def _per_dof(state: State) -> float:
+    return state.fit.chi2 / max(state.fit.problem.whitening.size - len(state.fit.theta), 1)
+
+
+def _lead(effect: Candidate, rival: Candidate) -> float:
+    """Nats by which a rival must be ahead of an effect to take its place: where it is the same at
+    further sites, what every site must earn."""
+    sparse = effect.scope == rival.scope == "sparse" and rival.name == effect.name
+    if sparse and set(rival.sites) > set(effect.sites):
+        return LEAST_EVIDENCE * (len(rival.sites) - len(effect.sites))
+    return LEAD
+
+
+def _joined(a: Candidate, b: Candidate) -> Candidate | None:
+    sites = tuple(sorted({*a.sites, *b.sites}))
+    if len(sites) == len(a.sites) or len(sites) > MOST_JOINED:
+        return None
+    return Candidate(
+        a.effect, a.kind, sites, "sparse", a.start, a.skin, a.scales, a.looks * b.looks
+    )
+
+
+def shortlist(scores: list[Score]) -> list[Candidate]:
+    """Candidates worth a nonlinear fit: of every name the best of each form, of slow ones the
+    best alone, names in order of evidence; those far from the best only while little else explains
+    as much."""
+    if not scores:
+        return []
+    top, gain = scores[0].log_evidence, max(s.gain for s in scores)
+    names: dict[str, list[Score]] = {}
+    for s in scores:
+        own = names.setdefault(s.candidate.name, [])
+        if not own or (
+            _form(s.candidate) not in {_form(o.candidate) for o in own} and not _slow(s.candidate)
+        ):
+            own.append(s)
+    chosen = []
+    for name, own in list(names.items())[:MOST_NAMES]:
+        for s in own:
+            near = s.log_evidence > top - WITHIN or s.gain > SHARE * gain
+            tried = EFFECTS[name].name == "adc-nonlinearity" and s.gain > 0
+            if near or tried:
+                chosen.append(s.candidate)
+    return sorted(chosen, key=lambda c: c.size > FEW)
+
+
+def _slow(candidate: Candidate) -> bool:
+    """Whether every frame has a skin of its own to be solved."""
+    return candidate.effect.stage == "skin" and candidate.effect.driver != "static"
+
+
+def _form(candidate: Candidate) -> tuple[str, bool]:
+    return candidate.scope, candidate.scope == "sparse" and len(candidate.sites) > 1
+
+
+def set_evidence(fitted: Fit) -> float:
+    """Laplace's log evidence of a set, up to a constant: fit, Occam factors, prior over names and
+    sites. Each effect's coordinates have a normal prior about 0 with the best sd of AMPLITUDES.
+    """
+    covariance = fitted.covariance
+    total = -0.5 * fitted.chi2
+    for index, effect in enumerate(fitted.effects):
+        place = fitted.place(index)
+        total -= math.log(effect.looks) + math.log(len(EFFECTS))
+        if effect.size:
+            information = np.linalg.inv(covariance[place, place])
+            value = fitted.theta[place]
+            total += max(_occam(value, information, a) for a in AMPLITUDES)
+            total -= np.log(len(AMPLITUDES))
+    return float(total)
+
+
+def _occam(value: np.ndarray, information: np.ndarray, amplitude: float) -> float:
+    spread = np.eye(len(value)) + amplitude**2 * information
+    return float(-0.5 * (value @ value) / amplitude**2 - 0.5 * np.linalg.slogdet(spread)[1])

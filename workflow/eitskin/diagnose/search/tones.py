@@ -1,0 +1,57 @@
+"""Steady tones in the readings: a periodogram over the moments at which channels are read."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.search import screen
+from eitskin.diagnose.tangents import Tangents
+from eitskin.effects.effect import Effect
+
+OVERSAMPLING = 2.5
+MOST_LINES = 400_000
+
+
+def score(tangents: Tangents, effect: Effect, skin, scales) -> screen.Score | None:
+    """The strongest tone (Scargle 1982) of the residual between 0 and a channel's Nyquist
+    frequency; None where nobody knows when channels are read."""
+    model = tangents.problem.model
+    if not model.frame_s:
+        return None
+    frequency, looks = strongest(
+        tangents.residual.reshape(tangents.voltage.shape) / tangents.problem.whitening.sd,
+        model.states["time_s"].to_numpy(),
+        model.frame_s,
+    )
+    start = {"frequency_Hz": frequency}
+    candidate = Candidate(effect, None, None, "", start, skin, scales, looks)
+    if len(tangents.of(candidate)) < 2:
+        return None
+    one = screen.score(tangents, candidate)
+    return replace(one, p_value=float(-np.expm1(looks * np.log1p(-one.p_value))))
+
+
+def strongest(weighted: np.ndarray, time_s: np.ndarray, frame_s: float) -> tuple[float, int]:
+    """Frequency in Hz of the strongest tone in weighted residuals (N, M), and how many independent
+    frequencies were looked at.
+
+    Coarse: each frame's spectrum over its channels; fine: the frames' phases together.
+    """
+    _, width = weighted.shape
+    total = float(time_s[-1] - time_s[0] + frame_s)
+    coarse_step = 0.5 / frame_s
+    channel = np.arange(width) * frame_s / width
+    coarse = np.arange(coarse_step, 0.5 * width / frame_s, coarse_step)
+    fine_step = 1.0 / (OVERSAMPLING * total)
+    fine_count = max(2, int(np.ceil(coarse_step / fine_step)))
+    if len(coarse) * fine_count > MOST_LINES:
+        fine_count = max(2, MOST_LINES // len(coarse))
+    fine = (np.arange(fine_count) - 0.5 * fine_count) * coarse_step / fine_count
+    spectra = weighted @ np.exp(-2j * np.pi * np.outer(channel, coarse))
+    turned = spectra * np.exp(-2j * np.pi * np.outer(time_s, coarse))
+    phases = np.exp(-2j * np.pi * np.outer(fine, time_s))
+    power = np.abs(phases @ turned) ** 2
+    i, j = np.unravel_index(np.argmax(power), power.shape)
+    looks = int(np.ceil(2 * total * coarse[-1]))
+    return float(coarse[j] + fine[i]), looks

@@ -1,0 +1,1 @@
+"""Estimators of touches: networks, their training, their errors."""

@@ -1,0 +1,93 @@
+"""Whether a frame shows a touch at all, and whether it looks like what a model was trained on."""
+
+import torch
+from torch import Tensor
+
+from eitskin.data.dataset import upper_limit
+
+COMPONENTS = 16
+REFERENCES = 2000
+RIDGE = 0.1
+FALSE_ALARMS = 0.01  # of validation frames abstained from, and of untouched frames called touched
+
+
+def activity(delta_V: Tensor, scale: Tensor) -> Tensor:
+    """Size of a change (N, M): its root mean square over the channels, each by its scale (M,)."""
+    return (delta_V.double() / scale).square().nanmean(dim=1).sqrt()
+
+
+def touch_gate(delta_V: Tensor, spread: Tensor, untouched: dict | None) -> dict:
+    """The activity above which a frame is called touched, and the channels' `scale` (M,).
+
+    From the untouched frames' noise where the dataset has it (`dataset.untouched_noise`): 1 % of
+    untouched frames lie above. Otherwise from the touches alone, changes (N, M) of the validation
+    part by their `spread` (M,): 1 % of touches lie below; nothing is then known of false touches.
+    `detected`: share of the validation touches above it.
+    """
+    if untouched:
+        scale = torch.tensor(untouched["rms"], dtype=torch.float64)
+        threshold = untouched["quantile_99"]
+        calibrated_on = "untouched frames"
+    else:
+        scale = spread.double()
+        threshold = -upper_limit(-activity(delta_V, scale).numpy(), 1 - FALSE_ALARMS)
+        calibrated_on = "weakest touches"
+    detected = float((activity(delta_V, scale) > threshold).double().mean())
+    return {
+        "scale": scale,
+        "threshold": threshold,
+        "calibrated_on": calibrated_on,
+        "detected": detected,
+    }
+
+
+def whiten(voltage: Tensor, axes: Tensor, variances: Tensor) -> tuple[Tensor, Tensor]:
+    """Standardised voltages (N, M) along the principal `axes` (M, M) over the root of `variances`
+    (M,), rising: all but the last K (N, M - K), and the last K (N, K), the touches' subspace."""
+    whitened = (voltage.double() @ axes) / variances.sqrt()
+    return whitened.tensor_split([-min(COMPONENTS, len(axes) - 1)], dim=1)
+
+
+def strangeness(
+    voltage: Tensor, axes: Tensor, variances: Tensor, references: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Residual and distance (N,) of standardised voltages (N, M).
+
+    Residual: root mean square off the touches' subspace. Distance: within it, to the nearest of
+    the `references` (R, K), over √K. Both relative to √(1 + mean square within the subspace), as
+    what a stronger touch leaves unexplained is larger by as much.
+    """
+    others, score = whiten(voltage, axes, variances)
+    strength = (1 + score.square().mean(dim=1)).sqrt()
+    exact = "donot_use_mm_for_euclid_dist"
+    blocks = [torch.cdist(s, references, compute_mode=exact) for s in score.split(1024)]
+    nearest = torch.cat([block.min(dim=1).values for block in blocks]) / score.shape[1] ** 0.5
+    return others.square().mean(dim=1).sqrt() / strength, nearest / strength
+
+
+def familiar_gate(train: Tensor, validation: Tensor) -> dict:
+    """What training looked like: the principal axes of its standardised voltages (N, M), their
+    variances, references spread over it, and the limits of residual and distance.
+
+    The residual sees what no touch does (a channel off, another order, noise), the distance what
+    no touch did (the sign, a gain, a stronger touch), which a linear subspace cannot tell. A frame
+    like the validation part's exceeds each limit with a probability of 0.5 % at most, and is
+    abstained from with 1 % at most; below 200 such frames, a limit is their largest value.
+    """
+    train = train.double().cpu()
+    variances, axes = torch.linalg.eigh(train.T @ train / len(train))
+    others = variances[: -min(COMPONENTS, len(axes) - 1)]
+    # a few frames leave directions unseen, and frames without noise leave them empty
+    variances = variances.clamp(min=0) + RIDGE * others.mean().clamp(min=1e-6)
+    rows = torch.linspace(0, len(train) - 1, min(REFERENCES, len(train))).round().long()
+    tensors = {
+        "axes": axes.contiguous(),
+        "variances": variances,
+        "references": whiten(train[rows], axes, variances)[1].contiguous(),
+    }
+    residual, distance = strangeness(validation.cpu(), **tensors)
+    return {
+        **tensors,
+        "limit_residual": upper_limit(residual.numpy(), 1 - FALSE_ALARMS / 2),
+        "limit_distance": upper_limit(distance.numpy(), 1 - FALSE_ALARMS / 2),
+    }

@@ -1,0 +1,113 @@
+"""How far predictions are from the truth: per target, with intervals over seeds."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.special import stdtrit
+
+from eitskin.atomic import atomic_path
+from eitskin.data.dataset import TARGETS, UNITS, Dataset
+
+COLUMNS = (
+    "configuration",
+    "recording",
+    "origin",
+    "split",
+    "model",
+    "target",
+    "metric",
+    "mean",
+    "low",
+    "high",
+    "unit",
+    "seeds",
+    "budget",
+)
+
+
+def r2(truth: np.ndarray, predicted: np.ndarray) -> float:
+    """Coefficient of determination, 1 - Σ(s - ŝ)² / Σ(s - mean s)²; NaN where the truth is one."""
+    total = ((truth - truth.mean()) ** 2).sum()
+    return float(1 - ((truth - predicted) ** 2).sum() / total) if total > 0 else float("nan")
+
+
+def mae(truth: np.ndarray, predicted: np.ndarray) -> float:
+    """Mean absolute error, in the unit of the target."""
+    return float(np.abs(truth - predicted).mean())
+
+
+def rmse(truth: np.ndarray, predicted: np.ndarray) -> float:
+    """Root of the mean squared error, in the unit of the target."""
+    return float(np.sqrt(((truth - predicted) ** 2).mean()))
+
+
+METRICS = {"r2": r2, "mae": mae, "rmse": rmse}
+
+
+def interval(values: np.ndarray, level: float = 0.95) -> tuple[float, float]:
+    """Student's t interval of the mean of `values` (n,); NaN for fewer than two."""
+    n = len(values)
+    if n < 2:
+        return float("nan"), float("nan")
+    half = stdtrit(n - 1, 0.5 + level / 2) * np.std(values, ddof=1) / np.sqrt(n)
+    return float(np.mean(values) - half), float(np.mean(values) + half)
+
+
+def by_seed(predictions: pd.DataFrame, dataset: Dataset) -> pd.DataFrame:
+    """Columns target, metric, seed, value of each seed's predictions: sample, seed and the target
+    columns, as `predict.predict_part` gives them. No frame is left out, abstained from or not.
+    """
+    truth = dataset.table.set_index("sample")
+    rows = []
+    for target in dataset.metadata["targets"]:
+        column = TARGETS[target]
+        for name, metric in METRICS.items():
+            for seed, one in predictions.groupby("seed"):
+                true, predicted = truth.loc[one["sample"], column], one[column]
+                rows.append((target, name, seed, metric(true.to_numpy(), predicted.to_numpy())))
+    return pd.DataFrame(rows, columns=["target", "metric", "seed", "value"])
+
+
+def unit(metric: str, target: str) -> str:
+    """The unit of a metric of a target."""
+    return "1" if metric == "r2" else UNITS[target]
+
+
+def evaluate(
+    predictions: pd.DataFrame, dataset: Dataset, split: str, model: str, budget: str
+) -> pd.DataFrame:
+    """Rows (COLUMNS) of each target and metric: mean and 95 % interval over the seeds of `by_seed`.
+    The interval tells what the seed does, not what another recording would.
+    """
+    metadata = dataset.metadata
+    simulated = bool(metadata["configuration"])
+    rows = []
+    for (target, name), one in by_seed(predictions, dataset).groupby(
+        ["target", "metric"], sort=False
+    ):
+        low, high = interval(one["value"].to_numpy())
+        rows.append(
+            {
+                "configuration": metadata["configuration"],
+                "recording": "simulated" if simulated else metadata["name"],
+                "origin": metadata["origin"],
+                "split": split,
+                "model": model,
+                "target": target,
+                "metric": name,
+                "mean": float(one["value"].mean()),
+                "low": low,
+                "high": high,
+                "unit": unit(name, target),
+                "seeds": len(one),
+                "budget": budget,
+            }
+        )
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def write(rows: pd.DataFrame, path: str | Path) -> None:
+    """Write rows of `evaluate` to a CSV file, atomically."""
+    with atomic_path(path) as temporary:
+        rows.to_csv(temporary, index=False)

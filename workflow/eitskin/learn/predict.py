@@ -1,0 +1,115 @@
+"""Apply a trained model to frames: contact state, touch or not, and whether to trust it."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import torch
+
+from eitskin.atomic import atomic_path
+from eitskin.data.dataset import TARGETS, Dataset, changes
+from eitskin.errors import InputError
+from eitskin.learn import gates, model_file, networks
+from eitskin.learn.model_file import Trained
+from eitskin.learn.train import deterministic, standardise
+
+if TYPE_CHECKING:
+    from eitskin.data.recording import Recording
+
+
+def predict_seeds(model: Trained, delta_V: np.ndarray) -> np.ndarray:
+    """States (S, N, T) by each seed's predictor, in mm, mm, N, mm; NaN where a reading is lost.
+
+    `delta_V` (N, M): changes against the untouched skin, in the unit trained on. Raises InputError
+    for another number of channels, and for a file that holds no predictor.
+    """
+    n_channels = len(model.tensors["voltage_mean"])
+    if delta_V.ndim != 2 or delta_V.shape[1] != n_channels:
+        raise InputError("frames", "delta_V", delta_V.shape, f"(frames, {n_channels})")
+    device = deterministic()
+    name, shape = model.header["model"], networks.Shape.of(model.header, n_channels)
+    raw = torch.from_numpy(np.asarray(delta_V, dtype=np.float64))
+    voltage = standardise(raw, model.tensors, "voltage").to(device)
+    states = []
+    for seed in model.seeds():
+        module = model.into(networks.predictor(name, shape), seed).to(device)
+        state = networks.in_chunks(module, voltage).double().cpu()
+        states.append(state * model.tensors["state_scale"] + model.tensors["state_mean"])
+    return torch.stack(states).numpy()
+
+
+def judge(model: Trained, delta_V: np.ndarray) -> pd.DataFrame:
+    """Columns `touch` and `abstain` (bool) of frames (N, M), by the gates in the model file.
+
+    `abstain`: the frame lies off what the model was trained on, or a reading is lost; its state is
+    not to be trusted. The two are independent: models are trained on touches alone, and an
+    untouched frame may or may not look foreign to them.
+    """
+    raw = torch.from_numpy(np.asarray(delta_V, dtype=np.float64))
+    tensors, familiar = model.tensors, model.header["familiar"]
+    residual, distance = gates.strangeness(
+        standardise(raw, tensors, "voltage"),
+        tensors["familiar_axes"],
+        tensors["familiar_variances"],
+        tensors["familiar_references"],
+    )
+    near = (distance <= familiar["limit_distance"]) & (residual <= familiar["limit_residual"])
+    touch = gates.activity(raw, tensors["touch_scale"]) > model.header["touch"]["threshold"]
+    return pd.DataFrame({"touch": touch.numpy(), "abstain": ~near.numpy()})
+
+
+def predict(model: Trained, delta_V: np.ndarray) -> pd.DataFrame:
+    """A row per frame (N, M): the targets' columns (mean over the seeds), `touch`, `abstain`."""
+    states = predict_seeds(model, delta_V).mean(axis=0)
+    columns = [TARGETS[target] for target in model.header["dataset"]["targets"]]
+    return pd.concat([pd.DataFrame(states, columns=columns), judge(model, delta_V)], axis=1)
+
+
+def predict_part(
+    model: Trained, dataset: Dataset, part: np.ndarray, name: str = "test"
+) -> pd.DataFrame:
+    """Predictions of a dataset's part `name`: sample, seed, target columns, `touch`, `abstain`."""
+    chosen = part == name
+    delta_V = dataset.delta_V[chosen]
+    columns = [TARGETS[target] for target in dataset.metadata["targets"]]
+    gate = judge(model, delta_V)
+    tables = []
+    for seed, states in zip(model.seeds(), predict_seeds(model, delta_V), strict=True):
+        table = pd.DataFrame(states, columns=columns)
+        table.insert(0, "sample", dataset.table["sample"].to_numpy()[chosen])
+        table.insert(1, "seed", seed)
+        tables.append(pd.concat([table, gate], axis=1))
+    return pd.concat(tables, ignore_index=True)
+
+
+def predict_recording(path: str | Path, recording: "Recording", name: str) -> pd.DataFrame:
+    """Predictions of the model file `path` for every frame of a recording: `frame`, `time_s`, then
+    as `predict`; the changes are `dataset.changes`'.
+
+    Raises InputError where the recording's channels, unit or kind of voltage are not the model's.
+    """
+    model = model_file.read(path)
+    trained_on = model.header["dataset"]
+    lost = trained_on.get("lost_channels", [])
+    channels = np.delete(recording.channels, lost, axis=0).tolist()
+    for place, found in (
+        ("channels", channels),
+        ("unit", recording.metadata["unit"]),
+        ("voltage", recording.metadata["voltage"]),
+    ):
+        if place in trained_on and found != trained_on[place]:
+            told = f"{len(found)} others" if place == "channels" else repr(found)
+            raise InputError(name, place, told, f"those of {trained_on['name']}, trained on")
+    delta_V = np.delete(changes(recording, name), lost, axis=1)
+    clock = recording.frames[["frame", "time_s"]].reset_index(drop=True)
+    return pd.concat([clock, predict(model, delta_V)], axis=1)
+
+
+def write(predictions: pd.DataFrame, path: str | Path) -> None:
+    """Write predictions to a Parquet file, atomically; equal ones give equal bytes."""
+    table = pa.Table.from_pandas(predictions, preserve_index=False).replace_schema_metadata()
+    with atomic_path(path) as temporary:
+        pq.write_table(table, temporary)

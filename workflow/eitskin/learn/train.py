@@ -1,0 +1,464 @@
+"""Training: one loop for every network, and the three stages of the physics-informed predictors
+(§ II-C).
+
+    1 autoencoder    E_v, D_v   V → z → V          equation 5
+    2 regressor      g_φ        s → z              equation 6, its teacher E_v frozen
+    3 predictor      f_θ        V → s              equation 4 + λ · equation 7 = equation 8
+
+λ = 0 is the plain predictor; stage 3 takes any network; support vectors have a fit of their own.
+Each loss is a mean squared error: the equations' squared norms over samples, divided by the number
+of components (M channels, K latents, T targets), as in the authors' code, where λ = 0.03 was found.
+With undivided norms the same λ is 0.03 · T / K = 0.0056.
+
+Same input, same bytes: one thread, deterministic algorithms, a generator a seed. Each finished seed
+is kept beside the output until all are done, so that a job that was killed goes on with the seed it
+was at.
+"""
+
+import hashlib
+import inspect
+import json
+import math
+import os
+import shutil
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from tqdm import tqdm
+
+from eitskin.data.dataset import Dataset
+from eitskin.errors import InputError
+from eitskin.learn import gates, model_file, networks
+from eitskin.learn.model_file import Trained
+from eitskin.learn.networks import Autoencoder, AutoencoderMlp, Shape, StateToLatent, Svr
+
+Loss = Callable[..., Tensor]  # (module, *batch) -> scalar
+
+
+@dataclass(frozen=True)
+class Optimiser:
+    """Adam's settings, the authors' by default."""
+
+    learning_rate: float = 1e-3
+    weight_decay: float = 1e-4
+    batch_size: int = 128
+
+
+@dataclass(frozen=True)
+class Tube:
+    """Support vector regression's settings, scikit-learn's defaults, as the paper names none: the
+    penalty `C`, and `epsilon`, in standard deviations of a target, below which an error is free.
+    The kernel's gamma is scikit-learn's too, 1 / (M · variance of the standardised voltages)."""
+
+    C: float = 1.0
+    epsilon: float = 0.1
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What a training may cost: `samples` at most (None: all; a quarter as many to validate on),
+    `epochs`, `patience` (epochs without a better validation loss), and how many `seeds`."""
+
+    samples: int | None
+    epochs: int
+    patience: int
+    seeds: int
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a model is trained through all of its stages: `latent_dim` K of the autoencoder, the
+    weights of the force and of the latent loss (0: none)."""
+
+    optimiser: Optimiser
+    budget: Budget
+    latent_dim: int
+    force_weight: float
+    lambda_latent: float
+
+
+@dataclass
+class Material:
+    """Standardised voltages (n, M) and states (n, T) of two parts, and the scalers that made them
+    (means and scales of the training part alone)."""
+
+    train: tuple[Tensor, ...]
+    validation: tuple[Tensor, ...]
+    scalers: dict[str, Tensor]
+
+
+def standardise(value: Tensor, scalers: dict[str, Tensor], name: str) -> Tensor:
+    """Float64 values (N, D) → float32, by the scalers' `<name>_mean` and `<name>_scale` (D,)."""
+    return ((value - scalers[f"{name}_mean"]) / scalers[f"{name}_scale"]).float()
+
+
+def prepare(dataset: Dataset, part: np.ndarray, budget: Budget, seed: int) -> Material:
+    """Draw a budget's samples from the parts (the same for all seeds of a job), standardise them.
+
+    A channel that never moves in training is scaled by the median channel, so that a move shows.
+    """
+    draw = np.random.default_rng(seed)
+    rows = {}
+    for name, share in ("train", 1.0), ("validation", 0.25):
+        rows[name] = draw.permutation(np.flatnonzero(part == name))
+        if budget.samples is not None:
+            rows[name] = rows[name][: max(1, round(share * budget.samples))]
+        rows[name].sort()
+        if len(rows[name]) < 2:
+            raise InputError(dataset.metadata["name"], f"part {name}", "under 2", "more samples")
+    values = {"voltage": dataset.delta_V.astype(np.float64), "state": dataset.states()}
+    scalers = {}
+    for name, value in values.items():
+        scale = value[rows["train"]].std(axis=0)
+        if name == "voltage":
+            scale[scale <= 1e-9 * scale.max()] = np.median(scale)
+        if not (scale > 0).all():
+            raise InputError(dataset.metadata["name"], f"training {name}", "no spread", "some")
+        scalers[f"{name}_mean"] = torch.from_numpy(value[rows["train"]].mean(axis=0))
+        scalers[f"{name}_scale"] = torch.from_numpy(scale)
+
+    def standardised(part: str) -> tuple[Tensor, ...]:
+        return tuple(
+            standardise(torch.from_numpy(value[rows[part]]), scalers, name)
+            for name, value in values.items()
+        )
+
+    return Material(standardised("train"), standardised("validation"), scalers)
+
+
+def deterministic() -> torch.device:
+    """Make torch repeatable; returns the device: a GPU where there is one, else the CPU."""
+    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
+    torch.set_num_threads(1)
+    # What use_deterministic_algorithms does, without importing torch's compiler.
+    torch.set_deterministic_debug_mode("error")
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+def device_name() -> str:
+    """What `deterministic` chose: the GPU's name, or "cpu"; written with every seed."""
+    return torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu"
+
+
+def fit(
+    module: nn.Module,
+    train: tuple[Tensor, ...],
+    validation: tuple[Tensor, ...],
+    loss: Loss,
+    optimiser: Optimiser,
+    budget: Budget,
+    seed: int,
+) -> list[list[float]]:
+    """The loop. Leaves the weights of the best validation loss in `module`; returns the training
+    and the validation loss of each epoch."""
+    adam = torch.optim.Adam(
+        module.parameters(),
+        lr=optimiser.learning_rate,
+        weight_decay=optimiser.weight_decay,
+        fused=True,
+    )
+    generator = torch.Generator().manual_seed(seed)
+    n_train = len(train[0])
+    history: list[list[float]] = []
+    best, best_epoch, best_weights = float("inf"), -1, {}
+    for epoch in tqdm(range(budget.epochs), desc=f"seed {seed}", leave=False, disable=None):
+        module.train()
+        total = torch.zeros((), device=train[0].device)
+        order = torch.randperm(n_train, generator=generator).to(train[0].device)
+        for rows in order.split(optimiser.batch_size):
+            value = loss(module, *(values[rows] for values in train))
+            adam.zero_grad()
+            value.backward()
+            adam.step()
+            total += value.detach() * len(rows)
+
+        module.eval()
+        with torch.no_grad():
+            score = _mean_loss(loss, module, validation)
+        if not math.isfinite(score):
+            break
+        history.append([total.item() / n_train, score])
+        if score < best:
+            best, best_epoch = score, epoch
+            best_weights = {k: v.clone() for k, v in module.state_dict().items()}
+        if epoch - best_epoch >= budget.patience:
+            break
+    if best_epoch < 0:
+        raise InputError("training", f"seed {seed}", "a loss that is not finite", "a finite loss")
+    module.load_state_dict(best_weights)
+    return history
+
+
+def _mean_loss(loss: Loss, module: nn.Module, samples: tuple[Tensor, ...]) -> float:
+    """A loss over all samples, a bounded number of them at a time."""
+    chunks = zip(*(values.split(networks.CHUNK) for values in samples), strict=True)
+    total = sum(loss(module, *chunk).double() * len(chunk[0]) for chunk in chunks)
+    return total.item() / len(samples[0])
+
+
+def fit_svr(voltage: Tensor, state: Tensor, tube: Tube) -> Svr:
+    """A support vector regression for each target on standardised voltages (n, M) and states
+    (n, T). Nothing in it is drawn: same samples, same vectors."""
+    from sklearn.svm import SVR  # here, as only this fit needs it
+
+    v, s = voltage.double().cpu().numpy(), state.double().cpu().numpy()
+    gamma = 1.0 / (v.shape[1] * v.var())
+    dual, intercept = np.zeros((s.shape[1], len(v))), np.zeros(s.shape[1])
+    for k, target in enumerate(s.T):
+        fitted = SVR(C=tube.C, epsilon=tube.epsilon, gamma=gamma).fit(v, target)
+        dual[k, fitted.support_] = fitted.dual_coef_[0]
+        intercept[k] = fitted.intercept_[0]
+    support = np.flatnonzero((dual != 0).any(axis=0))
+    module = Svr(v.shape[1], s.shape[1])
+    module.load_state_dict(
+        {
+            "support": voltage.cpu()[support],
+            "dual": torch.from_numpy(dual[:, support]),
+            "intercept": torch.from_numpy(intercept),
+            "gamma": torch.tensor(gamma, dtype=torch.float64),
+        }
+    )
+    return module.to(voltage.device)
+
+
+def reconstruction(autoencoder: nn.Module, voltage: Tensor) -> Tensor:
+    """Equation 5."""
+    return (autoencoder(voltage) - voltage).square().mean()
+
+
+def alignment(regressor: nn.Module, state: Tensor, latent: Tensor) -> Tensor:
+    """Equation 6; equation 7 where the states are predicted."""
+    return (regressor(state) - latent).square().mean()
+
+
+def supervision(predicted: Tensor, state: Tensor, weight: Tensor) -> Tensor:
+    """Equation 4; weight (T,) is w_F for the force and 1 for every other target."""
+    return (weight * (predicted - state).square()).mean()
+
+
+def train_autoencoder(
+    dataset: Dataset,
+    part: np.ndarray,
+    output: str | Path,
+    optimiser: Optimiser,
+    budget: Budget,
+    seed: int,
+    latent_dim: int,
+) -> None:
+    """Stage 1: write the autoencoders of all seeds to `output`."""
+    device = deterministic()
+    material = prepare(dataset, part, budget, seed)
+    train, validation = ([values[0].to(device)] for values in (material.train, material.validation))
+
+    def train_seed(seed: int) -> tuple[nn.Module, list]:
+        module = Autoencoder(train[0].shape[1], latent_dim).to(device)
+        history = fit(module, train, validation, reconstruction, optimiser, budget, seed)
+        return module, history
+
+    header = _header(dataset, "autoencoder", optimiser, budget, {"latent_dim": latent_dim})
+    _train_seeds(header, material, output, seed, train_seed, [])
+
+
+def train_regressor(
+    dataset: Dataset,
+    part: np.ndarray,
+    autoencoder: str | Path,
+    output: str | Path,
+    optimiser: Optimiser,
+    budget: Budget,
+    seed: int,
+) -> None:
+    """Stage 2: write the state-to-latent regressors of all seeds to `output`, each taught by its
+    seed's encoder. Raises InputError where the autoencoder saw other data."""
+    device = deterministic()
+    material = prepare(dataset, part, budget, seed)
+    teacher = _teacher(autoencoder, material, budget, seed)
+    latent_dim = teacher.header["latent_dim"]
+    (v, s), (v_check, s_check) = _moved(material, device)
+
+    def train_seed(seed: int) -> tuple[nn.Module, list]:
+        encoder = teacher.into(Autoencoder(v.shape[1], latent_dim), seed).encoder.to(device)
+        module = StateToLatent(s.shape[1], latent_dim).to(device)
+        train, validation = (s, encoder(v)), (s_check, encoder(v_check))
+        history = fit(module, train, validation, alignment, optimiser, budget, seed)
+        return module, history
+
+    header = _header(dataset, "regressor", optimiser, budget, {"latent_dim": latent_dim})
+    _train_seeds(header, material, output, seed, train_seed, [teacher])
+
+
+def train_predictor(
+    dataset: Dataset,
+    part: np.ndarray,
+    model: str,
+    output: str | Path,
+    optimiser: Optimiser,
+    budget: Budget,
+    seed: int,
+    force_weight: float,
+    lambda_latent: float = 0.0,
+    teachers: Sequence[str | Path] = (),
+) -> None:
+    """Stage 3: write the predictors of all seeds, with the gates of `learn.gates`, to `output`.
+
+    `teachers` are the autoencoder's file, where λ is not 0 or the model begins with an encoder, and
+    the regressor's, where λ is not 0. Support vectors are fitted once, by the settings of `Tube`:
+    all seeds share their samples, and nothing else of them is drawn. Raises InputError for an
+    unknown model, and where teachers are missing or saw other data.
+    """
+    device = deterministic()
+    material = prepare(dataset, part, budget, seed)
+    targets = dataset.metadata["targets"]
+    settings = {"force_weight": force_weight, "lambda_latent": lambda_latent}
+    if model == networks.SVR:
+        budget, settings = replace(budget, seeds=1), {}
+    taught = [_teacher(path, material, budget, seed) for path in teachers]
+    if lambda_latent and len(taught) < 2:
+        raise InputError(output, "teachers", "none", "an autoencoder and a regressor, as λ > 0")
+    if taught:
+        settings["latent_dim"] = taught[0].header["latent_dim"]
+    (v, s), (v_check, s_check) = _moved(material, device)
+    weight = torch.tensor([force_weight if t == "F" else 1.0 for t in targets], device=device)
+
+    def encoder(seed: int) -> nn.Module:
+        latent_dim = settings["latent_dim"]
+        return taught[0].into(Autoencoder(v.shape[1], latent_dim), seed).encoder.to(device)
+
+    def train_seed(seed: int) -> tuple[nn.Module, list]:
+        module = networks.predictor(model, Shape.of(header, v.shape[1])).to(device)
+        if isinstance(module, AutoencoderMlp):
+            module.encoder.load_state_dict(encoder(seed).state_dict())
+        train, validation = [v, s], [v_check, s_check]
+        if lambda_latent:
+            teacher = encoder(seed)
+            regressor = taught[1].into(StateToLatent(s.shape[1], settings["latent_dim"]), seed)
+            regressor = regressor.to(device)
+            train, validation = [*train, teacher(v)], [*validation, teacher(v_check)]
+
+        def loss(module: nn.Module, voltage: Tensor, state: Tensor, *latent: Tensor) -> Tensor:
+            predicted = module(voltage)
+            value = supervision(predicted, state, weight)
+            if lambda_latent:
+                value = value + lambda_latent * alignment(regressor, predicted, *latent)
+            return value  # equation 8
+
+        if isinstance(module, Svr):
+            module = fit_svr(v, s, Tube())
+            return module, [[_mean_loss(loss, module, part) for part in (train, validation)]]
+        return module, fit(module, train, validation, loss, optimiser, budget, seed)
+
+    scalers = material.scalers
+    raw = material.validation[0] * scalers["voltage_scale"] + scalers["voltage_mean"]
+    untouched = dataset.metadata.get("untouched")
+    for name, gate in (
+        ("touch", gates.touch_gate(raw, scalers["voltage_scale"], untouched)),
+        ("familiar", gates.familiar_gate(material.train[0], material.validation[0])),
+    ):
+        settings[name] = {k: v for k, v in gate.items() if not isinstance(v, Tensor)}
+        scalers |= {f"{name}_{k}": v for k, v in gate.items() if isinstance(v, Tensor)}
+    fitted_by = Tube() if model == networks.SVR else optimiser
+    header = _header(dataset, model, fitted_by, budget, settings)
+    _train_seeds(header, material, output, seed, train_seed, taught)
+
+
+def train_model(
+    dataset: Dataset,
+    part: np.ndarray,
+    model: str,
+    recipe: Recipe,
+    seed: int,
+) -> Trained:
+    """A predictor after all of its stages, as `train_predictor` writes it; nothing is kept."""
+    with TemporaryDirectory() as folder:
+        encoder, regressor, output = (Path(folder, f"{k}.pt") for k in range(3))
+        job, teachers = (recipe.optimiser, recipe.budget, seed), []
+        if recipe.lambda_latent or model.endswith("autoencoder-mlp"):
+            train_autoencoder(dataset, part, encoder, *job, recipe.latent_dim)
+            teachers.append(encoder)
+        if recipe.lambda_latent:
+            train_regressor(dataset, part, encoder, regressor, *job)
+            teachers.append(regressor)
+        loss = (recipe.force_weight, recipe.lambda_latent, teachers)
+        train_predictor(dataset, part, model, output, *job, *loss)
+        return model_file.read(output)
+
+
+def _moved(material: Material, device: torch.device) -> list[list[Tensor]]:
+    return [[v.to(device) for v in values] for values in (material.train, material.validation)]
+
+
+def _header(
+    dataset: Dataset, model: str, optimiser: Optimiser | Tube, budget: Budget, settings: dict
+) -> dict:
+    known = ("name", "origin", "configuration", "targets", "unit")
+    if_given = ("voltage", "channels", "lost_channels")
+    metadata = dataset.metadata
+    return {
+        "format": "eitskin-model",
+        "version": 1,
+        "model": model,
+        "dataset": {key: metadata[key] for key in known}
+        | {key: metadata[key] for key in if_given if key in metadata},
+        "optimiser": asdict(optimiser),
+        "budget": asdict(budget),
+        **settings,
+    }
+
+
+def _teacher(path: str | Path, material: Material, budget: Budget, seed: int) -> Trained:
+    teacher = model_file.read(path)
+    for key in ("voltage_mean", "voltage_scale", "state_mean", "state_scale"):
+        if not torch.equal(teacher.tensors[key], material.scalers[key]):
+            raise InputError(path, key, "other values", "a teacher trained on the same samples")
+    if not {*range(seed, seed + budget.seeds)} <= {*teacher.seeds()}:
+        raise InputError(path, "seeds", teacher.seeds(), f"{budget.seeds} from {seed}")
+    return teacher
+
+
+def _train_seeds(
+    header: dict,
+    material: Material,
+    output: str | Path,
+    first_seed: int,
+    train_seed: Callable[[int], tuple[nn.Module, list]],
+    teachers: list[Trained],
+) -> None:
+    """Train each seed unless an interrupted job has left it, then write all of them to `output`."""
+    output = Path(output)
+    kept = output.with_name(f".{output.name}.seeds")
+    job = _digest(header, material, teachers)
+    tensors, runs = dict(material.scalers), []
+    seeds = range(first_seed, first_seed + header["budget"]["seeds"])
+    for seed in tqdm(seeds, desc=header["model"], disable=None):
+        path = kept / f"{job}-{seed}.pt"
+        if not path.exists():
+            torch.manual_seed(seed)
+            module, history = train_seed(seed)
+            weights = {f"{seed}/{key}": value for key, value in module.state_dict().items()}
+            told = {"seed": seed, "device": device_name(), "history": history}
+            model_file.write(Trained(told, weights), path)
+        run = model_file.read(path)
+        tensors |= run.tensors
+        runs.append(run.header)
+    model_file.write(Trained({**header, "runs": runs}, tensors), output)
+    shutil.rmtree(kept)
+
+
+def _digest(header: dict, material: Material, teachers: list[Trained]) -> str:
+    """What a seed's weights depend on: settings, samples, teachers, this code, torch."""
+    digest = hashlib.sha256(json.dumps([header, torch.__version__], sort_keys=True).encode())
+    for module in (model_file, networks, sys.modules[__name__]):
+        digest.update(inspect.getsource(module).encode())
+    tensors = [*material.train, *material.validation, *material.scalers.values()]
+    for teacher in teachers:
+        digest.update(json.dumps(teacher.header, sort_keys=True).encode())
+        tensors += teacher.tensors.values()
+    for tensor in tensors:
+        digest.update(tensor.numpy().tobytes())
+    return digest.hexdigest()[:16]

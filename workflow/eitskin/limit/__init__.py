@@ -1,0 +1,1 @@
+"""What physics allows an estimator: posterior means and bounds."""

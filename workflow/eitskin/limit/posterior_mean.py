@@ -1,0 +1,193 @@
+"""How well physics allows a touch to be known from one change of the voltages.
+
+The best estimate in squared error is the posterior mean, under the distribution that the set was
+drawn from: places even over the disc, clipped normal forces, and the session's skin and gains
+either known or drawn as the configuration says. Its errors on tested samples are the limit that a
+model of the same samples is held against, in the same metrics.
+"""
+
+import sys
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.special import ndtri
+from tqdm import tqdm
+
+from eitskin.atomic import atomic_path
+from eitskin.data.dataset import Dataset
+from eitskin.learn import metrics
+from eitskin.limit.observation import Experiment, Model, Sample
+from eitskin.limit.posterior import different, draw, find_mode
+from eitskin.physics.skin import Skin
+from eitskin.simulate.state_priors import force_N, place_normal
+
+TARGETS = {"x": "x_mm", "y": "y_mm", "F": "force_N"}
+ESTIMATES = ("limit", "limit_known")  # skin and gains unknown, and known
+COLUMNS = ("configuration", "recording", "split", "estimate", "target", "metric")
+COLUMNS = (*COLUMNS, "value", "low", "high", "unit", "samples")
+PLACES, FORCES = 600, 8  # from which searches may start
+STARTS, APART_MM = 2, 12.0
+LEAST_EFFECTIVE, MORE = 16.0, (4, 16)  # draws; with fewer as many times the pairs are drawn
+RESAMPLED = 1000
+SEED = zlib.crc32(b"limit")
+
+
+def experiment_of(
+    dataset: Dataset,
+    skin: dict,
+    accuracy: str,
+    effects: list[dict],
+    session_frames: int,
+    continuous: dict,
+) -> Experiment:
+    """What a continuous set's samples were drawn from, by the configuration's blocks; raises
+    InputError for effects without a likelihood."""
+    return Experiment(
+        Skin.from_metadata(skin, "config.yaml"),
+        np.array(dataset.metadata["channels"]),
+        accuracy,
+        effects,
+        dataset.metadata["noise"],
+        session_frames if dataset.metadata["baseline"] == "averaged" else 1,
+        force_max_N=dataset.table["force_N"].max(),
+        **continuous,
+    )
+
+
+class Starts:
+    """Noise-free changes of the mean skin, spread over places and forces, to start from."""
+
+    def __init__(self, model: Model):
+        experiment = model.experiment
+        turn = np.arange(PLACES) * np.pi * (3.0 - np.sqrt(5.0))
+        radius = experiment.reach_mm * np.sqrt((np.arange(PLACES) + 0.5) / PLACES)
+        self.place = np.column_stack([radius * np.cos(turn), radius * np.sin(turn)])
+        self.force_normal = ndtri((np.arange(FORCES) + 0.5) / FORCES)
+        self.place_normal = place_normal(self.place, experiment.reach_mm)
+        force = force_N(self.force_normal, **experiment.forces)
+        mean = np.zeros(model.skin_spread.shape[1])
+        self.change = np.array(
+            [model.changes(place, force, mean) @ model.mixing.T for place in self.place]
+        )
+
+    def of(self, delta_V: np.ndarray) -> np.ndarray:
+        """(STARTS, 3): standard normal numbers of the states whose changes come nearest to (M,) V,
+        places apart."""
+        misfit = ((self.change - delta_V) ** 2).sum(axis=-1)
+        force, best = misfit.argmin(axis=1), misfit.min(axis=1)
+        chosen: list[int] = []
+        for k in np.argsort(best, kind="stable"):
+            near = np.linalg.norm(self.place[chosen] - self.place[k], axis=1) < APART_MM
+            if not near.any():
+                chosen.append(int(k))
+            if len(chosen) == STARTS:
+                break
+        return np.column_stack([self.place_normal[chosen], self.force_normal[force[chosen]]])
+
+
+def estimate(
+    model: Model, delta_V: np.ndarray, starts: np.ndarray, pairs: int, rng: np.random.Generator
+) -> dict[str, np.ndarray | float]:
+    """Posterior `mean` and `sd` (3,) of x mm, y mm and F N given a change (M,) V; `effective`, the
+    share of the weighted draws that counts, and `modes`, how many there are.
+
+    starts (S, 3): standard normal numbers of the states from which modes are sought.
+    """
+    sample = Sample(model, delta_V)
+    rest = np.zeros(sample.size - 3)
+    modes = different([find_mode(sample, np.concatenate([start, rest])) for start in starts])
+    draws = draw(sample, modes, pairs, rng)
+    for more in MORE:
+        if draws.effective < LEAST_EFFECTIVE:
+            draws = draw(sample, modes, more * pairs, rng)
+    state = sample.state(draws.z)
+    mean = draws.weight @ state
+    return {
+        "mean": mean,
+        "sd": np.sqrt(draws.weight @ (state - mean) ** 2),
+        "effective": draws.effective / len(draws.z),
+        "modes": len(modes),
+    }
+
+
+def estimates(
+    experiment: Experiment, dataset: Dataset, part: np.ndarray, seed: int, samples: int, pairs: int
+) -> pd.DataFrame:
+    """A row an estimate and tested sample, of `samples` drawn from the test part: `estimate`,
+    sample, session, the true x_mm, y_mm, force_N, their posterior `_mean` and `_sd`, `effective`
+    and `modes`.
+    """
+    tested = np.flatnonzero(part == "test")
+    rng = np.random.default_rng([seed, SEED])
+    rows = np.sort(rng.choice(tested, min(samples, len(tested)), replace=False))
+    unknown = experiment.unknown()
+    starts = Starts(unknown)
+    known: tuple[int, Model] | None = None
+    found = []
+    for row in tqdm(rows, unit="samples", disable=not sys.stderr.isatty()):
+        truth, change = dataset.table.iloc[row], dataset.delta_V[row].astype(float)
+        session = int(truth["session"])
+        if known is None or known[0] != session:
+            known = session, experiment.known(seed, session)
+        for name, model in zip(ESTIMATES, (unknown, known[1]), strict=True):
+            own = np.random.default_rng([seed, SEED, int(truth["sample"])])
+            posterior = estimate(model, change, starts.of(change), pairs, own)
+            one = {"estimate": name, "sample": int(truth["sample"]), "session": session}
+            for k, column in enumerate(TARGETS.values()):
+                one[column] = truth[column]
+                one[f"{column}_mean"] = posterior["mean"][k]
+                one[f"{column}_sd"] = posterior["sd"][k]
+            found.append(one | {key: posterior[key] for key in ("effective", "modes")})
+    return pd.DataFrame(found)
+
+
+def score(found: pd.DataFrame, dataset: Dataset, split: str, seed: int) -> pd.DataFrame:
+    """Rows (COLUMNS) of each estimate, target and metric: the value, and its 95 % bootstrap
+    interval over whole sessions. `z2`: mean square of the errors over the posterior's sd, 1 where
+    it is right about itself.
+    """
+    rows = []
+    for name, table in found.groupby("estimate"):
+        groups = list(table.groupby("session").indices.values())
+        rng = np.random.default_rng([seed, SEED])
+        again = [
+            np.concatenate([groups[k] for k in rng.integers(len(groups), size=len(groups))])
+            for _ in range(RESAMPLED)
+        ]
+        for target, column in TARGETS.items():
+            truth, mean, sd = (
+                table[key].to_numpy() for key in (column, f"{column}_mean", f"{column}_sd")
+            )
+            pulls = (truth - mean) / sd
+            for metric in (*metrics.METRICS, "z2"):
+
+                def value(rows, metric=metric, truth=truth, mean=mean, pulls=pulls):
+                    if metric == "z2":
+                        return float((pulls[rows] ** 2).mean())
+                    return metrics.METRICS[metric](truth[rows], mean[rows])
+
+                low, high = np.quantile([value(rows) for rows in again], [0.025, 0.975])
+                rows.append(
+                    {
+                        "configuration": dataset.metadata["configuration"],
+                        "recording": "simulated",
+                        "split": split,
+                        "estimate": name,
+                        "target": target,
+                        "metric": metric,
+                        "value": value(np.arange(len(table))),
+                        "low": float(low),
+                        "high": float(high),
+                        "unit": "1" if metric == "z2" else metrics.unit(metric, target),
+                        "samples": len(table),
+                    }
+                )
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def write(table: pd.DataFrame, path: str | Path) -> None:
+    """Write a table of this module to a CSV file, atomically."""
+    with atomic_path(path) as temporary:
+        table.to_csv(temporary, index=False)

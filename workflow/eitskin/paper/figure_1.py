@@ -1,0 +1,193 @@
+"""Figure 1: a frame, what a press changes in it, and the conductivity reconstructed from that."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pandas as pd
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from eitskin import figure_files, plotting
+from eitskin.data import alignment, dataset, reconstruct
+from eitskin.data.recording import Recording, presses
+from eitskin.errors import InputError
+from eitskin.plotting import CENTRED, CULPRIT, DIVERGING, SEQUENTIAL, style
+
+SHOWN = 4  # frames of the press
+ACROSS = 48  # pixels over the disc
+MILLI = 1e3
+
+
+@dataclass(frozen=True)
+class Press:
+    """K touched frames of one press, weakest first, and their images on `places` (G,).
+
+    untouched (M,), change (K, M) in `unit`; `noser` (K, G) relative rise of the conductivity;
+    `projected` (K, G), of the largest; force_N (K,), NaN where unknown; place in mm.
+    """
+
+    frame: np.ndarray
+    force_N: np.ndarray
+    place: complex
+    radius_mm: float
+    electrode_deg: np.ndarray
+    unit: str
+    untouched: np.ndarray
+    change: np.ndarray
+    places: np.ndarray
+    noser: np.ndarray
+    projected: np.ndarray
+    strength: float
+
+
+def press(recording: Recording, name: str) -> Press:
+    """The press to be shown: of those nearest to half the skin's radius the first of the most
+    frames; SHOWN of them, evenly.
+
+    The strength of the prior is chosen on all its frames. Raises InputError where the recording has
+    no absolute readings, angles, radius or touch.
+    """
+    skin, metadata = recording.skin, recording.metadata
+    for key in ("radius_mm", "electrode_deg"):
+        if getattr(skin, key) is None:
+            raise InputError(name, f"skin.{key}", "null", "a value, to draw the skin")
+    if recording.voltage is None or metadata["values"] != "absolute":
+        found = "a query" if recording.voltage is None else "differences"
+        raise InputError(name, "voltage_V", found, "absolute readings")
+    label = presses(recording)
+    position = recording.frames["x_mm"].to_numpy() + 1j * recording.frames["y_mm"].to_numpy()
+    touched = np.flatnonzero((label >= 0) & np.isfinite(position))
+    if not len(touched):
+        raise InputError(name, "column touch", "no touch at a known place", "at least one")
+    off = np.abs(np.abs(position[touched]) / skin.radius_mm - 0.5)
+    near = touched[off <= off.min() + 1e-9]
+    longest = np.bincount(label[near]).argmax()
+    rows = near[label[near] == longest]
+
+    electrode_deg = np.array(skin.electrode_deg)
+    ideal = alignment.homogeneous_readings(recording.channels, electrode_deg)
+    free = recording.voltage[~recording.frames["touch"].to_numpy(bool)]
+    change = dataset.changes(recording, name)[rows]
+    known = np.isfinite(ideal) & np.isfinite(change).all(axis=0) & np.isfinite(free).any(axis=0)
+    sign = np.sign(ideal) if metadata["voltage"] == "magnitude" else np.ones(len(ideal))
+    still = np.nanmean(np.where(known, free, 0.0), axis=0)
+    ideal, signed = ideal[known], (sign * still)[known]
+    scale = (ideal @ signed) / (ideal @ ideal)
+    places = reconstruct.pixels(ACROSS)
+    jacobian = reconstruct.jacobian(recording.channels[known], electrode_deg, places, ACROSS)
+    relative = (sign * change)[:, known] / scale
+    strength = reconstruct.strength(jacobian, relative)
+    images = relative @ reconstruct.noser(jacobian, strength).T
+    projected = alignment.back_projection(jacobian.T, relative).T
+    shown = np.linspace(0, len(rows) - 1, min(SHOWN, len(rows))).round().astype(int)
+    return Press(
+        frame=recording.frames["frame"].to_numpy()[rows[shown]],
+        force_N=recording.frames["force_N"].to_numpy()[rows[shown]],
+        place=complex(position[rows[0]]),
+        radius_mm=float(skin.radius_mm),
+        electrode_deg=electrode_deg,
+        unit=metadata["unit"],
+        untouched=np.where(known, still, np.nan),
+        change=np.where(known, change[shown], np.nan),
+        places=places,
+        noser=images[shown],
+        projected=projected[shown] / np.abs(projected[shown]).max(),
+        strength=strength,
+    )
+
+
+def table(press: Press) -> pd.DataFrame:
+    """What is drawn: panel, frame, force_N, channel or x_mm and y_mm, value, unit."""
+    parts = [_channels("untouched frame", -1, 0.0, press.untouched, press.unit)]
+    at = press.radius_mm * press.places
+    for k, (frame, force) in enumerate(zip(press.frame, press.force_N, strict=True)):
+        parts.append(_channels("change", frame, force, press.change[k], press.unit))
+        for panel, image in (("noser", press.noser), ("back-projection", press.projected)):
+            columns = {"x_mm": at.real, "y_mm": at.imag, "value": image[k], "unit": "1"}
+            parts.append(
+                pd.DataFrame({"panel": panel, "frame": frame, "force_N": force, **columns})
+            )
+    return pd.concat(parts, ignore_index=True)
+
+
+def _channels(panel: str, frame: int, force: float, value: np.ndarray, unit: str) -> pd.DataFrame:
+    head = {"panel": panel, "frame": frame, "force_N": force}
+    return pd.DataFrame({**head, "channel": np.arange(len(value)), "value": value, "unit": unit})
+
+
+def draw(press: Press) -> Figure:
+    """Frame, changes, and two rows of images, one column a force."""
+    factor, unit = (MILLI, "mV") if press.unit == "V" else (1.0, press.unit)
+    count = len(press.frame)
+    colours = matplotlib.colormaps[SEQUENTIAL](np.linspace(0.85, 0.0, count))
+    with style():
+        figure = plotting.sheet(plotting.COLUMN_MM, 98.0)
+        upper, lower = figure.subfigures(2, 1, height_ratios=(1.0, 0.9))
+        frame, change = upper.subplots(2, 1, sharex=True)
+        channel = np.arange(len(press.untouched))
+        frame.plot(channel, factor * press.untouched, color=plotting.ELECTRODE, linewidth=0.6)
+        frame.set_ylabel(f"untouched, {unit}")
+        labels = [
+            f"{force:.1f} N" if np.isfinite(force) else f"frame {number}"
+            for number, force in zip(press.frame, press.force_N, strict=True)
+        ]
+        for k in range(count):
+            change.plot(
+                channel, factor * press.change[k], color=colours[k], linewidth=0.6, label=labels[k]
+            )
+        change.set_ylabel(f"change, {unit}")
+        change.set_xlabel("channel")
+        change.set_xlim(0, len(channel) - 1)
+        change.legend(
+            ncols=count,
+            loc="lower center",
+            bbox_to_anchor=(0.5, 0.97),
+            borderpad=0.0,
+            handlelength=1.2,
+            columnspacing=1.2,
+        )
+        upper.align_ylabels()
+        rows = lower.subplots(2, count, squeeze=False, sharex=True, sharey=True)
+        for images, row, name, bar in (
+            (press.noser, rows[0], "NOSER", "relative rise"),
+            (press.projected, rows[1], "back-projection", "of the largest"),
+        ):
+            limit = float(np.abs(images).max())
+            for axes, image, label in zip(row, images, labels, strict=True):
+                drawn = _draw_image(axes, press, image, limit)
+                if images is press.noser:
+                    axes.set_title(label)
+            row[0].text(-1.22 * press.radius_mm, 0.0, name, rotation=90, **CENTRED)
+            legend = lower.colorbar(drawn, ax=list(row), aspect=11, pad=0.02)
+            legend.set_label(bar)
+            legend.outline.set_linewidth(0.4)
+    return figure
+
+
+def _draw_image(axes, press: Press, image: np.ndarray, limit: float):
+    grid = np.full((ACROSS, ACROSS), np.nan)
+    step = 2.0 / ACROSS
+    column = ((press.places.real + 1.0) / step).astype(int)
+    row = ((press.places.imag + 1.0) / step).astype(int)
+    grid[row, column] = image
+    edge = press.radius_mm * np.linspace(-1.0, 1.0, ACROSS + 1)
+    drawn = axes.pcolormesh(
+        edge,
+        edge,
+        np.ma.masked_invalid(grid),
+        cmap=DIVERGING,
+        norm=Normalize(-limit, limit),
+        rasterized=True,
+    )
+    plotting.disc(axes, press.radius_mm, press.electrode_deg)
+    axes.plot(press.place.real, press.place.imag, "+", color=CULPRIT, markersize=5, mew=0.9)
+    axes.set_axis_off()
+    return drawn
+
+
+def write(recording: Recording, name: str, vector: Path, image: Path, csv: Path) -> None:
+    """Figure 1 of a recording; raises InputError as `press` does."""
+    shown = press(recording, name)
+    figure_files.write(draw(shown), table(shown), vector, image, csv)

@@ -1,0 +1,103 @@
+"""Figure 3: how far each channel's change goes along with x, y and the force."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from eitskin import figure_files, plotting
+from eitskin.data.alignment import homogeneous_readings
+from eitskin.data.dataset import TARGETS, Dataset
+from eitskin.data.importers.description import even_angles
+from eitskin.errors import InputError
+from eitskin.plotting import AFTER, BEFORE, QUIET, style
+
+LEVEL = 1.96  # standard errors of a correlation of nothing, 1 / √N each
+
+
+def correlations(dataset: Dataset) -> pd.DataFrame:
+    """Pearson's r of each channel's change with each target: dataset, origin, target, channel, r,
+    mean_abs_r (over the target's channels) and samples.
+
+    Of signed readings the change of the magnitude is taken, so that r means the same beside a
+    recording of magnitudes; signs are those of a homogeneous disc with even electrodes. NaN for a
+    channel that never changes.
+    """
+    metadata = dataset.metadata
+    change = dataset.delta_V.astype(float)
+    channels = np.array(metadata["channels"])
+    if metadata["voltage"] == "signed":
+        ideal = homogeneous_readings(channels, even_angles(int(channels.max()) + 1))
+        change = change * np.where(ideal < 0, -1.0, 1.0)
+    change = change - change.mean(axis=0)
+    states = dataset.states()
+    states = states - states.mean(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        r = (change / np.linalg.norm(change, axis=0)).T @ (states / np.linalg.norm(states, axis=0))
+    head = {"dataset": metadata["name"], "origin": metadata["origin"]}
+    return pd.concat(
+        [
+            pd.DataFrame(
+                {
+                    **head,
+                    "target": target,
+                    "channel": np.arange(len(r)),
+                    "r": r[:, k],
+                    "mean_abs_r": np.nanmean(np.abs(r[:, k])),
+                    "samples": len(change),
+                }
+            )
+            for k, target in enumerate(metadata["targets"])
+        ],
+        ignore_index=True,
+    )
+
+
+def draw(recorded: pd.DataFrame, simulated: pd.DataFrame) -> Figure:
+    """A row a target, the recording on the left and the simulation on the right."""
+    columns = ((recorded, BEFORE), (simulated, AFTER))
+    targets = [target for target in TARGETS if (simulated["target"] == target).any()]
+    with style():
+        figure = plotting.sheet(plotting.COLUMN_MM, 14.0 + 21.0 * len(targets))
+        grid = figure.subplots(len(targets), 2, sharex="col", sharey=True, squeeze=False)
+        for row, target in zip(grid, targets, strict=True):
+            for axes, (table, colour) in zip(row, columns, strict=True):
+                one = table[table["target"] == target]
+                if one.empty:
+                    axes.text(0.5, 0.5, "not known", transform=axes.transAxes, ha="center")
+                    continue
+                chance = LEVEL / np.sqrt(one["samples"].iloc[0])
+                axes.axhspan(-chance, chance, color=QUIET, alpha=0.35, linewidth=0.3)
+                axes.plot(one["channel"], one["r"], color=colour, linewidth=0.6)
+                axes.set_title(f"mean |r| {one['mean_abs_r'].iloc[0]:.2f}", loc="right", pad=2)
+                axes.set_xlim(0, one["channel"].max())
+            row[0].set_ylabel(f"r with {target}")
+        largest = 1.05 * max(float(table["r"].abs().max()) for table, _ in columns)
+        grid[0, 0].set_ylim(-largest, largest)
+        for axes in grid[-1]:
+            axes.set_xlabel("channel")
+        for axes, (table, colour) in zip(grid[0], columns, strict=True):
+            name = table["dataset"].iloc[0]
+            axes.annotate(
+                name,
+                (0.5, 1.0),
+                (0, 13),
+                xycoords="axes fraction",
+                textcoords="offset points",
+                ha="center",
+                color=colour,
+                weight="bold",
+            )
+    return figure
+
+
+def write(recorded: Dataset, simulated: Dataset, vector: Path, image: Path, csv: Path) -> None:
+    """Figure 3 of a recording's touches and a simulated set; InputError where they share no
+    target."""
+    left, right = correlations(recorded), correlations(simulated)
+    if not set(left["target"]) & set(right["target"]):
+        found = ", ".join(recorded.metadata["targets"])
+        raise InputError(recorded.metadata["name"], "targets", found, "one of x, y, F")
+    table = pd.concat([left, right], ignore_index=True)
+    figure_files.write(draw(left, right), table, vector, image, csv)

@@ -1,0 +1,145 @@
+"""Table I: every model's metrics in one file, the paper's numbers beside them."""
+
+from pathlib import Path
+
+import pandas as pd
+
+from eitskin.atomic import atomic_path
+from eitskin.data.dataset import TARGETS
+from eitskin.errors import InputError
+from eitskin.learn.metrics import COLUMNS, METRICS
+
+TABLE = (*(column for column in COLUMNS if column != "origin"), "limit", "paper")
+REPEATED = ("authors", "text")  # configurations of the paper's experiment, by code and by text
+GROUP = ["configuration", "recording", "origin", "split", "budget"]
+SYMBOLS = {"r2": "R²", "mae": "MAE"}  # what the Markdown table shows, as the paper's does
+
+
+def paper(path: str | Path) -> pd.DataFrame:
+    """The paper's Table I: recording simulated or real, model, target, metric, value."""
+    return pd.read_csv(path)
+
+
+def collect(
+    paths: list[str | Path], published: str | Path, limits: list[str | Path] = ()
+) -> pd.DataFrame:
+    """Rows (TABLE, and `origin`) of the metrics files, in a fixed order; raises InputError.
+
+    `paper`, from the file `published`, is filled where the row repeats the paper's experiment:
+    simulated with the authors' or the text's strengths, split by random frame (another baseline,
+    crossed sessions, a place or session split make another experiment). Its real recording was
+    never published, so that no recording has a number of the paper's. `limit`, from files of
+    `limit.score`: what an estimator that knows the distributions alone can reach, where that was
+    computed.
+    """
+    if not paths:
+        raise InputError("table_1", "metrics files", "none", "at least one")
+    tables = []
+    for path in paths:
+        table = pd.read_csv(path, keep_default_na=False, na_values={"low": "", "high": ""})
+        if list(table.columns) != list(COLUMNS):
+            raise InputError(path, "columns", list(table.columns), f"{list(COLUMNS)}")
+        tables.append(table)
+    rows = pd.concat(tables, ignore_index=True)
+    rows = rows.merge(
+        _limits(limits, "limit").rename(columns={"value": "limit"}),
+        on=["configuration", "recording", "split", "target", "metric"],
+        how="left",
+        validate="many_to_one",
+    )
+    numbers = paper(published)
+    beside = numbers[numbers["recording"] == "simulated"].rename(columns={"value": "paper"})
+    beside = beside.assign(split="random").merge(pd.DataFrame({"configuration": REPEATED}), "cross")
+    keys = ["configuration", "recording", "split", "model", "target", "metric"]
+    rows = rows.merge(beside, on=keys, how="left", validate="many_to_one")
+    order = {
+        "split": ["random", "place", "session", "continuous"],
+        "budget": ["small", "full"],
+        "model": list(dict.fromkeys(numbers["model"])),
+        "target": list(TARGETS),
+        "metric": list(METRICS),
+    }
+    by = ["configuration", "recording", "split", "budget", "model", "target", "metric"]
+
+    def rank(column: pd.Series) -> pd.Series:
+        known = order.get(column.name, [])
+        return column.map(lambda v: f"{known.index(v):03d}" if v in known else f"~{v}")
+
+    return rows.sort_values(by, key=rank, ignore_index=True)[[*TABLE, "origin"]]
+
+
+def _limits(paths: list[str | Path], estimate: str) -> pd.DataFrame:
+    """configuration, recording, split, target, metric, value of one estimate."""
+    columns = ["configuration", "recording", "split", "target", "metric", "value"]
+    tables = [pd.read_csv(path) for path in paths]
+    if not tables:
+        return pd.DataFrame(columns=columns).astype({"value": float})
+    rows = pd.concat(tables, ignore_index=True)
+    return rows.loc[rows["estimate"] == estimate, columns]
+
+
+def write(
+    paths: list[str | Path],
+    published: str | Path,
+    limits: list[str | Path],
+    csv: str | Path,
+    markdown: str | Path,
+) -> None:
+    """Collect metrics files into `csv` (columns TABLE) and a `markdown` table for reading; the
+    paper's numbers are those of `published`, the limits those of files of `limit.score`.
+    """
+    rows = collect(paths, published, limits)
+    with atomic_path(csv) as temporary:
+        rows[list(TABLE)].to_csv(temporary, index=False, float_format="%.6g")
+    with atomic_path(markdown) as temporary:
+        known = _limits(limits, "limit_known")
+        temporary.write_text(to_markdown(rows, known), encoding="utf-8")
+
+
+def to_markdown(rows: pd.DataFrame, known: pd.DataFrame) -> str:
+    """A section for each dataset, split and budget; a line a model; mean [low, high] (paper).
+
+    Where there is a limit, a line of it and one of `known`, that with skin and gains known.
+    """
+    lines = [
+        "# Table I",
+        "",
+        "Mean over seeds [95 % interval over seeds] on the test part; in brackets of their own the",
+        "paper's number, where the row repeats its experiment. x, y and depth in mm, F in N.",
+        "Limit: the posterior mean given the physics and the distributions drawn from, on some of",
+        "the tested samples.",
+    ]
+    shown = rows[rows["metric"].isin(SYMBOLS)]
+    for (configuration, recording, origin, split, budget), group in shown.groupby(
+        GROUP, sort=False
+    ):
+        title = f"{recording}, {configuration}" if configuration else f"{recording} ({origin})"
+        seeds = "/".join(map(str, sorted(group["seeds"].unique())))
+        columns = group[["target", "metric"]].drop_duplicates().itertuples(index=False)
+        columns = [tuple(column) for column in columns]
+        lines += [
+            "",
+            f"## {title} · split by {split} · budget {budget} · seeds {seeds}",
+            "",
+            "| model | " + " | ".join(f"{SYMBOLS[m]} {t}" for t, m in columns) + " |",
+            "|---" * (len(columns) + 1) + "|",
+        ]
+        for model, cells in group.groupby("model", sort=False):
+            cell = cells.set_index(["target", "metric"])
+            lines.append(f"| {model} | " + " | ".join(_cell(cell.loc[c]) for c in columns) + " |")
+        if group["limit"].notna().all():
+            own = known[(known["configuration"] == configuration) & (known["split"] == split)]
+            for name, values in (
+                ("limit", cell["limit"]),
+                ("limit, skin and gains known", own.set_index(["target", "metric"])["value"]),
+            ):
+                cells = " | ".join(f"{values[c]:.3f}" for c in columns)
+                lines.append(f"| {name} | {cells} |")
+    return "\n".join(lines) + "\n"
+
+
+def _cell(row: pd.Series) -> str:
+    text = f"{row['mean']:.3f}"
+    if pd.notna(row["low"]):
+        text += f" [{row['low']:.3f}, {row['high']:.3f}]"
+    return text + (f" ({row['paper']:g})" if pd.notna(row["paper"]) else "")

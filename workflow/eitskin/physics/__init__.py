@@ -1,0 +1,1 @@
+"""The physics of a skin, from its geometry to voltages."""

@@ -1,0 +1,62 @@
+"""The forward model's own numerical error, known channel by channel.
+
+It is the same in every frame of a recording, so it adds up coherently and cannot be treated as
+noise; what is returned here is therefore signed, per channel. The limit that errors are measured
+against is Richardson's: three expansions, each with twice the electrode modes of the one before,
+extrapolated at the order that they show.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from eitskin.physics.forward import Accuracy, Forward, channel_values
+from eitskin.physics.geometry import Geometry
+from eitskin.physics.touch import TouchAccuracy
+
+MODES = (16, 32, 64)
+FINEST = Accuracy(MODES[-1], TouchAccuracy(40, 1e-11, 16, 2e-4), MODES[-1])
+CONTRASTS = (0.45, 9.0)
+
+
+def electrode_limit(geometry: Geometry, channels: np.ndarray) -> tuple[np.ndarray, float]:
+    """Untouched voltages (M,) V per A, extrapolated in electrode modes, and the order observed.
+
+    Order q: the error falls as modes^-q. Point electrodes have a closed form,
+    order infinite; where rounding is all that is left of the error, the order is NaN.
+    """
+    if geometry.points:
+        return Forward(geometry, FINEST).voltages(channels), np.inf
+    coarse, middle, fine = (
+        channel_values(
+            Forward(geometry, replace(FINEST, electrode_order=n, most_modes=n)).transfer(), channels
+        )
+        for n in MODES
+    )
+    if np.linalg.norm(fine - middle) < 1e-11 * np.linalg.norm(fine):
+        return fine, np.nan
+    ratio = np.linalg.norm(middle - coarse) / np.linalg.norm(fine - middle)
+    return fine + (fine - middle) / (ratio - 1.0), float(np.log2(ratio))
+
+
+def untouched_error(
+    geometry: Geometry, channels: np.ndarray, accuracy: str | Accuracy
+) -> np.ndarray:
+    """(M,) V per A, signed: what `accuracy` gives minus the limit, the same in every frame."""
+    limit = electrode_limit(geometry, channels)[0]
+    return Forward(geometry, accuracy).voltages(channels) - limit
+
+
+def touch_error(
+    geometry: Geometry,
+    channels: np.ndarray,
+    accuracy: str | Accuracy,
+    place: tuple[float, float, float],
+    contrasts: tuple[float, ...] = CONTRASTS,
+) -> np.ndarray:
+    """(contrasts, M) V per A, signed: error of a touch's change at (x_mm, y_mm, radius_mm)."""
+    found, finest = (
+        Forward(geometry, a).place(*place).channel_change(channels, contrasts)
+        for a in (accuracy, FINEST)
+    )
+    return found - finest

@@ -1,0 +1,443 @@
+"""The third dimension: a disc as a body with electrodes that do not reach through its depth.
+
+The complete electrode model in a circular cylinder, bottom and top insulated: sigma du/dn =
+(U_l - u) / z_l on electrode l's rectangle of the rim, no current elsewhere. The unknown is each
+electrode's current density alone, in Legendre modes across times Legendre modes up. The rim's
+Neumann function is, with k_m = m pi / depth and lengths over the radius,
+
+  (1 / 2 pi) sum_m e_m cos(k_m z) cos(k_m z') sum_n exp(i n (phi - phi')) q_n(k_m),
+  q_n(k) = I_n(k) / (k I_n'(k)), q_n(0) = 1 / |n|, e_0 = 1, e_m = 2,
+
+per unit sheet resistance 1 / (sigma depth); m = 0 is the sheet. Its slow part, the 1 / r of a flat
+half-space, is split after Ewald (1921): erfc(eta r) / (2 pi r) within each electrode and to its
+images in bottom and top, by quadrature; what is left of the double series falls off at once.
+"""
+
+import copy
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.special import erf, erfc, spherical_jn
+
+from eitskin.errors import InputError
+from eitskin.physics.bessel_ratios import cylinder_response
+from eitskin.physics.column_touch import ColumnTouch
+from eitskin.physics.electrodes import Electrodes
+from eitskin.physics.forward import Accuracy, Forward
+from eitskin.physics.geometry import Geometry
+from eitskin.physics.touch import Touch, TouchEdge, graded_panels
+
+PANEL_NODES = 10
+SHORTEST_PANEL = 1e-8
+MOST_TERMS = 10_000_000
+MOST_MODES = 6144  # of all electrodes together: matrices of 0.3 GB, of which a fit holds a dozen
+SHEET = 1e8  # operations of a body that take as long as a sheet that shares its outline
+TOUCHED_SHEET = 2.5e6  # elements of a body's matrix, that a touched place goes through in that time
+
+
+@dataclass(frozen=True)
+class DepthAccuracy:
+    """Modes up an electrode; where the split's two halves end.
+
+    height_order: modes where the contact's length z sigma is KNEE of the height or more; a better
+    contact crowds the current at the edges and gets sqrt(KNEE height / (z sigma)) times as many, up
+    to most_modes.
+    split: the near half ends at eta r = split, the series no sooner than at rho = 2 eta split.
+    cut: the series goes on to rho = cut over the smaller of half width and half height.
+    touch_tolerance: share of what a touch changes, below which a multipole in depth is left out.
+
+    Measured on 14 random bodies with 16 electrodes against 18 x 18 modes: voltages away from the
+    drive to 2e-3 ("train") and 1e-5 ("diagnose") of the median one, in the median to 1e-5 and 3e-7.
+    A touch's change, 5 to 18 mm off the rim, against boundary integrals: to 2e-3 and 1e-4 of it.
+    """
+
+    height_order: int
+    split: float
+    cut: float
+    most_modes: int
+    touch_tolerance: float
+
+    def modes(self, geometry: Geometry, heights: "Span") -> int:
+        """Modes up an electrode."""
+        length_mm = 1e3 * geometry.contact_impedivity_ohm_m2 * geometry.conductivity_S_per_m
+        contact = float(length_mm.min()) / heights.height_mm
+        wanted = self.height_order * max(1.0, np.sqrt(KNEE / contact))
+        return min(int(np.ceil(wanted)), self.most_modes)
+
+
+KNEE = 0.15
+DEPTH_ACCURACIES = {
+    "train": DepthAccuracy(4, 3.5, 8.0, 8, 2e-4),
+    "diagnose": DepthAccuracy(8, 4.0, 20.0, 16, 1e-5),
+}
+
+
+@dataclass(frozen=True)
+class Span:
+    """The height of all electrodes, and of their centre above the bottom, in mm."""
+
+    height_mm: float
+    z_mm: float
+
+
+def span(geometry: Geometry) -> Span | None:
+    """A deep geometry's; None: a sheet, or full height."""
+    if not geometry.deep or geometry.electrode_height_mm is None:
+        return None
+    z = geometry.electrode_z_mm
+    return Span(geometry.electrode_height_mm, 0.5 * geometry.thickness_mm if z is None else z)
+
+
+def legendre_overlap(order: int, lag: np.ndarray) -> np.ndarray:
+    """(order, order, lags): int P_i(t) P_j(t - lag) / 4 dt over the overlap, lag in [-2, 2]."""
+    node, weight = np.polynomial.legendre.leggauss(order)
+    half = 1.0 - 0.5 * np.abs(lag)[:, None]
+    t = 0.5 * lag[:, None] + half * node
+    here = np.polynomial.legendre.legvander(t, order - 1)
+    there = np.polynomial.legendre.legvander(t - lag[:, None], order - 1)
+    return 0.25 * np.einsum("sqi,sqj,sq->ijs", here, there, half * weight, optimize=True)
+
+
+class BodyElectrodes:
+    """Electrodes of partial height; what Electrodes is to a sheet, with order = across x up modes.
+
+    `across` counts modes across, the whole current is the first of an electrode's modes, and the
+    next ones go up. Raises InputError for what is no circular body with electrodes on it.
+    """
+
+    def __init__(self, sheet: Electrodes, heights: Span, accuracy: DepthAccuracy):
+        self.sheet, self.heights = sheet, heights
+        g = self.geometry = sheet.geometry
+        _check(g, heights)
+        self.n, self.across, self.up = sheet.n, sheet.order, accuracy.modes(g, heights)
+        size = self.n * self.across * self.up
+        if size > MOST_MODES:
+            found = f"{g.contact_impedivity_ohm_m2.min():.1e}: {size} modes in all"
+            expected = f"poorer contacts, that {MOST_MODES} modes resolve"
+            raise InputError("skin", "contact_impedivity_ohm_m2", found, expected)
+        self.order = self.across * self.up
+        self.rim = sheet.rim
+        self._cut(accuracy)
+        self._place()
+        self.interaction = self._interaction()
+        self.matrix = self.interaction + self._contact_matrix()
+
+    def moved(self, sheet: Electrodes, heights: Span) -> "BodyElectrodes":
+        """The same expansion on a body that differs a little: what it shares with this one is kept,
+        and differences of matrices hold no change of expansion."""
+        other = copy.copy(self)
+        other.sheet, other.geometry, other.heights = sheet, sheet.geometry, heights
+        if not other.agrees(self.geometry, self.heights):
+            other._place()
+            other.interaction = other._interaction()
+        other.matrix = other.interaction + other._contact_matrix()
+        return other
+
+    def agrees(self, geometry: Geometry, heights: Span) -> bool:
+        """Whether a body's modes act on each other, but for the contacts, as they do here."""
+        return (
+            self.heights == heights
+            and self.geometry.same_outline(geometry)
+            and self.geometry.thickness_mm == geometry.thickness_mm
+        )
+
+    def _place(self) -> None:
+        """Depth and heights over the radius."""
+        g = self.geometry
+        self.depth = g.thickness_mm / g.radius_mm
+        self.half_height = self.heights.height_mm / (2.0 * g.radius_mm)
+        self.z = self.heights.z_mm / g.radius_mm
+        self.angular = self._angular()
+
+    def _cut(self, accuracy: DepthAccuracy) -> None:
+        """Where the near half gives way to the series, and the series' length."""
+        g, half = self.geometry, self.sheet.half_width
+        phi = np.radians(g.electrode_deg) % (2.0 * np.pi)
+        turn = np.argsort(phi)
+        apart = np.diff(np.append(phi[turn], phi[turn[0]] + 2.0 * np.pi))
+        gap = (apart - half[turn] - np.roll(half[turn], -1)).min()
+        depth = g.thickness_mm / g.radius_mm
+        self.reach = min(gap, 4.0 * depth, 1.0)
+        self.eta = accuracy.split / self.reach
+        smallest = min(half.min(), self.heights.height_mm / (2.0 * g.radius_mm))
+        end = max(2.0 * accuracy.split * self.eta, accuracy.cut / smallest)
+        self.n_max, self.m_max = int(np.ceil(end)), int(np.ceil(end * depth / np.pi))
+        if self.n_max * self.m_max > MOST_TERMS:
+            found = f"{gap:.1e} apart, {smallest:.1e} half a side, in radii"
+            expected = f"larger ones further apart, for {MOST_TERMS:.0e} terms of a series"
+            raise InputError("skin", "electrodes", found, expected)
+
+    def _series(self) -> np.ndarray:
+        """(n_max + 1, up, up): the depth modes' sum for every angular mode, near half left out."""
+        k = np.pi / self.depth * np.arange(self.m_max + 1)
+        n = np.arange(self.n_max + 1)[:, None]
+        rho = np.hypot(n, k)
+        rho[0, 0] = 1.0
+        kernel = cylinder_response(self.n_max, k)
+        kernel -= erf(rho / (2.0 * self.eta)) / rho
+        kernel[0, 0] = -1.0 / (np.sqrt(np.pi) * self.eta)
+        wave = self.wave(k)
+        pairs = np.einsum("im,jm->mij", wave, wave) * np.where(k > 0, 2.0, 1.0)[:, None, None]
+        return (kernel @ pairs.reshape(len(k), -1)).reshape(-1, self.up, self.up)
+
+    def wave(self, k: np.ndarray) -> np.ndarray:
+        """(up, K): the modes up tested with cos(k z), k (K,)."""
+        degree = np.arange(self.up)[:, None]
+        bessel = spherical_jn(degree, k * self.half_height)
+        return (np.exp(1j * k * self.z) * 1j**degree * bessel).real
+
+    def distance(self, place: complex) -> float:
+        """From a place in the unit disc to the nearest electrode."""
+        half, phi = self.sheet.half_width, np.radians(self.geometry.electrode_deg)
+        turn = np.angle(place * np.exp(-1j * phi))
+        nearest = np.exp(1j * (phi + np.clip(turn, -half, half)))
+        return float(np.abs(nearest - place).min())
+
+    def _angular(self) -> np.ndarray:
+        """(n across, 2 (n_max + 1)): Fourier coefficients of the modes across, real and imaginary,
+        weighted by the root of the series' 1 / pi (1 / 2 pi for n = 0)."""
+        n = np.arange(self.n_max + 1)
+        degree = np.arange(self.across)[:, None]
+        phi = np.radians(self.geometry.electrode_deg)[:, None, None]
+        bessel = spherical_jn(degree, n * self.sheet.half_width[:, None, None])
+        wave = np.exp(1j * n * phi) * 1j**degree * bessel / np.sqrt(np.pi)
+        wave[:, :, 0] /= np.sqrt(2.0)
+        return np.concatenate([wave.real, wave.imag], axis=2).reshape(self.n * self.across, -1)
+
+    def _interaction(self) -> np.ndarray:
+        angular, series = self.angular, self._series()
+        shape = (self.n, self.across, self.up, self.n, self.across, self.up)
+        matrix = np.empty(shape)
+        for i in range(self.up):
+            for j in range(i + 1):
+                block = (angular * np.tile(series[:, i, j], 2)) @ angular.T
+                matrix[:, :, i, :, :, j] = block.reshape(self.n, self.across, self.n, self.across)
+                matrix[:, :, j, :, :, i] = matrix[:, :, i, :, :, j]
+        widths, which = np.unique(self.sheet.half_width, return_inverse=True)
+        near = np.array([self._near(half_width) for half_width in widths])[which]
+        matrix[range(self.n), :, :, range(self.n)] += near
+        return matrix.reshape(self.n * self.order, -1)
+
+    def _near(self, half_width: float) -> np.ndarray:
+        """(across, up, across, up): the near half within one electrode and to its images."""
+        total = np.zeros((self.across, self.up, self.across, self.up))
+        images = int(np.ceil((self.reach + 2.0 * self.half_height) / (2.0 * self.depth))) + 1
+        for fold in range(-images, images + 1):
+            for place, mirrored in ((0.0, False), (2.0 * self.z, True)):
+                offset = place + 2.0 * self.depth * fold
+                if abs(offset) - 2.0 * self.half_height < self.reach:
+                    total += self._image(half_width, offset, mirrored)
+        return self.depth / (2.0 * np.pi) * total
+
+    def _image(self, half_width: float, offset: float, mirrored: bool) -> np.ndarray:
+        """One image's part: mode pairs integrated over erfc(eta r) / r in the lags across and up,
+        in panels that shrink towards r = 0."""
+        apart = max(abs(offset) - 2.0 * self.half_height, 0.0)
+        touching = np.clip(-offset / self.half_height, -2.0, 2.0)
+        ends = np.unique([-2.0, 0.0, touching, 2.0])
+        up = [
+            _panels(a, b, touching, self.eta * self.half_height, apart / self.half_height)
+            for a, b in pairwise(ends)
+        ]
+        lag, weight = (np.concatenate(part) for part in zip(*up, strict=True))
+        across, across_weight = _panels(0.0, 2.0, 0.0, self.eta * half_width, apart / half_width)
+        r = np.hypot(half_width * across[:, None], offset + self.half_height * lag)
+        kernel = across_weight[:, None] * erfc(self.eta * r) / r * weight
+        overlap = legendre_overlap(self.across, across)
+        overlap = overlap + overlap.transpose(1, 0, 2)
+        above = legendre_overlap(self.up, lag)
+        if mirrored:
+            above = above * (-1.0) ** np.arange(self.up)[:, None]
+        return np.einsum("act,ts,bds->abcd", overlap, kernel, above, optimize=True)
+
+    def _contact_matrix(self) -> np.ndarray:
+        n, order = self.n, self.order
+        blocks = np.zeros((n, order, n, order))
+        blocks[range(n), :, range(n)] = self.contact_blocks()
+        return blocks.reshape(n * order, n * order)
+
+    def contact_blocks(self) -> np.ndarray:
+        """(n, order, order): sigma depth z_l int (P_i P_j)^2 / 16 / (dA/dt ds) over the face."""
+        g = self.geometry
+        share = g.thickness_mm / self.heights.height_mm
+        degree = 2.0 * np.arange(self.up) + 1.0
+        blocks = self.sheet.contact_blocks()[:, :, None, :, None] * np.diag(share / degree)[:, None]
+        return blocks.reshape(self.n, self.order, self.order)
+
+    def project(self, potential: np.ndarray) -> np.ndarray:
+        """(n order, k): potentials at the sheet's nodes, the same at every height, tested with the
+        modes."""
+        per = np.zeros((self.n * self.across, self.up, potential.shape[1]))
+        per[:, 0] = self.sheet.project(potential)
+        return per.reshape(self.n * self.order, -1)
+
+
+def _check(geometry: Geometry, heights: Span) -> None:
+    g, low = geometry, heights.z_mm - 0.5 * heights.height_mm
+    if g.points:
+        raise InputError(
+            "skin", "electrode_width_mm", 0, "more than 0 for electrodes with a height"
+        )
+    straight = g.stretch_x == g.stretch_y == g.anisotropy_ratio == 1.0
+    if not straight or any(g.shape_cos.values()) or any(g.shape_sin.values()):
+        raise InputError("skin", "domain shape", "no circle", "a circular rim, for a body")
+    if g.gradient_across:
+        raise InputError("skin", "gradient_across", g.gradient_across, "0, for a body")
+    if not heights.height_mm > 0:
+        raise InputError("skin", "electrode_height_mm", heights.height_mm, "more than 0")
+    room = 1e-9 * g.thickness_mm
+    if low < -room or low + heights.height_mm > g.thickness_mm + room:
+        found = f"{low:g} to {low + heights.height_mm:g} mm"
+        expected = f"electrodes within 0 to {g.thickness_mm:g} mm"
+        raise InputError("skin", "electrode_z_mm", found, expected)
+
+
+def _panels(start: float, stop: float, zero: float, rate: float, apart: float):
+    """Nodes and weights on [start, stop] for erfc(rate lag) / |lag - zero|, `apart` at least."""
+    return graded_panels(
+        start,
+        stop,
+        lambda lag: 0.45 * np.hypot(lag - zero, apart),
+        min(1.0, 1.5 / rate),
+        SHORTEST_PANEL,
+        PANEL_NODES,
+    )
+
+
+class DepthForward(Forward):
+    """A body `thickness_mm` deep with electrodes over a part of its height: a tank, a thick skin.
+
+    As Forward otherwise; with heights None it is Forward. A touch reaches through the whole depth;
+    one that the rim clips couples to the mean over the depth alone.
+    """
+
+    def __init__(
+        self,
+        geometry: Geometry,
+        heights: Span | None,
+        accuracy: str | Accuracy = "diagnose",
+        depth_accuracy: str | DepthAccuracy | None = None,
+        near: Forward | None = None,
+    ):
+        """`depth_accuracy`: by default of the same name as `accuracy`; `near`: a solved skin, to
+        share with."""
+        super().__init__(geometry, accuracy)
+        named = accuracy if depth_accuracy is None else depth_accuracy
+        self.depth_accuracy = DEPTH_ACCURACIES[named] if isinstance(named, str) else named
+        self.heights = heights
+        if heights is not None:
+            self._expand(near)
+            self._relax_electrodes()
+
+    def _expand(self, near: Forward | None) -> None:
+        """Modes on the faces, and what they take."""
+        sheet, heights, accuracy = self.electrodes, self.heights, self.depth_accuracy
+        shared = (
+            isinstance(near, DepthForward)
+            and near.heights is not None
+            and near.depth_accuracy == accuracy
+            and near.electrodes.agrees(self.geometry, heights)
+            and near.electrodes.across == sheet.order
+            and near.electrodes.up == accuracy.modes(self.geometry, heights)
+        )
+        if shared:
+            self.electrodes = near.electrodes.moved(sheet, heights)
+        else:
+            self.electrodes = BodyElectrodes(sheet, heights, accuracy)
+        modes, unknowns = self.electrodes, sheet.n * self.electrodes.order
+        operations = unknowns**3 / 3.0
+        if not shared:
+            pairs = 0.5 * modes.up * (modes.up + 1)
+            operations += 4.0 * pairs * (sheet.n * modes.across) ** 2 * modes.n_max
+        self.effort = operations / SHEET
+        self.touch_effort = type(self).touch_effort + unknowns**2 / TOUCHED_SHEET
+
+    def matches(self, geometry: Geometry, accuracy: Accuracy, modes: int) -> bool:
+        """As Forward's; a body shares nothing with a sheet."""
+        return self.heights is None and super().matches(geometry, accuracy, modes)
+
+    def edge(self, touch: Touch, apart: float = np.inf) -> TouchEdge | ColumnTouch:
+        """As Forward's, with the multipoles in depth."""
+        edge = super().edge(touch, apart)
+        if self.heights is None:
+            return edge
+        coupling = super()._to_electrodes(edge)
+        return ColumnTouch(edge, coupling, self, self.depth_accuracy.touch_tolerance)
+
+    def _to_electrodes(self, edge: TouchEdge | ColumnTouch) -> np.ndarray:
+        return edge.coupling if isinstance(edge, ColumnTouch) else super()._to_electrodes(edge)
+
+    def _between(self, a: TouchEdge | ColumnTouch, b: TouchEdge | ColumnTouch) -> np.ndarray:
+        if not isinstance(a, ColumnTouch):
+            return super()._between(a, b)
+        return block_diag(super()._between(a.edge, b.edge), a.response_to(b))
+
+    def _even_current(self, edge: TouchEdge | ColumnTouch):
+        """As Forward's; even over the depth too, it drives no multipole in depth."""
+        if not isinstance(edge, ColumnTouch):
+            return super()._even_current(edge)
+        to_electrodes, to_touch, *powers = super()._even_current(edge.edge)
+        further = np.zeros(len(edge.mass) - len(to_touch))
+        return to_electrodes, np.append(to_touch, further), *powers
+
+    def parameters(self, touches: list[Touch] = ()) -> list[str]:
+        """Names that `derivatives` knows; a body's `thickness_mm` is its depth."""
+        if self.heights is None:
+            return super().parameters(touches)
+        names = ["conductivity_S_per_m", "thickness_mm", "electrode_height_mm", "electrode_z_mm"]
+        each = ("electrode_deg", "electrode_width_mm", "contact_impedivity_ohm_m2")
+        return names + [f"{name}[{i}]" for name in each for i in range(self.electrodes.n)]
+
+    def derivatives(
+        self, touches: list[Touch] = (), parameters: list[str] | None = None
+    ) -> dict[str, np.ndarray]:
+        """d transfer / d parameter, (n, n) ohm per unit, by name; all of `parameters()` by default.
+
+        X^T dS X with the currents X of this body and dS a central difference of the power's matrix
+        (exact for contacts). Where an electrode meets bottom or top, its height and place have none
+        and what is returned means nothing. Raises InputError for a touched body: none is known.
+        """
+        if self.heights is None:
+            return super().derivatives(touches, parameters)
+        if len(touches):
+            raise InputError("touch", "derivatives", "a touched body", "an untouched one")
+        wanted = self.parameters() if parameters is None else parameters
+        return {name: self._slope(name) for name in wanted}
+
+    def _slope(self, name: str) -> np.ndarray:
+        kind, _, index = name.rstrip("]").partition("[")
+        g, relative, currents = self.geometry, *self._solve([])[:2]
+        values = {**vars(g), "electrode_height_mm": self.heights.height_mm}
+        values["electrode_z_mm"] = self.heights.z_mm
+        value = np.asarray(values[kind], float)[int(index) if index else ()]
+        step = self._step(kind, value)
+        above, below = (self._moved(kind, index, value + s * step).matrix for s in (1.0, -1.0))
+        slope = currents.T @ (above - below) @ currents / (2.0 * step)
+        if kind in ("conductivity_S_per_m", "thickness_mm"):
+            slope = slope - relative / value
+        return self.sheet_resistance * 0.5 * (slope + slope.T)
+
+    def _step(self, kind: str, value: float) -> float:
+        """Half the difference's width; the matrix is linear in what is moved by half of itself."""
+        if kind in ("contact_impedivity_ohm_m2", "conductivity_S_per_m"):
+            return 0.5 * value
+        if kind == "electrode_deg":
+            return 0.02
+        return 1e-3 * (self.heights.height_mm if kind == "electrode_z_mm" else value)
+
+    def _moved(self, kind: str, index: str, value: float) -> BodyElectrodes:
+        sheet, heights = self.electrodes.sheet, self.heights
+        if kind == "electrode_height_mm":
+            return self.electrodes.moved(sheet, replace(heights, height_mm=value))
+        if kind == "electrode_z_mm":
+            return self.electrodes.moved(sheet, replace(heights, z_mm=value))
+        if index:
+            each = getattr(self.geometry, kind).copy()
+            each[int(index)] = value
+            value = each
+        geometry = self.geometry.with_values(**{kind: value})
+        if geometry.same_outline(self.geometry):
+            return self.electrodes.moved(sheet.with_contacts(geometry), heights)
+        return self.electrodes.moved(Electrodes(geometry, self.disc, sheet.order), heights)

@@ -1,0 +1,220 @@
+"""Electrodes on the rim as the complete electrode model has them, or as points.
+
+The unknown is the current density on each electrode alone, in Legendre modes of the position
+across it: P_k(t) / 2 per dt, t = -1 ... 1, so that the mode k = 0 carries the electrode's whole
+current. The Galerkin equations of the complete electrode model, U_l - u = (z_l / h) dI/ds
+(Somersalo, Cheney, Isaacson 1992), with the unit disc's Neumann function for u.
+"""
+
+import copy
+
+import numpy as np
+
+from eitskin.physics import neumann
+from eitskin.physics.conformal import DiscMap
+from eitskin.physics.geometry import Geometry, RimMotion
+from eitskin.physics.gradient import GradientBulk
+
+
+class Electrodes:
+    """Nodes, modes and Galerkin matrix of a skin's electrodes; `order` modes each (1 for points).
+
+    matrix (n order, n order): power of the modes' currents per unit sheet resistance 1 / (sigma
+    h), mode-major within an electrode. The singular ln|t - t'| of an electrode with itself is
+    integrated in closed form; what is left is smooth.
+    """
+
+    def __init__(
+        self, geometry: Geometry, disc: DiscMap, order: int, bulk: GradientBulk | None = None
+    ):
+        self.geometry, self.disc, self.bulk = geometry, disc, bulk
+        self.n = len(geometry.electrode_deg)
+        self.order = 1 if geometry.points else order
+        count = 1 if geometry.points else 2 * self.order
+        self.t, self.weight = np.polynomial.legendre.leggauss(count)
+        self.half_width = geometry.electrode_width_mm / (2.0 * geometry.radius_mm)
+        self.phi = np.radians(geometry.electrode_deg)[:, None] + self.half_width[:, None] * self.t
+        self._angles()
+        legendre = np.polynomial.legendre.legvander(self.t, self.order - 1)
+        self.modes = 0.5 * legendre.T * self.weight
+        self.rim = np.exp(1j * self.theta).ravel()
+        self.factor = np.ones_like(self.theta)
+        if bulk:
+            self.factor = bulk.factor(geometry.rim(self.phi))
+            self.spread = self.project(bulk.terms(self.rim))
+        self.interaction = self._interaction()
+        self.matrix = self.interaction + self._contact_matrix()
+
+    def with_contacts(self, geometry: Geometry) -> "Electrodes":
+        """The same electrodes on a geometry of the same outline: other contacts, other material."""
+        other = copy.copy(self)
+        other.geometry = geometry
+        other.matrix = other.interaction + other._contact_matrix()
+        return other
+
+    def _angles(self) -> None:
+        """Angles on the unit circle and their derivatives by phi; physical arc length by phi, m."""
+        g = self.geometry
+        z, first, second = (g.unfold(g.rim(self.phi, k)) for k in range(3))
+        self.f = self.disc.derivatives(z, 2)
+        self.z_slope, self.z_bend = first, second
+        self.theta = np.angle(self.f[0])
+        spin = self.f[1] * first / self.f[0]
+        self.theta_slope = spin.imag
+        bend = (self.f[2] * first**2 + self.f[1] * second) / self.f[0] - spin**2
+        self.theta_bend = bend.imag
+        self.arc_slope = 1e-3 * np.abs(g.rim(self.phi, 1))
+
+    def _interaction(self) -> np.ndarray:
+        n, q = self.theta.shape
+        theta = self.theta.ravel()
+        apart = theta[:, None] - theta
+        own = np.kron(np.eye(n, dtype=bool), np.ones((q, q), dtype=bool))
+        apart[own] = 1.0
+        kernel = neumann.rim_potential(apart)
+        if self.geometry.points:
+            kernel[own] = np.nan
+            return self._with_bulk(self.factor.ravel()[:, None] * kernel * self.factor.ravel())
+        kernel[own] = self._own_kernel().ravel()
+        matrix = np.einsum(
+            "iq,aqbr,jr->aibj",
+            self.modes,
+            (self.factor.ravel()[:, None] * kernel * self.factor.ravel()).reshape(n, q, n, q),
+            self.modes,
+            optimize=True,
+        )
+        singular = (self.factor**2).mean(axis=1)[:, None, None] * legendre_log(self.order)
+        matrix[range(n), :, range(n), :] -= singular / (4.0 * np.pi)
+        return self._with_bulk(matrix.reshape(n * self.order, n * self.order))
+
+    def _with_bulk(self, matrix: np.ndarray) -> np.ndarray:
+        if self.bulk:
+            matrix = matrix + self.spread @ self.bulk.matrix @ self.spread.T
+        return matrix
+
+    def _own_kernel(self) -> np.ndarray:
+        """(n, q, q): the Neumann function on one electrode, without -ln|t - t'| / pi."""
+        apart = self.theta[:, :, None] - self.theta[:, None, :]
+        t_apart = np.abs(self.t[:, None] - self.t)
+        diagonal = np.eye(len(self.t), dtype=bool)
+        kernel = neumann.rim_potential(np.where(diagonal, 1.0, apart))
+        share = (self.factor**2).mean(axis=1)[:, None, None]
+        share = share / (self.factor[:, :, None] * self.factor[:, None, :])
+        kernel += share * np.log(np.where(diagonal, 1.0, t_apart)) / np.pi
+        kernel[:, diagonal] = -np.log(self.theta_slope * self.half_width[:, None]) / np.pi
+        return kernel
+
+    def _contact_matrix(self) -> np.ndarray:
+        """Contact drop of the modes, block diagonal (0 for points)."""
+        n, p = self.n, self.order
+        blocks = np.zeros((n, p, n, p))
+        if not self.geometry.points:
+            blocks[range(n), :, range(n), :] = self.contact_blocks()
+        return blocks.reshape(n * p, n * p)
+
+    def contact_blocks(self) -> np.ndarray:
+        """(n, order, order): sigma z_l int P_k P_k' / 4 / (ds/dt) dt, ds in m."""
+        length = self.geometry.contact_impedivity_ohm_m2 * self.geometry.conductivity_S_per_m
+        drop = length[:, None] / (self.arc_slope * self.half_width[:, None]) / self.weight
+        return (self.modes * drop[:, None, :]) @ self.modes.T
+
+    def density(self, amplitude: np.ndarray) -> np.ndarray:
+        """(n q, drives): weighted current at the nodes of mode amplitudes (n order, drives)."""
+        per = amplitude.reshape(self.n, self.order, -1)
+        return np.einsum("iq,aid->aqd", self.modes, per).reshape(self.n * len(self.t), -1)
+
+    def project(self, potential: np.ndarray) -> np.ndarray:
+        """(n order, k): potentials at the nodes (n q, k) tested with the modes; where the
+        conductivity rises across the skin, potentials as at its centre."""
+        per = potential.reshape(self.n, len(self.t), -1) * self.factor[:, :, None]
+        return np.einsum("iq,aqk->aik", self.modes, per).reshape(self.n * self.order, -1)
+
+    def angle_motion(self, electrode: int) -> "ElectrodeMotion":
+        """Velocity with electrode_deg of one electrode."""
+        speed = np.zeros_like(self.phi)
+        speed[electrode] = np.radians(1.0)
+        return self._along(speed, np.zeros(self.n))
+
+    def width_motion(self, electrode: int) -> "ElectrodeMotion":
+        """Velocity with electrode_width_mm of one electrode."""
+        growth = np.zeros(self.n)
+        growth[electrode] = 0.5 / self.geometry.radius_mm
+        return self._along(growth[:, None] * self.t, growth)
+
+    def _along(self, phi_dot: np.ndarray, half_width_dot: np.ndarray) -> "ElectrodeMotion":
+        g, half = self.geometry, self.half_width[:, None]
+        first, second = g.rim(self.phi, 1), g.rim(self.phi, 2)
+        arc_bend = 1e-6 * (np.conj(first) * second).real / self.arc_slope
+        return ElectrodeMotion(
+            theta=self.theta_slope * phi_dot,
+            slope=self.theta_bend * phi_dot * half + self.theta_slope * half_width_dot[:, None],
+            arc=arc_bend * phi_dot * half + self.arc_slope * half_width_dot[:, None],
+        )
+
+    def skin_motion(self, motion: RimMotion, map_velocity) -> "ElectrodeMotion":
+        """Velocity when the rim or the unfolding moves under electrodes at fixed angles phi."""
+        g, half = self.geometry, self.half_width[:, None]
+        z_dot = g.unfold(motion.rim(self.phi)) + motion.unfolding(g.rim(self.phi))
+        first_dot = g.unfold(motion.rim(self.phi, 1)) + motion.unfolding(g.rim(self.phi, 1))
+        z = g.unfold(g.rim(self.phi))
+        v = map_velocity.derivatives(z, 1)
+        f, first = self.f, self.z_slope
+        moved = (f[1] * z_dot + v[0]) / f[0]
+        slope = (f[2] * first * z_dot + f[1] * first_dot + v[1] * first) / f[0]
+        slope = slope - moved * f[1] * first / f[0]
+        physical, physical_dot = g.rim(self.phi, 1), motion.rim(self.phi, 1)
+        arc = 1e-6 * (np.conj(physical) * physical_dot).real / self.arc_slope
+        return ElectrodeMotion(moved.imag, slope.imag * half, arc * half)
+
+    def field(self, density: np.ndarray) -> np.ndarray:
+        """(n q, drives): d potential / d theta at the nodes, of other nodes' weighted currents."""
+        theta = self.theta.ravel()
+        apart = theta[:, None] - theta
+        np.fill_diagonal(apart, np.pi)
+        return neumann.rim_potential_slope(apart) @ density
+
+    def power_slope(self, density: np.ndarray, field: np.ndarray, motion: "ElectrodeMotion"):
+        """(drives, drives): change of the electrodes' power with a motion, contact drop
+        included."""
+        moved = (motion.theta.ravel()[:, None] * density).T @ field
+        if self.geometry.points:
+            return moved + moved.T
+        half = self.half_width[:, None]
+        stretch = motion.slope / (self.theta_slope * half)
+        length = self.geometry.contact_impedivity_ohm_m2 * self.geometry.conductivity_S_per_m
+        arc = self.arc_slope * half
+        drop = -length[:, None] * motion.arc / arc**2 / self.weight
+        per_node = drop.ravel() - stretch.ravel() / np.pi
+        return moved + moved.T + (density * per_node[:, None]).T @ density
+
+
+class ElectrodeMotion:
+    """Velocities (n, q) of theta, of d theta / dt and of the arc length ds / dt (m) at the
+    nodes."""
+
+    def __init__(self, theta: np.ndarray, slope: np.ndarray, arc: np.ndarray):
+        self.theta, self.slope, self.arc = theta, slope, arc
+
+    @property
+    def rim_velocity(self) -> np.ndarray:
+        """Angular velocities in one row, as Electrodes.rim orders its nodes."""
+        return self.theta.ravel()
+
+
+def legendre_log(order: int) -> np.ndarray:
+    """(order, order): double integral of P_m(t) P_n(t') ln|t - t'| over [-1, 1]^2, closed form.
+
+    From int P_n(t') ln|t - t'| dt' = 2 (Q_{n+1}(t) - Q_{n-1}(t)) / (2 n + 1) for n >= 1 and
+    int P_m Q_n dt = (1 - (-1)^(m+n)) / ((m - n) (m + n + 1)) (Gradshteyn & Ryzhik 7.113).
+    """
+
+    def legendre_pair(m: int, n: int) -> float:
+        return 0.0 if (m + n) % 2 == 0 else 2.0 / ((m - n) * (m + n + 1.0))
+
+    matrix = np.zeros((order, order))
+    for m in range(order):
+        for n in range(max(m, 1), order):
+            pair = legendre_pair(m, n + 1) - legendre_pair(m, n - 1)
+            matrix[m, n] = matrix[n, m] = 2.0 / (2 * n + 1) * pair
+    matrix[0, 0] = 4.0 * np.log(2.0) - 6.0
+    return matrix

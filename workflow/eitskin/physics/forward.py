@@ -1,0 +1,470 @@
+"""The forward model: electrode voltages of a touched skin, and their derivatives, without a mesh.
+
+The unknowns are the current densities on the electrodes and the multipoles inside each touch; the
+disc's own Neumann function carries the rest exactly. The power they take is one symmetric matrix
+S; what the wires see is its Schur complement on the electrodes' whole currents. All forces at one
+place follow from one small generalised eigenproblem, R(c) = R0 - sum_k g_k g_k^T c / (1 + c d_k),
+and every derivative from R's stationarity, dR = X^T dS X.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag, cho_factor, cho_solve, eigh, solve_triangular
+
+from eitskin.errors import InputError
+from eitskin.physics.conformal import DiscMap
+from eitskin.physics.contact_current import EvenCurrent
+from eitskin.physics.electrodes import Electrodes
+from eitskin.physics.geometry import Geometry, RimMotion
+from eitskin.physics.gradient import GradientBulk
+from eitskin.physics.touch import Touch, TouchAccuracy, TouchEdge
+
+RIM_PHI = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
+NO_CONTRAST = 1e-12  # a touch of less is none
+KEPT_PLACES = 256  # touched places whose edges a skin keeps; the oldest go first
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Size of the expansions: modes of the current on an electrode, and what a touch needs.
+
+    electrode_order: modes where the contact's length z sigma is KNEE of the width or more; a better
+    contact crowds the current at the edges and gets sqrt(KNEE width / (z sigma)) times as many, up
+    to most_modes.
+    """
+
+    electrode_order: int
+    touch: TouchAccuracy
+    most_modes: int
+
+    def modes(self, geometry: Geometry) -> int:
+        """Modes an electrode. Raises InputError for contacts too good to be resolved."""
+        if geometry.points:
+            return 1
+        length_mm = 1e3 * geometry.contact_impedivity_ohm_m2 * geometry.conductivity_S_per_m
+        contact = float((length_mm / geometry.electrode_width_mm).min())
+        if contact < BEST_CONTACT:
+            found = f"{contact:.1e} for z sigma / width"
+            raise InputError(
+                "skin", "contact_impedivity_ohm_m2", found, f"{BEST_CONTACT:g} or more"
+            )
+        wanted = self.electrode_order * max(1.0, np.sqrt(KNEE / contact))
+        return min(int(np.ceil(wanted)), self.most_modes)
+
+
+KNEE = 0.02
+BEST_CONTACT = 2e-4
+ACCURACIES = {
+    "train": Accuracy(8, TouchAccuracy(10, 1e-4, 8, 2e-3), 64),
+    "diagnose": Accuracy(16, TouchAccuracy(24, 1e-8, 12, 5e-4), 64),
+}
+
+
+def channel_values(transfer: np.ndarray, channels: np.ndarray) -> np.ndarray:
+    """(..., M) V per A: u[plus] - u[minus] for unit currents from source to sink.
+
+    transfer (..., n, n) ohm; channels (M, 4). NaN where a point electrode that drives is measured.
+    """
+    source, sink, plus, minus = channels.T
+    return (
+        transfer[..., plus, source]
+        - transfer[..., plus, sink]
+        - transfer[..., minus, source]
+        + transfer[..., minus, sink]
+    )
+
+
+def measurable(values: np.ndarray) -> np.ndarray:
+    """`values` (..., M) as they are. Raises InputError where a channel has none, being that of a
+    point electrode that drives."""
+    if np.isnan(values).any():
+        where = f"channel {np.argwhere(np.isnan(values))[0][-1]} of a driven point electrode"
+        raise InputError("skin", "electrode_width_mm", where, "a width above 0 for it")
+    return values
+
+
+@dataclass(frozen=True)
+class TouchModes:
+    """What one place does to the transfer impedance, for every contrast.
+
+    gains (n, K) ohm^(1/2), poles (K,): R(c) = R0 - sum_k gains_k gains_k^T c / (1 + c poles_k).
+    """
+
+    gains: np.ndarray
+    poles: np.ndarray
+
+    def weights(self, contrast: np.ndarray) -> np.ndarray:
+        """(F, K): c / (1 + c d_k) for contrasts (F,). Raises InputError for -1 and less."""
+        contrast = np.asarray(contrast, float)[:, None]
+        if not (contrast > -1.0).all():
+            raise InputError("touch", "contrast", contrast.min(), "more than -1")
+        return contrast / (1.0 + contrast * self.poles)
+
+    def transfer_change(self, contrast: np.ndarray) -> np.ndarray:
+        """(F, n, n) ohm: R(c) - R0."""
+        return -(self.gains * self.weights(contrast)[:, None, :]) @ self.gains.T
+
+    def channel_change(self, channels: np.ndarray, contrast: np.ndarray) -> np.ndarray:
+        """(F, M) V per A: change of every channel."""
+        source, sink, plus, minus = channels.T
+        drive = self.gains[source] - self.gains[sink]
+        return -self.weights(contrast) @ (drive * (self.gains[plus] - self.gains[minus])).T
+
+
+@dataclass(frozen=True)
+class ContactModes(TouchModes):
+    """A touched place with the contact as one more terminal, the last: gains (n + 1, K).
+
+    own (n + 1, n + 1) ohm: its row, column and self term where the touch has no contrast; else 0.
+    """
+
+    own: np.ndarray
+
+    def transfer_change(self, contrast: np.ndarray) -> np.ndarray:
+        """(F, n + 1, n + 1) ohm: R(c), less the untouched skin's R0 of the electrodes."""
+        return self.own + super().transfer_change(contrast)
+
+
+class Forward:
+    """A skin of one geometry, ready to be touched. `accuracy`: a name of ACCURACIES, or an
+    Accuracy.
+
+    Transfer impedances are in ohm between electrodes, up to a constant that no pair sees: R[i, j]
+    is the potential of electrode i for a unit current that enters at j (currents sum to zero).
+    Raises InputError where the rim is too rough for the conformal map.
+
+    effort, touch_effort: what it takes to solve it and to touch it at one place, in sheets solved.
+    """
+
+    effort, touch_effort = 1.0, 0.3
+
+    def __init__(
+        self,
+        geometry: Geometry,
+        accuracy: str | Accuracy = "diagnose",
+        near: "Forward | None" = None,
+    ):
+        """`near`: a solved skin; what only depends on rim and electrodes is shared where they
+        agree."""
+        self.geometry = geometry
+        self.accuracy = ACCURACIES[accuracy] if isinstance(accuracy, str) else accuracy
+        modes = self.accuracy.modes(geometry)
+        if near and near.matches(geometry, self.accuracy, modes):
+            self.disc, self.bulk, self._couplings = near.disc, near.bulk, near._couplings
+            self.electrodes = near.electrodes.with_contacts(geometry)
+        else:
+            self.disc, self._couplings = _disc_map(geometry), {}
+            self.bulk = GradientBulk(geometry, self.disc) if geometry.gradient_across else None
+            self.electrodes = Electrodes(geometry, self.disc, modes, self.bulk)
+        self.sheet_resistance = 1e3 / (geometry.conductivity_S_per_m * geometry.thickness_mm)
+        self._relax_electrodes()
+
+    def _relax_electrodes(self) -> None:
+        """The electrodes' transfer impedance, their own modes at the least power."""
+        n, order = self.electrodes.n, self.electrodes.order
+        whole = np.zeros(n * order, dtype=bool)
+        whole[::order] = True
+        self._whole, self._inner = np.flatnonzero(whole), np.flatnonzero(~whole)
+        matrix = self.electrodes.matrix
+        self._inner_factor = None
+        self._inner_currents = np.zeros((0, n))
+        self._relative = matrix[np.ix_(self._whole, self._whole)]
+        if len(self._inner):
+            coupling = matrix[np.ix_(self._inner, self._whole)]
+            inner = matrix[np.ix_(self._inner, self._inner)]
+            try:
+                self._inner_factor = cho_factor(inner, check_finite=False)
+            except np.linalg.LinAlgError:
+                expected = "poorer contacts, or a finer accuracy than this"
+                found = self.geometry.contact_impedivity_ohm_m2.min()
+                raise InputError("skin", "contact_impedivity_ohm_m2", found, expected) from None
+            self._inner_currents = -cho_solve(self._inner_factor, coupling, check_finite=False)
+            self._relative = self._relative + coupling.T @ self._inner_currents
+            self._relative = 0.5 * (self._relative + self._relative.T)
+
+    def matches(self, geometry: Geometry, accuracy: Accuracy, modes: int) -> bool:
+        """Whether a skin of this geometry can share what depends on rim and electrodes alone."""
+        same = accuracy == self.accuracy and modes == self.electrodes.order
+        return same and geometry.same_outline(self.geometry)
+
+    def transfer(self, touches: list[Touch] = ()) -> np.ndarray:
+        """(n, n) ohm, with any number of touches that do not overlap."""
+        return self.sheet_resistance * self._solve(touches)[0]
+
+    def voltages(self, channels: np.ndarray, touches: list[Touch] = ()) -> np.ndarray:
+        """(M,) V per A. Raises InputError where a point electrode that drives is measured."""
+        return measurable(channel_values(self.transfer(touches), channels))
+
+    def meets(self, x_mm: float, y_mm: float, radius_mm: float) -> bool:
+        """Whether a disc there lies on the skin, at least in part."""
+        if (x_mm, y_mm, radius_mm) in self._couplings:
+            return True
+        edge = x_mm + 1j * y_mm + radius_mm * np.exp(2j * np.pi * np.arange(64) / 64)
+        points = self.geometry.unfold(edge)
+        # Far outside the rim the map's series says nothing.
+        return bool((np.abs(self.disc(points[np.abs(points) <= self.disc.scale])) < 1).any())
+
+    def edge(self, touch: Touch, apart: float = np.inf) -> TouchEdge:
+        """The touch's edge and multipoles at this accuracy; `apart` from others, in radii."""
+        return TouchEdge(
+            touch, self.geometry, self.disc, self.accuracy.touch, apart, bulk=self.bulk
+        )
+
+    def place(self, x_mm: float, y_mm: float, radius_mm: float) -> TouchModes:
+        """The touch at one place, for every contrast at once."""
+        edge, coupling = self._coupling(x_mm, y_mm, radius_mm)
+        gains, response = self._relaxed(coupling, self._between(edge, edge))
+        turn, poles = _separated(edge.mass, response)
+        return TouchModes(np.sqrt(self.sheet_resistance) * gains @ turn, poles)
+
+    def contact(self, x_mm: float, y_mm: float, radius_mm: float) -> ContactModes:
+        """The touch at one place as `place` has it, with current that enters evenly over it.
+
+        Raises InputError for a touch that the rim clips and where the conductivity rises across
+        the skin.
+        """
+        edge, coupling = self._coupling(x_mm, y_mm, radius_mm)
+        to_electrodes, to_touch, power, inner_power = self._even_current(edge)
+        response = self._between(edge, edge)
+        gains, response = self._relaxed(
+            np.column_stack([coupling, to_electrodes]),
+            np.block([[response, to_touch[:, None]], [to_touch, np.array([[power]])]]),
+        )
+        turn, poles = _separated(edge.mass, response[:-1, :-1])
+        modes = np.vstack([gains[:, :-1], response[-1, :-1]]) @ turn
+        inner = np.append(np.zeros(len(gains)), np.sqrt(inner_power))
+        own = np.zeros((len(gains) + 1, len(gains) + 1))
+        own[-1, :-1] = own[:-1, -1] = gains[:, -1]
+        own[-1, -1] = response[-1, -1]
+        return ContactModes(
+            np.sqrt(self.sheet_resistance) * np.column_stack([modes, inner]),
+            np.append(poles, 1.0),
+            self.sheet_resistance * own,
+        )
+
+    def _even_current(self, edge: TouchEdge) -> tuple[np.ndarray, np.ndarray, float, float]:
+        """What a current entering evenly over the touch makes at the electrodes' modes (n order,)
+        and to the touch's multipoles (2 degree,), its power, and psi's share of it."""
+        if self.bulk:
+            found = "one with conductivity-gradient"
+            raise InputError("effects", "indenter-grounding", found, "one without")
+        current = EvenCurrent(edge)
+        to_electrodes = self.electrodes.project(current.potential(self.electrodes.rim)[:, None])
+        to_touch = current.mean_response(edge)
+        return to_electrodes[:, 0], to_touch, current.power, current.inner_power
+
+    def _coupling(self, x_mm: float, y_mm: float, radius_mm: float):
+        """The touch's edge and its coupling (n order, 2 degree) to the electrodes' modes."""
+        key = (x_mm, y_mm, radius_mm)
+        if key not in self._couplings:
+            if len(self._couplings) >= KEPT_PLACES:
+                self._couplings.pop(next(iter(self._couplings)))
+            edge = self.edge(Touch(*key))
+            self._couplings[key] = edge, self._to_electrodes(edge)
+        return self._couplings[key]
+
+    def _to_electrodes(self, edge: TouchEdge) -> np.ndarray:
+        coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))
+        if self.bulk:
+            coupling += self.electrodes.spread @ self.bulk.matrix @ edge.polar_spread.T
+        return coupling
+
+    def _between(self, a: TouchEdge, b: TouchEdge) -> np.ndarray:
+        """(2 degree of a, 2 degree of b): response of one touch's multipoles to another's."""
+        if a is b:
+            response = a.self_response
+        else:
+            response = 0.5 * (a.inner_response(b) + b.inner_response(a).T)
+        if self.bulk:
+            there = a.spread @ self.bulk.matrix @ b.polar_spread.T
+            back = b.spread @ self.bulk.matrix @ a.polar_spread.T
+            response = response + 0.5 * (there + back.T)
+        return response
+
+    def _relaxed(self, coupling: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gains (n, k) and response (k, k) of what couples to the electrodes' modes by `coupling`
+        (n order, k), the electrodes' own modes relaxed."""
+        inner = coupling[self._inner]
+        gains = coupling[self._whole] + self._inner_currents.T @ inner
+        if len(inner):
+            factor, lower = self._inner_factor
+            trans = 0 if lower else 1
+            inner = solve_triangular(factor, inner, trans=trans, lower=lower, check_finite=False)
+            response = response - inner.T @ inner
+        return gains, response
+
+    def unit_currents(self) -> np.ndarray:
+        """(n order, n): currents in the electrodes' modes, each electrode driven by itself."""
+        n = self.electrodes.n
+        currents = np.zeros((n * self.electrodes.order, n))
+        currents[self._whole, range(n)] = 1.0
+        currents[self._inner] = self._inner_currents
+        return currents
+
+    def _solve(self, touches: list[Touch]) -> tuple[np.ndarray, np.ndarray, list, list]:
+        """Relative transfer (n, n), electrode mode currents, edges and their multipoles (2 degree,
+        n)."""
+        touches = [t for t in touches if abs(t.contrast) > NO_CONTRAST]
+        edges = [
+            self.edge(t, apart) for t, apart in zip(touches, _clearances(touches), strict=True)
+        ]
+        currents = self.unit_currents()
+        if not edges:
+            return self._relative, currents, [], []
+        coupling = np.hstack([self._to_electrodes(edge) for edge in edges])
+        gains = coupling[self._whole] + self._inner_currents.T @ coupling[self._inner]
+        system = np.block([[self._between(a, b) for b in edges] for a in edges])
+        system += block_diag(*(e.mass / t.contrast for e, t in zip(edges, touches, strict=True)))
+        relaxed = np.zeros((0, coupling.shape[1]))
+        if len(self._inner):
+            relaxed = cho_solve(self._inner_factor, coupling[self._inner])
+            system = system - coupling[self._inner].T @ relaxed
+        multipoles = -np.linalg.solve(system, gains.T)
+        currents[self._inner] -= relaxed @ multipoles
+        split = np.split(multipoles, np.cumsum([len(edge.mass) for edge in edges])[:-1])
+        change = gains @ multipoles
+        return self._relative + 0.5 * (change + change.T), currents, edges, split
+
+    def parameters(self, touches: list[Touch] = ()) -> list[str]:
+        """Names that `derivatives` knows; `[l]` counts electrodes, harmonics or touches."""
+        g, n = self.geometry, self.electrodes.n
+        names = ["conductivity_S_per_m", "thickness_mm"]
+        names += [f"electrode_deg[{i}]" for i in range(n)]
+        if not g.points:
+            names += [f"electrode_width_mm[{i}]" for i in range(n)]
+            names += [f"contact_impedivity_ohm_m2[{i}]" for i in range(n)]
+        names += [f"shape_cos[{k}]" for k in g.shape_cos] + [f"shape_sin[{k}]" for k in g.shape_sin]
+        names += ["stretch_x", "stretch_y", "anisotropy_ratio", "anisotropy_deg"]
+        per_touch = ("x_mm", "y_mm", "radius_mm", "contrast")
+        return names + [f"{p}[{i}]" for i in range(len(touches)) for p in per_touch]
+
+    def derivatives(
+        self, touches: list[Touch] = (), parameters: list[str] | None = None
+    ) -> dict[str, np.ndarray]:
+        """d transfer / d parameter, (n, n) ohm per unit, by name; all of `parameters()` by default.
+
+        Touches of contrast 0, clipped ones and those held off the rim have none here: InputError.
+        """
+        if self.bulk:
+            found = f"{self.geometry.gradient_across:g}"
+            raise InputError("skin", "gradient_across", found, "0, to differentiate")
+        for touch in touches:
+            if abs(touch.contrast) <= NO_CONTRAST:
+                raise InputError("touch", "contrast", touch.contrast, "one to differentiate by")
+        slope = _Slopes(self, *self._solve(touches))
+        wanted = self.parameters(touches) if parameters is None else parameters
+        return {name: self.sheet_resistance * slope.of(name) for name in wanted}
+
+
+class _Slopes:
+    """dR = X^T dS X for one touched state, with X the currents and multipoles of unit drives."""
+
+    def __init__(self, forward, relative, currents, edges, multipoles):
+        self.forward, self.geometry = forward, forward.geometry
+        self.relative, self.edges, self.multipoles = relative, edges, multipoles
+        self.electrodes = forward.electrodes
+        self.density = self.electrodes.density(currents)
+        self.field = self.electrodes.field(self.density)
+        self.amplitude = currents.reshape(self.electrodes.n, self.electrodes.order, -1)
+
+    def of(self, name: str) -> np.ndarray:
+        kind, _, index = name.rstrip("]").partition("[")
+        number = int(index) if index else None
+        g = self.geometry
+        if kind == "thickness_mm":
+            return -self.relative / g.thickness_mm
+        if kind == "conductivity_S_per_m":
+            drop = sum(self._contact_drop(i) for i in range(self.electrodes.n))
+            return (drop - self.relative) / g.conductivity_S_per_m
+        if kind == "contact_impedivity_ohm_m2":
+            return self._contact_drop(number) / g.contact_impedivity_ohm_m2[number]
+        if kind == "contrast":
+            edge, amplitude = self.edges[number], self.multipoles[number]
+            return -(amplitude.T @ edge.mass @ amplitude) / edge.touch.contrast**2
+        if kind in ("x_mm", "y_mm", "radius_mm"):
+            motion = self.edges[number].place_motion(kind)
+            return self._moved(None, {number: motion})
+        if kind == "electrode_deg":
+            return self._moved(self.electrodes.angle_motion(number), {})
+        if kind == "electrode_width_mm":
+            return self._moved(self.electrodes.width_motion(number), {})
+        return self._skin_moved(RimMotion(g, kind, number))
+
+    def _contact_drop(self, electrode: int) -> np.ndarray:
+        if self.geometry.points:
+            return np.zeros_like(self.relative)
+        block = self.electrodes.contact_blocks()[electrode]
+        amplitude = self.amplitude[electrode]
+        return amplitude.T @ block @ amplitude
+
+    def _skin_moved(self, motion: RimMotion) -> np.ndarray:
+        forward, g = self.forward, self.geometry
+        rim = g.rim(RIM_PHI)
+        velocity = g.unfold(motion.rim(RIM_PHI)) + motion.unfolding(rim)
+        map_velocity = forward.disc.velocity(velocity)
+        moved = {i: e.skin_motion(motion, map_velocity) for i, e in enumerate(self.edges)}
+        return self._moved(self.electrodes.skin_motion(motion, map_velocity), moved)
+
+    def _moved(self, electrode_motion, edge_motions: dict) -> np.ndarray:
+        rim = self.electrodes.rim
+        total = np.zeros_like(self.relative)
+        rim_dot = np.zeros(len(rim), complex)
+        if electrode_motion is not None:
+            total += self.electrodes.power_slope(self.density, self.field, electrode_motion)
+            rim_dot = 1j * rim * electrode_motion.rim_velocity
+        for i, (edge, amplitude) in enumerate(zip(self.edges, self.multipoles, strict=True)):
+            motion = edge_motions.get(i)
+            change = np.zeros_like(total)
+            if motion is not None or electrode_motion is not None:
+                response = edge.rim_response_slope(rim, rim_dot, amplitude, motion)
+                change += self.density.T @ response
+            if motion is not None:
+                contrast = edge.touch.contrast
+                change += 0.5 * edge.response_slope(amplitude, contrast, motion)
+            for j in range(i):
+                other, other_motion = self.edges[j], edge_motions.get(j)
+                if motion is None and other_motion is None:
+                    continue
+                there = edge.inner_response_slope(
+                    other, amplitude, self.multipoles[j], motion, other_motion
+                )
+                back = other.inner_response_slope(
+                    edge, self.multipoles[j], amplitude, other_motion, motion
+                )
+                change += 0.5 * (there + back.T)
+            total += change + change.T
+        return total
+
+
+def _separated(mass: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Turn (2 degree, K) to multipoles of unit mass that respond to themselves alone, and how much:
+    poles (K,)."""
+    weight, vectors = np.linalg.eigh(mass)
+    kept = weight > 1e-12 * weight[-1]
+    basis = vectors[:, kept] / np.sqrt(weight[kept])
+    poles, turn = eigh(basis.T @ response @ basis)
+    return basis @ turn, poles
+
+
+def _disc_map(geometry: Geometry) -> DiscMap:
+    try:
+        return DiscMap(geometry.unfold(geometry.rim(RIM_PHI)))
+    except ValueError as error:
+        raise InputError("skin", "domain shape", str(error), "a smooth, star-shaped rim") from None
+
+
+def _clearances(touches: list[Touch]) -> list[float]:
+    """Distance from each touch to the nearest other edge, in its radii; InputError on overlap."""
+    clearances = []
+    for a in touches:
+        gaps = [
+            np.hypot(a.x_mm - b.x_mm, a.y_mm - b.y_mm) - a.radius_mm - b.radius_mm
+            for b in touches
+            if b is not a
+        ]
+        if gaps and min(gaps) <= 0:
+            found = f"two that overlap by {-min(gaps):g} mm"
+            raise InputError("touch", "touches", found, "touches apart")
+        clearances.append(min(gaps, default=np.inf) / a.radius_mm)
+    return clearances

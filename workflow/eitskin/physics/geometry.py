@@ -1,0 +1,195 @@
+"""The shape of a skin: its rim, where its electrodes lie, how its conductivity is directed."""
+
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+
+from eitskin.errors import InputError
+from eitskin.physics.skin import Skin
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A disc of the skin, centre and radius in mm, whose conductivity is multiplied by `contrast`.
+
+    Raises InputError for a radius or a contrast of 0 or less.
+    """
+
+    x_mm: float
+    y_mm: float
+    radius_mm: float
+    contrast: float
+
+    def __post_init__(self):
+        for name in ("radius_mm", "contrast"):
+            if not getattr(self, name) > 0:
+                raise InputError("patch", name, getattr(self, name), "more than 0")
+
+    @property
+    def centre(self) -> complex:
+        """x + i y, mm."""
+        return complex(self.x_mm, self.y_mm)
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """A conductive sheet with electrodes on its rim, in the units of its names.
+
+    The rim is r(phi) = radius (1 + sum_k shape_cos[k] cos k phi + shape_sin[k] sin k phi),
+    stretched by (x, y) -> (stretch_x x, stretch_y y), electrodes and all. An electrode spans the
+    angles electrode_deg +- width / (2 radius); width 0 makes it a point. Conductivity along
+    `anisotropy_deg` over that across is `anisotropy_ratio`, geometric mean `conductivity_S_per_m`;
+    it rises towards `gradient_deg` by `gradient_across` of itself from rim to rim; a `patch`
+    multiplies it within a disc. Raises InputError for values that make no skin.
+    """
+
+    radius_mm: float
+    thickness_mm: float
+    conductivity_S_per_m: float
+    electrode_deg: np.ndarray
+    electrode_width_mm: np.ndarray
+    contact_impedivity_ohm_m2: np.ndarray
+    shape_cos: dict[int, float] = field(default_factory=dict)
+    shape_sin: dict[int, float] = field(default_factory=dict)
+    stretch_x: float = 1.0
+    stretch_y: float = 1.0
+    anisotropy_ratio: float = 1.0
+    anisotropy_deg: float = 0.0
+    gradient_across: float = 0.0
+    gradient_deg: float = 0.0
+    electrode_height_mm: float | None = None
+    electrode_z_mm: float | None = None
+    deep: bool = False
+    patch: Patch | None = None
+
+    def __post_init__(self):
+        angle = np.asarray(self.electrode_deg, dtype=float)
+        object.__setattr__(self, "electrode_deg", angle)
+        for name in ("electrode_width_mm", "contact_impedivity_ohm_m2"):
+            value = np.broadcast_to(np.asarray(getattr(self, name), float), angle.shape).copy()
+            if not (value >= 0).all():
+                raise InputError("skin", name, value.min(), "0 or more")
+            object.__setattr__(self, name, value)
+        points = self.electrode_width_mm == 0
+        if points.any() and not points.all():
+            raise InputError("skin", "electrode_width_mm", "0 and more", "all 0 or none")
+        for name in ("radius_mm", "thickness_mm", "conductivity_S_per_m", "anisotropy_ratio"):
+            if not getattr(self, name) > 0:
+                raise InputError("skin", name, getattr(self, name), "more than 0")
+        order = np.argsort(angle % 360.0)
+        gap_deg = np.diff(np.append(angle[order] % 360.0, angle[order[0]] % 360.0 + 360.0))
+        half_deg = np.degrees(self.electrode_width_mm[order] / (2.0 * self.radius_mm))
+        room = gap_deg - half_deg - np.append(half_deg[1:], half_deg[0])
+        if not (room > 0).all():
+            raise InputError("skin", "electrodes", "two that overlap", "each an arc of its own")
+        if not points.any() and not (self.contact_impedivity_ohm_m2 > 0).all():
+            raise InputError("skin", "contact_impedivity_ohm_m2", 0, "more than 0 (width > 0)")
+
+    @classmethod
+    def from_skin(cls, skin: Skin) -> "Geometry":
+        """The ideal geometry that a Skin describes; raises InputError where a needed key is
+        null."""
+        needed = ["radius_mm", "thickness_mm", "conductivity_S_per_m", "electrode_deg"]
+        needed += ["electrode_width_mm"]
+        if skin.electrode_width_mm:
+            needed.append("contact_impedivity_ohm_m2")
+        for key in needed:
+            if getattr(skin, key) is None:
+                raise InputError("skin", key, "null", "a value, to simulate with")
+        return cls(
+            skin.radius_mm,
+            skin.thickness_mm,
+            skin.conductivity_S_per_m,
+            np.array(skin.electrode_deg),
+            np.array(skin.electrode_width_mm),
+            np.array(skin.contact_impedivity_ohm_m2 or 0.0),
+            electrode_height_mm=skin.electrode_height_mm,
+            electrode_z_mm=skin.electrode_z_mm,
+        )
+
+    def with_values(self, **values) -> "Geometry":
+        """A copy with some fields replaced."""
+        return replace(self, **values)
+
+    def same_outline(self, other: "Geometry") -> bool:
+        """Whether rim, electrodes' places and direction agree; material and contacts may differ."""
+        material = ("thickness_mm", "conductivity_S_per_m", "contact_impedivity_ohm_m2")
+        return all(
+            np.array_equal(getattr(self, f.name), getattr(other, f.name))
+            if isinstance(getattr(self, f.name), np.ndarray)
+            else getattr(self, f.name) == getattr(other, f.name)
+            for f in fields(self)
+            if f.name not in material
+        )
+
+    @property
+    def points(self) -> bool:
+        """Whether the electrodes are points."""
+        return bool((self.electrode_width_mm == 0).all())
+
+    def stretch(self, z: np.ndarray) -> np.ndarray:
+        """(x, y) -> (stretch_x x, stretch_y y) on complex points."""
+        return _axis_stretch(z, self.stretch_x, self.stretch_y)
+
+    def unfold(self, z: np.ndarray) -> np.ndarray:
+        """Coordinates, equal in area, in which the conductivity is the same in all directions."""
+        squeeze = self.anisotropy_ratio**-0.25
+        turn = np.exp(1j * np.radians(self.anisotropy_deg))
+        return turn * _axis_stretch(z / turn, squeeze, 1.0 / squeeze)
+
+    def rim(self, phi: np.ndarray, order: int = 0) -> np.ndarray:
+        """Physical rim points, mm, complex, or their derivative by phi of `order` <= 2."""
+        radius = [np.full(phi.shape, 1.0), np.zeros(phi.shape), np.zeros(phi.shape)]
+        for k, value in self.shape_cos.items():
+            for n in range(order + 1):
+                radius[n] = radius[n] + value * k**n * np.cos(k * phi + n * np.pi / 2)
+        for k, value in self.shape_sin.items():
+            for n in range(order + 1):
+                radius[n] = radius[n] + value * k**n * np.sin(k * phi + n * np.pi / 2)
+        binomial = [[1], [1, 1], [1, 2, 1]][order]
+        z = sum(binomial[n] * radius[n] * 1j ** (order - n) for n in range(order + 1))
+        return self.stretch(self.radius_mm * z * np.exp(1j * phi))
+
+
+def _axis_stretch(z: np.ndarray, x: float, y: float) -> np.ndarray:
+    return x * np.real(z) + 1j * y * np.imag(z)
+
+
+@dataclass(frozen=True)
+class RimMotion:
+    """How the rim and the unfolding move with one parameter, at fixed phi, per unit of it.
+
+    rim(phi) and its slope by phi: physical, mm; unfolding(z): change of the unfolded place of z.
+    """
+
+    geometry: Geometry
+    parameter: str
+    harmonic: int | None = None
+
+    def rim(self, phi: np.ndarray, order: int = 0) -> np.ndarray:
+        """Velocity of the physical rim point, or its derivative by phi (`order` <= 1)."""
+        g, k = self.geometry, self.harmonic
+        if self.parameter in ("shape_cos", "shape_sin"):
+            shift = 0.0 if self.parameter == "shape_cos" else -np.pi / 2
+            wave = np.cos(k * phi + shift)
+            if order == 1:
+                wave = 1j * wave - k * np.sin(k * phi + shift)
+            return g.stretch(g.radius_mm * wave * np.exp(1j * phi))
+        if self.parameter == "stretch_x":
+            return np.real(g.rim(phi, order)) / g.stretch_x + 0j
+        if self.parameter == "stretch_y":
+            return 1j * np.imag(g.rim(phi, order)) / g.stretch_y
+        return np.zeros(phi.shape, complex)
+
+    def unfolding(self, z: np.ndarray) -> np.ndarray:
+        """Velocity of the unfolded place of the physical place z."""
+        g = self.geometry
+        if self.parameter == "anisotropy_ratio":
+            squeeze = g.anisotropy_ratio**-0.25
+            slope = -0.25 * squeeze / g.anisotropy_ratio
+            turn = np.exp(1j * np.radians(g.anisotropy_deg))
+            return turn * _axis_stretch(z / turn, slope, -slope / squeeze**2)
+        if self.parameter == "anisotropy_deg":
+            unturned = g.unfold(1j * z)
+            return np.radians(1.0) * (1j * g.unfold(z) - unturned)
+        return np.zeros(np.shape(z), complex)

@@ -1,0 +1,522 @@
+"""A touch: a sharp-edged disc in which the conductivity is multiplied by 1 + contrast.
+
+Inside it the potential is harmonic, so its multipoles up to a degree describe it; the edge is an
+exact circle of the skin, mapped onto the unit disc, and cuts no element of any mesh. A touch that
+reaches beyond the rim is clipped by it.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from eitskin.errors import InputError
+from eitskin.physics import neumann
+from eitskin.physics.conformal import DiscMap
+from eitskin.physics.geometry import Geometry, RimMotion
+from eitskin.physics.gradient import GradientBulk
+
+NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
+MOST_EVEN_NODES = 128  # against the rim; nearer to it, nodes are graded
+# At a crossing at right angles the shortest panel, in radians, and the nodes of all panels.
+CROSSED_PANEL = 0.03
+CROSSED_NODES = 6
+FLATTEST = 1e-6  # shortest panel, however flat the crossing
+TOUCHING = 1e-5  # squared sine of a crossing so flat that the circles touch
+MOST_PANELS = 150  # from one crossing to the next
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Centre and radius in mm, skin frame; conductivity inside is (1 + contrast) times that
+    outside.
+
+    Raises InputError for a radius of 0 or less and a contrast of -1 or less.
+    """
+
+    x_mm: float
+    y_mm: float
+    radius_mm: float
+    contrast: float = 0.0
+
+    def __post_init__(self):
+        if not self.radius_mm > 0:
+            raise InputError("touch", "radius_mm", self.radius_mm, "more than 0")
+        if not self.contrast > -1:
+            raise InputError("touch", "contrast", self.contrast, "more than -1")
+
+
+@dataclass(frozen=True)
+class TouchAccuracy:
+    """How finely a touch is resolved.
+
+    degree: highest multipole, used where the rim is near; tolerance: relative, of expansion and
+    quadrature; panel_nodes: of one panel of a graded edge; rim_gap: an edge that comes nearer to
+    the rim than this, in radii, on either side, is taken to stop at this distance.
+    """
+
+    degree: int
+    tolerance: float
+    panel_nodes: int
+    rim_gap: float
+
+
+@dataclass(frozen=True)
+class EdgeMotion:
+    """Velocities of the nodes of a TouchEdge with one parameter (first and second by the angle)."""
+
+    zeta: np.ndarray
+    tangent: np.ndarray
+    curvature: np.ndarray
+
+
+class Circle:
+    """A circle of the skin, centre (complex) and radius in mm, mapped onto the unit disc."""
+
+    def __init__(self, centre: complex, radius: float, geometry: Geometry, disc: DiscMap):
+        self.centre, self.radius = centre, radius
+        self.geometry, self.disc = geometry, disc
+
+    def place(self, t: np.ndarray) -> np.ndarray:
+        """The skin's points, mm, at angles t."""
+        return self.centre + self.radius * np.exp(1j * t)
+
+    def mapped(self, t: np.ndarray, order: int) -> list[np.ndarray]:
+        """Points of the unit disc at angles t and their derivatives by t up to `order` <= 2."""
+        ray = self.radius * np.exp(1j * t)
+        f = self.disc.derivatives(self.geometry.unfold(self.centre + ray), order)
+        first = self.geometry.unfold(1j * ray)
+        mapped = [f[0]]
+        if order >= 1:
+            mapped.append(f[1] * first)
+        if order >= 2:
+            mapped.append(f[2] * first**2 + f[1] * self.geometry.unfold(-ray))
+        return mapped
+
+    def gap(self, other: "Circle") -> float:
+        """Least distance between the two circles, mm; 0 where they cross."""
+        apart = abs(self.centre - other.centre)
+        gap = max(apart - self.radius - other.radius, abs(self.radius - other.radius) - apart)
+        return max(gap, 0.0)
+
+    def angle_sine2(self, other: "Circle") -> float:
+        """Squared sine of the angle at which another circle crosses this one; 0 where none does."""
+        a, b, d = self.radius, other.radius, abs(self.centre - other.centre)
+        return max(1.0 - ((a**2 + b**2 - d**2) / (2.0 * a * b)) ** 2, 0.0)
+
+    def crossings(self, other: "Circle") -> np.ndarray:
+        """The two angles t at which another circle crosses this one; none where they only touch."""
+        if self.angle_sine2(other) < TOUCHING:
+            return np.zeros(0)
+        apart = other.centre - self.centre
+        d = abs(apart)
+        cosine = (d**2 + self.radius**2 - other.radius**2) / (2.0 * d * self.radius)
+        turn = np.arccos(np.clip(cosine, -1.0, 1.0))
+        return (np.angle(apart) + np.array([-turn, turn])) % (2.0 * np.pi)
+
+    def panels(
+        self, start: float, stop: float, other: "Circle | None", clearance, panels: tuple
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes and weights from start to stop by graded_panels with `clearance` and `panels`.
+
+        Panels also keep clear of another circle; where it crosses this one they end, and shrink
+        towards it, the further the flatter it crosses.
+        """
+        if other is None:
+            return graded_panels(start, stop, clearance, *panels)
+        crossings = self.crossings(other)
+        if len(crossings):
+            size = min(other.radius / self.radius, 1.0)
+            shortest = max(CROSSED_PANEL * size * self.angle_sine2(other), FLATTEST)
+            panels = (panels[0] * CROSSED_NODES / panels[2], shortest, CROSSED_NODES)
+
+        def clear(t: np.ndarray) -> np.ndarray:
+            gap = np.abs(np.abs(self.place(t) - other.centre) - other.radius) / self.radius
+            for crossing in crossings:
+                gap = np.minimum(gap, np.abs(np.sin(0.5 * (t - crossing))))
+            return np.minimum(clearance(t), gap)
+
+        between = start + (crossings - start) % (2.0 * np.pi)
+        ends = np.unique([start, *between[between < stop], stop])
+        parts = [graded_panels(*e, clear, *panels, MOST_PANELS) for e in pairwise(ends)]
+        node, weight = zip(*parts, strict=True)
+        return np.concatenate(node), np.concatenate(weight)
+
+
+class TouchEdge(Circle):
+    """The boundary of a touch in the unit disc, its multipoles, and how they interact with it.
+
+    Nodes on the edge are evenly spaced, or graded towards the rim, and towards the circle `beside`
+    (an edge of the conductivity), where the touch comes near it; a part of the rim closes a
+    clipped touch. `apart`: distance to the nearest other touch, in radii; `bulk`: where the
+    conductivity rises across the skin. Raises InputError for a touch outside the skin or one that
+    the rim cuts more than twice.
+    """
+
+    def __init__(
+        self,
+        touch: Touch,
+        geometry: Geometry,
+        disc: DiscMap,
+        accuracy: TouchAccuracy,
+        apart: float = np.inf,
+        beside: Circle | None = None,
+        bulk: GradientBulk | None = None,
+    ):
+        super().__init__(touch.x_mm + 1j * touch.y_mm, touch.radius_mm, geometry, disc)
+        self.touch, self.beside, self.bulk = touch, beside, bulk
+        degree = self._place_nodes(accuracy, apart)
+        boundary = np.concatenate([self.zeta, np.exp(1j * self.rim_theta)])
+        self.expansion_centre = 0.5 * complex(
+            boundary.real.min() + boundary.real.max(),
+            boundary.imag.min() + boundary.imag.max(),
+        )
+        self.expansion_radius = float(np.abs(boundary - self.expansion_centre).max())
+        self._build_modes(degree)
+
+    def _place_nodes(self, accuracy: TouchAccuracy, apart: float) -> int:
+        """Choose the nodes; returns the multipoles needed."""
+        t = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)
+        zeta = self.mapped(t, 0)[0]
+        if not np.abs(zeta).min() < 1:
+            place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm"
+            raise InputError("touch", "place", place, "a place on the skin")
+        gap = (1.0 - np.abs(zeta).max()) / np.abs(zeta - zeta.mean()).max()
+        self.held_off = bool(abs(gap) < accuracy.rim_gap)
+        if self.held_off:
+            self.radius *= 1.0 + gap - accuracy.rim_gap
+            gap = accuracy.rim_gap
+        digits = -np.log(accuracy.tolerance)
+        for_rim = digits / np.log1p(gap) if gap > 0 else np.inf
+        for_touch = min(digits / np.log1p(apart), NODE_COUNTS[-1])
+        longest, even = 2.0 * apart, for_rim <= MOST_EVEN_NODES
+        if self.beside:
+            beside = self.gap(self.beside) / self.radius
+            for_touch = min(digits / np.log1p(max(beside, accuracy.rim_gap)), NODE_COUNTS[-1])
+            even = even and for_touch <= MOST_EVEN_NODES
+        degree = int(min(accuracy.degree, max(np.ceil(0.5 * max(for_rim, for_touch)), 3)))
+        longest = min(0.5 * accuracy.panel_nodes / degree, longest)
+        panels = (longest, accuracy.rim_gap, accuracy.panel_nodes)
+        self.rim_theta = self.rim_weight = np.zeros(0)
+        self.clipped = gap < 0
+        if self.clipped:
+            self._clip(t, np.abs(zeta) > 1.0, panels)
+        elif even:
+            count = next(n for n in NODE_COUNTS if n >= max(for_rim, for_touch, 2 * degree + 4))
+            self.t = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+            self.weight = np.full(count, 2.0 * np.pi / count)
+        else:
+            nearest = t[np.abs(zeta).argmax()]
+            end = nearest + 2.0 * np.pi
+            self.t, self.weight = self.panels(
+                nearest, end, self.beside, self._rim_clearance, panels
+            )
+        self.zeta, self.tangent, self.curvature = self.mapped(self.t, 2)
+        return degree
+
+    def _rim_clearance(self, t: np.ndarray) -> np.ndarray:
+        zeta, tangent = self.mapped(t, 1)
+        return np.abs(1.0 - np.abs(zeta)) / np.abs(tangent)
+
+    def _clip(self, t: np.ndarray, outside: np.ndarray, panels: tuple) -> None:
+        leaves = np.flatnonzero(~outside & np.roll(outside, -1))
+        enters = np.flatnonzero(outside & np.roll(~outside, -1))
+        if len(leaves) != 1 or self.radius > 0.5 * self.geometry.radius_mm:
+            place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm"
+            raise InputError("touch", "edge", f"{place} cut by the rim", "cut twice at most")
+        leave = self._crossing(t[leaves[0]], t[leaves[0]] + t[1])
+        enter = self._crossing(t[enters[0]], t[enters[0]] + t[1])
+        end = leave if leave > enter else leave + 2.0 * np.pi
+        self.t, self.weight = self.panels(enter, end, self.beside, self._rim_clearance, panels)
+        arc = self.mapped(np.concatenate([[enter, end], self.t]), 0)[0]
+        start = np.angle(arc[1])
+        stop = start + (np.angle(arc[0]) - start) % (2.0 * np.pi)
+
+        def clearance(theta: np.ndarray) -> np.ndarray:
+            return np.abs(np.exp(1j * theta)[:, None] - arc).min(axis=1)
+
+        scale = np.abs(arc - arc.mean()).max()
+        self.rim_theta, self.rim_weight = graded_panels(
+            start, stop, clearance, panels[0] * scale, panels[1] * scale, panels[2]
+        )
+
+    def _crossing(self, low: float, high: float) -> float:
+        sign = np.sign(np.abs(self.mapped(np.array([low]), 0)[0][0]) - 1.0)
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            if np.sign(np.abs(self.mapped(np.array([middle]), 0)[0][0]) - 1.0) == sign:
+                low = middle
+            else:
+                high = middle
+        return 0.5 * (low + high)
+
+    def _build_modes(self, degree: int) -> None:
+        dzeta = self.tangent * self.weight
+        rim = np.exp(1j * self.rim_theta)
+        drim = 1j * rim * self.rim_weight
+        order = np.arange(1, degree + 1)
+        self.norm = 1.0 / np.sqrt(order * np.pi)
+        self.order = order
+        self.values = self.harmonics(self.zeta)
+        self.flux = self.harmonic_flux(self.zeta, dzeta)
+        self.rim_flux = self.harmonic_flux(rim, drim)
+        self.kernel = neumann.flux_kernel(self.zeta[:, None], self.zeta + _eye(self.zeta), dzeta)
+        np.fill_diagonal(self.kernel, self._kernel_diagonal() - 0.5)
+        self.rim_kernel = neumann.flux_kernel(rim[:, None], self.zeta, dzeta)
+        rim_values = self.harmonics(rim)
+        if self.bulk:
+            self._tilt(rim, drim, rim_values)
+        mass = self.values.T @ self.flux + rim_values.T @ self.rim_flux
+        response = self.flux.T @ (self.kernel @ self.values)
+        response += self.rim_flux.T @ (self.rim_kernel @ self.values)
+        if self.bulk:
+            response += self._tilted_response(rim)
+        self.mass = 0.5 * (mass + mass.T)
+        self.self_response = self.mass + 0.5 * (response + response.T)
+
+    def _tilt(self, rim: np.ndarray, drim: np.ndarray, rim_values: np.ndarray) -> None:
+        """Where s of `bulk` is not even: what it changes of fluxes, and the shares of `bulk`.
+
+        The multipoles are those of w = sqrt(s) u, and flux is the current over sqrt(s), dw/dn - b
+        w; bent is b w. spread (2 degree, terms): the multipoles' response to psi; polar_spread:
+        psi's share of what their polarisation makes. On the rim no current of it enters but the
+        even one of N, whose whole is return_share (2 degree,).
+        """
+        bulk, place, dzeta = self.bulk, self.place(self.t), self.tangent * self.weight
+        line = self.geometry.unfold(1j * (place - self.centre)) * self.weight
+        self.bent = bulk.bend(self.geometry.unfold(place), line)[:, None] * self.values
+        on_rim = bulk.unmapped(rim)
+        rim_line = drim / self.disc.derivatives(on_rim, 1)[1]
+        self.rim_bent = bulk.bend(on_rim, rim_line)[:, None] * rim_values
+        self.flux = self.flux - self.bent
+        self.rim_flux = self.rim_flux - self.rim_bent
+        self.return_share = -self.rim_weight @ rim_values / (2.0 * np.pi)
+        terms = bulk.terms(self.zeta)
+        self.spread = self.flux.T @ terms + self.rim_flux.T @ bulk.terms(rim)
+        self.polar_spread = self.values.T @ bulk.flux(self.zeta, dzeta) - self.bent.T @ terms
+        self.polar_spread[:, 0] += self.return_share
+
+    def _tilted_response(self, rim: np.ndarray) -> np.ndarray:
+        """(2 degree, 2 degree): what the charge -b w on the edge adds to the response.
+
+        Its own logarithm, of second order in b, takes a node for an even line of its length.
+        """
+        log = neumann.potential(self.zeta[:, None] + _eye(self.zeta), self.zeta)
+        length = np.abs(self.tangent) * self.weight / (2.0 * np.pi)
+        own = np.log(length * (1.0 - np.abs(self.zeta) ** 2))
+        np.fill_diagonal(log, -own / (2.0 * np.pi))
+        met = self.values + self.kernel @ self.values + self.return_share - log @ self.bent
+        on_rim = neumann.potential(rim[:, None], self.zeta) @ self.bent
+        return self.rim_bent.T @ on_rim - met.T @ self.bent
+
+    def _kernel_diagonal(self) -> np.ndarray:
+        turn = (self.curvature / self.tangent).imag * self.weight
+        return neumann.flux_kernel_diagonal(self.zeta, self.tangent * self.weight, turn)
+
+    def powers(self, zeta: np.ndarray, derivative: int = 0) -> np.ndarray:
+        """(points, degree) complex ((zeta - centre) / radius)^m, or their derivative by zeta."""
+        scaled = (zeta - self.expansion_centre)[:, None] / self.expansion_radius
+        factor = np.ones(len(self.order))
+        exponent = self.order.astype(float)
+        for _ in range(derivative):
+            factor = factor * exponent / self.expansion_radius
+            exponent = exponent - 1.0
+        safe = np.maximum(exponent, 0.0).astype(int)
+        return self.norm * factor * scaled**safe
+
+    def harmonics(self, zeta: np.ndarray) -> np.ndarray:
+        """(points, 2 degree): real and imaginary parts of the powers, unit energy on their
+        circle."""
+        powers = self.powers(zeta)
+        return np.hstack([powers.real, powers.imag])
+
+    def harmonic_flux(self, zeta: np.ndarray, dzeta: np.ndarray) -> np.ndarray:
+        """(points, 2 degree): the harmonics' flux through the line elements `dzeta`."""
+        slope = self.powers(zeta, 1) * dzeta[:, None]
+        return np.hstack([slope.imag, -slope.real])
+
+    def rim_response(self, rim: np.ndarray) -> np.ndarray:
+        """(points, 2 degree): potential at rim points that the multipoles' polarisation makes."""
+        kernel = neumann.rim_flux_kernel(rim[:, None], self.zeta, self.tangent * self.weight)
+        response = kernel @ self.values
+        if self.bulk:
+            response -= neumann.potential(rim[:, None], self.zeta) @ self.bent
+        if self.clipped:
+            inside = self.covers(rim)
+            response[inside] += self.harmonics(rim[inside])
+        return response
+
+    def covers(self, rim: np.ndarray) -> np.ndarray:
+        """(points,): whether the touch, clipped, covers these rim points."""
+        start = self.rim_theta[0]
+        return (np.angle(rim) - start) % (2.0 * np.pi) < self.rim_theta[-1] - start
+
+    def inner_response(self, other: "TouchEdge") -> np.ndarray:
+        """(2 degree, 2 degree of other): response of these multipoles to those of another touch."""
+        dzeta = other.tangent * other.weight
+        kernel = neumann.flux_kernel(self.zeta[:, None], other.zeta, dzeta)
+        response = self.flux.T @ (kernel @ other.values)
+        rim = np.exp(1j * self.rim_theta)
+        kernel = neumann.flux_kernel(rim[:, None], other.zeta, dzeta)
+        response += self.rim_flux.T @ (kernel @ other.values)
+        if self.bulk:
+            log = neumann.potential(self.zeta[:, None], other.zeta)
+            response -= self.flux.T @ (log @ other.bent)
+            log = neumann.potential(rim[:, None], other.zeta)
+            response -= self.rim_flux.T @ (log @ other.bent)
+        return response
+
+    def place_motion(self, parameter: str) -> EdgeMotion:
+        """Node velocities with `x_mm`, `y_mm` or `radius_mm`."""
+        ray = self.radius * np.exp(1j * self.t)
+        speed = {
+            "x_mm": (np.ones(len(ray)), 0.0 * ray, 0.0 * ray),
+            "y_mm": (1j * np.ones(len(ray)), 0.0 * ray, 0.0 * ray),
+            "radius_mm": tuple(np.exp(1j * self.t) * 1j**n for n in range(3)),
+        }[parameter]
+        return self._moved([self.geometry.unfold(s) for s in speed])
+
+    def skin_motion(self, motion: RimMotion, map_velocity) -> EdgeMotion:
+        """Node velocities when the skin changes its shape or direction under the touch."""
+        ray = self.radius * np.exp(1j * self.t)
+        places = (self.centre + ray, 1j * ray, -ray)
+        moved = self._moved([motion.unfolding(place) for place in places])
+        z = self.geometry.unfold(places[0])
+        first, second = self.geometry.unfold(places[1]), self.geometry.unfold(places[2])
+        g = map_velocity.derivatives(z, 2)
+        return EdgeMotion(
+            moved.zeta + g[0],
+            moved.tangent + g[1] * first,
+            moved.curvature + g[2] * first**2 + g[1] * second,
+        )
+
+    def _moved(self, speed: list[np.ndarray]) -> EdgeMotion:
+        ray = self.radius * np.exp(1j * self.t)
+        f = self.disc.derivatives(self.geometry.unfold(self.centre + ray), 3)
+        first, second = self.geometry.unfold(1j * ray), self.geometry.unfold(-ray)
+        return EdgeMotion(
+            f[1] * speed[0],
+            f[2] * speed[0] * first + f[1] * speed[1],
+            f[3] * speed[0] * first**2
+            + 2.0 * f[2] * speed[1] * first
+            + f[2] * speed[0] * second
+            + f[1] * speed[2],
+        )
+
+    def response_slope(self, amplitude: np.ndarray, contrast: float, motion: EdgeMotion):
+        """(n, n): change of amplitude^T (self_response + mass / contrast) amplitude with a motion.
+
+        amplitude (2 degree, n). Raises InputError for a clipped touch, whose corners would move
+        too.
+        """
+        self._refuse_at_rim()
+        w = self.weight
+        dzeta, moving = self.tangent * w, motion.tangent * w
+        value, flux = self.values @ amplitude, self.flux @ amplitude
+        slope = self._combine(self.powers(self.zeta, 1), amplitude)
+        bend = self._combine(self.powers(self.zeta, 2), amplitude)
+        value_dot = (slope * motion.zeta[:, None]).real
+        flux_dot = (bend * (motion.zeta * dzeta)[:, None] + slope * moving[:, None]).imag
+        mass_dot = (1.0 + 1.0 / contrast) * (value_dot.T @ flux + value.T @ flux_dot)
+        kernel_dot = self._kernel_slope(motion)
+        response = self.kernel @ value
+        response_dot = kernel_dot @ value + self.kernel @ value_dot
+        change = mass_dot + flux_dot.T @ response + flux.T @ response_dot
+        return 0.5 * (change + change.T)
+
+    def _refuse_at_rim(self) -> None:
+        if self.clipped or self.held_off:
+            where = "clipped by the rim" if self.clipped else "at the rim"
+            place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm, {where}"
+            raise InputError("touch", "derivatives", place, "a touch inside the skin")
+
+    def _combine(self, powers: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+        half = len(self.order)
+        return powers @ (amplitude[:half] - 1j * amplitude[half:])
+
+    def _kernel_slope(self, motion: EdgeMotion) -> np.ndarray:
+        x, y = self.zeta[:, None], self.zeta + _eye(self.zeta)
+        dy, dy_dot = self.tangent * self.weight, motion.tangent * self.weight
+        step = motion.zeta - motion.zeta[:, None]
+        direct = dy_dot / (y - x) - dy * step / (y - x) ** 2
+        conj, conj_dot = np.conj(x), np.conj(motion.zeta[:, None])
+        below = 1.0 - conj * self.zeta
+        below_dot = -conj_dot * self.zeta - conj * motion.zeta
+        above, above_dot = conj * dy, conj_dot * dy + conj * dy_dot
+        image = above_dot / below - above * below_dot / below**2
+        ratio_dot = motion.curvature / self.tangent
+        ratio_dot = ratio_dot - self.curvature * motion.tangent / self.tangent**2
+        np.fill_diagonal(direct, 0.5 * ratio_dot * self.weight)
+        return -(direct - image).imag / (2.0 * np.pi)
+
+    def rim_response_slope(self, rim, rim_dot, amplitude, motion: EdgeMotion | None):
+        """(points, n): change of rim_response(rim) @ amplitude when rim points and edge move."""
+        self._refuse_at_rim()
+        y, dy = self.zeta, self.tangent * self.weight
+        value = self.values @ amplitude
+        apart = y - rim[:, None]
+        kernel_dot = dy * rim_dot[:, None] / apart**2
+        if motion is None:
+            return -(kernel_dot.imag / np.pi) @ value
+        kernel_dot = kernel_dot + motion.tangent * self.weight / apart - dy * motion.zeta / apart**2
+        slope = self._combine(self.powers(y, 1), amplitude)
+        value_dot = (slope * motion.zeta[:, None]).real
+        kernel = neumann.rim_flux_kernel(rim[:, None], y, dy)
+        return -(kernel_dot.imag / np.pi) @ value + kernel @ value_dot
+
+    def inner_response_slope(self, other, amplitude, other_amplitude, motion, other_motion):
+        """(n, n): change of amplitude^T inner_response(other) other_amplitude; motions may be
+        None."""
+        self._refuse_at_rim()
+        other._refuse_at_rim()
+        still = EdgeMotion(*3 * [np.zeros(1, complex)])
+        a, b = motion or still, other_motion or still
+        x, y = self.zeta[:, None], other.zeta
+        dx, dy = self.tangent * self.weight, other.tangent * other.weight
+        dx_dot, dy_dot = a.tangent * self.weight, b.tangent * other.weight
+        conj, conj_dot = np.conj(x), np.conj(a.zeta[:, None])
+        below, below_dot = 1.0 - conj * y, -conj_dot * y - conj * b.zeta
+        kernel_dot = dy_dot / (y - x) - dy * (b.zeta - a.zeta[:, None]) / (y - x) ** 2
+        kernel_dot = kernel_dot - (conj_dot * dy + conj * dy_dot) / below
+        kernel_dot = kernel_dot + conj * dy * below_dot / below**2
+        kernel = neumann.flux_kernel(x, y, dy)
+        value, flux = other.values @ other_amplitude, self.flux @ amplitude
+        slope = other._combine(other.powers(other.zeta, 1), other_amplitude)
+        value_dot = (slope * (b.zeta + 0.0 * y)[:, None]).real
+        own = self._combine(self.powers(self.zeta, 1), amplitude)
+        bend = self._combine(self.powers(self.zeta, 2), amplitude)
+        flux_dot = (bend * (a.zeta * dx)[:, None] + own * (dx_dot + 0.0 * dx)[:, None]).imag
+        slope_of_kernel = -(kernel_dot.imag / (2.0 * np.pi)) @ value
+        return flux_dot.T @ (kernel @ value) + flux.T @ (slope_of_kernel + kernel @ value_dot)
+
+
+def graded_panels(
+    start: float,
+    stop: float,
+    clearance,
+    longest: float,
+    shortest: float,
+    panel_nodes: int,
+    most: float = np.inf,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss-Legendre nodes and weights on [start, stop], in panels halved until they fit.
+
+    A panel fits when it is no longer than `longest` and than twice clearance(its middle), the
+    distance (in units of the parameter) to what its points interact with, or when it is below
+    `shortest`. Beyond `most` panels none is halved any more.
+    """
+    edges = np.linspace(start, stop, int(np.ceil((stop - start) / longest)) + 1)
+    while True:
+        middle, length = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
+        coarse = (length > 2.0 * clearance(middle)) & (length > shortest)
+        if not coarse.any() or len(edges) > most:
+            break
+        edges = np.sort(np.concatenate([edges, middle[coarse]]))
+    node, weight = np.polynomial.legendre.leggauss(panel_nodes)
+    half = 0.5 * np.diff(edges)[:, None]
+    return (edges[:-1, None] + half * (1.0 + node)).ravel(), (half * weight).ravel()
+
+
+def _eye(zeta: np.ndarray) -> np.ndarray:
+    """Ones on the diagonal keep coincident nodes apart until their limit is filled in."""
+    return np.eye(len(zeta))

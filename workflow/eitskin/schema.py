@@ -1,0 +1,94 @@
+"""What a JSON schema finds wrong, as place, what was found and what was expected."""
+
+import math
+
+import jsonschema
+from jsonschema.exceptions import ValidationError, best_match
+
+from eitskin.physics.skin import is_number
+
+NOUNS = {
+    "number": "a finite number",
+    "integer": "a whole number",
+    "string": "a text",
+    "boolean": "true or false",
+    "array": "a list",
+    "object": "a mapping of keys",
+    "null": "null",
+}
+
+
+def _is_number(_checker: object, value: object) -> bool:
+    return is_number(value)
+
+
+def _is_integer(_checker: object, value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+Validator = jsonschema.validators.extend(
+    jsonschema.Draft202012Validator,
+    type_checker=jsonschema.Draft202012Validator.TYPE_CHECKER.redefine_many(
+        {"number": _is_number, "integer": _is_integer}
+    ),
+)
+
+
+def explained(error: ValidationError) -> tuple[list, str, str]:
+    """Place (keys and indices), what was found and what was expected, of a schema's error."""
+    while error.validator in ("anyOf", "oneOf"):
+        inner = [e for e in error.context if e.validator != "type" or len(e.path)]
+        if not inner:
+            break
+        error = best_match(inner)
+    place, value, wanted = list(error.absolute_path), error.instance, error.validator_value
+    if error.validator == "additionalProperties":
+        known = sorted(error.schema["properties"])
+        key = next(key for key in value if key not in known)
+        return [*place, key], "an unknown key", "one of " + ", ".join(known)
+    if error.validator == "required":
+        key = next(key for key in wanted if key not in value)
+        meaning = error.schema.get("properties", {}).get(key, {})
+        return [*place, key], "nothing", meaning.get("description", "a value")
+    expected = {
+        "type": lambda: _noun(wanted),
+        "enum": lambda: "one of " + ", ".join(map(str, wanted)),
+        "minimum": lambda: f"{wanted} or more",
+        "exclusiveMinimum": lambda: f"more than {wanted}",
+        "maximum": lambda: f"{wanted} or less",
+        "exclusiveMaximum": lambda: f"less than {wanted}",
+        "minItems": lambda: f"a list of {wanted} or more",
+        "maxItems": lambda: f"a list of {wanted} or fewer",
+        "uniqueItems": lambda: "a list without repetition",
+        "minProperties": lambda: f"{wanted} or more keys",
+    }.get(error.validator, lambda: error.schema["description"])()
+    if isinstance(value, str) and _reads_as_number(value) and error.validator != "enum":
+        expected += f" (YAML reads {value} as text; write {_yaml_number(value)})"
+    return place, "null" if value is None else repr(value), expected
+
+
+def _noun(types: str | list[str]) -> str:
+    return " or ".join(NOUNS[kind] for kind in ([types] if isinstance(types, str) else types))
+
+
+def _reads_as_number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
+
+
+def _yaml_number(text: str) -> str:
+    mantissa, _, exponent = text.lower().partition("e")
+    if not exponent:
+        return mantissa
+    mantissa = mantissa if "." in mantissa else f"{mantissa}.0"
+    return f"{mantissa}e{exponent if exponent[0] in '+-' else '+' + exponent}"
+
+
+def dotted(place: list) -> str:
+    """Keys and indices as a person writes them: a.b[0]."""
+    text = ""
+    for part in place:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
+    return text or "top level"

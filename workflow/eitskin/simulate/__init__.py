@@ -1,0 +1,1 @@
+"""What a board would read of a skin: frames, sets of touches, the twin."""

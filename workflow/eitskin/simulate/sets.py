@@ -1,0 +1,258 @@
+"""The simulated sets: clean physics, then effects stage by stage, then noise.
+
+A stage is a Parquet file with one row a sample: sample, session, place, x_mm, y_mm, force_N,
+probe_mm and, as float32 V, the touched frame and the untouched frame that belongs to it. As in the
+paper's code, the untouched frame carries the instrument of its touched frame's force.
+"""
+
+import json
+import sys
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from tqdm import tqdm
+
+from eitskin.atomic import atomic_path
+from eitskin.data import dataset
+from eitskin.effects.effect import Frames, Setting
+from eitskin.effects.settings import settings, site_counts
+from eitskin.errors import InputError
+from eitskin.physics.skin import Skin
+from eitskin.simulate import state_priors
+from eitskin.simulate.readings import apply_instrument, simulate
+
+STAGE_KEY = b"eitskin-stage"
+NOISE = zlib.crc32(b"noise")
+CONTINUOUS = "-continuous"  # so ends the name of a set whose touches lie everywhere
+
+
+def _watched(items, unit: str):
+    return tqdm(items, unit=unit, disable=not sys.stderr.isatty())
+
+
+def sessions(places: int, levels: int, session_frames: int, crossed: bool, seed: int):
+    """Session, place and level (each (places * levels,) int) of every sample.
+
+    Location-major, `session_frames` at a time, as the paper; crossed: every session presses all
+    places, as many levels at each as fill `session_frames`, in an order drawn for each place.
+    """
+    place = np.repeat(np.arange(places), levels)
+    level = np.tile(np.arange(levels), places)
+    if not crossed:
+        return np.arange(places * levels) // session_frames, place, level
+    per_place = max(session_frames // places, 1)
+    rng = np.random.default_rng([seed, 2])
+    order = np.concatenate([rng.permutation(levels) for _ in range(places)])
+    session = np.tile(np.arange(levels) // per_place, places)
+    by_session = np.argsort(session, kind="stable")
+    return session[by_session], place[by_session], order[by_session]
+
+
+def continuous_samples(
+    samples: int, session_frames: int, seed: int, reach_mm: float, probe_mm: float, forces: dict
+) -> pd.DataFrame:
+    """Samples each with a place and a force of its own, `session_frames` a session.
+
+    Places lie evenly over the disc of radius `reach_mm`; forces (mean_N, sd_N, max_N) are normal,
+    clipped, not rounded.
+    """
+    normal = np.random.default_rng([seed, 3]).standard_normal((samples, 3))
+    own = np.arange(samples, dtype=np.int64)
+    xy = state_priors.place_mm(normal[:, :2], reach_mm)
+    return pd.DataFrame(
+        {
+            "sample": own,
+            "session": own // session_frames,
+            "place": own,
+            "x_mm": xy[:, 0],
+            "y_mm": xy[:, 1],
+            "force_N": state_priors.force_N(normal[:, 2], **forces),
+            "probe_mm": probe_mm,
+        }
+    )
+
+
+def _grid_samples(grid: pd.DataFrame, force_N: np.ndarray, session, place, level) -> pd.DataFrame:
+    chosen = grid.iloc[place]
+    return pd.DataFrame(
+        {
+            "sample": np.arange(len(place), dtype=np.int64),
+            "session": np.asarray(session, dtype=np.int64),
+            "place": chosen["place"].to_numpy(np.int64),
+            "x_mm": chosen["x_mm"].to_numpy(),
+            "y_mm": chosen["y_mm"].to_numpy(),
+            "force_N": force_N[level],
+            "probe_mm": 2.0 * chosen["radius_mm"].to_numpy(),
+        }
+    )
+
+
+def sample_settings(
+    items: list[dict], counts: dict[str, int], draw: tuple[int, ...]
+) -> list[Setting]:
+    """As `settings`; InputError also for effects that a sample, which has no time, cannot show."""
+    chosen = settings(items, counts, draw)
+    for setting in chosen:
+        effect = setting.effect
+        if effect.stage == "clock" or effect.driver in ("time", "load-direction"):
+            expected = "an effect on single samples; this one needs a recording"
+            raise InputError(f"effect {effect.name}", "name", repr(effect.name), expected)
+    return chosen
+
+
+def _laid_out(mesh, touch_grid) -> tuple[np.ndarray, np.ndarray, pd.DataFrame]:
+    """Channels (M, 4), force levels and the grid of places."""
+    with np.load(mesh) as laid:
+        return laid["channels"], laid["force_N"], pd.read_csv(touch_grid)
+
+
+def _simulate_sessions(
+    table: pd.DataFrame, channels: np.ndarray, skin: dict, accuracy: str, chosen_of
+):
+    believed = Skin.from_metadata(skin, "config.yaml")
+    untouched = np.empty((len(table), len(channels)), dtype=np.float32)
+    touched = np.empty_like(untouched)
+    still = pd.DataFrame({"touch": [False], "force_N": [0.0]})
+    for session, rows in _watched(table.groupby("session").indices.items(), "sessions"):
+        frames = pd.concat([still, table.iloc[rows].assign(touch=True)], ignore_index=True)
+        voltage = simulate(
+            frames.assign(time_s=0.0),
+            np.arange(-1, len(rows)),
+            believed,
+            channels,
+            chosen_of(int(session), channels),
+            accuracy,
+            force_max_N=table["force_N"].max(),
+        )
+        untouched[rows], touched[rows] = voltage[0], voltage[1:]
+    return table, untouched, touched, channels
+
+
+def write_clean(mesh, touch_grid, out: str | Path, skin: dict, accuracy: str):
+    """Every place and force on the ideal skin, as a stage."""
+    channels, force_N, grid = _laid_out(mesh, touch_grid)
+    places, levels = len(grid), len(force_N)
+    layout = sessions(places, levels, places * levels, False, 0)
+
+    def nothing(session: int, channels: np.ndarray) -> list[Setting]:
+        return []
+
+    table = _grid_samples(grid, force_N, *layout)
+    _write_stage(out, *_simulate_sessions(table, channels, skin, accuracy, nothing))
+
+
+def write_skin_stage(
+    mesh,
+    touch_grid,
+    out: str | Path,
+    seed: int,
+    skin: dict,
+    accuracy: str,
+    effects: list[dict],
+    session_frames: int,
+    crossed: bool,
+    continuous: dict | None = None,
+):
+    """Every place and force with the effects that need a forward solve, drawn anew for each
+    session, as a stage.
+
+    continuous: reach_mm, probe_mm and forces of `continuous_samples`, for as many as the grid has
+    in its place.
+    """
+    channels, force_N, grid = _laid_out(mesh, touch_grid)
+    if continuous:
+        samples = len(grid) * len(force_N)
+        table = continuous_samples(samples, session_frames, seed, **continuous)
+    else:
+        layout = sessions(len(grid), len(force_N), session_frames, crossed, seed)
+        table = _grid_samples(grid, force_N, *layout)
+
+    def chosen_of(session: int, channels: np.ndarray) -> list[Setting]:
+        return sample_settings(effects, site_counts(channels), (seed, session, 0))
+
+    _write_stage(out, *_simulate_sessions(table, channels, skin, accuracy, chosen_of))
+
+
+def write_stage(stage, out: str | Path, seed: int, effect: dict, position: int):
+    """One instrument effect, drawn anew for each session, applied to a stage."""
+    table, untouched, touched, channels = read_stage(stage)
+    force = table["force_N"].to_numpy()
+    for session, rows in _watched(table.groupby("session").indices.items(), "sessions"):
+        draw = (seed, int(session), position)
+        chosen = sample_settings([effect], site_counts(channels), draw)
+        frames = Frames(np.zeros(len(rows)), force[rows], channels, force_max_N=force.max())
+        for voltage in (untouched, touched):
+            voltage[rows] = apply_instrument(voltage[rows].astype(float), chosen, frames)
+    _write_stage(out, table, untouched, touched, channels)
+
+
+def write_dataset(
+    stage, out: str | Path, configuration: str, seed: int, noise: float, baseline: str
+):
+    """Noise on untouched and touched frame, `noise` times each frame's median |v|; their
+    difference.
+
+    baseline "paired": each sample its own untouched frame; "averaged": the noise of the untouched
+    frames averaged over the session, as by a lab that averages its baseline.
+    """
+    table, untouched, touched, channels = read_stage(stage)
+    change = np.empty(touched.shape, dtype=np.float32)
+    still = np.empty(touched.shape, dtype=np.float32)
+    for session, rows in table.groupby("session").indices.items():
+        rng = np.random.default_rng((seed, int(session), NOISE))
+        noisy = []
+        for voltage in (untouched, touched):
+            values = voltage[rows].astype(float)
+            scale = noise * np.median(np.abs(values), axis=1, keepdims=True)
+            noisy.append((values, scale * rng.standard_normal(values.shape)))
+        (base, base_noise), (touch, touch_noise) = noisy
+        if baseline == "averaged":
+            base_noise = base_noise.mean(axis=0)
+        change[rows] = touch + touch_noise - base - base_noise
+        still[rows] = scale * rng.standard_normal(base.shape) - base_noise
+    table["depth_mm"] = np.nan
+    metadata = {
+        "format": "eitskin-dataset",
+        "version": 1,
+        "name": f"simulated-{configuration}",
+        "origin": "simulated",
+        "configuration": configuration.removesuffix(CONTINUOUS),
+        "targets": ["x", "y", "F"],
+        "unit": "V",
+        "voltage": "signed",
+        "position_frame": "skin",
+        "channels": channels.tolist(),
+        "noise": noise,
+        "baseline": baseline,
+        "untouched": dataset.untouched_noise(still.astype(float)),
+    }
+    dataset.write(dataset.Dataset(table, change, metadata), out)
+
+
+def read_stage(path: str | Path) -> tuple[pd.DataFrame, np.ndarray, np.ndarray, np.ndarray]:
+    """Samples (N rows), untouched and touched frames (N, M) float32 V, channels (M, 4)."""
+    stored = pq.read_table(path, use_threads=False)
+    channels = np.array(json.loads(stored.schema.metadata[STAGE_KEY])["channels"])
+
+    def values(name: str) -> np.ndarray:
+        flat = stored[name].combine_chunks().flatten().to_numpy()
+        return flat.reshape(len(stored), len(channels)).copy()
+
+    table = stored.drop_columns(["untouched_V", "touched_V"]).to_pandas(ignore_metadata=True)
+    return table, values("untouched_V"), values("touched_V"), channels
+
+
+def _write_stage(path, table: pd.DataFrame, untouched, touched, channels: np.ndarray) -> None:
+    stored = pa.Table.from_pandas(table, preserve_index=False)
+    for name, values in (("untouched_V", untouched), ("touched_V", touched)):
+        flat = pa.array(np.ascontiguousarray(values, dtype=np.float32).ravel())
+        stored = stored.append_column(
+            name, pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
+        )
+    header = json.dumps({"channels": channels.tolist(), "origin": "simulated"})
+    with atomic_path(path) as temporary:
+        pq.write_table(stored.replace_schema_metadata({STAGE_KEY: header}), temporary)

@@ -1,0 +1,65 @@
+"""Untouched frames of a simulated configuration: a new skin and instrument for each session.
+
+Every effect has the draws that it has in the configuration's training set, whichever others are
+left out. As there, an untouched frame carries the instrument of a touch's force.
+"""
+
+import zlib
+
+import numpy as np
+import pandas as pd
+
+from eitskin.effects.effect import Frames
+from eitskin.effects.settings import site_counts
+from eitskin.physics.skin import Skin
+from eitskin.simulate.chain import instrument_effects, skin_effects
+from eitskin.simulate.readings import apply_instrument, simulate
+from eitskin.simulate.sets import NOISE, sample_settings
+
+FORCES = zlib.crc32(b"untouched forces")
+STILL = pd.DataFrame(
+    {"time_s": [0.0], "touch": False, "x_mm": np.nan, "y_mm": np.nan, "force_N": 0.0}
+).assign(probe_mm=np.nan)
+
+
+def frames(
+    skin: Skin,
+    channels: np.ndarray,
+    effects: list[dict],
+    kept: list[dict],
+    noise: float,
+    sessions: int,
+    session_frames: int,
+    force_N: np.ndarray,
+    accuracy: str,
+    seed: int,
+) -> np.ndarray:
+    """(sessions * session_frames, M) V, session by session, with the `kept` ones of `effects`.
+
+    channels (M, 4); noise: standard deviation over the frame's median |v|; force_N (L,): the levels
+    from which each frame's force is drawn. Raises InputError as `readings.simulate` does.
+    """
+    counts = site_counts(channels)
+    on_skin, links = skin_effects(effects), instrument_effects(effects)
+    ideal = None
+    found = []
+    for session in range(sessions):
+        drawn = sample_settings(on_skin, counts, (seed, session, 0))
+        chosen = [s for s, item in zip(drawn, on_skin, strict=True) if item in kept]
+        if chosen or ideal is None:
+            still = simulate(STILL, np.array([-1]), skin, channels, chosen, accuracy)
+        if not chosen:
+            ideal = still if ideal is None else ideal
+            still = ideal
+        voltage = np.repeat(still, session_frames, axis=0)
+        force = np.random.default_rng((seed, session, FORCES)).choice(force_N, session_frames)
+        state = Frames(np.zeros(session_frames), force, channels, force_max_N=force_N.max())
+        for link, item in links.items():
+            position = int(link.partition("-")[0])
+            if item in kept:
+                drawn = sample_settings([item], counts, (seed, session, position))
+                voltage = apply_instrument(voltage, drawn, state)
+        rng = np.random.default_rng((seed, session, NOISE))
+        scale = noise * np.median(np.abs(voltage), axis=1, keepdims=True)
+        found.append(voltage + scale * rng.standard_normal(voltage.shape))
+    return np.concatenate(found)

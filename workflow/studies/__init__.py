@@ -1,0 +1,1 @@
+"""Single questions to real recordings, each judged on data left out."""
