@@ -4,7 +4,7 @@
 BIN := .venv/bin
 CORES ?= 2
 EITSKIN_DATA ?= ../shared/data
-SNAKEMAKE := $(BIN)/snakemake --workflow-profile workflow/profiles/default --cores $(CORES)
+SNAKEMAKE := $(BIN)/snakemake --cores $(CORES)
 # One run at a time; a second waits, and clears the lock that a killed one left behind.
 # No process of flock's own: Ctrl-C would end it before the arm is lifted.
 RUN = flock --no-fork .venv/run.lock sh -c '$(SNAKEMAKE) --unlock --quiet all && exec $(SNAKEMAKE) "$$@"' make

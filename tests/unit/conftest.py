@@ -5,8 +5,9 @@ import pandas as pd
 import pytest
 
 from eitskin.data.alignment import homogeneous_readings, sensitivity
-from eitskin.data.importers.description import describe, even_angles
+from eitskin.data.importers.description import describe
 from eitskin.data.recording import Recording, frames_table, presses
+from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
 
 RADIUS_MM = 80.0

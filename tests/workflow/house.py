@@ -23,7 +23,7 @@ class House:
         folder.mkdir(parents=True)
         for name in ("Snakefile", "config.yaml"):
             shutil.copy(ROOT / name, folder)
-        for name in ("workflow", "envs"):
+        for name in ("workflow", "envs", "profiles"):
             ignored = shutil.ignore_patterns("__pycache__")
             shutil.copytree(ROOT / name, folder / name, ignore=ignored)
         shutil.copy(Path(__file__).with_name(TINY), folder)
@@ -35,12 +35,9 @@ class House:
         return House(folder)
 
     def command(self, *arguments: str, cores: int = 2) -> list[str]:
-        """Snakemake's command line with the tiny configuration and the default profile."""
-        profile = str(self.folder / "workflow" / "profiles" / "default")
-        return [
-            *(sys.executable, "-m", "snakemake", "--workflow-profile", profile),
-            *("--cores", str(cores), "--configfile", TINY, *arguments),
-        ]
+        """Snakemake's command line with the tiny configuration."""
+        snakemake = (sys.executable, "-m", "snakemake", "--cores", str(cores))
+        return [*snakemake, "--configfile", TINY, *arguments]
 
     @property
     def environment(self) -> dict[str, str]:

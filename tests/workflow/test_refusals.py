@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from eitskin.data import recording
-from eitskin.data.importers.description import describe, even_angles
+from eitskin.data.importers.description import describe
 from eitskin.data.recording import Recording, frames_table
+from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
 
 pytestmark = pytest.mark.xdist_group("refusals")

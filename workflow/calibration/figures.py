@@ -1,5 +1,6 @@
 """The calibration's figures: who is taken for whom, and whether "other" means its probability."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -77,9 +78,16 @@ def reliability(table: pd.DataFrame) -> Figure:
     return figure
 
 
-def write(figure: Figure, folder: Path, name: str) -> None:
-    """The figure as name.svg and name.png in a folder."""
-    with atomic_path(folder / f"{name}.svg") as path:
-        path.write_text(svg(figure), "utf-8")
-    with atomic_path(folder / f"{name}.png") as path:
-        path.write_bytes(png(figure))
+def write(folder: Path) -> None:
+    """Draw confusion.csv and other_calibration.csv of a folder beside them, as .svg and .png."""
+    beside_tables({"confusion": confusion, "other_calibration": reliability}, folder)
+
+
+def beside_tables(figures: dict[str, Callable[[pd.DataFrame], Figure]], folder: Path) -> None:
+    """Draw each name.csv of a folder by the function of its name, as name.svg and name.png."""
+    for name, draw in figures.items():
+        figure = draw(pd.read_csv(folder / f"{name}.csv"))
+        with atomic_path(folder / f"{name}.svg") as path:
+            path.write_text(svg(figure), "utf-8")
+        with atomic_path(folder / f"{name}.png") as path:
+            path.write_bytes(png(figure))

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from calibration import figures, judge
+from calibration import judge
 from calibration.blocks import trials
 from calibration.intervals import bootstrap, wilson
 from calibration.trial import file_of
@@ -380,7 +380,7 @@ def number(value: float, share: bool) -> str:
 
 def write(folder: Path, block: str, size: str) -> None:
     """Score the trials in folder/trials into folder: summary.csv and .md, effects.csv,
-    confusion.csv, other_calibration.csv, and confusion and other_calibration as .svg and .png."""
+    confusion.csv and other_calibration.csv."""
     rows, planned = read(folder / "trials", block, size)
     whole = [row for row in rows if "failed" not in row]
     table, lines = effects(whole), summary(rows)
@@ -396,8 +396,6 @@ def write(folder: Path, block: str, size: str) -> None:
             made.to_csv(path, index=False)
     with atomic_path(folder / "summary.md") as path:
         path.write_text(markdown(lines, rows, planned, block, size), "utf-8")
-    figures.write(figures.confusion(confused), folder, "confusion")
-    figures.write(figures.reliability(reliable), folder, "other_calibration")
 
 
 if __name__ == "__main__":

@@ -17,10 +17,11 @@ from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.fit import Fit, fit
 from eitskin.diagnose.gaps import Gap, gaps
 from eitskin.diagnose.search.search import Search, State, gross
+from eitskin.effects import catalogue_names, modules
 from eitskin.fingerprint import fingerprint
 from witness import cases
 
-CODE = fingerprint("eitskin.diagnose.diagnosis")[:12]  # the diagnosis that this process runs
+CODE = fingerprint("trials", modules(catalogue_names()))[:12]  # of this process
 
 
 def trial(kind: str, seed: int) -> dict:
@@ -139,13 +140,12 @@ def run(trials: list[tuple[str, int]], folder: Path) -> None:
     """Every trial that has no file in `folder` yet, each written as soon as it is done.
 
     A trial that breaks off leaves {kind, seed, failed: why}, for the score to count. A row says by
-    its `code` which diagnosis it is of; it is not made again when the diagnosis changes: delete the
-    folder for that.
+    its `code` what drew and diagnosed it; it is made again where that has changed.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for kind, seed in trials:
         path = file_of(folder, kind, seed)
-        if not path.exists():
+        if not (path.exists() and json.loads(path.read_text("utf-8"))["code"] == CODE):
             try:
                 row = trial(kind, seed)
             except Exception as error:  # whatever it is, it is a result

@@ -21,7 +21,7 @@ from sklearn.linear_model import lasso_path
 
 from calibration import black_box
 from concealed import cache
-from concealed.verdicts import FINAL, forget
+from concealed.verdicts import FINAL, refuse_sealed
 from eitskin.atomic import atomic_path
 from eitskin.data import recording
 from eitskin.data.recording import Recording, presses
@@ -336,12 +336,13 @@ GREEDY = {"matched-filter": matched_filter, "lasso": lasso}
 
 
 def run(cases: list[str], block: Path, seed: int, code: str) -> None:
-    """baselines/CASE.npz, predictions (Q, M) by method, and CASE.json, {effects: by method} or
-    {failed: why}, of every case of a block, each whole before the next begins.
+    """baselines/CASE.npz, predictions (Q, M) by method, and CASE.json, {effects: by method} or,
+    beside no predictions, {failed: why}, of every case of a block, each whole before the next begins.
 
-    One of the same recording and query by the same code stays, in the final block by any code. New
-    ones take away the seal and the opened truths; InputError in a final block that was opened.
+    One of the same recording and query by the same code stays, in the final block by any code.
+    InputError in a sealed block.
     """
+    refuse_sealed(block)
     for case in cases:
         folder = block / "baselines"
         files = {
@@ -351,15 +352,21 @@ def run(cases: list[str], block: Path, seed: int, code: str) -> None:
         made = cache.made_of(code, **files)
         path = folder / f"{case}.json"
         if not cache.stands(path, made, block.name == FINAL):
-            forget(block)
-            path.unlink(missing_ok=True)
-            cache.write(path, made, partial(_one, files, folder / f"{case}.npz", seed))
+            arrays = path.with_suffix(".npz")
+            for old in (path, arrays):
+                old.unlink(missing_ok=True)
+            cache.write(path, made, partial(_one, files, arrays, seed))
+            if not arrays.is_file():
+                _write({}, arrays)
 
 
 def _one(files: dict[str, Path], arrays: Path, seed: int) -> dict:
     recorded = recording.read(files["recording"])
     said, predicted = compare(recorded, read_query(files["query"], recorded), seed)
-    arrays.parent.mkdir(parents=True, exist_ok=True)
+    _write(predicted, arrays)
+    return {"effects": said}
+
+
+def _write(predicted: dict[str, np.ndarray], arrays: Path) -> None:
     with atomic_path(arrays) as path, path.open("wb") as file:
         np.savez_compressed(file, **predicted)
-    return {"effects": said}

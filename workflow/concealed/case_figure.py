@@ -14,10 +14,11 @@ from eitskin import figure_files, plotting
 from eitskin.diagnose.report import evidence
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.report.figures import draw_matrices, layout, matrix_bar
-from eitskin.diagnose.words import number, power, quantity, where
+from eitskin.diagnose.words import where
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
 from eitskin.plotting import AFTER, BEFORE, CULPRIT, QUIET, log_limits, style
+from eitskin.quantities import number, power, quantity
 
 WIDTH = 92  # characters of a line of the sentence
 

@@ -22,7 +22,6 @@ from eitskin.diagnose.diagnosis import begun, problem_of
 from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.search.search import MOST_SOLVED
 from eitskin.errors import InputError
-from eitskin.fingerprint import fingerprint
 from eitskin.physics.solver import Spent
 from witness.cases import Alike, Case, draw
 from witness.generators import GENERATORS
@@ -31,7 +30,6 @@ LEAST_LEVEL, MOST_LEVEL = 2e-4, 3e-2  # noise over the median |v|
 NEAR = 0.1  # of the wanted gap: no more is asked of the reached one
 ROUNDS = 2
 KNOWN_DOF = 1e9  # of a noise that is known
-CODE = fingerprint("concealed.conceal")
 
 
 @dataclass(frozen=True)
@@ -128,7 +126,7 @@ def likeness(case: Case, seen: Shown, seed: int) -> dict:
 
 
 def truth_of(
-    name: str, planned: Planned, case: Case, seen: Shown, salt: str
+    name: str, planned: Planned, case: Case, seen: Shown, salt: str, code: str
 ) -> tuple[dict, dict[str, np.ndarray]]:
     """What is put under lock: a JSON object, and the arrays noise_V (M,) and, of a simulated case,
     clean_V (N, M) and query_clean_V (Q, M)."""
@@ -154,7 +152,7 @@ def truth_of(
         "level": seen.level,
         **likeness(case, seen, planned.seed),
         "salt": salt,
-        "code": CODE,
+        "code": code,
     }
     arrays = {"noise_V": seen.noise_V}
     if case.clean is not None:
@@ -163,12 +161,18 @@ def truth_of(
 
 
 def conceal(
-    block: str, names: list[str], sizes: Sizes, seed: int | None, public: Path, truths: Path
+    block: str,
+    names: list[str],
+    sizes: Sizes,
+    seed: int | None,
+    public: Path,
+    truths: Path,
+    code: str,
 ) -> dict[str, dict]:
     """Draw cases of a block and return their commitments by name.
 
     Written are recordings/<name>.parquet and queries/<name>.parquet in `public`, <name>.sealed in
-    `truths`. What is there already stays, if the same code drew it or if the block's root is
+    `truths`. What is there already stays, if the same `code` drew it or if the block's root is
     random (seed None): such a block is drawn once.
     """
     if sealing.complete(seed, truths):
@@ -180,16 +184,18 @@ def conceal(
     for name in names:
         files = [public / folder / f"{name}.parquet" for folder in ("recordings", "queries")]
         sealed = truths / f"{name}.sealed"
-        plain = _kept(root, block, name, [*files, sealed], seed is None)
+        plain = _kept(root, block, name, [*files, sealed], seed is None, code)
         if plain is None:
-            plain = _draw(root, name, planned[name], sizes, files)
+            plain = _draw(root, name, planned[name], sizes, files, code)
             with atomic_path(sealed) as temporary:
                 temporary.write_bytes(sealing.seal_truth(root, block, name, plain))
         made[name] = sealing.commitment(root, name, *files, plain)
     return made
 
 
-def _kept(root: bytes, block: str, name: str, files: list[Path], once: bool) -> bytes | None:
+def _kept(
+    root: bytes, block: str, name: str, files: list[Path], once: bool, code: str
+) -> bytes | None:
     """The packed truth of a case that need not be drawn again."""
     if not all(file.is_file() for file in files):
         return None
@@ -197,11 +203,13 @@ def _kept(root: bytes, block: str, name: str, files: list[Path], once: bool) -> 
         plain = sealing.open_truth(sealing.derived(root, "key"), block, name, files[-1])
     except InputError:  # another root's
         return None
-    code = json.loads(sealing.unpacked(plain)[0])["code"]
-    return plain if once or code == CODE else None
+    drawn_by = json.loads(sealing.unpacked(plain)[0])["code"]
+    return plain if once or drawn_by == code else None
 
 
-def _draw(root: bytes, name: str, planned: Planned, sizes: Sizes, files: list[Path]) -> bytes:
+def _draw(
+    root: bytes, name: str, planned: Planned, sizes: Sizes, files: list[Path], code: str
+) -> bytes:
     case = case_of(planned, sizes)
     seen = shown(case, planned, root, name)
     query = case.query
@@ -212,4 +220,4 @@ def _draw(root: bytes, name: str, planned: Planned, sizes: Sizes, files: list[Pa
     ):
         recording.write(Recording(frames, voltage, None, None, case.metadata), path)
     salt = sealing.derived(root, "salt", name, "truth").hex()
-    return sealing.packed(*truth_of(name, planned, case, seen, salt))
+    return sealing.packed(*truth_of(name, planned, case, seen, salt, code))

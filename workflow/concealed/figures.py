@@ -1,11 +1,13 @@
 """The figures of a block's score."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
-from concealed import scoring
+from calibration import figures as calibrated
 from eitskin.plotting import AFTER, BEFORE, COLUMN_MM, QUIET, sheet, style
 
 COLOURS = {
@@ -51,25 +53,9 @@ def accuracy(table: pd.DataFrame) -> Figure:
     return figure
 
 
-def closed_table(rows: list[dict]) -> pd.DataFrame:
-    """One line a case with an effect and a method: the misfit closed on hidden frames."""
-    made = [
-        {
-            "case": row["case"],
-            "method": method,
-            "misfit_closed": scoring.misfit_closed(row["hidden"], method),
-        }
-        for row in rows
-        if row["truth"]
-        for method in scoring.METHODS
-        if method not in ("none", "oracle")
-    ]
-    return pd.DataFrame(made, columns=["case", "method", "misfit_closed"])
-
-
 def misfit_closed(table: pd.DataFrame) -> Figure:
     """How much of the misfit on hidden frames each method closes: every case, and the median."""
-    methods = [m for m in reversed(scoring.METHODS) if m in set(table["method"])]
+    methods = list(reversed(dict.fromkeys(table["method"])))
     rng = np.random.default_rng(1)
     with style():
         figure = sheet(COLUMN_MM, 12 + 7 * max(len(methods), 2))
@@ -118,3 +104,17 @@ def p_values(table: pd.DataFrame) -> Figure:
         axes.set_xlabel("p-value of the atlas, nothing concealed")
         axes.set_ylabel("share of statistics with this p-value or less")
     return figure
+
+
+FIGURES = {
+    "accuracy": accuracy,
+    "misfit_closed": misfit_closed,
+    "confusion": calibrated.confusion,
+    "reliability": calibrated.reliability,
+    "p_values": p_values,
+}
+
+
+def write(folder: Path) -> None:
+    """Draw each table of FIGURES, name.csv in a folder, beside it as .svg and .png."""
+    calibrated.beside_tables(FIGURES, folder)

@@ -1,4 +1,4 @@
-"""The score of a block as files: tables, a page in Markdown, figures with their numbers."""
+"""The score of a block as files: tables and a page in Markdown."""
 
 from collections import Counter
 from pathlib import Path
@@ -6,12 +6,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from calibration import figures as calibrated
 from calibration import judge, score
-from concealed import causes, figures, scoring, sealing
+from concealed import causes, scoring, sealing
 from concealed.baselines import NAMING
 from eitskin.atomic import atomic_path
-from eitskin.figure_files import write as write_figure
 from eitskin.paper.similarity import MEASURES
 
 STRATA = {  # columns of the page's second table: what they are called there, and their line
@@ -295,26 +293,23 @@ def _misses(rows: list[dict]) -> list[str]:
 
 def write(block: Path, folder: Path, command: str) -> None:
     """Score an opened block, all of it as it was sealed and promised, into a folder: score.csv and
-    .md, cases.csv, baselines.csv, and each figure of `figures` as .svg, .png and .csv."""
+    .md, cases.csv, baselines.csv, and what each figure of `figures` shows."""
     sealing.check_opened(block)
     rows = scoring.rows(block)
     lines, methods = scoring.whole(rows), scoring.by_method(rows)
     told = [row for row in rows if "failed" not in row]
-    tables = {"score": lines, "cases": cases(rows), "baselines": methods}
+    tables = {
+        "score": lines,
+        "cases": cases(rows),
+        "baselines": methods,
+        "accuracy": scoring.by_gap(rows),
+        "misfit_closed": scoring.closed(rows),
+        "confusion": score.confusion(score.effects(told)),
+        "reliability": score.reliability(told),
+        "p_values": p_values(block, rows),
+    }
     for name, made in tables.items():
         with atomic_path(folder / f"{name}.csv") as path:
             made.to_csv(path, index=False, float_format="%.6g")
     with atomic_path(folder / "score.md") as path:
         path.write_text(markdown(rows, lines, methods, command), "utf-8")
-    confused = score.confusion(score.effects(told))
-    gaps, closed = scoring.by_gap(rows), figures.closed_table(rows)
-    reliable, chances = score.reliability(told), p_values(block, rows)
-    drawn = {
-        "accuracy": (figures.accuracy(gaps), gaps),
-        "misfit_closed": (figures.misfit_closed(closed), closed),
-        "confusion": (calibrated.confusion(confused), confused),
-        "reliability": (calibrated.reliability(reliable), reliable),
-        "p_values": (figures.p_values(chances), chances),
-    }
-    for name, (figure, made) in drawn.items():
-        write_figure(figure, made, *(folder / f"{name}.{end}" for end in ("svg", "png", "csv")))

@@ -531,3 +531,19 @@ def by_gap(rows: list[dict]) -> pd.DataFrame:
             )
     columns = ["method", "strength", "gap", "n", "right", "low", "high", "ceiling"]
     return pd.DataFrame(made, columns=columns)
+
+
+def closed(rows: list[dict]) -> pd.DataFrame:
+    """One line a case with an effect and a method: the misfit closed on hidden frames."""
+    made = [
+        {
+            "case": row["case"],
+            "method": method,
+            "misfit_closed": misfit_closed(row["hidden"], method),
+        }
+        for row in rows
+        if row["truth"]
+        for method in METHODS
+        if method not in ("none", "oracle")
+    ]
+    return pd.DataFrame(made, columns=["case", "method", "misfit_closed"])

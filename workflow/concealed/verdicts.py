@@ -23,9 +23,9 @@ def run(names: list[str], block: Path, schema: Path, seed: int, code: str) -> No
     verdicts/<name> holds what `eitskin.diagnose.diagnosis.write` writes, and made.json: {code,
     recording, query}, the fingerprint of the diagnosis and the SHA-256 of what it was given. A case
     that breaks off leaves {recording, failed: why} for diagnosis.json. A verdict of the same files
-    by the same code stays, in the final block one by any code. New verdicts take away the seal and
-    the opened truths of the old ones; InputError in the final block, once it has been opened.
+    by the same code stays, in the final block one by any code. InputError in a sealed block.
     """
+    refuse_sealed(block)
     for name in names:
         folder = block / "verdicts" / name
         files = [block / part / f"{name}.parquet" for part in ("recordings", "queries")]
@@ -33,7 +33,6 @@ def run(names: list[str], block: Path, schema: Path, seed: int, code: str) -> No
         made = {"code": code, **dict(zip(("recording", "query"), digests, strict=True))}
         if _stands(folder, made, block.name == FINAL):
             continue
-        forget(block)
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         began = time.perf_counter()
@@ -45,14 +44,11 @@ def run(names: list[str], block: Path, schema: Path, seed: int, code: str) -> No
             path.write_text(json.dumps(made, indent=1) + "\n", "utf-8")
 
 
-def forget(block: Path) -> None:
-    """Take away seal and opened truths of a block whose verdicts are to be made anew; InputError
-    for the final one, once it is open."""
-    opened = block / "opened" / "opened.json"
-    if block.name == FINAL and opened.is_file():
-        raise InputError(opened, "file", "a block that is open", "one whose truths nobody has seen")
-    shutil.rmtree(block / "opened", ignore_errors=True)
-    (block / "seal.json").unlink(missing_ok=True)
+def refuse_sealed(block: Path) -> None:
+    """InputError for a block whose verdicts are sealed, and its truths perhaps open."""
+    seal = block / "seal.json"
+    if seal.is_file():
+        raise InputError(seal, "file", "a sealed block", "one whose truths nobody has seen")
 
 
 def _stands(folder: Path, made: dict, any_code: bool) -> bool:

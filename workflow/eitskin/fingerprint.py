@@ -1,65 +1,80 @@
-"""What a module's code says, whatever its comments: the workflow's reason to run a rule again."""
+"""What the code of a workflow's script says, whatever its comments: the reason to run it again."""
 
 import ast
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
-PACKAGE = Path(__file__).parent
+HOUSE = Path(__file__).parents[1]
+FINDS_BY_NAME = "eitskin.effects"  # a package whose modules no import statement names
 
 
-def fingerprint(module: str) -> str:
-    """SHA-256, in hex, of the syntax trees of `module` and of all it imports from this package and
-    those beside it.
+def fingerprint(script: str, found: Iterable[str] | None = None) -> str:
+    """SHA-256, in hex, of the syntax trees of scripts/`script`.py and of all that it `reached`.
 
-    Follows import statements, also those inside functions, without importing anything; a package
-    below the first level counts with all its modules, which it may find by name. Comments,
-    docstrings and layout do not count; nor does package data. Raises ModuleNotFoundError for a
-    module that is part of none of them.
+    found: modules that the script's work finds by name, the effects in use. Comments, docstrings
+    and layout do not count; nor do files that are no code. Raises ValueError unless `found` is
+    given where the script reaches the catalogue of effects, and only there.
     """
     digest = hashlib.sha256()
-    for name, tree in sorted(_closure(module).items()):
-        digest.update(f"{name}\n{tree}\n".encode())
+    for name, said in sorted(reached(script, found).items()):
+        digest.update(f"{name}\n{said}\n".encode())
     return digest.hexdigest()
 
 
-def _closure(module: str) -> dict[str, str]:
-    """What code says by module name: `module`, the packages that hold it, and all their imports."""
-    said: dict[str, str] = {}
-    waiting, met = [module], set()
-    if _file(module) is None:
-        raise ModuleNotFoundError(f"no module {module} in {PACKAGE.parent}", name=module)
+def reached(script: str, found: Iterable[str] | None = None) -> dict[str, str]:
+    """What code says by name: the script, and modules that import statements lead to, also those
+    inside functions, with the packages that hold them; nothing is imported for it.
+
+    Raises as `fingerprint`, and ModuleNotFoundError for what is not there.
+    """
+    file = HOUSE / "scripts" / f"{script}.py"
+    if not file.is_file():
+        raise ModuleNotFoundError(f"no script {file}", name=script)
+    said, imports = _parsed(file)
+    modules = _closure(imports)
+    if (found is None) == (FINDS_BY_NAME in modules):
+        which = "which effects does it use" if found is None else "it uses none of the catalogue"
+        raise ValueError(f"script {script}, {FINDS_BY_NAME}: {which}")
+    for name in found or ():
+        if _file(name) is None:
+            raise ModuleNotFoundError(f"no module {name} in {HOUSE}", name=name)
+        modules |= _closure([name])
+    return {f"scripts/{script}": said, **{name: _parsed(_file(name))[0] for name in modules}}
+
+
+def _closure(names: Iterable[str]) -> set[str]:
+    """All modules of the house that names lead to, with these and the packages that hold them."""
+    waiting, met = list(names), set()
     while waiting:
         name = waiting.pop()
-        file = None if name in met else _file(name)
-        met.add(name)
-        if file is None:
+        if name in met or (file := _file(name)) is None:
             continue
-        package = name if file.name == "__init__.py" else name.rpartition(".")[0]
-        said[name], imports = _parsed(file.read_text(encoding="utf-8"), str(file), package)
-        waiting.extend(imports)
-        waiting.append(name.rpartition(".")[0])
-        if package == name and "." in name:
-            waiting.extend(f"{name}.{entry.stem}" for entry in file.parent.glob("[!_]*.py"))
-    return said
+        met.add(name)
+        waiting += [*_parsed(file)[1], *_within(name)]
+    return met
 
 
-@cache
-def _parsed(code: str, file: str, package: str) -> tuple[str, tuple[str, ...]]:
-    """What a module's code says, and the names it imports."""
-    tree = ast.parse(code, file)
-    names = tuple(_imports(tree, package))
-    return hashlib.sha256(ast.dump(_without_docstrings(tree)).encode()).hexdigest(), names
+def _within(name: str) -> list[str]:
+    return [name.rpartition(".")[0]] if "." in name else []
 
 
 def _file(name: str) -> Path | None:
-    """The file of a module of these packages, or None for anything else."""
+    """The file of a module of the house, or None for anything else."""
     parts = name.split(".")
-    if not (PACKAGE.parent / parts[0] / "__init__.py").is_file():
+    if not (HOUSE / parts[0] / "__init__.py").is_file():
         return None
-    base = PACKAGE.parent.joinpath(*parts)
+    base = HOUSE.joinpath(*parts)
     return next((f for f in (base / "__init__.py", base.with_suffix(".py")) if f.is_file()), None)
+
+
+@cache
+def _parsed(file: Path) -> tuple[str, tuple[str, ...]]:
+    """What the code of a file says, and the names that it imports; read once a process."""
+    tree = ast.parse(file.read_text(encoding="utf-8"), str(file))
+    names = tuple(_imports(tree))
+    return hashlib.sha256(ast.dump(_without_docstrings(tree)).encode()).hexdigest(), names
 
 
 def _statements(tree: ast.Module) -> Iterator[ast.AST]:
@@ -72,18 +87,15 @@ def _statements(tree: ast.Module) -> Iterator[ast.AST]:
             waiting.extend(getattr(node, block, ()))
 
 
-def _imports(tree: ast.Module, package: str) -> list[str]:
+def _imports(tree: ast.Module) -> list[str]:
     """Every name that an import statement may load: modules, and what is taken from them."""
     names = []
     for node in _statements(tree):
         if isinstance(node, ast.Import):
             names.extend(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            parents = package.split(".")[: len(package.split(".")) + 1 - node.level]
-            source = ".".join(parents if node.level else [])
-            source = ".".join(filter(None, [source, node.module]))
-            names.append(source)
-            names.extend(f"{source}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names.append(node.module)
+            names.extend(f"{node.module}.{alias.name}" for alias in node.names)
     return names
 
 

@@ -1,7 +1,6 @@
 """Errors on the recording of models trained on a source, as they are and aligned."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -40,32 +39,27 @@ def errors(
     part: np.ndarray,
     recipe: Recipe,
     seed: int,
+    draw: int,
     authors: list[dict],
     forces: dict,
     probe_mm: float,
 ) -> pd.DataFrame:
-    """Rows (`transfer.RUNS`) of a model on the test part of `target`, for every seed of the budget.
+    """Rows (`transfer.RUNS`) of a model on the test part of `target`, for one seed, the `draw`-th.
 
-    Each seed has source samples and noise of its own, the same for all sources, and trains one
+    A seed has source samples and noise of its own, the same for all sources, and trains one
     network; the rows "train" of `part` are the labels that methods with labels use. `LABELS`
     trains on these alone, as `transfer.references`.
     """
     recorded = recording.read(Path(folder) / "recording.parquet")
     few = np.flatnonzero(part == "train")
-    budget, tables = recipe.budget, []
-    taught = None if source == LABELS else simulator(source, recorded, folder, authors)
-    for own in range(seed, seed + budget.seeds):
-        if taught is None:
-            job = (recipe, budget.samples, own, own - seed)
-            rows = transfer.few_alone(target, part == "test", few, model, *job)
-            tables.append(pd.DataFrame(rows, columns=list(transfer.RUNS)))
-            continue
-        made, parts = sources.source_set(
-            taught, recorded, budget.samples, own, forces, probe_mm, f"{source} {own}"
-        )
-        once = replace(recipe, budget=replace(budget, seeds=1))
-        trained = train.train_model(made, parts, model, once, own)
-        sides = (made, parts, target, part, recorded.skin.electrode_deg)
-        rows = transfer.transferred(trained, *sides, [few])
-        tables.append(rows.assign(seed=own))
-    return pd.concat(tables, ignore_index=True)
+    samples = recipe.budget.samples
+    if source == LABELS:
+        job = (recipe, samples, seed, draw)
+        rows = transfer.few_alone(target, part == "test", few, model, *job)
+        return pd.DataFrame(rows, columns=list(transfer.RUNS))
+    taught = simulator(source, recorded, folder, authors)
+    name = f"{source} {seed}"
+    made, parts = sources.source_set(taught, recorded, samples, seed, forces, probe_mm, name)
+    trained = train.train_model(made, parts, model, recipe, seed)
+    sides = (made, parts, target, part, recorded.skin.electrode_deg)
+    return transfer.transferred(trained, *sides, [few]).assign(seed=seed)

@@ -7,11 +7,11 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from eitskin import figure_files, plotting
-from eitskin.diagnose.words import power
 from eitskin.learn.transfer import TRAINED_FEW, ZERO_SHOT
 from eitskin.plotting import AFTER, BEFORE, QUIET, log_ticks, style
+from eitskin.quantities import power
 from loop.naming import AUTHORS, BELIEF, DIAGNOSIS, LABELS, TRUTH
-from loop.table import PLACE, Files, collect, summarise
+from loop.table import PLACE
 
 MARKS = {  # colour, marker, words
     LABELS: ("#b8b8b8", "x", "the labelled frames alone"),
@@ -63,7 +63,8 @@ def draw(table: pd.DataFrame) -> Figure:
     return figure
 
 
-def write(files: Files, model: str, vector: Path, image: Path, csv: Path) -> None:
-    """The figure of one model as SVG and PNG, its numbers as CSV."""
-    table = points(summarise(collect(files)), model)
+def write(summary: Path, model: str, vector: Path, image: Path, csv: Path) -> None:
+    """The figure of one model, of the table that `table.write` wrote, as SVG and PNG, its numbers
+    as CSV."""
+    table = points(pd.read_csv(summary), model)
     figure_files.write(draw(table), table, vector, image, csv)

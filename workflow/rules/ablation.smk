@@ -1,22 +1,97 @@
+import re
+
+from eitskin.paper import ablation
+
+# By budget: what is varied, the settings that come of it, and the grid in which both are tuned.
+VARIED = {
+    budget: {**config["ablation"]["varied"], "samples": config["ablation"][budget]["samples"]}
+    for budget in config["budgets"]
+}
+SETTINGS = {
+    budget: ablation.settings(config["training"], item["samples"], VARIED[budget])
+    for budget, item in config["budgets"].items()
+}
+GRIDS = {
+    budget: ablation.grid(config["training"], item["samples"], config["ablation"][budget]["grid"])
+    for budget, item in config["budgets"].items()
+}
+ABLATION = "results/ablation/{dataset}/{split}/{budget}"
+
+
+def any_of(named):
+    return "|".join(sorted({re.escape(name) for names in named.values() for name in names}))
+
+
+def teachers_of(setting):
+    """The autoencoder's and the regressor's files: Table I's, where the setting does not touch them."""
+    folder = f"{ABLATION}/{setting}" if ablation.has_own_teachers(setting) else MODELS
+    return [f"{folder}/autoencoder/{{seed}}.pt", f"{folder}/regressor/{{seed}}.pt"]
+
+
+def taught_by(setting_of_job):
+    """An input function: the teachers of a model that has some."""
+    return lambda wildcards: teachers_of(setting_of_job(wildcards)) if informed(wildcards) else []
+
+
+def setting_of(wildcards):
+    return (SETTINGS[wildcards.budget] | GRIDS[wildcards.budget])[wildcards.setting]
+
+
+def optimiser_of(wildcards):
+    setting = setting_of(wildcards)
+    return {key: setting[key] for key in OPTIMISER}
+
+
+def spent_of(wildcards):
+    budget = config["budgets"][wildcards.budget]
+    return spent(budget, samples=setting_of(wildcards)["samples"])
+
+
+def models_of_setting(wildcards):
+    """The files of all seeds; points of the grid have fewer."""
+    budget = config["budgets"][wildcards.budget]
+    if wildcards.setting in GRIDS[wildcards.budget]:
+        most = config["ablation"][wildcards.budget]["tuning_seeds"]
+        budget = budget | {"seeds": min(budget["seeds"], most)}
+    folder = f"{ABLATION}/{wildcards.setting}/{wildcards.model}"
+    return expand(f"{folder}/{{seed}}.pt", seed=seeds(wildcards.model, budget), **wildcards)
+
+
+ABLATION_BUDGET = config["ablation"][config["budget"]]
+STUDIES = [
+    {"study": study, "value": value, "setting": setting, "dataset": dataset, "split": split}
+    for dataset, splits in ABLATION_BUDGET["varied_on"].items()
+    for split in splits
+    for study, value, setting in ablation.studies(
+        config["training"], config["budgets"][config["budget"]]["samples"], VARIED[config["budget"]]
+    )
+]
+COMPARED = [
+    {"dataset": dataset, "split": split}
+    for dataset, splits in ABLATION_BUDGET["compared_on"].items()
+    for split in splits
+]
+TUNED = f"{ABLATION}/tuned".replace("{budget}", config["budget"])
+
+
 use rule train_autoencoder as ablation_autoencoder with:
     output:
-        f"{ABLATION}/{{setting}}/autoencoder.pt",
+        f"{ABLATION}/{{setting}}/autoencoder/{{seed}}.pt",
     log:
-        "logs/ablation_autoencoder/{dataset}/{split}/{budget}/{setting}.log",
+        "logs/ablation_autoencoder/{dataset}/{split}/{budget}/{setting}/{seed}.log",
     benchmark:
-        "benchmarks/ablation_autoencoder/{dataset}/{split}/{budget}/{setting}.tsv"
+        "benchmarks/ablation_autoencoder/{dataset}/{split}/{budget}/{setting}/{seed}.tsv"
     wildcard_constraints:
         setting=any_of(SETTINGS),
     params:
-        learning_rate=lookup(dpath="training/learning_rate", within=config),
-        weight_decay=lookup(dpath="training/weight_decay", within=config),
-        batch_size=lookup(dpath="training/batch_size", within=config),
+        optimiser=optimiser_of,
         latent_dim=lambda wildcards: setting_of(wildcards)["latent_dim"],
-        budget=budget_of,
-        seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.learn.train"),
+        budget=spent_of,
+        draw=lookup(dpath="seed", within=config),
+        seed=lambda wildcards: int(wildcards.seed),
+        code=fingerprint("train_autoencoder"),
     message:
-        "Learning the manifold of the voltages of {wildcards.dataset}: {wildcards.setting}"
+        "Learning the manifold of the voltages of {wildcards.dataset}: {wildcards.setting}, seed {wildcards.seed}"
 
 
 use rule train_regressor as ablation_regressor with:
@@ -25,71 +100,90 @@ use rule train_regressor as ablation_regressor with:
         split="results/splits/{dataset}/{split}.parquet",
         autoencoder=rules.ablation_autoencoder.output[0],
     output:
-        f"{ABLATION}/{{setting}}/regressor.pt",
+        f"{ABLATION}/{{setting}}/regressor/{{seed}}.pt",
     log:
-        "logs/ablation_regressor/{dataset}/{split}/{budget}/{setting}.log",
+        "logs/ablation_regressor/{dataset}/{split}/{budget}/{setting}/{seed}.log",
     benchmark:
-        "benchmarks/ablation_regressor/{dataset}/{split}/{budget}/{setting}.tsv"
+        "benchmarks/ablation_regressor/{dataset}/{split}/{budget}/{setting}/{seed}.tsv"
     wildcard_constraints:
         setting=any_of(SETTINGS),
     params:
-        learning_rate=lookup(dpath="training/learning_rate", within=config),
-        weight_decay=lookup(dpath="training/weight_decay", within=config),
-        batch_size=lookup(dpath="training/batch_size", within=config),
-        budget=budget_of,
-        seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.learn.train"),
+        optimiser=optimiser_of,
+        budget=spent_of,
+        draw=lookup(dpath="seed", within=config),
+        seed=lambda wildcards: int(wildcards.seed),
+        code=fingerprint("train_regressor"),
     message:
-        "Learning the latent voltages of a state, {wildcards.dataset}: {wildcards.setting}"
+        "Learning the latent voltages of a state, {wildcards.dataset}: {wildcards.setting}, seed {wildcards.seed}"
 
 
 use rule train_predictor as ablation_predictor with:
     input:
         dataset="results/datasets/{dataset}.parquet",
         split="results/splits/{dataset}/{split}.parquet",
-        teachers=lambda wildcards: (
-            teachers_of(wildcards.setting) if wildcards.model == ablation.INFORMED else []
-        ),
+        teachers=taught_by(lambda wildcards: wildcards.setting),
     output:
-        temp(f"{ABLATION}/{{setting}}/{{model}}.pt"),
+        temp(f"{ABLATION}/{{setting}}/{{model}}/{{seed}}.pt"),
     log:
-        "logs/ablation_predictor/{dataset}/{split}/{budget}/{setting}/{model}.log",
+        "logs/ablation_predictor/{dataset}/{split}/{budget}/{setting}/{model}/{seed}.log",
     benchmark:
-        "benchmarks/ablation_predictor/{dataset}/{split}/{budget}/{setting}/{model}.tsv"
+        "benchmarks/ablation_predictor/{dataset}/{split}/{budget}/{setting}/{model}/{seed}.tsv"
     wildcard_constraints:
         setting=f"{any_of(SETTINGS)}|{any_of(GRIDS)}",
     params:
-        learning_rate=lambda wildcards: setting_of(wildcards)["learning_rate"],
-        weight_decay=lambda wildcards: setting_of(wildcards)["weight_decay"],
-        batch_size=lambda wildcards: setting_of(wildcards)["batch_size"],
+        model="{model}",
+        optimiser=optimiser_of,
         force_weight=lambda wildcards: setting_of(wildcards)["force_weight"],
         lambda_latent=lambda wildcards: (
-            setting_of(wildcards)["lambda_latent"] if wildcards.model == ablation.INFORMED else 0.0
+            setting_of(wildcards)["lambda_latent"] if informed(wildcards) else 0.0
         ),
-        budget=budget_of,
-        seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.learn.train"),
+        budget=spent_of,
+        draw=lookup(dpath="seed", within=config),
+        seed=lambda wildcards: int(wildcards.seed),
+        code=fingerprint("train_predictor"),
     message:
-        "Training {wildcards.model} on {wildcards.dataset}, {wildcards.split}: {wildcards.setting}"
+        "Training {wildcards.model} on {wildcards.dataset}, {wildcards.split}: {wildcards.setting}, seed {wildcards.seed}"
+
+
+rule ablation_choice:
+    input:
+        lambda wildcards: expand(
+            f"{ABLATION}/{{setting}}/{{model}}.csv", setting=GRIDS[wildcards.budget], **wildcards
+        ),
+    output:
+        f"{ABLATION}/tuned/{{model}}.json",
+    log:
+        "logs/ablation_choice/{dataset}/{split}/{budget}/{model}.log",
+    benchmark:
+        "benchmarks/ablation_choice/{dataset}/{split}/{budget}/{model}.tsv"
+    conda:
+        "../../envs/learning.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        grid=lambda wildcards: GRIDS[wildcards.budget],
+        axes=lambda wildcards: list(config["ablation"][wildcards.budget]["grid"]),
+        code=fingerprint("ablation_choice"),
+    message:
+        "Choosing the setting of {wildcards.model} on {wildcards.dataset}, {wildcards.split}"
+    script:
+        "../scripts/ablation_choice.py"
 
 
 rule ablation_tuned:
     input:
         dataset="results/datasets/{dataset}.parquet",
         split="results/splits/{dataset}/{split}.parquet",
-        teachers=lambda wildcards: (
-            teachers_of("tuned") if wildcards.model == ablation.INFORMED else []
-        ),
-        scores=lambda wildcards: expand(
-            f"{ABLATION}/{{setting}}/{{model}}.csv", setting=GRIDS[wildcards.budget], **wildcards
-        ),
+        teachers=taught_by(lambda wildcards: "tuned"),
+        choice=rules.ablation_choice.output[0],
     output:
-        model=temp(f"{ABLATION}/tuned/{{model}}.pt"),
-        chosen=f"{ABLATION}/tuned/{{model}}.txt",
+        temp(f"{ABLATION}/tuned/{{model}}/{{seed}}.pt"),
     log:
-        "logs/ablation_tuned/{dataset}/{split}/{budget}/{model}.log",
+        "logs/ablation_tuned/{dataset}/{split}/{budget}/{model}/{seed}.log",
     benchmark:
-        "benchmarks/ablation_tuned/{dataset}/{split}/{budget}/{model}.tsv"
+        "benchmarks/ablation_tuned/{dataset}/{split}/{budget}/{model}/{seed}.tsv"
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -97,16 +191,14 @@ rule ablation_tuned:
         mem_mb=2000,
         runtime=240,
     params:
-        grid=lambda wildcards: GRIDS[wildcards.budget],
-        axes=lambda wildcards: list(config["ablation"][wildcards.budget]["grid"]),
-        lambda_latent=lambda wildcards: (
-            config["training"]["lambda_latent"] if wildcards.model == ablation.INFORMED else 0.0
-        ),
-        budget=lookup(dpath="budgets/{budget}", within=config),
-        seed=lookup(dpath="seed", within=config),
-        code=[fingerprint("eitskin.learn.train"), fingerprint("eitskin.paper.ablation")],
+        optimiser=list(OPTIMISER),
+        lambda_latent=rules.train_predictor.params.lambda_latent,
+        budget=rules.train_autoencoder.params.budget,
+        draw=lookup(dpath="seed", within=config),
+        seed=lambda wildcards: int(wildcards.seed),
+        code=fingerprint("ablation_tuned"),
     message:
-        "Training {wildcards.model} on {wildcards.dataset}, {wildcards.split}, as tuned"
+        "Training {wildcards.model} on {wildcards.dataset}, {wildcards.split}, as tuned, seed {wildcards.seed}"
     script:
         "../scripts/ablation_tuned.py"
 
@@ -115,7 +207,7 @@ rule ablation_errors:
     input:
         dataset="results/datasets/{dataset}.parquet",
         split="results/splits/{dataset}/{split}.parquet",
-        model=f"{ABLATION}/{{setting}}/{{model}}.pt",
+        models=models_of_setting,
     output:
         f"{ABLATION}/{{setting}}/{{model}}.csv",
     log:
@@ -134,7 +226,7 @@ rule ablation_errors:
         part=lambda wildcards: (
             "validation" if wildcards.setting in GRIDS[wildcards.budget] else "test"
         ),
-        code=[fingerprint("eitskin.learn.predict"), fingerprint("eitskin.learn.metrics")],
+        code=fingerprint("ablation_errors"),
     message:
         "Testing {wildcards.model} on {wildcards.dataset}, {wildcards.split}: {wildcards.setting}"
     script:
@@ -151,8 +243,8 @@ rule ablation:
         ],
         plain=[f"{TUNED}/{ablation.PLAIN}.csv".format(**one) for one in COMPARED],
         informed=[f"{TUNED}/{ablation.INFORMED}.csv".format(**one) for one in COMPARED],
-        plain_setting=[f"{TUNED}/{ablation.PLAIN}.txt".format(**one) for one in COMPARED],
-        informed_setting=[f"{TUNED}/{ablation.INFORMED}.txt".format(**one) for one in COMPARED],
+        plain_setting=[f"{TUNED}/{ablation.PLAIN}.json".format(**one) for one in COMPARED],
+        informed_setting=[f"{TUNED}/{ablation.INFORMED}.json".format(**one) for one in COMPARED],
     output:
         varied=report(
             "results/tables/ablation.csv",
@@ -186,7 +278,7 @@ rule ablation:
         varied=STUDIES,
         compared=COMPARED,
         budget=config["budget"],
-        code=fingerprint("eitskin.paper.ablation"),
+        code=fingerprint("ablation"),
     message:
         "Collecting what the choices in training are worth"
     script:

@@ -1,3 +1,8 @@
+from calibration.blocks import batches
+
+
+# No fingerprint: hours of work are made anew on request alone, `--forcerun trials`; the summary says
+# how many rows are of other code.
 rule trials:
     output:
         "results/calibration/{block}/batches/{size}-{batch}.csv",
@@ -23,7 +28,7 @@ rule trials:
         "../scripts/trials.py"
 
 
-rule calibrate_diagnosis:
+rule score_trials:
     input:
         expand(
             "results/calibration/{block}/batches/{size}-{batch}.csv",
@@ -31,7 +36,7 @@ rule calibrate_diagnosis:
             batch=range(len(batches(**config["calibration"]))),
         ),
     output:
-        tables=expand(
+        expand(
             "results/calibration/{block}/{file}",
             block=config["calibration"]["block"],
             file=[
@@ -42,7 +47,35 @@ rule calibrate_diagnosis:
                 "other_calibration.csv",
             ],
         ),
-        figures=[
+    log:
+        "logs/score_trials.log",
+    benchmark:
+        "benchmarks/score_trials.tsv"
+    conda:
+        "../../envs/calibration.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        block=config["calibration"]["block"],
+        size=config["calibration"]["size"],
+        code=fingerprint("score_trials", CATALOGUE),
+    message:
+        "Scoring the diagnosis: block {params.block}, {params.size}"
+    script:
+        "../scripts/score_trials.py"
+
+
+rule calibration_figures:
+    input:
+        expand(
+            "results/calibration/{block}/{file}.csv",
+            block=config["calibration"]["block"],
+            file=["confusion", "other_calibration"],
+        ),
+    output:
+        [
             report(
                 f"results/calibration/{config['calibration']['block']}/{name}.{suffix}",
                 caption=f"../report/{name}.rst",
@@ -56,19 +89,24 @@ rule calibrate_diagnosis:
             for suffix in ("svg", "png")
         ],
     log:
-        "logs/calibrate_diagnosis.log",
+        "logs/calibration_figures.log",
     benchmark:
-        "benchmarks/calibrate_diagnosis.tsv"
+        "benchmarks/calibration_figures.tsv"
     conda:
         "../../envs/calibration.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=500,
         runtime=5,
     params:
-        block=config["calibration"]["block"],
-        size=config["calibration"]["size"],
+        code=fingerprint("calibration_figures"),
     message:
-        "Scoring the diagnosis: block {params.block}, {params.size}"
+        "Drawing the calibration of the diagnosis"
     script:
-        "../scripts/calibrate_diagnosis.py"
+        "../scripts/calibration_figures.py"
+
+
+rule calibrate_diagnosis:
+    input:
+        rules.score_trials.output,
+        rules.calibration_figures.output,

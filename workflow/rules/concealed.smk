@@ -1,72 +1,168 @@
-CODE = {name: fingerprint(f"concealed.{name}") for name in ("conceal", "verdicts")}
+from pathlib import Path
+
+from concealed.naming import batches as case_batches
+from concealed.naming import names as case_names
+
+CONCEALED = config["concealed"]
+BLOCKS = CONCEALED["blocks"]
+PUBLIC, TRUTHS = "results/concealed", "results/truths"
+DEMO = "demo"  # a part of `all`
+IN_USE = sorted({DEMO, CONCEALED["block"]})  # rules are made for these alone
 
 
-for block, part in BLOCKS.items():
-    for number, cases in enumerate(case_batches(part["cases"], CONCEALED["batch"])):
+def before(file):
+    """The blocks in use that lack a file: what leads to it is not planned again once it is there,
+    for who has seen the truths draws, diagnoses and fits nothing anew."""
+    return [block for block in IN_USE if not Path(PUBLIC, block, file).exists()]
 
-        rule:
-            name:
-                f"conceal_{block}_{number}"
-            output:
-                recordings=update(
-                    expand(f"{PUBLIC}/{block}/recordings/{{case}}.parquet", case=cases)
-                ),
-                queries=update(expand(f"{PUBLIC}/{block}/queries/{{case}}.parquet", case=cases)),
-                truths=update(expand(f"{TRUTHS}/{block}/{{case}}.sealed", case=cases)),
-                commitments=f"{PUBLIC}/{block}/batches/{number:03d}.json",
-            log:
-                f"logs/conceal/{block}/{number:03d}.log",
-            benchmark:
-                f"benchmarks/conceal/{block}/{number:03d}.tsv"
-            conda:
-                "../../envs/concealed.yaml"
-            threads: 1
-            resources:
-                mem_mb=3000,
-                runtime=60,
-            params:
-                block=block,
-                cases=cases,
-                seed=part["seed"],
-                sizes={
-                    "cases": part["cases"],
-                    "frames": CONCEALED["frames"],
-                    "query_frames": CONCEALED["query_frames"],
-                },
-                code=CODE["conceal"],
-            message:
-                f"Concealing effects in recordings: {block}, batch {number}"
-            script:
-                "../scripts/conceal.py"
 
-        rule:
-            name:
-                f"verdicts_{block}_{number}"
-            input:
-                schema="workflow/schemas/diagnosis.schema.yaml",
-                commitments=f"{PUBLIC}/{block}/commitments.json",
-                recordings=expand(f"{PUBLIC}/{block}/recordings/{{case}}.parquet", case=cases),
-                queries=expand(f"{PUBLIC}/{block}/queries/{{case}}.parquet", case=cases),
-            output:
-                update(expand(f"{PUBLIC}/{block}/verdicts/{{case}}/diagnosis.json", case=cases)),
-            log:
-                f"logs/verdicts/{block}/{number:03d}.log",
-            benchmark:
-                f"benchmarks/verdicts/{block}/{number:03d}.tsv"
-            conda:
-                "../../envs/concealed.yaml"
-            threads: 1
-            resources:
-                mem_mb=3000,
-                runtime=120,
-            params:
-                cases=cases,
-                seed=config["seed"],
-                code=CODE["verdicts"],
-            message:
-                f"Diagnosing concealed recordings: {block}, batch {number}"
-            script:
-                "../scripts/verdicts.py"
+UNSEALED, UNOPENED, UNSCORED = map(before, ("seal.json", "opened", "score/score.md"))
+
+
+def of_every_case(template):
+    """An input function: one file of every case of a block."""
+
+    def files(wildcards):
+        names = case_names(BLOCKS[wildcards.block]["cases"])
+        return expand(template, block=wildcards.block, case=names)
+
+    return files
+
+
+def numbered(blocks):
+    """(block, number of the batch, its cases) of blocks."""
+    return [
+        (block, number, cases)
+        for block in blocks
+        for number, cases in enumerate(case_batches(BLOCKS[block]["cases"], CONCEALED["batch"]))
+    ]
+
+
+for block, number, cases in numbered(UNSEALED):
+
+    rule:
+        name:
+            f"conceal_{block}_{number}"
+        output:
+            recordings=update(expand(f"{PUBLIC}/{block}/recordings/{{case}}.parquet", case=cases)),
+            queries=update(expand(f"{PUBLIC}/{block}/queries/{{case}}.parquet", case=cases)),
+            truths=update(expand(f"{TRUTHS}/{block}/{{case}}.sealed", case=cases)),
+            commitments=f"{PUBLIC}/{block}/batches/{number:03d}.json",
+        log:
+            f"logs/conceal/{block}/{number:03d}.log",
+        benchmark:
+            f"benchmarks/conceal/{block}/{number:03d}.tsv"
+        conda:
+            "../../envs/concealed.yaml"
+        threads: 1
+        resources:
+            mem_mb=3000,
+            runtime=60,
+        params:
+            block=block,
+            cases=cases,
+            seed=BLOCKS[block]["seed"],
+            sizes={
+                "cases": BLOCKS[block]["cases"],
+                "frames": CONCEALED["frames"],
+                "query_frames": CONCEALED["query_frames"],
+            },
+            code=fingerprint("conceal", CATALOGUE),
+        message:
+            f"Concealing effects in recordings: {block}, batch {number}"
+        script:
+            "../scripts/conceal.py"
+
+    rule:
+        name:
+            f"verdicts_{block}_{number}"
+        input:
+            schema="workflow/schemas/diagnosis.schema.yaml",
+            commitments=f"{PUBLIC}/{block}/commitments.json",
+            recordings=expand(f"{PUBLIC}/{block}/recordings/{{case}}.parquet", case=cases),
+            queries=expand(f"{PUBLIC}/{block}/queries/{{case}}.parquet", case=cases),
+        output:
+            verdicts=update(directory(expand(f"{PUBLIC}/{block}/verdicts/{{case}}", case=cases))),
+            seconds=update(expand(f"{PUBLIC}/{block}/seconds/{{case}}.json", case=cases)),
+        log:
+            f"logs/verdicts/{block}/{number:03d}.log",
+        benchmark:
+            f"benchmarks/verdicts/{block}/{number:03d}.tsv"
+        conda:
+            "../../envs/concealed.yaml"
+        threads: 1
+        resources:
+            mem_mb=3000,
+            runtime=120,
+        params:
+            cases=cases,
+            seed=config["seed"],
+            code=fingerprint("verdicts", CATALOGUE),
+        message:
+            f"Diagnosing concealed recordings: {block}, batch {number}"
+        script:
+            "../scripts/verdicts.py"
+
+    rule:
+        name:
+            f"baselines_{block}_{number}"
+        input:
+            commitments=f"{PUBLIC}/{block}/commitments.json",
+            recordings=expand(f"{PUBLIC}/{block}/recordings/{{case}}.parquet", case=cases),
+            queries=expand(f"{PUBLIC}/{block}/queries/{{case}}.parquet", case=cases),
+        output:
+            update(expand(f"{PUBLIC}/{block}/baselines/{{case}}.json", case=cases)),
+            update(expand(f"{PUBLIC}/{block}/baselines/{{case}}.npz", case=cases)),
+        log:
+            f"logs/baselines/{block}/{number:03d}.log",
+        benchmark:
+            f"benchmarks/baselines/{block}/{number:03d}.tsv"
+        conda:
+            "../../envs/concealed.yaml"
+        threads: 1
+        resources:
+            mem_mb=3000,
+            runtime=60,
+        params:
+            cases=cases,
+            seed=config["seed"],
+            code=fingerprint("baselines", CATALOGUE),
+        message:
+            f"What others make of concealed recordings: {block}, batch {number}"
+        script:
+            "../scripts/baselines.py"
+
+
+for block, number, cases in numbered(UNSCORED):
+
+    rule:
+        name:
+            f"oracle_{block}_{number}"
+        input:
+            opened=f"{PUBLIC}/{block}/opened",
+            recordings=expand(f"{PUBLIC}/{block}/recordings/{{case}}.parquet", case=cases),
+            queries=expand(f"{PUBLIC}/{block}/queries/{{case}}.parquet", case=cases),
+            verdicts=expand(f"{PUBLIC}/{block}/verdicts/{{case}}", case=cases),
+        output:
+            update(expand(f"{PUBLIC}/{block}/oracle/{{case}}.json", case=cases)),
+        log:
+            f"logs/oracle/{block}/{number:03d}.log",
+        benchmark:
+            f"benchmarks/oracle/{block}/{number:03d}.tsv"
+        conda:
+            "../../envs/concealed.yaml"
+        threads: 1
+        resources:
+            mem_mb=3000,
+            runtime=60,
+        params:
+            cases=cases,
+            seed=config["seed"],
+            code=fingerprint("oracle", CATALOGUE),
+        message:
+            f"Fitting what was concealed: {block}, batch {number}"
+        script:
+            "../scripts/oracle.py"
 
 
 rule commit_truths:
@@ -84,7 +180,7 @@ rule commit_truths:
     benchmark:
         "benchmarks/commit_truths/{block}.tsv"
     wildcard_constraints:
-        block="|".join(BLOCKS),
+        block="|".join(UNSEALED) or NO_NAME,
     conda:
         "../../envs/concealed.yaml"
     threads: 1
@@ -93,7 +189,7 @@ rule commit_truths:
         runtime=5,
     params:
         seed=lambda wildcards: BLOCKS[wildcards.block]["seed"],
-        code=fingerprint("concealed.sealing"),
+        code=fingerprint("commit_truths"),
     message:
         "Committing to recordings and truths: {wildcards.block}"
     script:
@@ -102,8 +198,9 @@ rule commit_truths:
 
 rule seal_verdicts:
     input:
-        of_every_case("results/concealed/{block}/verdicts/{case}/diagnosis.json"),
+        of_every_case("results/concealed/{block}/verdicts/{case}"),
         of_every_case("results/concealed/{block}/baselines/{case}.json"),
+        of_every_case("results/concealed/{block}/baselines/{case}.npz"),
         commitments="results/concealed/{block}/commitments.json",
     output:
         "results/concealed/{block}/seal.json",
@@ -112,7 +209,7 @@ rule seal_verdicts:
     benchmark:
         "benchmarks/seal_verdicts/{block}.tsv"
     wildcard_constraints:
-        block="|".join(BLOCKS),
+        block="|".join(UNSEALED) or NO_NAME,
     conda:
         "../../envs/concealed.yaml"
     threads: 1
@@ -120,7 +217,7 @@ rule seal_verdicts:
         mem_mb=500,
         runtime=5,
     params:
-        code=fingerprint("concealed.sealing"),
+        code=fingerprint("seal_verdicts"),
     message:
         "Sealing the verdicts: {wildcards.block}"
     script:
@@ -134,13 +231,13 @@ rule open_truths:
         key="results/truths/{block}/key.json",
         truths=of_every_case("results/truths/{block}/{case}.sealed"),
     output:
-        "results/concealed/{block}/opened/opened.json",
+        directory("results/concealed/{block}/opened"),
     log:
         "logs/open_truths/{block}.log",
     benchmark:
         "benchmarks/open_truths/{block}.tsv"
     wildcard_constraints:
-        block="|".join(BLOCKS),
+        block="|".join(UNOPENED) or NO_NAME,
     conda:
         "../../envs/concealed.yaml"
     threads: 1
@@ -148,18 +245,132 @@ rule open_truths:
         mem_mb=1000,
         runtime=5,
     params:
-        code=fingerprint("concealed.sealing"),
+        code=fingerprint("open_truths"),
     message:
         "Opening the truths against the seal: {wildcards.block}"
     script:
         "../scripts/open_truths.py"
 
 
+SCORE_FIGURES = {
+    "accuracy": "right names against the gap",
+    "misfit_closed": "misfit closed, by method",
+    "confusion": "concealed and called",
+    "reliability": "probability of something else",
+    "p_values": "p-values where nothing is concealed",
+}
+
+
+rule concealed_score:
+    input:
+        opened="results/concealed/{block}/opened",
+        verdicts=of_every_case("results/concealed/{block}/verdicts/{case}"),
+        baselines=of_every_case("results/concealed/{block}/baselines/{case}.json"),
+        arrays=of_every_case("results/concealed/{block}/baselines/{case}.npz"),
+        oracle=of_every_case("results/concealed/{block}/oracle/{case}.json"),
+    output:
+        tables=expand(
+            "results/concealed/{{block}}/score/{name}.csv",
+            name=["score", "cases", "baselines", *SCORE_FIGURES],
+        ),
+        page=report(
+            "results/concealed/{block}/score/score.md",
+            caption="../report/concealed_score.rst",
+            category="Concealed effects",
+            labels={"block": "{block}", "shows": "score, by the table"},
+        ),
+    log:
+        "logs/concealed_score/{block}.log",
+    benchmark:
+        "benchmarks/concealed_score/{block}.tsv"
+    wildcard_constraints:
+        block="|".join(IN_USE) or NO_NAME,
+    conda:
+        "../../envs/concealed.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=15,
+    params:
+        code=fingerprint("concealed_score", CATALOGUE),
+    message:
+        "Scoring the opened block {wildcards.block}"
+    script:
+        "../scripts/concealed_score.py"
+
+
+rule concealed_figures:
+    input:
+        expand("results/concealed/{{block}}/score/{name}.csv", name=SCORE_FIGURES),
+    output:
+        [
+            report(
+                f"results/concealed/{{block}}/score/{name}.{suffix}",
+                caption=f"../report/concealed_{name}.rst",
+                category="Concealed effects",
+                labels={"block": "{block}", "shows": f"{shows}, {suffix.upper()}"},
+            )
+            for name, shows in SCORE_FIGURES.items()
+            for suffix in ("svg", "png")
+        ],
+    log:
+        "logs/concealed_figures/{block}.log",
+    benchmark:
+        "benchmarks/concealed_figures/{block}.tsv"
+    conda:
+        "../../envs/concealed.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        code=fingerprint("concealed_figures"),
+    message:
+        "Drawing the score of the block {wildcards.block}"
+    script:
+        "../scripts/concealed_figures.py"
+
+
+rule concealed_case:
+    input:
+        schema="workflow/schemas/diagnosis.schema.yaml",
+        score=f"results/concealed/{DEMO}/score/score.csv",
+    output:
+        **{
+            suffix: report(
+                f"results/concealed/{DEMO}/score/concealed_case.{suffix}",
+                caption="../report/concealed_case.rst",
+                category="Concealed effects",
+                labels={"block": DEMO, "shows": f"one case, {suffix.upper()}"},
+            )
+            for suffix in ("svg", "png", "csv")
+        },
+    log:
+        "logs/concealed_case.log",
+    benchmark:
+        "benchmarks/concealed_case.tsv"
+    conda:
+        "../../envs/concealed.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        code=fingerprint("concealed_case", CATALOGUE),
+    message:
+        "Drawing one concealed case"
+    script:
+        "../scripts/concealed_case.py"
+
+
 rule concealed:
     input:
-        f"{PUBLIC}/{CONCEALED['block']}/score/score.md",
+        rules.concealed_score.output.page.format(block=CONCEALED["block"]),
+        expand(rules.concealed_figures.output, block=CONCEALED["block"]),
 
 
-rule concealed_final:
+rule concealed_demo:
     input:
-        f"{PUBLIC}/final/score/score.md",
+        expand(rules.concealed_score.output.page, block=DEMO),
+        expand(rules.concealed_figures.output, block=DEMO),
+        rules.concealed_case.output,

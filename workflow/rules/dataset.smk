@@ -15,7 +15,7 @@ rule record_dataset:
         mem_mb=2000,
         runtime=10,
     params:
-        code=fingerprint("eitskin.data.dataset"),
+        code=fingerprint("record_dataset"),
     message:
         "Subtracting the untouched frames of {wildcards.recording} from its touches"
     script:
@@ -39,7 +39,7 @@ rule split:
         runtime=10,
     params:
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.data.splits"),
+        code=fingerprint("split"),
     message:
         "Splitting {wildcards.dataset} by {wildcards.split}"
     script:

@@ -1,3 +1,6 @@
+from eitskin.effects import catalogue_names
+
+CATALOGUE = modules(catalogue_names())
 # What a diagnosis rests on, for its report.
 EVIDENCE = [
     "residuals.npz",
@@ -38,7 +41,7 @@ rule diagnose:
     params:
         name="{recording}",
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.diagnose.diagnosis"),
+        code=fingerprint("diagnose", CATALOGUE),
     message:
         "Diagnosing {wildcards.recording}: where simulation and recording differ, and why"
     script:
@@ -60,3 +63,159 @@ use rule diagnose as diagnose_with_query with:
         ),
     wildcard_constraints:
         recording="|".join(WITH_QUERY) or NO_NAME,
+
+
+rule diagnosis_report:
+    input:
+        schema="workflow/schemas/diagnosis.schema.yaml",
+        recording=rules.import_recording.output[0],
+        diagnosis="results/diagnosis/{recording}/diagnosis.json",
+        effects="results/diagnosis/{recording}/effects.yaml",
+        predicted=branch(
+            lookup(dpath="recordings/{recording}/query", within=config, default=None),
+            then="results/diagnosis/{recording}/predicted.parquet",
+        ),
+        evidence=expand(
+            "results/diagnosis/{{recording}}/evidence/{file}",
+            file=EVIDENCE,
+        ),
+    output:
+        html=report(
+            "results/diagnosis/{recording}/report.html",
+            caption="../report/diagnosis.rst",
+            category="Diagnosis",
+            labels={"recording": "{recording}", "shows": "the whole report"},
+        ),
+        figures=[
+            report(
+                f"results/diagnosis/{{recording}}/figures/{figure}.{suffix}",
+                caption=f"../report/{figure}.rst",
+                category="Diagnosis",
+                labels={"recording": "{recording}", "shows": f"{shows}, {suffix.upper()}"},
+            )
+            for figure, shows in {
+                "electrodes": "ring of electrodes",
+                "residual_matrix": "residual of every channel",
+                "misfit_force": "misfit against force",
+                "misfit_time": "misfit against time",
+                "misfit_place": "misfit over the skin",
+                "held_out": "held-out misfit",
+                "rivals": "knock-out and rivals",
+                "next_experiment": "next experiment",
+            }.items()
+            for suffix in ("svg", "png")
+        ],
+    log:
+        "logs/diagnosis_report/{recording}.log",
+    benchmark:
+        "benchmarks/diagnosis_report/{recording}.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        code=fingerprint("diagnosis_report", CATALOGUE),
+    message:
+        "Reporting the diagnosis of {wildcards.recording}"
+    script:
+        "../scripts/diagnosis_report.py"
+
+
+rule compare:
+    input:
+        a="results/recordings/{a}.parquet",
+        b="results/recordings/{b}.parquet",
+    output:
+        "results/diagnosis/compare/{a}-vs-{b}/comparison.json",
+    log:
+        "logs/compare/{a}-vs-{b}.log",
+    benchmark:
+        "benchmarks/compare/{a}-vs-{b}.tsv"
+    wildcard_constraints:
+        a="|".join(config["recordings"]),
+        b="|".join(config["recordings"]),
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=20,
+    params:
+        seed=config["seed"],
+        code=fingerprint("compare", CATALOGUE),
+    message:
+        "Comparing {wildcards.a} and {wildcards.b}: what is shared and what changed"
+    script:
+        "../scripts/compare.py"
+
+
+rule compare_sessions:
+    input:
+        "results/recordings/{recording}.parquet",
+    output:
+        "results/diagnosis/{recording}/sessions.json",
+    log:
+        "logs/compare_sessions/{recording}.log",
+    benchmark:
+        "benchmarks/compare_sessions/{recording}.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime=60,
+    params:
+        seed=config["seed"],
+        code=fingerprint("compare_sessions", CATALOGUE),
+    message:
+        "Comparing the sessions of {wildcards.recording}: what is shared and what changed"
+    script:
+        "../scripts/compare_sessions.py"
+
+
+rule comparison_page:
+    input:
+        rules.compare.output[0],
+    output:
+        report(
+            "results/diagnosis/compare/{a}-vs-{b}/comparison.html",
+            caption="../report/comparison.rst",
+            category="Diagnosis",
+            labels={"recording": "{a}, {b}", "shows": "what changed between them"},
+        ),
+    log:
+        "logs/comparison_page/{a}-vs-{b}.log",
+    benchmark:
+        "benchmarks/comparison_page/{a}-vs-{b}.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        code=fingerprint("comparison_page", CATALOGUE),
+    message:
+        "Reporting what changed between {wildcards.a} and {wildcards.b}"
+    script:
+        "../scripts/comparison_page.py"
+
+
+use rule comparison_page as sessions_page with:
+    input:
+        rules.compare_sessions.output[0],
+    output:
+        report(
+            "results/diagnosis/{recording}/sessions.html",
+            caption="../report/sessions.rst",
+            category="Diagnosis",
+            labels={"recording": "{recording}", "shows": "what changed between sessions"},
+        ),
+    log:
+        "logs/sessions_page/{recording}.log",
+    benchmark:
+        "benchmarks/sessions_page/{recording}.tsv"
+    message:
+        "Reporting what changed between sessions of {wildcards.recording}"

@@ -1,8 +1,11 @@
+from eitskin.paper.rows import rows
+
+
 rule evaluate:
     input:
         dataset="results/datasets/{dataset}.parquet",
         split="results/splits/{dataset}/{split}.parquet",
-        model="results/models/{dataset}/{split}/{budget}/{model}.pt",
+        models=of_all_seeds(f"{MODELS}/{{model}}/{{seed}}.pt"),
     output:
         predictions="results/predictions/{dataset}/{split}/{budget}/{model}.parquet",
         metrics="results/metrics/{dataset}/{split}/{budget}/{model}.csv",
@@ -17,7 +20,7 @@ rule evaluate:
         mem_mb=2000,
         runtime=10,
     params:
-        code=[fingerprint("eitskin.learn.predict"), fingerprint("eitskin.learn.metrics")],
+        code=fingerprint("evaluate"),
     message:
         "Testing {wildcards.model} on {wildcards.dataset}, {wildcards.split}"
     script:
@@ -26,7 +29,7 @@ rule evaluate:
 
 rule predict:
     input:
-        model="results/models/{dataset}/{split}/{budget}/{model}.pt",
+        models=of_all_seeds(f"{MODELS}/{{model}}/{{seed}}.pt"),
         recording="results/recordings/{recording}.parquet",
     output:
         "results/predictions/{dataset}/{split}/{budget}/{model}/{recording}.parquet",
@@ -41,7 +44,7 @@ rule predict:
         mem_mb=2000,
         runtime=10,
     params:
-        code=fingerprint("eitskin.learn.predict"),
+        code=fingerprint("predict"),
     message:
         "Applying {wildcards.model}, trained on {wildcards.dataset}, to {wildcards.recording}"
     script:
@@ -56,11 +59,7 @@ rule table_1:
             for dataset, split, model in rows(config)
             for budget in (["small"] if config["budget"] == "small" else ["small", "full"])
         ],
-        limits=[
-            f"results/limit/simulated-{name}-continuous.csv"
-            for name, splits in config["table_1"]["configurations"].items()
-            if "continuous" in splits
-        ],
+        limits=expand(rules.limit.output.metrics, configuration=CONTINUOUS_SETS),
     output:
         csv=report(
             "results/tables/table_1.csv",
@@ -85,7 +84,7 @@ rule table_1:
         mem_mb=500,
         runtime=5,
     params:
-        code=fingerprint("eitskin.paper.table_1"),
+        code=fingerprint("table_1"),
     message:
         "Collecting Table I"
     script:

@@ -39,7 +39,10 @@ rule table_2:
         accuracy=lookup(dpath="accuracy", within=config),
         seed=lookup(dpath="seed", within=config),
         size={key: config["table_2"][key] for key in ("sessions", "frames", "permutations")},
-        code=fingerprint("eitskin.paper.table_2"),
+        code=fingerprint(
+            "table_2",
+            modules(names_of(sum(map(effects_of, config["table_2"]["configurations"]), []))),
+        ),
     message:
         "Comparing untouched frames, simulated and recorded"
     script:
@@ -89,7 +92,7 @@ rule figure_1:
         runtime=5,
     params:
         recording=lookup(dpath="figures/recording", within=config),
-        code=fingerprint("eitskin.paper.figure_1"),
+        code=fingerprint("figure_1"),
     message:
         "Drawing a frame and the images of a press of {params.recording}: figure 1"
     script:
@@ -139,7 +142,7 @@ rule figure_2:
             "figure_4",
         ],
         configfiles=[str(file) for file in workflow.configfiles[:-1]],
-        code=fingerprint("eitskin.paper.figure_2"),
+        code=fingerprint("figure_2"),
     message:
         "Drawing the workflow: figure 2"
     script:
@@ -180,7 +183,7 @@ rule figure_3:
         mem_mb=1000,
         runtime=5,
     params:
-        code=fingerprint("eitskin.paper.figure_3"),
+        code=fingerprint("figure_3"),
     message:
         "Drawing the correlations of voltages and states: figure 3"
     script:
@@ -226,7 +229,7 @@ rule figure_4:
     params:
         models=SHOWN_MODELS,
         skin={key: config["skin"][key] for key in ("radius_mm", "electrode_deg")},
-        code=fingerprint("eitskin.paper.figure_4"),
+        code=fingerprint("figure_4"),
     message:
         "Drawing the predicted force of the worst and the best model: figure 4"
     script:

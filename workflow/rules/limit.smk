@@ -1,3 +1,10 @@
+CONTINUOUS_SETS = [
+    f"{name}-continuous"
+    for name, splits in config["table_1"]["configurations"].items()
+    if "continuous" in splits
+]
+
+
 rule limit:
     input:
         dataset="results/datasets/simulated-{configuration}.parquet",
@@ -26,7 +33,9 @@ rule limit:
         continuous=lookup(dpath="configurations/{configuration}/continuous", within=config),
         samples=lookup(dpath="limit/samples", within=config),
         pairs=lookup(dpath="limit/pairs", within=config),
-        code=fingerprint("eitskin.limit.posterior_mean"),
+        code=lambda wildcards: fingerprint(
+            "limit", modules(names_of(effects_of(wildcards.configuration)))
+        ),
     message:
         "Estimating touches of {wildcards.configuration} as well as physics allows"
     script:
@@ -57,7 +66,9 @@ rule cramer_rao:
         effects=lookup(dpath="configurations/{configuration}/effects", within=config),
         session_frames=lookup(dpath="configurations/{configuration}/session_frames", within=config),
         continuous=lookup(dpath="configurations/{configuration}/continuous", within=config),
-        code=fingerprint("eitskin.limit.cramer_rao"),
+        code=lambda wildcards: fingerprint(
+            "cramer_rao", modules(names_of(effects_of(wildcards.configuration)))
+        ),
     message:
         "Bounding the errors of {wildcards.configuration} over the skin"
     script:

@@ -1,7 +1,11 @@
+from loop.naming import DIAGNOSIS, LABELS, SOURCES, TRUTH, named
+
 FORCES = {key: config["forces"][key] for key in ("mean_N", "sd_N", "max_N")}
 LOOP = "results/loop/{case}"
 LOOP_CASES = named(config["loop"]["cases"])
 LOOP_SKINS = config["loop"]["recordings"]
+# The paper's perturbations are no names of a diagnosis.
+CATALOGUE_AND_AUTHORS = sorted({*CATALOGUE, *modules(names_of(effects_of("authors")))})
 
 
 rule loop_case:
@@ -27,7 +31,7 @@ rule loop_case:
         size={key: config["loop"][key] for key in ("frames", "tested", "share")},
         forces=FORCES,
         probe_mm=lookup(dpath="touch_grid/probe_mm", within=config),
-        code=fingerprint("eitskin.data.dataset"),
+        code=fingerprint("loop_case", CATALOGUE),
     message:
         "Drawing the skin {wildcards.case}, whose owner does not know all"
     script:
@@ -56,7 +60,7 @@ rule loop_labelled:
         runtime=10,
     params:
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.learn.transfer"),
+        code=fingerprint("loop_labelled"),
     message:
         "Keeping 5 % of the labels of {wildcards.case}"
     script:
@@ -80,7 +84,7 @@ use rule diagnose as diagnose_loop with:
     params:
         name="{case}",
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.diagnose.diagnosis"),
+        code=fingerprint("diagnose", CATALOGUE),
     message:
         "Diagnosing {wildcards.case} from its labelled frames"
 
@@ -95,11 +99,11 @@ rule loop_errors:
             DIAGNOSIS: [rules.diagnose_loop.output.diagnosis, rules.diagnose_loop.output.effects],
         }.get(wildcards.source, []),
     output:
-        f"{LOOP}/errors/{{model}}/{{source}}.csv",
+        f"{LOOP}/errors/{{model}}/{{source}}/{{seed}}.csv",
     log:
-        "logs/loop_errors/{case}/{model}/{source}.log",
+        "logs/loop_errors/{case}/{model}/{source}/{seed}.log",
     benchmark:
-        "benchmarks/loop_errors/{case}/{model}/{source}.tsv"
+        "benchmarks/loop_errors/{case}/{model}/{source}/{seed}.tsv"
     wildcard_constraints:
         source="|".join([*SOURCES, LABELS]),
     conda:
@@ -109,37 +113,39 @@ rule loop_errors:
         mem_mb=3000,
         runtime=120,
     params:
-        learning_rate=lookup(dpath="training/learning_rate", within=config),
-        weight_decay=lookup(dpath="training/weight_decay", within=config),
-        batch_size=lookup(dpath="training/batch_size", within=config),
+        optimiser=OPTIMISER,
         latent_dim=lookup(dpath="training/latent_dim", within=config),
         force_weight=lookup(dpath="training/force_weight", within=config),
         lambda_latent=rules.train_predictor.params.lambda_latent,
-        budget=lookup(dpath="loop/budget", within=config),
-        seed=lookup(dpath="seed", within=config),
+        budget=spent(config["loop"]["budget"]),
+        seed=lambda wildcards: int(wildcards.seed),
+        draw=lambda wildcards: int(wildcards.seed) - config["seed"],
         authors=lookup(dpath="configurations/authors/effects", within=config),
         forces=FORCES,
         probe_mm=lookup(dpath="touch_grid/probe_mm", within=config),
-        code=[fingerprint("eitskin.learn.transfer"), fingerprint("eitskin.diagnose.diagnosis")],
+        code=fingerprint("loop_errors", CATALOGUE_AND_AUTHORS),
     message:
-        "Training {wildcards.model} for {wildcards.case} on its {wildcards.source}"
+        "Training {wildcards.model} for {wildcards.case} on its {wildcards.source}, seed {wildcards.seed}"
     script:
         "../scripts/loop_errors.py"
 
 
 # The truth of a real skin is not known.
 LOOP_RUNS = [
-    {"case": case, "model": model, "source": source}
+    {"case": case, "model": model, "source": source, "seed": config["seed"] + number}
     for case in [*LOOP_CASES, *LOOP_SKINS]
     for model in config["loop"]["models"]
     for source in [*SOURCES, LABELS]
+    for number in range(config["loop"]["budget"]["seeds"])
     if source != TRUTH or case in LOOP_CASES
 ]
 
 
-rule loop:
+rule loop_table:
     input:
-        errors=[f"{LOOP}/errors/{{model}}/{{source}}.csv".format(**run) for run in LOOP_RUNS],
+        errors=[
+            f"{LOOP}/errors/{{model}}/{{source}}/{{seed}}.csv".format(**run) for run in LOOP_RUNS
+        ],
         diagnoses=expand(rules.diagnose_loop.output.diagnosis, case=[*LOOP_CASES, *LOOP_SKINS]),
         truths=expand(rules.loop_case.output.truth, case=LOOP_CASES),
     output:
@@ -155,20 +161,10 @@ rule loop:
             category="The loop closed",
             labels={"shows": "errors and what was named, text"},
         ),
-        figures=[
-            report(
-                f"results/loop/{model}.{suffix}",
-                caption="../report/loop.rst",
-                category="The loop closed",
-                labels={"shows": f"{model}, {suffix.upper()}"},
-            )
-            for model in config["loop"]["models"]
-            for suffix in ("svg", "png", "csv")
-        ],
     log:
-        "logs/loop.log",
+        "logs/loop_table.log",
     benchmark:
-        "benchmarks/loop.tsv"
+        "benchmarks/loop_table.tsv"
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -176,10 +172,48 @@ rule loop:
         mem_mb=1000,
         runtime=5,
     params:
-        runs=LOOP_RUNS,
-        models=config["loop"]["models"],
-        code=fingerprint("eitskin.paper.transfer_table"),
+        runs=[{key: run[key] for key in ("case", "model", "source")} for run in LOOP_RUNS],
+        code=fingerprint("loop_table"),
     message:
         "Collecting what a diagnosis is worth to an estimator"
     script:
         "../scripts/loop_table.py"
+
+
+rule loop_figure:
+    input:
+        rules.loop_table.output.csv,
+    output:
+        **{
+            suffix: report(
+                f"results/loop/{{model}}.{suffix}",
+                caption="../report/loop.rst",
+                category="The loop closed",
+                labels={"shows": f"{{model}}, {suffix.upper()}"},
+            )
+            for suffix in ("svg", "png", "csv")
+        },
+    log:
+        "logs/loop_figure/{model}.log",
+    benchmark:
+        "benchmarks/loop_figure/{model}.tsv"
+    wildcard_constraints:
+        model="|".join(config["loop"]["models"]) or NO_NAME,
+    conda:
+        "../../envs/learning.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        code=fingerprint("loop_figure"),
+    message:
+        "Drawing what a diagnosis is worth to {wildcards.model}"
+    script:
+        "../scripts/loop_figure.py"
+
+
+rule loop:
+    input:
+        rules.loop_table.output,
+        expand(rules.loop_figure.output, model=config["loop"]["models"]),

@@ -1,3 +1,15 @@
+from eitskin.effects import modules
+from eitskin.simulate.chain import instrument_effects, last_link, link_before, skin_effects
+
+
+def effects_of(configuration):
+    return config["configurations"][configuration]["effects"]
+
+
+def names_of(effects):
+    return [effect["name"] for effect in effects]
+
+
 rule skin_effects:
     input:
         mesh=rules.mesh.output.mesh,
@@ -18,13 +30,13 @@ rule skin_effects:
         seed=lookup(dpath="seed", within=config),
         skin=lookup(dpath="skin", within=config),
         accuracy=lookup(dpath="accuracy", within=config),
-        effects=lambda wildcards: skin_effects(
-            config["configurations"][wildcards.configuration]["effects"]
-        ),
+        effects=lambda wildcards: skin_effects(effects_of(wildcards.configuration)),
         session_frames=lookup(dpath="configurations/{configuration}/session_frames", within=config),
         crossed=lookup(dpath="configurations/{configuration}/crossed", within=config),
         continuous=lookup(dpath="configurations/{configuration}/continuous", within=config),
-        code=fingerprint("eitskin.simulate.sets"),
+        code=lambda wildcards: fingerprint(
+            "skin_effects", modules(names_of(skin_effects(effects_of(wildcards.configuration))))
+        ),
     message:
         "Simulating the sessions of {wildcards.configuration}, a new skin for each"
     script:
@@ -35,9 +47,7 @@ rule perturb:
     input:
         lambda wildcards: "results/simulated/{configuration}/{link}.parquet".format(
             configuration=wildcards.configuration,
-            link=link_before(
-                config["configurations"][wildcards.configuration]["effects"], wildcards.link
-            ),
+            link=link_before(effects_of(wildcards.configuration), wildcards.link),
         ),
     output:
         "results/simulated/{configuration}/{link}.parquet",
@@ -55,11 +65,11 @@ rule perturb:
         runtime=10,
     params:
         seed=lookup(dpath="seed", within=config),
-        effect=lambda wildcards: instrument_effects(
-            config["configurations"][wildcards.configuration]["effects"]
-        )[wildcards.link],
+        effect=lambda wildcards: instrument_effects(effects_of(wildcards.configuration))[
+            wildcards.link
+        ],
         position=lambda wildcards: int(wildcards.link.partition("-")[0]),
-        code=fingerprint("eitskin.simulate.sets"),
+        code=lambda wildcards: fingerprint("perturb", modules([wildcards.link.partition("-")[2]])),
     message:
         "Applying {wildcards.link} to {wildcards.configuration}"
     script:
@@ -70,7 +80,7 @@ rule simulated_dataset:
     input:
         lambda wildcards: "results/simulated/{configuration}/{link}.parquet".format(
             configuration=wildcards.configuration,
-            link=last_link(config["configurations"][wildcards.configuration]["effects"]),
+            link=last_link(effects_of(wildcards.configuration)),
         ),
     output:
         "results/datasets/simulated-{configuration}.parquet",
@@ -88,7 +98,7 @@ rule simulated_dataset:
         seed=lookup(dpath="seed", within=config),
         noise=lookup(dpath="configurations/{configuration}/noise", within=config),
         baseline=lookup(dpath="configurations/{configuration}/baseline", within=config),
-        code=fingerprint("eitskin.simulate.sets"),
+        code=fingerprint("simulated_dataset", []),
     message:
         "Adding noise to {wildcards.configuration} and subtracting the untouched frames"
     script:

@@ -1,3 +1,5 @@
+from eitskin.configuration import captured_path
+
 # Of the others, a rig has put the file where it is to be.
 BROUGHT = [
     name for name, item in config["recordings"].items() if item["path"] != captured_path(name)
@@ -19,7 +21,7 @@ rule twin:
         runtime=10,
     params:
         twin=lookup(dpath="twin", within=config),
-        code=fingerprint("eitskin.simulate.twin"),
+        code=fingerprint("twin", modules(names_of(config["twin"]["effects"]))),
     message:
         "Simulating the twin of a real skin"
     script:
@@ -45,7 +47,7 @@ rule import_recording:
         runtime=10,
     params:
         format=lookup(dpath="recordings/{recording}/format", within=config, default=None),
-        code=fingerprint("eitskin.data.importers"),
+        code=fingerprint("import_recording"),
     message:
         "Reading the recording {wildcards.recording}"
     script:
@@ -68,7 +70,7 @@ rule check:
         mem_mb=2000,
         runtime=10,
     params:
-        code=fingerprint("eitskin.data.check"),
+        code=fingerprint("check"),
     message:
         "Checking what {wildcards.recording} holds and what it cannot tell"
     script:

@@ -19,7 +19,7 @@ rule mesh:
         touch_grid=lookup(dpath="touch_grid", within=config),
         forces=lookup(dpath="forces", within=config),
         accuracy=lookup(dpath="accuracy", within=config),
-        code=fingerprint("eitskin.simulate.layout"),
+        code=fingerprint("mesh"),
     message:
         "Laying out the electrodes, the places and the forces"
     script:
@@ -45,7 +45,7 @@ rule clean:
     params:
         skin=lookup(dpath="skin", within=config),
         accuracy=lookup(dpath="accuracy", within=config),
-        code=fingerprint("eitskin.simulate.sets"),
+        code=fingerprint("clean", []),
     message:
         "Simulating every place and force on the ideal skin"
     script:

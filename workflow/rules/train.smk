@@ -1,6 +1,42 @@
 wildcard_constraints:
     model=r"(?!(?:autoencoder|regressor)[./])[a-z-]+",  # the teachers stand beside the models
     budget="|".join(config["budgets"]),
+    seed=r"\d+",
+
+
+MODELS = "results/models/{dataset}/{split}/{budget}"
+OPTIMISER = {
+    key: config["training"][key] for key in ("learning_rate", "weight_decay", "batch_size")
+}
+
+
+def spent(budget, **instead):
+    """What one seed of a budget costs."""
+    return {key: budget[key] for key in ("samples", "epochs", "patience")} | instead
+
+
+def seeds(model, budget):
+    """The seeds that a budget trains; of support vectors nothing is drawn but the samples."""
+    return range(config["seed"], config["seed"] + (1 if model == "svr" else budget["seeds"]))
+
+
+def of_all_seeds(template):
+    """An input function: the files of all seeds of a model."""
+
+    def files(wildcards):
+        chosen = seeds(wildcards.model, config["budgets"][wildcards.budget])
+        return expand(template, seed=chosen, **wildcards)
+
+    return files
+
+
+def informed(wildcards):
+    return wildcards.model.startswith("physics-informed-")
+
+
+def unless_svr(value, otherwise):
+    """A param; of support vectors, which know neither Adam nor the weight of the force, `otherwise`."""
+    return lambda wildcards: otherwise if wildcards.model == "svr" else value
 
 
 rule train_autoencoder:
@@ -8,11 +44,11 @@ rule train_autoencoder:
         dataset="results/datasets/{dataset}.parquet",
         split="results/splits/{dataset}/{split}.parquet",
     output:
-        "results/models/{dataset}/{split}/{budget}/autoencoder.pt",
+        f"{MODELS}/autoencoder/{{seed}}.pt",
     log:
-        "logs/train_autoencoder/{dataset}/{split}/{budget}.log",
+        "logs/train_autoencoder/{dataset}/{split}/{budget}/{seed}.log",
     benchmark:
-        "benchmarks/train_autoencoder/{dataset}/{split}/{budget}.tsv"
+        "benchmarks/train_autoencoder/{dataset}/{split}/{budget}/{seed}.tsv"
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -20,15 +56,14 @@ rule train_autoencoder:
         mem_mb=2000,
         runtime=240,
     params:
-        learning_rate=lookup(dpath="training/learning_rate", within=config),
-        weight_decay=lookup(dpath="training/weight_decay", within=config),
-        batch_size=lookup(dpath="training/batch_size", within=config),
+        optimiser=OPTIMISER,
         latent_dim=lookup(dpath="training/latent_dim", within=config),
-        budget=lookup(dpath="budgets/{budget}", within=config),
-        seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.learn.train"),
+        budget=lambda wildcards: spent(config["budgets"][wildcards.budget]),
+        draw=lookup(dpath="seed", within=config),
+        seed=lambda wildcards: int(wildcards.seed),
+        code=fingerprint("train_autoencoder"),
     message:
-        "Learning the manifold of the voltages of {wildcards.dataset}, {wildcards.split}"
+        "Learning the manifold of the voltages of {wildcards.dataset}, {wildcards.split}, seed {wildcards.seed}"
     script:
         "../scripts/train_autoencoder.py"
 
@@ -39,11 +74,11 @@ rule train_regressor:
         split="results/splits/{dataset}/{split}.parquet",
         autoencoder=rules.train_autoencoder.output[0],
     output:
-        "results/models/{dataset}/{split}/{budget}/regressor.pt",
+        f"{MODELS}/regressor/{{seed}}.pt",
     log:
-        "logs/train_regressor/{dataset}/{split}/{budget}.log",
+        "logs/train_regressor/{dataset}/{split}/{budget}/{seed}.log",
     benchmark:
-        "benchmarks/train_regressor/{dataset}/{split}/{budget}.tsv"
+        "benchmarks/train_regressor/{dataset}/{split}/{budget}/{seed}.tsv"
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -51,14 +86,13 @@ rule train_regressor:
         mem_mb=2000,
         runtime=240,
     params:
-        learning_rate=lookup(dpath="training/learning_rate", within=config),
-        weight_decay=lookup(dpath="training/weight_decay", within=config),
-        batch_size=lookup(dpath="training/batch_size", within=config),
-        budget=lookup(dpath="budgets/{budget}", within=config),
-        seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.learn.train"),
+        optimiser=OPTIMISER,
+        budget=lambda wildcards: spent(config["budgets"][wildcards.budget]),
+        draw=lookup(dpath="seed", within=config),
+        seed=lambda wildcards: int(wildcards.seed),
+        code=fingerprint("train_regressor"),
     message:
-        "Learning the latent voltages of a state, {wildcards.dataset}, {wildcards.split}"
+        "Learning the latent voltages of a state, {wildcards.dataset}, {wildcards.split}, seed {wildcards.seed}"
     script:
         "../scripts/train_regressor.py"
 
@@ -68,7 +102,7 @@ rule train_predictor:
         dataset="results/datasets/{dataset}.parquet",
         split="results/splits/{dataset}/{split}.parquet",
         teachers=branch(
-            lambda wildcards: wildcards.model.startswith("physics-informed-"),
+            informed,
             then=[rules.train_autoencoder.output[0], rules.train_regressor.output[0]],
             otherwise=branch(
                 lambda wildcards: wildcards.model == "autoencoder-mlp",
@@ -76,11 +110,11 @@ rule train_predictor:
             ),
         ),
     output:
-        "results/models/{dataset}/{split}/{budget}/{model}.pt",
+        f"{MODELS}/{{model}}/{{seed}}.pt",
     log:
-        "logs/train_predictor/{dataset}/{split}/{budget}/{model}.log",
+        "logs/train_predictor/{dataset}/{split}/{budget}/{model}/{seed}.log",
     benchmark:
-        "benchmarks/train_predictor/{dataset}/{split}/{budget}/{model}.tsv"
+        "benchmarks/train_predictor/{dataset}/{split}/{budget}/{model}/{seed}.tsv"
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -88,19 +122,20 @@ rule train_predictor:
         mem_mb=2000,
         runtime=240,
     params:
-        learning_rate=lookup(dpath="training/learning_rate", within=config),
-        weight_decay=lookup(dpath="training/weight_decay", within=config),
-        batch_size=lookup(dpath="training/batch_size", within=config),
-        force_weight=lookup(dpath="training/force_weight", within=config),
+        model="{model}",
+        optimiser=unless_svr(OPTIMISER, {}),
+        force_weight=unless_svr(config["training"]["force_weight"], 1.0),
         lambda_latent=lambda wildcards: (
-            config["training"]["lambda_latent"]
-            if wildcards.model.startswith("physics-informed-")
-            else 0.0
+            config["training"]["lambda_latent"] if informed(wildcards) else 0.0
         ),
-        budget=lookup(dpath="budgets/{budget}", within=config),
-        seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.learn.train"),
+        budget=lambda wildcards: spent(
+            config["budgets"][wildcards.budget],
+            **({"epochs": None, "patience": None} if wildcards.model == "svr" else {}),
+        ),
+        draw=lookup(dpath="seed", within=config),
+        seed=lambda wildcards: int(wildcards.seed),
+        code=fingerprint("train_predictor"),
     message:
-        "Training {wildcards.model} on {wildcards.dataset}, {wildcards.split}"
+        "Training {wildcards.model} on {wildcards.dataset}, {wildcards.split}, seed {wildcards.seed}"
     script:
         "../scripts/train_predictor.py"

@@ -5,7 +5,7 @@ rule transfer_source:
     input:
         source="results/datasets/{source}.parquet",
         source_split="results/splits/{source}/random.parquet",
-        model="results/models/{source}/random/{budget}/{model}.pt",
+        models=of_all_seeds("results/models/{source}/random/{budget}/{model}/{seed}.pt"),
         target="results/datasets/{recording}.parquet",
         split="results/splits/{recording}/place.parquet",
         recording=rules.import_recording.output[0],
@@ -25,7 +25,7 @@ rule transfer_source:
         runtime=30,
     params:
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.learn.transfer"),
+        code=fingerprint("transfer_source"),
     message:
         "Transferring {wildcards.model} from {wildcards.source} to {wildcards.recording}"
     script:
@@ -36,7 +36,7 @@ rule transfer_references:
     input:
         dataset="results/datasets/{recording}.parquet",
         split="results/splits/{recording}/place.parquet",
-        model="results/models/{recording}/place/{budget}/{model}.pt",
+        models=of_all_seeds("results/models/{recording}/place/{budget}/{model}/{seed}.pt"),
     output:
         f"{TRANSFER}/references/{{recording}}.csv",
     log:
@@ -50,15 +50,13 @@ rule transfer_references:
         mem_mb=2000,
         runtime=60,
     params:
-        learning_rate=lookup(dpath="training/learning_rate", within=config),
-        weight_decay=lookup(dpath="training/weight_decay", within=config),
-        batch_size=lookup(dpath="training/batch_size", within=config),
+        optimiser=OPTIMISER,
         latent_dim=lookup(dpath="training/latent_dim", within=config),
         force_weight=lookup(dpath="training/force_weight", within=config),
         lambda_latent=rules.train_predictor.params.lambda_latent,
-        budget=lookup(dpath="budgets/{budget}", within=config),
+        budget=rules.train_autoencoder.params.budget,
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("eitskin.learn.transfer"),
+        code=fingerprint("transfer_references"),
     message:
         "Learning {wildcards.model} from 5 % of the labels of {wildcards.recording} alone"
     script:
@@ -98,7 +96,7 @@ rule transfer:
         mem_mb=1000,
         runtime=5,
     params:
-        code=fingerprint("eitskin.paper.transfer_table"),
+        code=fingerprint("transfer"),
     message:
         "Collecting what models of simulations are worth on recordings"
     script:

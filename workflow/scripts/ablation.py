@@ -1,5 +1,6 @@
 """Collect what the choices in training are worth."""
 
+import json
 from pathlib import Path
 
 import pandas as pd
@@ -15,7 +16,7 @@ with reported(snakemake.log[0]):
     errors = zip(files.plain, files.informed, strict=True)
     chosen = zip(files.plain_setting, files.informed_setting, strict=True)
     for about, pair, told in zip(params.compared, errors, chosen, strict=True):
-        plain, informed = (Path(file).read_text(encoding="utf-8").strip() for file in told)
+        plain, informed = (json.loads(Path(file).read_text("utf-8"))["told"] for file in told)
         about = about | budget | {"plain_setting": plain, "informed_setting": informed}
         compared += ablation.compared_rows(*map(pd.read_csv, pair), about)
     ablation.write(varied, compared, tables.varied, tables.compared, tables.markdown)

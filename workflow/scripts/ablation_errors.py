@@ -8,5 +8,7 @@ with reported(snakemake.log[0]):
     files = snakemake.input
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)
-    found = predict.predict_part(model_file.read(files.model), data, part, snakemake.params.part)
+    found = predict.predict_part(
+        model_file.read_seeds(files.models), data, part, snakemake.params.part
+    )
     metrics.write(metrics.by_seed(found, data), snakemake.output[0])

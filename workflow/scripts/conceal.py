@@ -15,6 +15,7 @@ with reported(snakemake.log[0]):
         snakemake.params.seed,
         Path(snakemake.output.recordings[0]).parents[1],
         Path(snakemake.output.truths[0]).parent,
+        snakemake.params.code,
     )
     with atomic_path(snakemake.output.commitments) as path:
         path.write_text(json.dumps(made, indent=1, sort_keys=True) + "\n", "utf-8")

@@ -8,4 +8,4 @@ from eitskin.errors import reported
 with reported(snakemake.log[0]):
     block = snakemake.wildcards.block
     command = f"snakemake --cores 2 results/concealed/{block}/score/score.md"
-    page.write(Path(snakemake.input.opened).parents[1], Path(snakemake.output.page).parent, command)
+    page.write(Path(snakemake.input.opened).parent, Path(snakemake.output.page).parent, command)

@@ -9,13 +9,11 @@ from eitskin.learn.train import Budget, Optimiser, Recipe
 from loop import errors
 
 with reported(snakemake.log[0]):
-    params, files = snakemake.params, snakemake.input
+    params, files, names = snakemake.params, snakemake.input, snakemake.wildcards
     target = dataset.read(files.target)
     part = splits.read(files.split, target.table)
-    chosen = (snakemake.wildcards.source, snakemake.wildcards.model, Path(files.recording).parent)
-    optimiser = Optimiser(params.learning_rate, params.weight_decay, params.batch_size)
     settings = (params.latent_dim, params.force_weight, params.lambda_latent)
-    recipe = Recipe(optimiser, Budget(**params.budget), *settings)
+    recipe = Recipe(Optimiser(**params.optimiser), Budget(**params.budget), *settings)
+    chosen = (names.source, names.model, Path(files.recording).parent, target, part, recipe)
     drawn = (params.authors, params.forces, params.probe_mm)
-    rows = errors.errors(*chosen, target, part, recipe, params.seed, *drawn)
-    transfer.write(rows, snakemake.output[0])
+    transfer.write(errors.errors(*chosen, params.seed, params.draw, *drawn), snakemake.output[0])

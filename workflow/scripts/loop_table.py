@@ -1,15 +1,12 @@
-"""The table and the figures of the closed loop."""
+"""The table of the closed loop."""
 
 from pathlib import Path
 
 from eitskin.errors import reported
-from loop import figure, table
+from loop import table
 
 with reported(snakemake.log[0]):
     params, files = snakemake.params, snakemake.input
     runs = list(zip(params.runs, files.errors, strict=True))
     folders = {Path(path).parents[1].name: Path(path).parents[1] for path in files.diagnoses}
     table.write(runs, folders, snakemake.output.csv, snakemake.output.markdown)
-    drawn = iter(snakemake.output.figures)
-    for model in params.models:
-        figure.write(runs, model, *(Path(next(drawn)) for _ in range(3)))

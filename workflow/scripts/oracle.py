@@ -8,7 +8,7 @@ from eitskin.errors import reported
 with reported(snakemake.log[0]):
     oracle.run(
         snakemake.params.cases,
-        Path(snakemake.input.opened).parents[1],
+        Path(snakemake.input.opened).parent,
         snakemake.params.seed,
         snakemake.params.code,
     )

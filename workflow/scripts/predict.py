@@ -2,9 +2,10 @@
 
 from eitskin.data import recording
 from eitskin.errors import reported
-from eitskin.learn import predict
+from eitskin.learn import model_file, predict
 
 with reported(snakemake.log[0]):
+    model = model_file.read_seeds(snakemake.input.models)
     source = recording.read(snakemake.input.recording)
-    found = predict.predict_recording(snakemake.input.model, source, snakemake.wildcards.recording)
+    found = predict.predict_recording(model, source, snakemake.wildcards.recording)
     predict.write(found, snakemake.output[0])

@@ -1,4 +1,4 @@
-"""Stage 1: the autoencoder of the voltages, every seed."""
+"""Stage 1: the autoencoder of the voltages."""
 
 from eitskin.data import dataset, splits
 from eitskin.errors import reported
@@ -8,7 +8,5 @@ with reported(snakemake.log[0]):
     params = snakemake.params
     data = dataset.read(snakemake.input.dataset)
     part = splits.read(snakemake.input.split, data.table)
-    optimiser = Optimiser(params.learning_rate, params.weight_decay, params.batch_size)
-    budget = Budget(**params.budget)
-    out = snakemake.output[0]
-    train_autoencoder(data, part, out, optimiser, budget, params.seed, params.latent_dim)
+    job = (snakemake.output[0], Optimiser(**params.optimiser), Budget(**params.budget))
+    train_autoencoder(data, part, *job, params.draw, params.seed, params.latent_dim)

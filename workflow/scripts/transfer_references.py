@@ -9,8 +9,7 @@ with reported(snakemake.log[0]):
     params, files = snakemake.params, snakemake.input
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)
-    optimiser = Optimiser(params.learning_rate, params.weight_decay, params.batch_size)
     settings = (params.latent_dim, params.force_weight, params.lambda_latent)
-    recipe = Recipe(optimiser, Budget(**params.budget), *settings)
-    rows = transfer.references(model_file.read(files.model), data, part, recipe, params.seed)
+    recipe = Recipe(Optimiser(**params.optimiser), Budget(**params.budget), *settings)
+    rows = transfer.references(model_file.read_seeds(files.models), data, part, recipe, params.seed)
     transfer.write(rows, snakemake.output[0])

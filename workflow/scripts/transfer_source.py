@@ -13,5 +13,5 @@ with reported(snakemake.log[0]):
     sides = (source, source_part, target, part)
     seeds = range(snakemake.params.seed, snakemake.params.seed + transfer.DRAWS)
     draws = [transfer.labelled(target.table, part, seed) for seed in seeds]
-    rows = transfer.transferred(model_file.read(files.model), *sides, angles, draws)
+    rows = transfer.transferred(model_file.read_seeds(files.models), *sides, angles, draws)
     transfer.write(rows, snakemake.output[0])

@@ -37,7 +37,9 @@ def block(tmp_path_factory):
     folder = tmp_path_factory.mktemp("block")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(conceal, "plan", lambda *_: PLAN)
-        made = conceal.conceal("demo", list(PLAN), SIZES, 4, folder / "public", folder / "truths")
+        made = conceal.conceal(
+            "demo", list(PLAN), SIZES, 4, folder / "public", folder / "truths", "code"
+        )
     return folder / "public", folder / "truths", made
 
 
@@ -235,29 +237,29 @@ def test_the_same_seed_gives_the_same_bytes_and_what_is_there_stays(block, tmp_p
     public, truths, made = block
     name = "case-001"
     monkeypatch.setattr(conceal, "plan", lambda *_: PLAN)
-    again = conceal.conceal("demo", [name], SIZES, 4, tmp_path / "public", tmp_path / "truths")
+    again = conceal.conceal(
+        "demo", [name], SIZES, 4, tmp_path / "public", tmp_path / "truths", "code"
+    )
     assert again[name] == made[name]
     for one, other in ((public, tmp_path / "public"), (truths, tmp_path / "truths")):
         for file in other.rglob("case-*"):
             assert file.read_bytes() == (one / file.relative_to(other)).read_bytes()
     monkeypatch.setattr(conceal, "draw", None)  # nothing is drawn again
-    assert conceal.conceal("demo", [name], SIZES, 4, public, truths)[name] == made[name]
-    monkeypatch.setattr(conceal, "CODE", "of another time")
+    assert conceal.conceal("demo", [name], SIZES, 4, public, truths, "code")[name] == made[name]
     with pytest.raises(TypeError):
-        conceal.conceal("demo", [name], SIZES, 4, public, truths)
+        conceal.conceal("demo", [name], SIZES, 4, public, truths, "another")
 
 
 def test_a_random_block_is_never_drawn_again(tmp_path, monkeypatch):
     public, truths = tmp_path / "final", tmp_path / "truths"
     monkeypatch.setattr(conceal, "plan", lambda *_: PLAN)
-    made = conceal.conceal("final", ["case-001"], SIZES, None, public, truths)
+    made = conceal.conceal("final", ["case-001"], SIZES, None, public, truths, "code")
     batch = tmp_path / "000.json"
     batch.write_text(json.dumps(made))
     monkeypatch.setattr(conceal, "draw", None)
-    monkeypatch.setattr(conceal, "CODE", "of another time")
-    assert conceal.conceal("final", ["case-001"], SIZES, None, public, truths) == made
+    assert conceal.conceal("final", ["case-001"], SIZES, None, public, truths, "another") == made
     sealing.commit("final", None, [batch], public, truths)
-    assert conceal.conceal("final", ["case-001"], SIZES, None, public, truths) == made
+    assert conceal.conceal("final", ["case-001"], SIZES, None, public, truths, "code") == made
     (public / "recordings" / "case-001.parquet").unlink()
     with pytest.raises(conceal.InputError, match="case-001"):
-        conceal.conceal("final", ["case-001"], SIZES, None, public, truths)
+        conceal.conceal("final", ["case-001"], SIZES, None, public, truths, "code")

@@ -364,7 +364,7 @@ def test_lost_channels_are_concealed_and_borne_where_the_same_is_named_without()
 def test_figures_are_drawn_also_of_nothing(tmp_path):
     rows = a_block()
     for part in (rows, rows[:1]):
-        gaps, closed = scoring.by_gap(part), figures.closed_table(part)
+        gaps, closed = scoring.by_gap(part), scoring.closed(part)
         assert figures.accuracy(gaps).get_axes()
         assert figures.misfit_closed(closed).get_axes()
     own = scoring.by_gap(rows)

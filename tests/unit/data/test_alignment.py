@@ -6,8 +6,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from eitskin.data import alignment, importers
-from eitskin.data.importers.description import even_angles
 from eitskin.errors import InputError
+from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
 from shared_data import shared_data
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from eitskin.data.alignment import homogeneous_readings, sensitivity
 from eitskin.data.channel_order import known_orders, misfit, reordered
-from eitskin.data.importers.description import even_angles
+from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
 
 RNG = np.random.default_rng(1)

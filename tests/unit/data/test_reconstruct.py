@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eitskin.data import alignment, reconstruct
-from eitskin.data.importers.description import even_angles
+from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
 
 ACROSS, RADIUS_MM = 40, 80.0

@@ -10,9 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eitskin.data import recording
-from eitskin.data.importers.description import describe, even_angles
+from eitskin.data.importers.description import describe
 from eitskin.data.recording import Recording, frames_table
 from eitskin.errors import InputError
+from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
 
 

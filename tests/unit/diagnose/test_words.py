@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from eitskin import quantities
 from eitskin.diagnose import words
 from eitskin.effects import EFFECTS
 
@@ -108,7 +109,7 @@ def test_all_alike():
     text = said("contact-drift", per_minute=(-0.02, -0.03, -0.01))
     assert text == (
         "The contact impedance of all electrodes changes by -2.0 (90 %: -3.0 to -1.0)\xa0% per"
-        " minute.".replace("-", words.MINUS)
+        " minute.".replace("-", quantities.MINUS)
     )
 
 

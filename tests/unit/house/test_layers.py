@@ -9,7 +9,7 @@ import pytest
 
 HOUSE = Path(__file__).parents[3] / "workflow"
 FLOORS = (  # from the ground up; what stands on one floor does not know each other
-    {"errors", "plotting"},
+    {"errors", "plotting", "quantities"},
     {"atomic", "fingerprint"},
     {"figure_files", "pins", "physics"},
     {"schema", "effects"},

@@ -10,14 +10,15 @@ from eitskin.physics.protocol import channel_table
 from synthetic_touches import changes, touches
 
 NOISE = 2e-5
-BUDGET = train.Budget(samples=None, epochs=8, patience=8, seeds=2)
+BUDGET = train.Budget(samples=None, epochs=8, patience=8)
 
 
 def fitted(folder, data, kind="random"):
     part = splits.assign(data.table, kind, 1)
-    path = folder / "mlp.pt"
-    train.train_predictor(data, part, "mlp", path, train.Optimiser(), BUDGET, 1, 5.0)
-    return model_file.read(path), part
+    paths = [folder / "1.pt", folder / "2.pt"]
+    for seed, path in enumerate(paths, start=1):
+        train.train_predictor(data, part, "mlp", path, train.Optimiser(), BUDGET, 1, seed, 5.0)
+    return model_file.read_seeds(paths), part
 
 
 @pytest.fixture(scope="module")
@@ -131,8 +132,8 @@ def press(seed, n=400, **metadata):
 
 
 def test_predict_recording_judges_every_frame(tmp_path):
-    fitted(tmp_path, dataset.from_recording(press(1), "one day"))
-    found = predict.predict_recording(tmp_path / "mlp.pt", press(2), "the next")
+    model, _ = fitted(tmp_path, dataset.from_recording(press(1), "one day"))
+    found = predict.predict_recording(model, press(2), "the next")
     assert list(found.columns[:2]) == ["frame", "time_s"] and len(found) == 800
     touch = np.tile([False, True], 400)
     assert found["touch"][touch].mean() > 0.9
@@ -153,9 +154,9 @@ def test_predict_recording_judges_every_frame(tmp_path):
     ],
 )
 def test_predict_recording_refuses_another_instrument(tmp_path, changed, message):
-    fitted(tmp_path, dataset.from_recording(press(1, n=100), "one day"))
+    model, _ = fitted(tmp_path, dataset.from_recording(press(1, n=100), "one day"))
     with pytest.raises(InputError, match=message):
-        predict.predict_recording(tmp_path / "mlp.pt", press(2, n=100, **changed), "the next")
+        predict.predict_recording(model, press(2, n=100, **changed), "the next")
 
 
 def test_a_part_is_predicted_whole_for_every_seed(tmp_path):

@@ -1,9 +1,5 @@
-import signal
-import subprocess
 import sys
-import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,15 +12,25 @@ from eitskin.learn.metrics import r2
 from eitskin.physics.protocol import channel_table
 from synthetic_touches import touches
 
-QUICK = train.Budget(samples=300, epochs=4, patience=4, seeds=2)
+QUICK = train.Budget(samples=300, epochs=4, patience=4)
 ADAM = train.Optimiser()
 DATA = touches(600, seed=1)
 PART = splits.assign(DATA.table, "random", 1)
 
 
-def plain(output, budget=QUICK, data=DATA, part=PART, seed=1):
-    train.train_predictor(data, part, "mlp", output, ADAM, budget, seed, 5.0)
-    return model_file.read(output)
+def seeds_of(output, seeds, train_one):
+    """A model of several seeds, trained into files beside `output`."""
+    paths = [output.with_name(f"{output.stem}-{seed}.pt") for seed in seeds]
+    for seed, path in zip(seeds, paths, strict=True):
+        train_one(path, seed)
+    return model_file.read_seeds(paths)
+
+
+def plain(output, budget=QUICK, data=DATA, part=PART, seeds=(1,)):
+    def train_one(path, seed):
+        train.train_predictor(data, part, "mlp", path, ADAM, budget, 1, seed, 5.0)
+
+    return seeds_of(output, seeds, train_one)
 
 
 @pytest.fixture(scope="module")
@@ -33,14 +39,15 @@ def teachers(tmp_path_factory):
     folder = tmp_path_factory.mktemp("teachers")
     budget = replace(QUICK, epochs=20, patience=20)
     paths = folder / "autoencoder.pt", folder / "regressor.pt"
-    train.train_autoencoder(DATA, PART, paths[0], ADAM, budget, 1, 16)
-    train.train_regressor(DATA, PART, paths[0], paths[1], ADAM, budget, 1)
+    train.train_autoencoder(DATA, PART, paths[0], ADAM, budget, 1, 1, 16)
+    train.train_regressor(DATA, PART, paths[0], paths[1], ADAM, budget, 1, 1)
     return paths
 
 
 def informed(teachers, output, lambda_latent, budget=QUICK):
     name = "physics-informed-mlp"
-    train.train_predictor(DATA, PART, name, output, ADAM, budget, 1, 5.0, lambda_latent, teachers)
+    loss = (5.0, lambda_latent, teachers)
+    train.train_predictor(DATA, PART, name, output, ADAM, budget, 1, 1, *loss)
     return model_file.read(output)
 
 
@@ -101,20 +108,24 @@ def test_a_target_without_spread_is_refused():
 def test_same_input_same_bytes(tmp_path):
     plain(tmp_path / "a.pt")
     plain(tmp_path / "elsewhere" / "b.pt")
-    assert (tmp_path / "a.pt").read_bytes() == (tmp_path / "elsewhere" / "b.pt").read_bytes()
+    made = [tmp_path / "a-1.pt", tmp_path / "elsewhere" / "b-1.pt"]
+    assert made[0].read_bytes() == made[1].read_bytes()
     assert not list(tmp_path.glob(".*"))
 
 
-def test_seeds_differ_and_do_not_depend_on_how_many_there_are(tmp_path):
-    two = plain(tmp_path / "two.pt")
-    one = plain(tmp_path / "one.pt", replace(QUICK, seeds=1))
+def test_seeds_share_their_samples_and_nothing_else(tmp_path):
+    two = plain(tmp_path / "two.pt", seeds=(1, 2))
+    one = model_file.read(tmp_path / "two-1.pt")
     assert two.seeds() == [1, 2] and one.seeds() == [1]
     assert torch.equal(two.tensors["1/net.0.weight"], one.tensors["1/net.0.weight"])
     assert not torch.equal(two.tensors["1/net.0.weight"], two.tensors["2/net.0.weight"])
+    train.train_predictor(DATA, PART, "mlp", tmp_path / "other.pt", ADAM, QUICK, 2, 2, 5.0)
+    with pytest.raises(InputError, match=r"other\.pt: file: found another training"):
+        model_file.read_seeds([tmp_path / "two-1.pt", tmp_path / "other.pt"])
 
 
 def test_best_weights_are_kept_and_patience_stops(tmp_path):
-    budget = replace(QUICK, epochs=400, patience=3, samples=60, seeds=1)
+    budget = replace(QUICK, epochs=400, patience=3, samples=60)
     trained = plain(tmp_path / "a.pt", budget)
     scores = [validation for _, validation in trained.header["runs"][0]["history"]]
     assert len(scores) < 400 and np.argmin(scores) == len(scores) - 1 - 3
@@ -127,69 +138,8 @@ def test_best_weights_are_kept_and_patience_stops(tmp_path):
 def test_a_loss_that_is_not_finite_is_refused_and_nothing_written(tmp_path):
     wild = replace(ADAM, learning_rate=1e30)
     with pytest.raises(InputError, match="a loss that is not finite"):
-        train.train_predictor(DATA, PART, "mlp", tmp_path / "a.pt", wild, QUICK, 1, 5.0)
+        train.train_predictor(DATA, PART, "mlp", tmp_path / "a.pt", wild, QUICK, 1, 1, 5.0)
     assert not (tmp_path / "a.pt").exists()
-
-
-def test_an_interrupted_job_goes_on_with_the_seed_it_was_at(tmp_path, monkeypatch):
-    plain(tmp_path / "whole.pt")
-    fit, calls = train.fit, []
-
-    def interrupted(*arguments):
-        calls.append(arguments[-1])
-        if calls == [1, 2]:
-            raise KeyboardInterrupt
-        return fit(*arguments)
-
-    monkeypatch.setattr(train, "fit", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        plain(tmp_path / "cut.pt")
-    assert not (tmp_path / "cut.pt").exists()
-    plain(tmp_path / "cut.pt")
-    assert calls == [1, 2, 2]
-    assert (tmp_path / "cut.pt").read_bytes() == (tmp_path / "whole.pt").read_bytes()
-
-
-def test_seeds_left_by_other_settings_are_not_taken(tmp_path, monkeypatch):
-    fit, calls = train.fit, []
-
-    def interrupted(*arguments):
-        calls.append(arguments[-1])
-        if len(calls) == 2:
-            raise KeyboardInterrupt
-        return fit(*arguments)
-
-    monkeypatch.setattr(train, "fit", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        plain(tmp_path / "a.pt")
-    plain(tmp_path / "a.pt", replace(QUICK, samples=200))
-    assert calls == [1, 2, 1, 2]
-    assert not list(tmp_path.glob(".*"))
-
-
-JOB = """
-import sys
-from test_train import QUICK, plain, replace
-plain(sys.argv[1], replace(QUICK, epochs=40, patience=40, seeds=3))
-"""
-
-
-def test_a_killed_job_run_again_gives_the_same_bytes(tmp_path):
-    job = [sys.executable, "-c", JOB, str(tmp_path / "killed.pt")]
-    env = {"PYTHONPATH": ":".join(filter(None, sys.path)), "OMP_NUM_THREADS": "1"}
-    process = subprocess.Popen(job, env=env, cwd=Path(__file__).parent)
-    deadline = time.monotonic() + 120
-    while not list(tmp_path.glob(".killed.pt.seeds/[!.]*.pt")) and time.monotonic() < deadline:
-        time.sleep(0.005)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    assert not (tmp_path / "killed.pt").exists()
-    left = list(tmp_path.glob(".killed.pt.seeds/[!.]*.pt"))
-    assert left
-    budget = replace(QUICK, epochs=40, patience=40, seeds=3)
-    plain(tmp_path / "killed.pt", budget)
-    plain(tmp_path / "whole.pt", budget)
-    assert (tmp_path / "killed.pt").read_bytes() == (tmp_path / "whole.pt").read_bytes()
 
 
 def test_lambda_zero_is_the_plain_predictor(tmp_path, teachers):
@@ -228,24 +178,16 @@ def test_teachers_must_be_there_and_have_seen_the_same_samples(tmp_path, teacher
         informed((), tmp_path / "a.pt", 0.03)
     other = splits.assign(DATA.table, "place", 2)
     with pytest.raises(InputError, match="a teacher trained on the same samples"):
-        train.train_regressor(DATA, other, teachers[0], tmp_path / "a.pt", ADAM, QUICK, 1)
-    with pytest.raises(InputError, match=r"seeds: found \[1, 2\], expected 3 from 1"):
-        informed(teachers, tmp_path / "a.pt", 0.03, replace(QUICK, seeds=3))
+        train.train_regressor(DATA, other, teachers[0], tmp_path / "a.pt", ADAM, QUICK, 1, 1)
+    with pytest.raises(InputError, match=r"seeds: found \[1\], expected 2, the pupil's"):
+        job = (tmp_path / "a.pt", ADAM, QUICK, 1, 2, 5.0, 0.03, teachers)
+        train.train_predictor(DATA, PART, "physics-informed-mlp", *job)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_teachers_of_more_seeds_teach_as_those_of_fewer(tmp_path, teachers):
-    two = informed(teachers, tmp_path / "two.pt", 0.03)
-    one = informed(teachers, tmp_path / "one.pt", 0.03, replace(QUICK, seeds=1))
-    assert one.seeds() == [1]
-    first = {key: value for key, value in two.tensors.items() if key.startswith("1/")}
-    assert first and all(torch.equal(one.tensors[key], value) for key, value in first.items())
-    assert [run["device"] for run in two.header["runs"]] == [train.device_name()] * 2
 
 
 TABLED = touches(600, seed=1)
 TABLED.metadata["channels"] = channel_table(16).tolist()
-ROW = train.Budget(samples=48, epochs=2, patience=2, seeds=2)
+ROW = train.Budget(samples=48, epochs=2, patience=2)
 
 
 @pytest.fixture(scope="module")
@@ -253,8 +195,8 @@ def row_teachers(tmp_path_factory):
     """Files of an autoencoder and a regressor for the rows' own samples."""
     folder = tmp_path_factory.mktemp("row_teachers")
     paths = folder / "autoencoder.pt", folder / "regressor.pt"
-    train.train_autoencoder(TABLED, PART, paths[0], ADAM, ROW, 1, 16)
-    train.train_regressor(TABLED, PART, paths[0], paths[1], ADAM, ROW, 1)
+    train.train_autoencoder(TABLED, PART, paths[0], ADAM, ROW, 1, 1, 16)
+    train.train_regressor(TABLED, PART, paths[0], paths[1], ADAM, ROW, 1, 1)
     return paths
 
 
@@ -265,38 +207,41 @@ def test_every_row_is_trained_kept_and_applied_alike(tmp_path, row_teachers, mon
     loss = (5.0, 0.03 * informed, row_teachers[:needed])
     files = [tmp_path / "a.pt", tmp_path / "b.pt"]
     for file in files:
-        train.train_predictor(TABLED, PART, name, file, ADAM, ROW, 1, *loss)
+        train.train_predictor(TABLED, PART, name, file, ADAM, ROW, 1, 1, *loss)
     assert files[0].read_bytes() == files[1].read_bytes()
     trained = model_file.read(files[0])
-    assert trained.seeds() == ([1] if name == "svr" else [1, 2])
+    assert trained.seeds() == [1]
+    assert [run["device"] for run in trained.header["runs"]] == [train.device_name()]
     monkeypatch.setitem(sys.modules, "sklearn", None)  # predicting needs none of it
     monkeypatch.setitem(sys.modules, "sklearn.svm", None)
     found = predict.predict_seeds(trained, TABLED.delta_V[:300])
-    assert found.shape == (len(trained.seeds()), 300, 3) and np.isfinite(found).all()
+    assert found.shape == (1, 300, 3) and np.isfinite(found).all()
     rows = predict.predict_part(trained, TABLED, PART)
     assert set(rows["seed"]) == set(trained.seeds())
 
 
-def test_the_autoencoder_mlp_keeps_its_teachers_encoder_seed_by_seed(tmp_path, row_teachers):
+def test_the_autoencoder_mlp_keeps_its_teachers_encoder(tmp_path, row_teachers):
     name, files = "autoencoder-mlp", row_teachers[:1]
-    train.train_predictor(TABLED, PART, name, tmp_path / "a.pt", ADAM, ROW, 1, 5.0, teachers=files)
+    job = (ADAM, ROW, 1, 1, 5.0)
+    train.train_predictor(TABLED, PART, name, tmp_path / "a.pt", *job, teachers=files)
     trained, teacher = model_file.read(tmp_path / "a.pt"), model_file.read(files[0])
     encoders = [key for key in trained.tensors if "/encoder." in key]
-    assert len(encoders) == 2 * 6
+    assert len(encoders) == 6
     assert all(torch.equal(trained.tensors[key], teacher.tensors[key]) for key in encoders)
     with pytest.raises(InputError, match="waves: autoencoder: found none"):
-        train.train_predictor(TABLED, PART, name, tmp_path / "b.pt", ADAM, ROW, 1, 5.0)
+        train.train_predictor(TABLED, PART, name, tmp_path / "b.pt", *job)
     with pytest.raises(InputError, match="a teacher trained on the same samples"):
         other = replace(ROW, samples=50)
-        train.train_predictor(TABLED, PART, name, tmp_path / "b.pt", ADAM, other, 1, 5.0, 0, files)
+        train.train_predictor(
+            TABLED, PART, name, tmp_path / "b.pt", ADAM, other, 1, 1, 5.0, 0, files
+        )
 
 
 def test_support_vectors_have_scikit_learns_settings_and_the_loss_of_their_fit(tmp_path):
     budget = replace(QUICK, samples=200)
-    train.train_predictor(TABLED, PART, "svr", tmp_path / "a.pt", ADAM, budget, 1, 5.0)
+    train.train_predictor(TABLED, PART, "svr", tmp_path / "a.pt", ADAM, budget, 1, 1, 5.0)
     trained = model_file.read(tmp_path / "a.pt")
     assert trained.header["optimiser"] == {"C": 1.0, "epsilon": 0.1}
-    assert trained.header["budget"]["seeds"] == 1
     assert "lambda_latent" not in trained.header and "force_weight" not in trained.header
     voltage, state = train.prepare(TABLED, PART, budget, 1).validation
     module = trained.into(networks.Svr(208, 3), 1)
@@ -308,14 +253,14 @@ def test_support_vectors_have_scikit_learns_settings_and_the_loss_of_their_fit(t
 
 def test_drives_as_tokens_need_the_table_of_channels(tmp_path):
     with pytest.raises(InputError, match="waves: channels: found no table"):
-        train.train_predictor(DATA, PART, "transformer", tmp_path / "a.pt", ADAM, ROW, 1, 5.0)
+        train.train_predictor(DATA, PART, "transformer", tmp_path / "a.pt", ADAM, ROW, 1, 1, 5.0)
     assert not (tmp_path / "a.pt").exists()
 
 
 def test_it_learns_the_contact_state(tmp_path):
     data = touches(3000, seed=2)
     part = splits.assign(data.table, "random", 1)
-    budget = train.Budget(samples=None, epochs=25, patience=10, seeds=1)
+    budget = train.Budget(samples=None, epochs=25, patience=10)
     trained = plain(tmp_path / "a.pt", budget, data, part)
     found = predict.predict_part(trained, data, part)
     truth = data.table[part == "test"]

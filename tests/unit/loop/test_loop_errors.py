@@ -1,6 +1,7 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from eitskin.data import dataset, recording, splits
@@ -35,8 +36,16 @@ def parts(folder):
 
 
 def run(folder, source):
-    settings = (Recipe(Optimiser(), Budget(150, 2, 2, 2), 4, 5.0, 0.0), 1)
-    return errors.errors(source, "mlp", folder, *parts(folder), *settings, [JITTER], FORCES, 8.0)
+    return both(source, folder, *parts(folder))
+
+
+def both(source, folder, target, part):
+    """Errors of two seeds."""
+    recipe = Recipe(Optimiser(), Budget(150, 2, 2), 4, 5.0, 0.0)
+    job = (source, "mlp", folder, target, part, recipe)
+    return pd.concat(
+        [errors.errors(*job, 1 + k, k, [JITTER], FORCES, 8.0) for k in range(2)], ignore_index=True
+    )
 
 
 def test_a_diagnosis_sees_no_tested_touch_and_few_labels(folder):
@@ -78,8 +87,7 @@ def test_labels_alone_are_the_reference_where_they_are_enough(folder):
     assert rows["left_out"].str.contains("no spread").all()
     target, part = parts(folder)
     part = np.where(part == "validation", "train", part)
-    settings = (Recipe(Optimiser(), Budget(150, 2, 2, 2), 4, 5.0, 0.0), 1)
-    rows = errors.errors(LABELS, "mlp", folder, target, part, *settings, [JITTER], FORCES, 8.0)
+    rows = both(LABELS, folder, target, part)
     assert set(rows["seed"]) == {1, 2} and set(rows["left_out"]) == {""}
 
 

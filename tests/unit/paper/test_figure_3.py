@@ -4,9 +4,9 @@ import pytest
 
 from eitskin.data import dataset
 from eitskin.data.alignment import homogeneous_readings
-from eitskin.data.importers.description import even_angles
 from eitskin.errors import InputError
 from eitskin.paper import figure_3
+from eitskin.physics.geometry import even_angles
 
 
 @pytest.fixture

@@ -3,10 +3,10 @@ import pandas as pd
 import pytest
 
 from eitskin.data import dataset
-from eitskin.data.importers.description import even_angles
 from eitskin.errors import InputError
 from eitskin.learn import metrics
 from eitskin.paper import figure_4
+from eitskin.physics.geometry import even_angles
 
 
 @pytest.fixture

@@ -3,9 +3,9 @@ import pandas as pd
 import pytest
 
 from eitskin.data import recording
-from eitskin.data.importers.description import even_angles
 from eitskin.errors import InputError
 from eitskin.paper import table_2
+from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
 from eitskin.pins import ROOT
 

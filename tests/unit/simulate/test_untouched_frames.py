@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from eitskin.data.alignment import homogeneous_readings
-from eitskin.data.importers.description import even_angles
+from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from eitskin.simulate import untouched_frames

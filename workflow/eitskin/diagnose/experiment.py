@@ -20,12 +20,12 @@ from eitskin.diagnose.gaps import CLOSE, gaps
 from eitskin.diagnose.model import Model
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.whitening import Whitening
-from eitskin.diagnose.words import listed, number
 from eitskin.effects.effect import Setting
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.skin import Skin
 from eitskin.physics.solver import Spent, forward_model
+from eitskin.quantities import listed, number
 
 MOST_PRESSES = 8  # on which recipes are compared
 MOST_TRIED = 2  # that are then simulated with every press and fitted ...

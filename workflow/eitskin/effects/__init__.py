@@ -2,6 +2,7 @@
 
 import importlib
 import pkgutil
+from collections.abc import Iterable
 
 from eitskin.effects.effect import Effect, InstrumentEffect
 
@@ -19,3 +20,13 @@ def on_readings(name: str) -> bool:
     """
     effect = EFFECTS[name]
     return isinstance(effect, InstrumentEffect) and effect.on_readings
+
+
+def catalogue_names() -> list[str]:
+    """The effects that a diagnosis may name: all but combinations of others."""
+    return [name for name, effect in EFFECTS.items() if not effect.composite]
+
+
+def modules(names: Iterable[str]) -> list[str]:
+    """The modules that define effects, each once, in order. Raises KeyError for an unknown name."""
+    return sorted({type(EFFECTS[name]).__module__ for name in names})

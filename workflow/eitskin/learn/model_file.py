@@ -1,8 +1,9 @@
-"""The files that hold networks and support vectors once trained, a file for all seeds."""
+"""The files that hold networks and support vectors once trained, a file a seed."""
 
 import io
 import json
 import zipfile
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from pickle import UnpicklingError
@@ -43,6 +44,28 @@ def write(trained: Trained, path: str | Path) -> None:
     torch.save(content, buffer)
     with atomic_path(path) as temporary:
         temporary.write_bytes(buffer.getvalue())
+
+
+def read_seeds(paths: Iterable[str | Path]) -> Trained:
+    """Files of one model, a seed each, as one with all seeds; raises InputError, also for files of
+    different trainings."""
+    paths = list(paths)
+    found = [read(path) for path in paths]
+    header, scalers = _shared(found[0])
+    for path, other in zip(paths, found, strict=True):
+        own, scaled = _shared(other)
+        alike = own == header and scaled.keys() == scalers.keys()
+        if not alike or any(not torch.equal(scaled[key], scalers[key]) for key in scalers):
+            raise InputError(path, "file", "another training", f"a seed of {paths[0]}'s")
+    runs = [run for one in found for run in one.header["runs"]]
+    tensors = {key: value for one in found for key, value in one.tensors.items()}
+    return Trained({**found[0].header, "runs": runs}, tensors)
+
+
+def _shared(trained: Trained) -> tuple[dict, dict[str, Tensor]]:
+    """What all seeds of a training have alike: header and scalers."""
+    header = {key: value for key, value in trained.header.items() if key != "runs"}
+    return header, {key: value for key, value in trained.tensors.items() if "/" not in key}
 
 
 def read(path: str | Path) -> Trained:

@@ -1,7 +1,6 @@
 """Apply a trained model to frames: contact state, touch or not, and whether to trust it."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -11,13 +10,11 @@ import torch
 
 from eitskin.atomic import atomic_path
 from eitskin.data.dataset import TARGETS, Dataset, changes
+from eitskin.data.recording import Recording
 from eitskin.errors import InputError
-from eitskin.learn import gates, model_file, networks
+from eitskin.learn import gates, networks
 from eitskin.learn.model_file import Trained
 from eitskin.learn.train import deterministic, standardise
-
-if TYPE_CHECKING:
-    from eitskin.data.recording import Recording
 
 
 def predict_seeds(model: Trained, delta_V: np.ndarray) -> np.ndarray:
@@ -85,13 +82,12 @@ def predict_part(
     return pd.concat(tables, ignore_index=True)
 
 
-def predict_recording(path: str | Path, recording: "Recording", name: str) -> pd.DataFrame:
-    """Predictions of the model file `path` for every frame of a recording: `frame`, `time_s`, then
+def predict_recording(model: Trained, recording: Recording, name: str) -> pd.DataFrame:
+    """Predictions of a model for every frame of a recording: `frame`, `time_s`, then
     as `predict`; the changes are `dataset.changes`'.
 
     Raises InputError where the recording's channels, unit or kind of voltage are not the model's.
     """
-    model = model_file.read(path)
     trained_on = model.header["dataset"]
     lost = trained_on.get("lost_channels", [])
     channels = np.delete(recording.channels, lost, axis=0).tolist()

@@ -10,20 +10,14 @@ Each loss is a mean squared error: the equations' squared norms over samples, di
 of components (M channels, K latents, T targets), as in the authors' code, where λ = 0.03 was found.
 With undivided norms the same λ is 0.03 · T / K = 0.0056.
 
-Same input, same bytes: one thread, deterministic algorithms, a generator a seed. Each finished seed
-is kept beside the output until all are done, so that a job that was killed goes on with the seed it
-was at.
+Same input, same bytes: one thread, deterministic algorithms, a generator a seed. A file holds one
+seed; `draw` is the seed of the samples, which all seeds of a model share.
 """
 
-import hashlib
-import inspect
-import json
 import math
 import os
-import shutil
-import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -63,12 +57,11 @@ class Tube:
 @dataclass(frozen=True)
 class Budget:
     """What a training may cost: `samples` at most (None: all; a quarter as many to validate on),
-    `epochs`, `patience` (epochs without a better validation loss), and how many `seeds`."""
+    `epochs`, `patience` (epochs without a better validation loss)."""
 
     samples: int | None
     epochs: int
     patience: int
-    seeds: int
 
 
 @dataclass(frozen=True)
@@ -98,15 +91,15 @@ def standardise(value: Tensor, scalers: dict[str, Tensor], name: str) -> Tensor:
     return ((value - scalers[f"{name}_mean"]) / scalers[f"{name}_scale"]).float()
 
 
-def prepare(dataset: Dataset, part: np.ndarray, budget: Budget, seed: int) -> Material:
-    """Draw a budget's samples from the parts (the same for all seeds of a job), standardise them.
+def prepare(dataset: Dataset, part: np.ndarray, budget: Budget, draw: int) -> Material:
+    """Draw a budget's samples from the parts by the seed `draw`, standardise them.
 
     A channel that never moves in training is scaled by the median channel, so that a move shows.
     """
-    draw = np.random.default_rng(seed)
+    generator = np.random.default_rng(draw)
     rows = {}
     for name, share in ("train", 1.0), ("validation", 0.25):
-        rows[name] = draw.permutation(np.flatnonzero(part == name))
+        rows[name] = generator.permutation(np.flatnonzero(part == name))
         if budget.samples is not None:
             rows[name] = rows[name][: max(1, round(share * budget.samples))]
         rows[name].sort()
@@ -248,21 +241,19 @@ def train_autoencoder(
     output: str | Path,
     optimiser: Optimiser,
     budget: Budget,
+    draw: int,
     seed: int,
     latent_dim: int,
 ) -> None:
-    """Stage 1: write the autoencoders of all seeds to `output`."""
+    """Stage 1: write an autoencoder to `output`."""
     device = deterministic()
-    material = prepare(dataset, part, budget, seed)
+    material = prepare(dataset, part, budget, draw)
     train, validation = ([values[0].to(device)] for values in (material.train, material.validation))
-
-    def train_seed(seed: int) -> tuple[nn.Module, list]:
-        module = Autoencoder(train[0].shape[1], latent_dim).to(device)
-        history = fit(module, train, validation, reconstruction, optimiser, budget, seed)
-        return module, history
-
+    torch.manual_seed(seed)
+    module = Autoencoder(train[0].shape[1], latent_dim).to(device)
+    history = fit(module, train, validation, reconstruction, optimiser, budget, seed)
     header = _header(dataset, "autoencoder", optimiser, budget, {"latent_dim": latent_dim})
-    _train_seeds(header, material, output, seed, train_seed, [])
+    _write(header, material, output, seed, module, history)
 
 
 def train_regressor(
@@ -272,25 +263,23 @@ def train_regressor(
     output: str | Path,
     optimiser: Optimiser,
     budget: Budget,
+    draw: int,
     seed: int,
 ) -> None:
-    """Stage 2: write the state-to-latent regressors of all seeds to `output`, each taught by its
-    seed's encoder. Raises InputError where the autoencoder saw other data."""
+    """Stage 2: write a state-to-latent regressor to `output`, taught by the encoder of its seed.
+    Raises InputError where the autoencoder saw other data or is of another seed."""
     device = deterministic()
-    material = prepare(dataset, part, budget, seed)
-    teacher = _teacher(autoencoder, material, budget, seed)
+    material = prepare(dataset, part, budget, draw)
+    teacher = _teacher(autoencoder, material, seed)
     latent_dim = teacher.header["latent_dim"]
     (v, s), (v_check, s_check) = _moved(material, device)
-
-    def train_seed(seed: int) -> tuple[nn.Module, list]:
-        encoder = teacher.into(Autoencoder(v.shape[1], latent_dim), seed).encoder.to(device)
-        module = StateToLatent(s.shape[1], latent_dim).to(device)
-        train, validation = (s, encoder(v)), (s_check, encoder(v_check))
-        history = fit(module, train, validation, alignment, optimiser, budget, seed)
-        return module, history
-
+    torch.manual_seed(seed)
+    encoder = teacher.into(Autoencoder(v.shape[1], latent_dim), seed).encoder.to(device)
+    module = StateToLatent(s.shape[1], latent_dim).to(device)
+    train, validation = (s, encoder(v)), (s_check, encoder(v_check))
+    history = fit(module, train, validation, alignment, optimiser, budget, seed)
     header = _header(dataset, "regressor", optimiser, budget, {"latent_dim": latent_dim})
-    _train_seeds(header, material, output, seed, train_seed, [teacher])
+    _write(header, material, output, seed, module, history)
 
 
 def train_predictor(
@@ -300,58 +289,32 @@ def train_predictor(
     output: str | Path,
     optimiser: Optimiser,
     budget: Budget,
+    draw: int,
     seed: int,
     force_weight: float,
     lambda_latent: float = 0.0,
     teachers: Sequence[str | Path] = (),
 ) -> None:
-    """Stage 3: write the predictors of all seeds, with the gates of `learn.gates`, to `output`.
+    """Stage 3: write a predictor, with the gates of `learn.gates`, to `output`.
 
     `teachers` are the autoencoder's file, where λ is not 0 or the model begins with an encoder, and
-    the regressor's, where λ is not 0. Support vectors are fitted once, by the settings of `Tube`:
-    all seeds share their samples, and nothing else of them is drawn. Raises InputError for an
-    unknown model, and where teachers are missing or saw other data.
+    the regressor's, where λ is not 0. Support vectors are fitted by the settings of `Tube`, and
+    nothing of them is drawn but the samples. Raises InputError for an unknown model, and where
+    teachers are missing, saw other data or are of another seed.
     """
     device = deterministic()
-    material = prepare(dataset, part, budget, seed)
+    material = prepare(dataset, part, budget, draw)
     targets = dataset.metadata["targets"]
     settings = {"force_weight": force_weight, "lambda_latent": lambda_latent}
     if model == networks.SVR:
-        budget, settings = replace(budget, seeds=1), {}
-    taught = [_teacher(path, material, budget, seed) for path in teachers]
+        settings = {}
+    taught = [_teacher(path, material, seed) for path in teachers]
     if lambda_latent and len(taught) < 2:
         raise InputError(output, "teachers", "none", "an autoencoder and a regressor, as λ > 0")
     if taught:
         settings["latent_dim"] = taught[0].header["latent_dim"]
     (v, s), (v_check, s_check) = _moved(material, device)
     weight = torch.tensor([force_weight if t == "F" else 1.0 for t in targets], device=device)
-
-    def encoder(seed: int) -> nn.Module:
-        latent_dim = settings["latent_dim"]
-        return taught[0].into(Autoencoder(v.shape[1], latent_dim), seed).encoder.to(device)
-
-    def train_seed(seed: int) -> tuple[nn.Module, list]:
-        module = networks.predictor(model, Shape.of(header, v.shape[1])).to(device)
-        if isinstance(module, AutoencoderMlp):
-            module.encoder.load_state_dict(encoder(seed).state_dict())
-        train, validation = [v, s], [v_check, s_check]
-        if lambda_latent:
-            teacher = encoder(seed)
-            regressor = taught[1].into(StateToLatent(s.shape[1], settings["latent_dim"]), seed)
-            regressor = regressor.to(device)
-            train, validation = [*train, teacher(v)], [*validation, teacher(v_check)]
-
-        def loss(module: nn.Module, voltage: Tensor, state: Tensor, *latent: Tensor) -> Tensor:
-            predicted = module(voltage)
-            value = supervision(predicted, state, weight)
-            if lambda_latent:
-                value = value + lambda_latent * alignment(regressor, predicted, *latent)
-            return value  # equation 8
-
-        if isinstance(module, Svr):
-            module = fit_svr(v, s, Tube())
-            return module, [[_mean_loss(loss, module, part) for part in (train, validation)]]
-        return module, fit(module, train, validation, loss, optimiser, budget, seed)
 
     scalers = material.scalers
     raw = material.validation[0] * scalers["voltage_scale"] + scalers["voltage_mean"]
@@ -364,7 +327,32 @@ def train_predictor(
         scalers |= {f"{name}_{k}": v for k, v in gate.items() if isinstance(v, Tensor)}
     fitted_by = Tube() if model == networks.SVR else optimiser
     header = _header(dataset, model, fitted_by, budget, settings)
-    _train_seeds(header, material, output, seed, train_seed, taught)
+
+    torch.manual_seed(seed)
+    module = networks.predictor(model, Shape.of(header, v.shape[1])).to(device)
+    train, validation = [v, s], [v_check, s_check]
+    if isinstance(module, AutoencoderMlp) or lambda_latent:
+        latent_dim = settings["latent_dim"]
+        encoder = taught[0].into(Autoencoder(v.shape[1], latent_dim), seed).encoder.to(device)
+    if isinstance(module, AutoencoderMlp):
+        module.encoder.load_state_dict(encoder.state_dict())
+    if lambda_latent:
+        regressor = taught[1].into(StateToLatent(s.shape[1], latent_dim), seed).to(device)
+        train, validation = [*train, encoder(v)], [*validation, encoder(v_check)]
+
+    def loss(module: nn.Module, voltage: Tensor, state: Tensor, *latent: Tensor) -> Tensor:
+        predicted = module(voltage)
+        value = supervision(predicted, state, weight)
+        if lambda_latent:
+            value = value + lambda_latent * alignment(regressor, predicted, *latent)
+        return value  # equation 8
+
+    if isinstance(module, Svr):
+        module = fit_svr(v, s, Tube())
+        history = [[_mean_loss(loss, module, part) for part in (train, validation)]]
+    else:
+        history = fit(module, train, validation, loss, optimiser, budget, seed)
+    _write(header, material, output, seed, module, history)
 
 
 def train_model(
@@ -374,10 +362,11 @@ def train_model(
     recipe: Recipe,
     seed: int,
 ) -> Trained:
-    """A predictor after all of its stages, as `train_predictor` writes it; nothing is kept."""
+    """A predictor after all of its stages, as `train_predictor` writes it, its samples drawn by the
+    same seed; nothing is kept."""
     with TemporaryDirectory() as folder:
         encoder, regressor, output = (Path(folder, f"{k}.pt") for k in range(3))
-        job, teachers = (recipe.optimiser, recipe.budget, seed), []
+        job, teachers = (recipe.optimiser, recipe.budget, seed, seed), []
         if recipe.lambda_latent or model.endswith("autoencoder-mlp"):
             train_autoencoder(dataset, part, encoder, *job, recipe.latent_dim)
             teachers.append(encoder)
@@ -411,54 +400,24 @@ def _header(
     }
 
 
-def _teacher(path: str | Path, material: Material, budget: Budget, seed: int) -> Trained:
+def _teacher(path: str | Path, material: Material, seed: int) -> Trained:
     teacher = model_file.read(path)
     for key in ("voltage_mean", "voltage_scale", "state_mean", "state_scale"):
         if not torch.equal(teacher.tensors[key], material.scalers[key]):
             raise InputError(path, key, "other values", "a teacher trained on the same samples")
-    if not {*range(seed, seed + budget.seeds)} <= {*teacher.seeds()}:
-        raise InputError(path, "seeds", teacher.seeds(), f"{budget.seeds} from {seed}")
+    if seed not in teacher.seeds():
+        raise InputError(path, "seeds", teacher.seeds(), f"{seed}, the pupil's")
     return teacher
 
 
-def _train_seeds(
+def _write(
     header: dict,
     material: Material,
     output: str | Path,
-    first_seed: int,
-    train_seed: Callable[[int], tuple[nn.Module, list]],
-    teachers: list[Trained],
+    seed: int,
+    module: nn.Module,
+    history: list[list[float]],
 ) -> None:
-    """Train each seed unless an interrupted job has left it, then write all of them to `output`."""
-    output = Path(output)
-    kept = output.with_name(f".{output.name}.seeds")
-    job = _digest(header, material, teachers)
-    tensors, runs = dict(material.scalers), []
-    seeds = range(first_seed, first_seed + header["budget"]["seeds"])
-    for seed in tqdm(seeds, desc=header["model"], disable=None):
-        path = kept / f"{job}-{seed}.pt"
-        if not path.exists():
-            torch.manual_seed(seed)
-            module, history = train_seed(seed)
-            weights = {f"{seed}/{key}": value for key, value in module.state_dict().items()}
-            told = {"seed": seed, "device": device_name(), "history": history}
-            model_file.write(Trained(told, weights), path)
-        run = model_file.read(path)
-        tensors |= run.tensors
-        runs.append(run.header)
-    model_file.write(Trained({**header, "runs": runs}, tensors), output)
-    shutil.rmtree(kept)
-
-
-def _digest(header: dict, material: Material, teachers: list[Trained]) -> str:
-    """What a seed's weights depend on: settings, samples, teachers, this code, torch."""
-    digest = hashlib.sha256(json.dumps([header, torch.__version__], sort_keys=True).encode())
-    for module in (model_file, networks, sys.modules[__name__]):
-        digest.update(inspect.getsource(module).encode())
-    tensors = [*material.train, *material.validation, *material.scalers.values()]
-    for teacher in teachers:
-        digest.update(json.dumps(teacher.header, sort_keys=True).encode())
-        tensors += teacher.tensors.values()
-    for tensor in tensors:
-        digest.update(tensor.numpy().tobytes())
-    return digest.hexdigest()[:16]
+    weights = {f"{seed}/{key}": value for key, value in module.state_dict().items()}
+    run = {"seed": seed, "device": device_name(), "history": history}
+    model_file.write(Trained({**header, "runs": [run]}, material.scalers | weights), output)

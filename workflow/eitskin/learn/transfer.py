@@ -354,12 +354,12 @@ def few_parts(table: pd.DataFrame, few: np.ndarray, seed: int) -> np.ndarray:
 
 
 def same_steps(budget: Budget, whole: int, few: int, optimiser: Optimiser) -> Budget:
-    """The budget, one seed, with epochs and patience stretched so that `few` training frames take
+    """The budget with epochs and patience stretched so that `few` training frames take
     as many steps of Adam as `whole` would (their epochs are shorter)."""
     used = min(whole, budget.samples or whole)
     stretch = np.ceil(used / optimiser.batch_size) / np.ceil(few / optimiser.batch_size)
     longer = {key: round(getattr(budget, key) * stretch) for key in ("epochs", "patience")}
-    return replace(budget, samples=None, seeds=1, **longer)
+    return replace(budget, samples=None, **longer)
 
 
 def _states(target: Dataset, variables: list[str]) -> np.ndarray:

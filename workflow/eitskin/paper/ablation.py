@@ -88,6 +88,11 @@ def best(scores: dict[str, pd.DataFrame]) -> str:
     return max(mean, key=mean.__getitem__)
 
 
+def in_words(setting: dict, axes: Iterable[str]) -> str:
+    """A setting in words: its values on the axes of a grid."""
+    return ", ".join(f"{key.replace('_', ' ')} {setting[key]:g}" for key in axes)
+
+
 def varied_rows(rows: pd.DataFrame, about: dict) -> list[dict]:
     """Rows (VARIED) from those of `metrics.by_seed` of one setting: mean and 95 % interval over the
     seeds; `about` gives study, value, dataset, split and budget."""

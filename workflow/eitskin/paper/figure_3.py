@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from eitskin import figure_files, plotting
 from eitskin.data.alignment import homogeneous_readings
 from eitskin.data.dataset import TARGETS, Dataset
-from eitskin.data.importers.description import even_angles
 from eitskin.errors import InputError
+from eitskin.physics.geometry import even_angles
 from eitskin.plotting import AFTER, BEFORE, QUIET, style
 
 LEVEL = 1.96  # standard errors of a correlation of nothing, 1 / √N each

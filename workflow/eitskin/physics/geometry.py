@@ -193,3 +193,8 @@ class RimMotion:
             unturned = g.unfold(1j * z)
             return np.radians(1.0) * (1j * g.unfold(z) - unturned)
         return np.zeros(np.shape(z), complex)
+
+
+def even_angles(n_electrodes: int, first_deg: float = 0.0) -> np.ndarray:
+    """(n,) degrees: electrodes evenly round the rim, counter-clockwise from the first."""
+    return first_deg + 360.0 * np.arange(n_electrodes) / n_electrodes

@@ -43,11 +43,6 @@ def describe(
     }
 
 
-def even_angles(n_electrodes: int, first_deg: float = 0.0) -> np.ndarray:
-    """(n,) degrees: electrodes evenly round the rim, counter-clockwise from the first."""
-    return first_deg + 360.0 * np.arange(n_electrodes) / n_electrodes
-
-
 def swap_measured(channels: np.ndarray) -> np.ndarray:
     """The same channels with plus and minus exchanged: the other polarity of measurement."""
     return channels[:, [0, 1, 3, 2]]

@@ -16,10 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-from eitskin.data.importers.description import describe, even_angles, swap_measured
+from eitskin.data.importers.description import describe, swap_measured
 from eitskin.data.importers.tables import first_line, numbers
 from eitskin.data.recording import Recording, frames_table
 from eitskin.errors import InputError
+from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
 
 N_ELECTRODES = 16

@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from eitskin.data.importers.description import describe, even_angles
+from eitskin.data.importers.description import describe
 from eitskin.data.importers.tables import first_line
 from eitskin.data.recording import Recording, frames_table
 from eitskin.errors import InputError
+from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
 
 N_ELECTRODES = 16

@@ -10,8 +10,8 @@ from eitskin.diagnose.comparison.joint import (
 from eitskin.diagnose.comparison.tested import Tested
 from eitskin.diagnose.estimates import estimates
 from eitskin.diagnose.words import finding as in_words
-from eitskin.diagnose.words import interval, listed
 from eitskin.effects.effect import SITES
+from eitskin.quantities import interval, listed
 
 NOTHING = "Nothing has changed that these recordings could show."
 CALIBRATIONS = {

@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 
 from eitskin.atomic import atomic_path
 from eitskin.diagnose.report.page import CSS
-from eitskin.diagnose.words import chance, listed, number, sites
+from eitskin.diagnose.words import sites
 from eitskin.plotting import AFTER, CULPRIT, QUIET, WIDTH_IN, style, svg
+from eitskin.quantities import chance, listed, number
 
 MOST_PANELS = 6
 MOST_ROWS = 40

@@ -11,11 +11,11 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from eitskin.data.importers.description import even_angles
 from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.verdict import LIKELY
-from eitskin.diagnose.words import MINUS, number, power, sites, where
+from eitskin.diagnose.words import sites, where
+from eitskin.physics.geometry import even_angles
 from eitskin.plotting import (
     AFTER,
     BEFORE,
@@ -31,6 +31,7 @@ from eitskin.plotting import (
     log_ticks,
     style,
 )
+from eitskin.quantities import MINUS, number, power
 
 MOST_VECTORS = 3000  # dots of a figure; more are drawn as an image
 MOST_CHORDS = 8  # drives or measuring pairs of one effect that are drawn

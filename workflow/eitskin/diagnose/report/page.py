@@ -17,19 +17,9 @@ from eitskin.diagnose.report import evidence, figures
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.search.search import CUT_SHORT
 from eitskin.diagnose.verdict import LIKELY
-from eitskin.diagnose.words import (
-    NONE,
-    VERDICTS,
-    chance,
-    interval,
-    listed,
-    mend,
-    number,
-    quantity,
-    sites,
-    where,
-)
+from eitskin.diagnose.words import VERDICTS, mend, sites, where
 from eitskin.effects.effect import SITES
+from eitskin.quantities import NONE, chance, interval, listed, number, quantity
 
 SIGNIFICANT = 0.05  # false discovery rate below which a row of the atlas counts
 MOST_ROWS = 25

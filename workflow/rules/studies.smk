@@ -16,7 +16,7 @@ rule held_out_pairs:
         runtime=5,
     params:
         seed=config["seed"],
-        code=fingerprint("studies.tank_geometry"),
+        code=fingerprint("held_out_pairs"),
     message:
         "Judging geometries of {wildcards.recording} on reciprocal pairs left out"
     script:
@@ -38,6 +38,8 @@ rule tanks:
     resources:
         mem_mb=500,
         runtime=5,
+    params:
+        code=fingerprint("tanks"),
     message:
         "Collecting what geometry explains of the tanks"
     script:
@@ -62,7 +64,7 @@ rule ground_return:
         runtime=5,
     params:
         seed=config["seed"],
-        code=fingerprint("studies.ground_return"),
+        code=fingerprint("ground_return"),
     message:
         "Judging a one-sided misfit of {wildcards.recording} on drives left out"
     script:

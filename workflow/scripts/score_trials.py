@@ -6,5 +6,5 @@ from calibration import score
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):
-    folder = Path(snakemake.output.tables[0]).parent
+    folder = Path(snakemake.output[0]).parent
     score.write(folder, snakemake.params.block, snakemake.params.size)

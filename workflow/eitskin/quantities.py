@@ -1,0 +1,90 @@
+"""Numbers with their units as a person writes them."""
+
+import math
+
+import numpy as np
+
+MINUS, NONE = "\N{MINUS SIGN}", "\N{EN DASH}"
+PREFIXED = ("V", "S", "S/N", "A", "Ω")
+PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M"}
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number with so many significant digits, as a person writes it; a dash for none."""
+    if value is None or math.isnan(value):
+        return NONE
+    if math.isinf(value):
+        return "∞" if value > 0 else f"{MINUS}∞"
+    if value == round(value) and abs(value) < 1e6:
+        return _signed(str(round(value)))
+    exponent = math.floor(math.log10(abs(value)))
+    if -4 < exponent < 6:
+        return _signed(f"{value:.{max(0, digits - 1 - exponent)}f}")
+    return _by_ten(value, digits)
+
+
+def chance(p: float) -> str:
+    """A probability; one that is 0 as a float64 is not 0."""
+    return "<10⁻³⁰⁰" if p == 0 else number(p, 2)
+
+
+def power(value: float) -> str:
+    """A round number of an axis: 0.5, 20, 10³."""
+    if 1e-3 < value < 999:
+        return f"{value:.6g}"
+    return _by_ten(value, 1).removeprefix("1·")
+
+
+def quantity(value: float, unit: str, digits: int = 3) -> str:
+    """A number with its unit, by thousands where the unit takes a prefix."""
+    factor, name = _scale(value, unit)
+    return f"{number(value / factor, digits)}{name}"
+
+
+def interval(value: float, low: float, high: float, unit: str) -> str:
+    """`value (90 %: low to high) unit`, as many digits as the interval is worth."""
+    if not np.isfinite([value, low, high]).all():
+        return f"{number(value)} (90 %: {number(low)} to {number(high)}){_spaced(unit)}"
+    factor, name = _scale(max(abs(value), abs(low), abs(high)), unit)
+    span = max(value - low, high - value) / factor
+    if span == 0:
+        return f"{number(value / factor, 4)}{name}, held"
+    decimals = 1 - math.floor(math.log10(span))
+    texts = [_rounded(each / factor, decimals) for each in (value, low, high)]
+    return f"{texts[0]} (90 %: {texts[1]} to {texts[2]}){name}"
+
+
+def listed(items: list) -> str:
+    """`a`, `a and b`, `a, b and c`."""
+    texts = [str(item) for item in items]
+    return " and ".join(filter(None, [", ".join(texts[:-1]), *texts[-1:]]))
+
+
+def _by_ten(value: float, digits: int) -> str:
+    mantissa, _, tens = f"{value:.{digits - 1}e}".partition("e")
+    return f"{_signed(mantissa)}·10{str(int(tens)).translate(SUPERSCRIPT)}"
+
+
+def _rounded(value: float, decimals: int) -> str:
+    """A number with so many decimals, 0 without a sign; of a very small one its power of ten."""
+    if decimals > 6:
+        digits = decimals + 1 + (math.floor(math.log10(abs(value))) if value else 0)
+        return number(value, max(digits, 1))
+    return _signed(f"{round(value, decimals) + 0.0:.{max(decimals, 0)}f}")
+
+
+def _signed(text: str) -> str:
+    return text.replace("-", MINUS)
+
+
+def _scale(value: float, unit: str) -> tuple[float, str]:
+    """The factor of the prefix that suits `value`, and the unit with it and a space."""
+    if unit not in PREFIXED or value == 0 or not math.isfinite(value):
+        return 1.0, _spaced(unit)
+    power = min(max(3 * math.floor(math.log10(abs(value)) / 3), min(PREFIXES)), max(PREFIXES))
+    return 10.0**power, _spaced(f"{PREFIXES[power]}{unit}")
+
+
+def _spaced(unit: str) -> str:
+    return "" if unit == "1" else unit if unit == "°" else f"\N{NO-BREAK SPACE}{unit}"
