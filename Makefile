@@ -40,7 +40,7 @@ concealed: .venv/installed
 
 concealed_final: .venv/installed
 	@echo "eitskin: the final block of concealed effects on $(CORES) cores, hours; what is done stays"
-	@$(RUN) concealed_final
+	@$(RUN) concealed --config "concealed={block: final}"
 
 demo-capture: .venv/installed-rig
 	@echo "eitskin: capturing 24 places with 3 probes from an emulated rig, minutes; Ctrl-C and again: it goes on"

@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -68,6 +69,14 @@ class House:
         header, *lines = [line.split("\t") for line in found.stdout.splitlines() if line]
         plan, file = header.index("plan"), header.index("output_file")
         return {line[file] for line in lines if line[plan] != "no update"}
+
+    def jobs(self, *targets: str, files: Sequence[str] = ()) -> set[str]:
+        """The rules of the jobs that the next run would do, with more configuration files."""
+        plan = self.snakemake(*files, "--dry-run", "--quiet", "rules", "--", *targets)
+        assert plan.returncode == 0, plan.stdout + plan.stderr
+        lines = [line.split() for line in (plan.stdout + plan.stderr).splitlines()]
+        named = {words[0] for words in lines if len(words) == 2 and words[1].isdigit()}
+        return named - {"total"}
 
     def digests(self) -> dict[str, str]:
         """SHA-256 of every result by its path; parts that a kill left behind are no results, and

@@ -2,6 +2,7 @@
 
 import base64
 import json
+import shutil
 
 import pytest
 
@@ -11,8 +12,9 @@ from eitskin.errors import InputError
 pytestmark = pytest.mark.xdist_group("finished")
 
 DEMO = "results/concealed/demo"
-OPENED = f"{DEMO}/opened/opened.json"
+OPENED = f"{DEMO}/opened"
 TRUTHS = "results/truths/"
+CASES = ("case-001", "case-002")
 
 
 @pytest.fixture
@@ -21,14 +23,20 @@ def house(finished, tmp_path):
     return finished.copy(tmp_path / "house")
 
 
-def plan(house):
-    """Inputs by output file, of all that the demo's opening needs; every block's rules are made
-    by one loop, and only of files that are there are inputs told."""
-    found = house.snakemake("--detailed-summary", "--", OPENED)
-    assert found.returncode == 0, found.stderr
-    header, *lines = [line.split("\t") for line in found.stdout.splitlines() if line]
-    output, given = header.index("output_file"), header.index("input-file(s)")
-    return {line[output]: line[given].split(",") for line in lines}
+@pytest.fixture(scope="module")
+def inputs(finished):
+    """Inputs by output file, of every job of the demo that ran, as Snakemake has recorded them."""
+    return {name: one["input"] for name, one in records(finished).items()}
+
+
+def records(house):
+    """Snakemake's record of each of the demo's files."""
+    found = {}
+    for file in (house.folder / ".snakemake" / "metadata").iterdir():
+        name = base64.b64decode(file.name).decode()
+        if name.startswith((DEMO, TRUTHS)):
+            found[name] = json.loads(file.read_text())
+    return found
 
 
 def upstream(inputs, file):
@@ -42,16 +50,15 @@ def upstream(inputs, file):
     return seen
 
 
-def test_no_path_leads_from_a_truth_to_a_verdict(finished):
-    inputs = plan(finished)
-    verdicts = [file for file in inputs if "/verdicts/" in file]
-    baselines = [file for file in inputs if "/baselines/" in file]
+def test_no_path_leads_from_a_truth_to_a_verdict(inputs):
+    verdicts = [f"{DEMO}/verdicts/{case}" for case in CASES]
+    baselines = [f"{DEMO}/baselines/{case}.{end}" for case in CASES for end in ("json", "npz")]
     seal = f"{DEMO}/seal.json"
-    assert len(verdicts) == len(baselines) == 2
+    assert inputs.keys() >= {*verdicts, *baselines, seal, OPENED}
     for file in [*verdicts, *baselines, seal]:
         assert not [given for given in upstream(inputs, file) if given.startswith(TRUTHS)]
     for file in [*verdicts, *baselines]:
-        case = file.removesuffix("/diagnosis.json").removesuffix(".json").split("/")[-1]
+        case = file.split("/")[-1].partition(".")[0]
         own = {f"{DEMO}/{folder}/{case}.parquet" for folder in ("recordings", "queries")}
         assert own <= set(inputs[file])
         folders = {given.split("/")[-2] for given in inputs[file]}
@@ -63,27 +70,19 @@ def test_no_path_leads_from_a_truth_to_a_verdict(finished):
 
 
 def test_what_ran_was_given_no_truth(finished):
-    records = {}
-    for file in (finished.folder / ".snakemake" / "metadata").iterdir():
-        name = base64.b64decode(file.name).decode()
-        if name.startswith((DEMO, TRUTHS)):
-            records[name] = json.loads(file.read_text())
-    verdicts = {name: one for name, one in records.items() if "/verdicts/" in name}
-    assert len(verdicts) == 2
+    verdicts = {name: one for name, one in records(finished).items() if "/verdicts/" in name}
+    assert verdicts.keys() == {f"{DEMO}/verdicts/{case}" for case in CASES}
     secret = ("truth", "sealed", "key.json", "root")
     for name, one in verdicts.items():
         assert one["rule"].startswith("verdicts_demo_")
         assert not [w for w in secret for given in one["input"] + one["params"] if w in given]
         assert {param.strip("'") for param in one["params"]} >= {f"['{name.split('/')[-2]}']", "1"}
         assert len(one["params"]) == 3  # and the fingerprint of the code
-    given = {name: one["input"] for name, one in records.items()}
-    taken = {name for name, one in given.items() if any(g.startswith(TRUTHS) for g in one)}
-    assert taken == {OPENED}
 
 
 def test_a_demo_is_shown_end_to_end(finished):
     block = finished.folder / DEMO
-    record = json.loads((finished.folder / OPENED).read_text())
+    record = json.loads((finished.folder / OPENED / "opened.json").read_text())
     assert sealing.check_opened(block) == record["seal"]
     for case in ("case-001", "case-002"):
         said = json.loads((block / "verdicts" / case / "diagnosis.json").read_text())
@@ -94,23 +93,35 @@ def test_a_demo_is_shown_end_to_end(finished):
     assert not (finished.folder / TRUTHS / "demo" / sealing.ROOT).exists()
 
 
-def test_a_byte_changed_after_opening_stops_the_workflow(house):
+def test_a_byte_changed_after_opening_stops_the_score(house):
     verdict = f"{DEMO}/verdicts/case-002/diagnosis.json"
     path = house.folder / verdict
     path.write_text(path.read_text().replace('"eit-diagnosis"', '"eit-diagnosed"'))
-    run = house.snakemake("--", OPENED)
+    run = house.snakemake("--forcerun", "concealed_score", "--", "concealed_demo")
     assert run.returncode != 0
     assert f"{verdict}: sha256" in run.stdout + run.stderr
-    assert (
-        "when the truths were opened" in (house.folder / "logs/seal_verdicts/demo.log").read_text()
-    )
     with pytest.raises(InputError, match=r"case-002/diagnosis\.json|seal\.json"):
         sealing.check_opened(house.folder / DEMO)
 
 
-def test_code_of_verdicts_reruns_these_and_draws_nothing_again(house):
-    module = house.folder / "workflow" / "concealed" / "verdicts.py"
-    module.write_text(f"{module.read_text(encoding='utf-8')}\nUNUSED = 1\n")
-    pending = house.pending()
-    assert f"{DEMO}/verdicts/case-001/diagnosis.json" in pending and OPENED in pending
-    assert not [file for file in pending if "/recordings/case" in file or TRUTHS in file]
+def test_a_sealed_block_is_never_planned_again(house):
+    for module in ("verdicts", "conceal", "sealing", "baselines", "oracle"):
+        path = house.folder / "workflow" / "concealed" / f"{module}.py"
+        path.write_text(f"{path.read_text(encoding='utf-8')}\nUNUSED = 1\n")
+    assert house.jobs("concealed_demo", files=["--forceall"]) == {
+        "concealed_score",
+        "concealed_figures",
+        "concealed_case",
+        "concealed_demo",
+    }
+
+
+def test_code_of_verdicts_reruns_these_before_the_seal_and_draws_nothing_again(house):
+    (house.folder / DEMO / "seal.json").unlink()
+    shutil.rmtree(house.folder / OPENED)
+    (house.folder / DEMO / "score" / "score.md").unlink()
+    path = house.folder / "workflow" / "concealed" / "verdicts.py"
+    path.write_text(f"{path.read_text(encoding='utf-8')}\nUNUSED = 1\n")
+    planned = house.jobs("concealed_demo")
+    assert {"verdicts_demo_0", "verdicts_demo_1", "seal_verdicts", "open_truths"} <= planned
+    assert not {rule for rule in planned if rule.startswith(("conceal_", "commit"))}

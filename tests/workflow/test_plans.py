@@ -1,5 +1,7 @@
 """What a change makes the workflow do again, and what not."""
 
+import shutil
+
 import pytest
 
 pytestmark = pytest.mark.xdist_group("finished")
@@ -42,7 +44,7 @@ def test_the_paper_can_be_planned_at_the_full_budget(finished):
     plan = finished.snakemake("--dry-run", "--config", "budget=full", "--", "paper")
     assert plan.returncode == 0, plan.stderr
     said = plan.stdout + plan.stderr
-    assert "results/tables/ablation.csv" in said and "/session/full/mlp.pt" in said
+    assert "results/tables/ablation.csv" in said and "/session/full/mlp/1.pt" in said
 
 
 @pytest.mark.parametrize(
@@ -56,7 +58,7 @@ def test_the_paper_can_be_planned_at_the_full_budget(finished):
         (
             "all_samples",
             "results/metrics/simulated-authors/random/full/physics-informed-mlp.csv",
-            "results/models/simulated-authors/random/full/regressor.pt",
+            "results/models/simulated-authors/random/full/regressor/1.pt",
         ),
     ],
 )
@@ -114,23 +116,81 @@ def test_exchanging_two_operators_reruns_from_there(house):
     }
 
 
-def test_a_comment_in_the_package_reruns_nothing(house):
-    for module in sorted((house.folder / "workflow" / "eitskin").rglob("*.py")):
-        module.write_text(f"# A comment.\n{module.read_text(encoding='utf-8')}\n# Another.\n")
+def modules(house):
+    """Every file of Python in the workflow, the scripts among them."""
+    return sorted((house.folder / "workflow").rglob("*.py"))
+
+
+def test_comments_and_docstrings_rerun_nothing(house):
+    for module in modules(house):
+        code = module.read_text(encoding="utf-8").replace('"""\n', ' Told anew."""\n', 1)
+        module.write_text(f"# A comment.\n{code}\n# Another.\n")
     assert house.pending() == set()
 
 
-def test_code_of_the_package_reruns_what_uses_it(house):
-    module = house.folder / "workflow" / "eitskin" / "data" / "splits.py"
-    module.write_text(f"{module.read_text(encoding='utf-8')}\nUNUSED = 1\n")
-    pending = house.pending()
-    assert of(pending, "results/splits/") == {
-        "results/splits/simulated-tiny/session.parquet",
-        "results/splits/simulated-tiny-continuous/continuous.parquet",
-        "results/splits/simulated-twin/random.parquet",
-    }
-    assert of(pending, "results/simulated/") | of(pending, "results/recordings/") == set()
-    assert of(pending, "results/datasets/") == set()
+def test_an_effect_that_nothing_uses_reruns_nothing(house):
+    effects = house.folder / "workflow" / "eitskin" / "effects"
+    code = (effects / "ellipse.py").read_text(encoding="utf-8").replace('"ellipse"', '"unused"')
+    (effects / "unused.py").write_text(code)
+    assert house.pending() == set()
+
+
+@pytest.mark.parametrize("kept", ["results and records", "results alone"])
+def test_a_fresh_clone_beside_kept_results_plans_nothing(house, kept):
+    for file in (house.folder / "workflow").rglob("*"):
+        file.touch()
+    for name in ("Snakefile", "config.yaml", "tiny.yaml"):
+        (house.folder / name).touch()
+    if kept == "results alone":
+        shutil.rmtree(house.folder / ".snakemake")
+    assert house.pending() == set()
+
+
+def changed(house, module):
+    """The rules of the jobs that are planned once a statement of a module has changed."""
+    path = house.folder / "workflow" / module
+    path.write_text(f"{path.read_text(encoding='utf-8')}\nUNUSED = 1\n")
+    return house.jobs()
+
+
+LEARNING = {"train_autoencoder", "train_regressor", "train_predictor"}
+DIAGNOSIS = {"diagnose", "diagnosis_report"}
+SCORE = {"concealed_score", "concealed_figures", "concealed_case"}
+
+
+@pytest.mark.parametrize(
+    ("module", "rules"),
+    [
+        ("scripts/train_regressor.py", {"train_regressor", "train_predictor", "evaluate"}),
+        ("eitskin/data/splits.py", {"split", *LEARNING, "evaluate", "limit", "cramer_rao"}),
+        ("eitskin/learn/networks.py", {*LEARNING, "evaluate"}),
+        ("eitskin/limit/posterior.py", {"limit", "cramer_rao"}),
+        ("eitskin/paper/table_1.py", set()),
+        ("eitskin/effects/offset.py", {*DIAGNOSIS, *SCORE}),
+        ("eitskin/diagnose/search/tones.py", {*DIAGNOSIS, *SCORE}),
+        ("eitskin/diagnose/report/figures.py", {"diagnosis_report", "concealed_case"}),
+        ("eitskin/plotting.py", {"diagnosis_report", "concealed_figures", "concealed_case"}),
+        ("concealed/figures.py", {"concealed_figures"}),
+        ("witness/cases.py", SCORE),
+        ("loop/table.py", set()),
+        ("studies/ground_return.py", set()),
+        ("calibration/black_box.py", SCORE),
+        ("rigsim/world.py", set()),
+    ],
+)
+def test_a_statement_reruns_the_jobs_that_reach_it_and_those_below(house, module, rules):
+    table = {"all"} if not rules & {"evaluate", "limit"} else {"all", "table_1"}
+    if module == "eitskin/paper/table_1.py":
+        table = {"all", "table_1"}
+    assert changed(house, module) == (rules | table if rules or "table_1" in table else set())
+
+
+def test_a_style_of_one_figure_redraws_it_alone(house):
+    drawn = house.snakemake("--", "figure_1", "figure_4")
+    assert drawn.returncode == 0, drawn.stderr
+    assert house.jobs("figure_1", "figure_4") == set()
+    house.edit("workflow/eitskin/paper/figure_4.py", "FULL_MM, 62.0", "FULL_MM, 63.0")
+    assert house.jobs("figure_1", "figure_4") == {"figure_4"}
 
 
 def test_the_papers_numbers_rerun_the_table_alone(house):
@@ -145,6 +205,43 @@ def test_a_training_parameter_reruns_no_simulation(house):
     assert "results/tables/table_1.csv" in pending
     kinds = ("simulated/", "datasets/", "splits/", "recordings/", "mesh/")
     assert not any(of(pending, f"results/{kind}") for kind in kinds)
+
+
+ROWS = ("simulated-tiny/session", "simulated-tiny-continuous/continuous", "simulated-twin/random")
+
+
+def test_a_hyperparameter_retrains_the_models_that_have_it(house):
+    house.edit("config.yaml", "lambda_latent: 0.03 ", "lambda_latent: 0.04 ")
+    pending = house.pending()
+    rows = [f"{row}/small/physics-informed-mlp" for row in ROWS]
+    assert of(pending, "results/models/") == {
+        f"results/models/{row}/{seed}.pt" for row in rows for seed in (1, 2)
+    }
+    tables = {"results/tables/table_1.csv", "results/tables/table_1.md"}
+    assert pending - of(pending, "results/models/") == tables | {
+        file
+        for row in rows
+        for file in (f"results/predictions/{row}.parquet", f"results/metrics/{row}.csv")
+    }
+
+
+def test_support_vectors_know_neither_adam_nor_epochs(house):
+    svr = "results/metrics/simulated-tiny/session/small/svr.csv"
+    assert house.snakemake("--", svr).returncode == 0
+    house.edit("config.yaml", "weight_decay: 0.0001\n  batch", "weight_decay: 0.0002\n  batch")
+    budget = "{samples: null, epochs: 2, patience: 1, seeds: 2}"
+    house.edit("tiny.yaml", budget, budget.replace("2", "3"))
+    assert house.jobs(svr) == set()
+
+
+def test_a_seed_added_trains_that_seed(house):
+    house.edit("tiny.yaml", "patience: 1, seeds: 2}\nabl", "patience: 1, seeds: 3}\nabl")
+    pending = house.pending()
+    models = ("autoencoder", "regressor", "mlp", "physics-informed-mlp")
+    assert of(pending, "results/models/") == {
+        f"results/models/{row}/small/{model}/3.pt" for row in ROWS for model in models
+    }
+    assert house.jobs() == {*LEARNING, "evaluate", "table_1", "all"}
 
 
 def test_how_the_limit_is_computed_reruns_it_and_the_table_alone(house):
@@ -179,10 +276,10 @@ def test_a_model_is_trained_after_the_teachers_it_needs(fresh, tmp_path, model, 
     with (house.folder / "tiny.yaml").open("a", encoding="utf-8") as tiny:
         tiny.write(f"models: [{model}]\n")
     folder = "results/models/simulated-tiny/session/small"
-    plan = house.snakemake("--summary", f"{folder}/{model}.pt")
+    plan = house.snakemake("--summary", f"{folder}/{model}/2.pt")
     assert plan.returncode == 0, plan.stderr
     planned = {line.split("\t")[0] for line in plan.stdout.splitlines()}
-    assert of(planned, folder) == {f"{folder}/{name}.pt" for name in teachers | {model}}
+    assert of(planned, folder) == {f"{folder}/{name}/2.pt" for name in teachers | {model}}
 
 
 def test_another_source_of_a_transfer_trains_its_model_and_nothing_twice(fresh, tmp_path):
@@ -202,8 +299,9 @@ def test_another_source_of_a_transfer_trains_its_model_and_nothing_twice(fresh, 
         for source in ["references", *sets]
     }
     assert {file for file in planned if file.startswith("results/models/")} == {
-        *(f"results/models/{source}/random/small/mlp.pt" for source in sets),
-        "results/models/simulated-twin/place/small/mlp.pt",
+        f"results/models/{trained}/small/mlp/{seed}.pt"
+        for trained in ("simulated-twin/place", *(f"{source}/random" for source in sets))
+        for seed in (1, 2)
     }
     assert {"results/tables/transfer.csv", "results/tables/transfer.md"} <= set(planned)
 
@@ -221,8 +319,13 @@ def test_a_recording_is_added_by_its_path_alone(house, tmp_path):
     pending = {row[0] for row in rows if row[-1] == "update pending"}
     assert "results/recordings/brought.check.txt" in pending
     assert "results/splits/brought/place.parquet" in pending
-    assert of(pending, "results/simulated/") == set()
-    assert of(pending, "/simulated-twin/") == set()
+    assert {file for file in pending if "brought" not in file} == {
+        "results/tables/table_1.csv",
+        "results/tables/table_1.md",
+    }
+    made = {"import_recording", "check", "record_dataset", "split", *LEARNING}
+    rest = {"evaluate", "table_1", "all"}
+    assert house.jobs(files=["more.yaml"]) == made | rest
 
 
 def test_the_paper_s_second_table_and_figures_can_be_planned_by_name(fresh, tmp_path):
@@ -244,7 +347,8 @@ def test_the_loop_can_be_planned_by_name_and_is_no_part_of_all(fresh, tmp_path):
     planned = {line.split("\t")[0] for line in plan.stdout.splitlines()}
     case = "results/loop/single-touch-contrast-1"
     sources = ("belief", "authors", "diagnosis", "truth", "labels")
-    assert {f"{case}/errors/mlp/{source}.csv" for source in sources} <= planned
+    errors = {f"{case}/errors/mlp/{source}/{seed}.csv" for source in sources for seed in (1, 2)}
+    assert errors <= planned
     assert {f"{case}/truth.json", f"{case}/diagnosis/effects.yaml"} <= planned
     assert {f"results/loop/{file}" for file in ("loop.csv", "loop.md", "mlp.svg")} <= planned
     assert not {file for file in planned if file.startswith("results/models/")}

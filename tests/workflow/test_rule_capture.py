@@ -43,19 +43,12 @@ QUICK = {  # fewer and shorter ways than the demo's, and one row
 LATE = {"robot clock", "robot program", "late", "load cell silent"}  # what a busy machine causes
 
 
-def jobs(plan):
-    """The rules of a dry run."""
-    assert plan.returncode == 0, plan.stdout + plan.stderr
-    lines = [line.split() for line in (plan.stdout + plan.stderr).splitlines()]
-    return {words[0] for words in lines if len(words) == 2 and words[1].isdigit()} - {"total"}
-
-
 def test_whatever_is_asked_for_only_capture_captures(fresh, tmp_path):
     house = fresh.copy(tmp_path / "house")
-    dry = ("--dry-run", "--quiet", "rules", "--forceall", "--")
-    planned = jobs(house.snakemake(DEMO, *dry, "all", "loop", "transfer", "table_2", "figure_1"))
+    targets = ("all", "loop", "transfer", "table_2", "figure_1")
+    planned = house.jobs(*targets, files=[DEMO, "--forceall"])
     assert {"all", "import_recording", "loop"} <= planned and "capture" not in planned
-    refused = house.snakemake(DEMO, *dry, REPORT)  # it moves no robot either
+    refused = house.snakemake(DEMO, "--dry-run", "--", REPORT)  # it moves no robot either
     assert refused.returncode != 0 and "No rule to produce" in refused.stderr + refused.stdout
 
 
@@ -70,10 +63,9 @@ def test_what_is_captured_is_never_captured_again(fresh, tmp_path):
     for module in ("eitskin/capture/session.py", "scripts/capture.py"):
         with (house.folder / "workflow" / module).open("a", encoding="utf-8") as file:
             file.write("\nUNUSED = 1\n")
-    dry = ("--dry-run", "--quiet", "rules", "--forceall", "--")
-    plan = house.snakemake(DEMO, *dry, "all", REPORT)
-    assert {"check", "diagnose", "record_dataset"} <= jobs(plan)
-    assert "capture" not in jobs(plan)
+    planned = house.jobs("all", REPORT, files=[DEMO, "--forceall"])
+    assert {"check", "diagnose", "record_dataset"} <= planned
+    assert "capture" not in planned
     again = house.snakemake(DEMO, "--forcerun", "capture", "--", "capture")
     assert again.returncode == 0, again.stderr
     assert not (house.folder / "captures").exists()

@@ -337,7 +337,8 @@ GREEDY = {"matched-filter": matched_filter, "lasso": lasso}
 
 def run(cases: list[str], block: Path, seed: int, code: str) -> None:
     """baselines/CASE.npz, predictions (Q, M) by method, and CASE.json, {effects: by method} or,
-    beside no predictions, {failed: why}, of every case of a block, each whole before the next begins.
+    beside no predictions, {failed: why}, of every case of a block, each whole before the next
+    begins.
 
     One of the same recording and query by the same code stays, in the final block by any code.
     InputError in a sealed block.

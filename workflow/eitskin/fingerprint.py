@@ -10,16 +10,21 @@ HOUSE = Path(__file__).parents[1]
 FINDS_BY_NAME = "eitskin.effects"  # a package whose modules no import statement names
 
 
-def fingerprint(script: str, found: Iterable[str] | None = None) -> str:
+def fingerprint(
+    script: str, found: Iterable[str] | None = None, files: Iterable[str | Path] = ()
+) -> str:
     """SHA-256, in hex, of the syntax trees of scripts/`script`.py and of all that it `reached`.
 
-    found: modules that the script's work finds by name, the effects in use. Comments, docstrings
-    and layout do not count; nor do files that are no code. Raises ValueError unless `found` is
-    given where the script reaches the catalogue of effects, and only there.
+    found: modules that the script's work finds by name, the effects in use. files: what else of the
+    workflow it reads, byte by byte: their times say nothing, as a fresh clone has all of them new.
+    Comments, docstrings and layout do not count. Raises ValueError unless `found` is given where
+    the script reaches the catalogue of effects, and only there.
     """
     digest = hashlib.sha256()
     for name, said in sorted(reached(script, found).items()):
         digest.update(f"{name}\n{said}\n".encode())
+    for file in files:
+        digest.update(hashlib.sha256(Path(file).read_bytes()).digest())
     return digest.hexdigest()
 
 

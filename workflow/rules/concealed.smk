@@ -77,7 +77,7 @@ for block, number, cases in numbered(UNSEALED):
         name:
             f"verdicts_{block}_{number}"
         input:
-            schema="workflow/schemas/diagnosis.schema.yaml",
+            schema=ancient(SCHEMA),
             commitments=f"{PUBLIC}/{block}/commitments.json",
             recordings=expand(f"{PUBLIC}/{block}/recordings/{{case}}.parquet", case=cases),
             queries=expand(f"{PUBLIC}/{block}/queries/{{case}}.parquet", case=cases),
@@ -97,7 +97,7 @@ for block, number, cases in numbered(UNSEALED):
         params:
             cases=cases,
             seed=config["seed"],
-            code=fingerprint("verdicts", CATALOGUE),
+            code=fingerprint("verdicts", CATALOGUE, [SCHEMA]),
         message:
             f"Diagnosing concealed recordings: {block}, batch {number}"
         script:
@@ -333,7 +333,7 @@ rule concealed_figures:
 
 rule concealed_case:
     input:
-        schema="workflow/schemas/diagnosis.schema.yaml",
+        schema=ancient(SCHEMA),
         score=f"results/concealed/{DEMO}/score/score.csv",
     output:
         **{
@@ -356,7 +356,7 @@ rule concealed_case:
         mem_mb=1000,
         runtime=5,
     params:
-        code=fingerprint("concealed_case", CATALOGUE),
+        code=fingerprint("concealed_case", CATALOGUE, [SCHEMA]),
     message:
         "Drawing one concealed case"
     script:

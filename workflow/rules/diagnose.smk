@@ -1,6 +1,7 @@
 from eitskin.effects import catalogue_names
 
 CATALOGUE = modules(catalogue_names())
+SCHEMA = "workflow/schemas/diagnosis.schema.yaml"
 # What a diagnosis rests on, for its report.
 EVIDENCE = [
     "residuals.npz",
@@ -17,7 +18,7 @@ WITHOUT_QUERY = [name for name, item in config["recordings"].items() if "query" 
 
 rule diagnose:
     input:
-        schema="workflow/schemas/diagnosis.schema.yaml",
+        schema=ancient(SCHEMA),
         recording=rules.import_recording.output[0],
     output:
         diagnosis="results/diagnosis/{recording}/diagnosis.json",
@@ -41,7 +42,7 @@ rule diagnose:
     params:
         name="{recording}",
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("diagnose", CATALOGUE),
+        code=fingerprint("diagnose", CATALOGUE, [SCHEMA]),
     message:
         "Diagnosing {wildcards.recording}: where simulation and recording differ, and why"
     script:
@@ -50,7 +51,7 @@ rule diagnose:
 
 use rule diagnose as diagnose_with_query with:
     input:
-        schema="workflow/schemas/diagnosis.schema.yaml",
+        schema=ancient(SCHEMA),
         recording=rules.import_recording.output[0],
         query=lookup(dpath="recordings/{recording}/query", within=config),
     output:
@@ -67,7 +68,7 @@ use rule diagnose as diagnose_with_query with:
 
 rule diagnosis_report:
     input:
-        schema="workflow/schemas/diagnosis.schema.yaml",
+        schema=ancient(SCHEMA),
         recording=rules.import_recording.output[0],
         diagnosis="results/diagnosis/{recording}/diagnosis.json",
         effects="results/diagnosis/{recording}/effects.yaml",
@@ -116,7 +117,7 @@ rule diagnosis_report:
         mem_mb=1000,
         runtime=5,
     params:
-        code=fingerprint("diagnosis_report", CATALOGUE),
+        code=fingerprint("diagnosis_report", CATALOGUE, [SCHEMA]),
     message:
         "Reporting the diagnosis of {wildcards.recording}"
     script:

@@ -1,5 +1,7 @@
 from eitskin.paper.rows import rows
 
+PRINTED_1 = "workflow/eitskin/paper/printed_table_1.csv"
+
 
 rule evaluate:
     input:
@@ -53,7 +55,7 @@ rule predict:
 
 rule table_1:
     input:
-        paper="workflow/eitskin/paper/printed_table_1.csv",
+        paper=ancient(PRINTED_1),
         metrics=[
             f"results/metrics/{dataset}/{split}/{budget}/{model}.csv"
             for dataset, split, model in rows(config)
@@ -84,7 +86,7 @@ rule table_1:
         mem_mb=500,
         runtime=5,
     params:
-        code=fingerprint("table_1"),
+        code=fingerprint("table_1", files=[PRINTED_1]),
     message:
         "Collecting Table I"
     script:

@@ -1,9 +1,12 @@
 from pathlib import Path
 
+PRINTED_2 = "workflow/eitskin/paper/printed_table_2.csv"
+RULES = sorted(map(str, Path("workflow/rules").glob("*.smk")))
+
 
 rule table_2:
     input:
-        paper="workflow/eitskin/paper/printed_table_2.csv",
+        paper=ancient(PRINTED_2),
         mesh=rules.mesh.output.mesh,
         recordings=expand("results/recordings/{recording}.parquet", recording=config["recordings"]),
     output:
@@ -42,6 +45,7 @@ rule table_2:
         code=fingerprint(
             "table_2",
             modules(names_of(sum(map(effects_of, config["table_2"]["configurations"]), []))),
+            [PRINTED_2],
         ),
     message:
         "Comparing untouched frames, simulated and recorded"
@@ -101,8 +105,8 @@ rule figure_1:
 
 rule figure_2:
     input:
-        snakefile="Snakefile",
-        rules=sorted(map(str, Path("workflow/rules").glob("*.smk"))),
+        snakefile=ancient("Snakefile"),
+        rules=ancient(RULES),
     output:
         svg=report(
             "results/figures/figure_2.svg",
@@ -142,7 +146,7 @@ rule figure_2:
             "figure_4",
         ],
         configfiles=[str(file) for file in workflow.configfiles[:-1]],
-        code=fingerprint("figure_2"),
+        code=fingerprint("figure_2", files=["Snakefile", *RULES]),
     message:
         "Drawing the workflow: figure 2"
     script:

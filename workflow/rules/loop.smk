@@ -69,7 +69,7 @@ rule loop_labelled:
 
 use rule diagnose as diagnose_loop with:
     input:
-        schema="workflow/schemas/diagnosis.schema.yaml",
+        schema=ancient(SCHEMA),
         recording=f"{LOOP}/recording.parquet",
     output:
         diagnosis=f"{LOOP}/diagnosis/diagnosis.json",
@@ -84,7 +84,7 @@ use rule diagnose as diagnose_loop with:
     params:
         name="{case}",
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("diagnose", CATALOGUE),
+        code=fingerprint("diagnose", CATALOGUE, [SCHEMA]),
     message:
         "Diagnosing {wildcards.case} from its labelled frames"
 

@@ -1,82 +1,190 @@
-"""The fingerprint follows code through imports, and nothing else."""
+"""A fingerprint follows code from a script through its imports, and nothing else."""
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
 from eitskin import fingerprint as subject
+from eitskin.effects import catalogue_names, modules
 
-MODULES = {
-    "__init__.py": "",
-    "forward.py": '"""Solve."""\n\nfrom pkg import mesh\n\n\ndef solve():\n    """A solve."""\n'
-    "    from .effects import crosstalk\n\n    return mesh, crosstalk\n",
-    "mesh.py": "import numpy\n\nSIZE = 1\n",
-    "plots.py": "COLOUR = 'red'\n",
-    "effects/__init__.py": "from ..protocol import PAIRS\n",
-    "effects/crosstalk.py": "from . import gains\n",
-    "effects/gains.py": "GAIN = 1\n",
-    "protocol.py": "PAIRS = 208\n",
+ROOT = Path(__file__).parents[3]
+SCRIPTS = sorted(path.stem for path in (ROOT / "workflow" / "scripts").glob("*.py"))
+FILES = {
+    "scripts/solve.py": '"""Solve."""\n\nfrom pkg import forward\n\nforward.solve()\n',
+    "scripts/press.py": "from pkg.touch import press\nfrom eitskin.effects import EFFECTS\n",
+    "pkg/__init__.py": "",
+    "pkg/forward.py": '"""Solve."""\n\nfrom pkg import mesh\n\n\ndef solve():\n    """A solve."""\n'
+    "    from pkg.sites import all_sites\n\n    return mesh, all_sites\n",
+    "pkg/mesh.py": "import numpy\n\nSIZE = 1\n",
+    "pkg/plots.py": "COLOUR = 'red'\n",
+    "pkg/sites/__init__.py": "from pkg.protocol import PAIRS\n\nall_sites = PAIRS\n",
+    "pkg/sites/ring.py": "STEP = 1\n",
+    "pkg/protocol.py": "PAIRS = 208\n",
+    "pkg/touch.py": "def press():\n    return 1\n",
+    "eitskin/__init__.py": "",
+    "eitskin/effects/__init__.py": "EFFECTS = {}\n",
+    "eitskin/effects/gain.py": "from pkg.mesh import SIZE\n\nGAIN = 1\n",
+    "eitskin/effects/drift.py": "RATE = 1\n",
 }
+REACHED = [
+    "scripts/solve.py",
+    "pkg/__init__.py",
+    "pkg/forward.py",
+    "pkg/mesh.py",
+    "pkg/sites/__init__.py",
+    "pkg/protocol.py",
+]
+DRIFT = ["eitskin.effects.drift"]
 
 
 @pytest.fixture
-def package(tmp_path, monkeypatch):
-    folder = tmp_path / "pkg"
-    for name, code in MODULES.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_text(code)
-    monkeypatch.setattr(subject, "PACKAGE", folder)
-    return folder
+def house(tmp_path, monkeypatch):
+    """A small house of its own, read anew by `taken`."""
+    for name, code in FILES.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(code)
+    monkeypatch.setattr(subject, "HOUSE", tmp_path)
+    return tmp_path
+
+
+def taken(script="solve", found=None):
+    """The fingerprint as another process would take it."""
+    subject._parsed.cache_clear()
+    return subject.fingerprint(script, found)
+
+
+def append(path, text):
+    path.write_text(path.read_text() + text)
+
+
+@pytest.mark.parametrize("file", sorted(FILES))
+def test_a_statement_counts_where_the_script_reaches_it_and_nowhere_else(house, file):
+    before = taken()
+    append(house / file, "CHANGED = True\n")
+    assert (taken() != before) == (file in REACHED)
+
+
+@pytest.mark.parametrize("file", sorted(FILES))
+def test_comments_docstrings_and_layout_do_not_count(house, file):
+    before = taken()
+    code = FILES[file].replace("A solve.", "Another text.")
+    docstring = "" if code.startswith('"""') else '"""A docstring."""\n'
+    (house / file).write_text(f"# A comment.\n{docstring}\n\n{code}\n\n# The end.\n")
+    assert taken() == before
+
+
+def test_a_string_that_is_no_docstring_counts(house):
+    before = taken()
+    (house / "pkg/mesh.py").write_text("import numpy\n\nSIZE = 'one'\n")
+    assert taken() != before
 
 
 @pytest.mark.parametrize(
-    "module", ["__init__.py", "mesh.py", "effects/__init__.py", "effects/gains.py", "protocol.py"]
+    ("file", "counts"),
+    [
+        ("eitskin/effects/drift.py", True),
+        ("eitskin/effects/gain.py", False),
+        ("eitskin/effects/__init__.py", True),
+        ("pkg/mesh.py", False),
+        ("pkg/touch.py", True),
+    ],
 )
-def test_code_of_a_dependency_counts(package, module):
-    before = subject.fingerprint("pkg.forward")
-    (package / module).write_text((package / module).read_text() + "CHANGED = True\n")
-    assert subject.fingerprint("pkg.forward") != before
+def test_effects_count_that_are_in_use_with_what_they_import(house, file, counts):
+    before = taken("press", DRIFT)
+    append(house / file, "CHANGED = True\n")
+    assert (taken("press", DRIFT) != before) == counts
+    with_gain = taken("press", ["eitskin.effects.gain"])
+    append(house / "pkg/mesh.py", "AGAIN = True\n")
+    assert taken("press", ["eitskin.effects.gain"]) != with_gain
 
 
-@pytest.mark.parametrize("module", sorted(MODULES))
-def test_comments_docstrings_and_layout_do_not_count(package, module):
-    before = subject.fingerprint("pkg.forward")
-    code = (package / module).read_text().replace("A solve.", "Another text.")
-    docstring = '"""Another docstring."""\n' if not code.startswith('"""') else ""
-    (package / module).write_text(f"# A comment.\n{docstring}\n\n{code}\n\n# The end.\n")
-    assert subject.fingerprint("pkg.forward") == before
+def test_who_reaches_the_effects_says_which_it_uses_and_nobody_else(house):
+    with pytest.raises(ValueError, match="which effects does it use"):
+        taken("press")
+    with pytest.raises(ValueError, match="it uses none of the catalogue"):
+        taken("solve", DRIFT)
 
 
-def test_a_string_that_is_no_docstring_counts(package):
-    before = subject.fingerprint("pkg.plots")
-    (package / "plots.py").write_text("COLOUR = 'blue'\n")
-    assert subject.fingerprint("pkg.plots") != before
+def test_the_place_of_the_house_does_not_count(house, tmp_path_factory, monkeypatch):
+    before = taken()
+    moved = tmp_path_factory.mktemp("elsewhere") / "house"
+    house.rename(moved)
+    monkeypatch.setattr(subject, "HOUSE", moved)
+    assert taken() == before
 
 
-def test_unrelated_modules_do_not_count(package):
-    before = subject.fingerprint("pkg.forward")
-    (package / "plots.py").write_text("COLOUR = 'blue'\n")
-    (package / "new.py").write_text("from pkg import forward\n")
-    assert subject.fingerprint("pkg.forward") == before
+def test_what_is_not_there_is_refused(house):
+    with pytest.raises(ModuleNotFoundError, match="no_such_script"):
+        taken("no_such_script")
+    with pytest.raises(ModuleNotFoundError, match=r"eitskin\.effects\.no_such"):
+        taken("press", ["eitskin.effects.no_such"])
 
 
-def test_a_package_counts_with_all_its_modules(package):
-    before = subject.fingerprint("pkg.forward")
-    (package / "effects" / "drift.py").write_text("RATE = 1\n")
-    assert subject.fingerprint("pkg.forward") != before
+LOADED = """
+import ast, json, sys
+from pathlib import Path
+tree = ast.parse(Path(sys.argv[1]).read_text())
+for node in tree.body:
+    if isinstance(node, (ast.Import, ast.ImportFrom)):
+        exec(compile(ast.Module([node], []), "script", "exec"))
+tops = {path.parent.name for path in Path("workflow").glob("*/__init__.py")}
+print(json.dumps([name for name in sys.modules if name.split(".")[0] in tops]))
+"""
 
 
-def test_the_place_of_the_package_does_not_count(package, tmp_path, monkeypatch):
-    before = subject.fingerprint("pkg.forward")
-    moved = tmp_path / "elsewhere" / "pkg"
-    moved.parent.mkdir()
-    package.rename(moved)
-    monkeypatch.setattr(subject, "PACKAGE", moved)
-    assert subject.fingerprint("pkg.forward") == before
+def effects_of(script):
+    """What `reached` wants to be told of a real script."""
+    try:
+        return subject.reached(script)
+    except ValueError:
+        return subject.reached(script, modules(catalogue_names()))
 
 
-def test_an_unknown_module_is_refused(package):
-    with pytest.raises(ModuleNotFoundError, match=r"pkg\.no_such_module"):
-        subject.fingerprint("pkg.no_such_module")
+@pytest.mark.parametrize("script", ["clean", "train_predictor", "diagnose", "loop_figure"])
+def test_all_that_python_loads_for_a_script_counts(script):
+    path = ROOT / "workflow" / "scripts" / f"{script}.py"
+    command = [sys.executable, "-c", LOADED, str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True)
+    loaded = {name for name in json.loads(done.stdout) if not _found_by_name(name)}
+    reached = {name for name in effects_of(script) if not _found_by_name(name)}
+    assert loaded <= reached
+    inside = {name for name in reached - loaded if not name.startswith("scripts/")}
+    assert all(_imported_in_a_function(name) for name in inside), inside
 
 
-def test_the_package_itself_can_be_read():
-    assert len(subject.fingerprint("eitskin.configuration")) == 64
+def _found_by_name(name):
+    return name.startswith(f"{subject.FINDS_BY_NAME}.")
+
+
+def _imported_in_a_function(name):
+    """Whether some function imports a module, or one that leads to it."""
+    for path in (ROOT / "workflow").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef):
+                inner = {i for n in ast.walk(node) for i in _names(n)}
+                if name in subject._closure(inner):
+                    return True
+    return False
+
+
+def _names(node):
+    if isinstance(node, ast.ImportFrom) and node.module:
+        return [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    return [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+
+
+def test_numbers_do_not_know_the_style_of_figures():
+    drawing = {script for script in SCRIPTS if "eitskin.plotting" in effects_of(script)}
+    assert drawing == {
+        "calibration_figures",
+        "comparison_page",
+        "concealed_case",
+        "concealed_figures",
+        "diagnosis_report",
+        *(f"figure_{k}" for k in range(1, 5)),
+        "loop_figure",
+    }
