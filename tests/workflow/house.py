@@ -71,12 +71,13 @@ class House:
         return {line[file] for line in lines if line[plan] != "no update"}
 
     def jobs(self, *targets: str, files: Sequence[str] = ()) -> set[str]:
-        """The rules of the jobs that the next run would do, with more configuration files."""
+        """The rules of the jobs that the next run would do, `all` left out; with more configuration
+        files."""
         plan = self.snakemake(*files, "--dry-run", "--quiet", "rules", "--", *targets)
         assert plan.returncode == 0, plan.stdout + plan.stderr
         lines = [line.split() for line in (plan.stdout + plan.stderr).splitlines()]
         named = {words[0] for words in lines if len(words) == 2 and words[1].isdigit()}
-        return named - {"total"}
+        return named - {"total", "all"}
 
     def digests(self) -> dict[str, str]:
         """SHA-256 of every result by its path; parts that a kill left behind are no results, and

@@ -47,7 +47,7 @@ def test_whatever_is_asked_for_only_capture_captures(fresh, tmp_path):
     house = fresh.copy(tmp_path / "house")
     targets = ("all", "loop", "transfer", "table_2", "figure_1")
     planned = house.jobs(*targets, files=[DEMO, "--forceall"])
-    assert {"all", "import_recording", "loop"} <= planned and "capture" not in planned
+    assert {"import_recording", "loop"} <= planned and "capture" not in planned
     refused = house.snakemake(DEMO, "--dry-run", "--", REPORT)  # it moves no robot either
     assert refused.returncode != 0 and "No rule to produce" in refused.stderr + refused.stdout
 
