@@ -10,7 +10,8 @@ import pyarrow.parquet as pq
 import torch
 
 from eitskin.atomic import atomic_path
-from eitskin.data.dataset import TARGETS, Dataset, changes
+from eitskin.data.baseline import changes
+from eitskin.data.dataset import TARGETS, Dataset
 from eitskin.errors import InputError
 from eitskin.learn import gates, model_file, networks
 from eitskin.learn.model_file import Trained
@@ -87,7 +88,7 @@ def predict_part(
 
 def predict_recording(path: str | Path, recording: "Recording", name: str) -> pd.DataFrame:
     """Predictions of the model file `path` for every frame of a recording: `frame`, `time_s`, then
-    as `predict`; the changes are `dataset.changes`'.
+    as `predict`; the changes are `baseline.changes`'.
 
     Raises InputError where the recording's channels, unit or kind of voltage are not the model's.
     """

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eitskin.data import alignment, dataset
+from eitskin.data import alignment, baseline
 from eitskin.data.channel_order import Misfit, known_orders, misfit, reordered
 from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING
 from eitskin.data.check.measures import identity_readings, untouched_readings
@@ -90,7 +90,7 @@ def _strong_changes(recording: Recording) -> np.ndarray | None:
         return None
     try:
         rows = alignment.strongest_touches(recording)
-        changes = dataset.changes(recording, "recording")[rows]
+        changes = baseline.changes(recording, "recording")[rows]
     except InputError:  # a session without an untouched frame
         return None
     return changes if np.isfinite(changes).any() and len(rows) >= LEAST_TOUCHES else None
