@@ -3,7 +3,9 @@
 import numpy as np
 import pandas as pd
 
-from eitskin.data.dataset import Dataset, places, untouched_noise
+from eitskin.data.baseline import untouched_noise
+from eitskin.data.dataset import Dataset
+from eitskin.data.places import places
 
 RADIUS_mm = 70.0
 CHANNELS = 208

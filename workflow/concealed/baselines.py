@@ -30,7 +30,6 @@ from eitskin.diagnose.diagnosis import begun, simulator
 from eitskin.diagnose.excerpt import excerpt
 from eitskin.diagnose.fit import Fit, Problem, difference, fit
 from eitskin.diagnose.jacobian import Jacobian
-from eitskin.diagnose.model import Model
 from eitskin.diagnose.result import read_query
 from eitskin.diagnose.search import tones
 from eitskin.diagnose.search.screen import log_evidence
@@ -42,6 +41,7 @@ from eitskin.diagnose.search.search import (
     Search,
     discrete,
 )
+from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.tangents import Tangents
 from eitskin.diagnose.whitening import Whitening
 from eitskin.effects import EFFECTS
@@ -132,7 +132,7 @@ def _unwhitened(fitted: Fit, recorded: Recording, query: Recording) -> Tangents:
     """Tangents of a query's readings, in the recording's unit."""
     shape = (len(query.frames), len(query.channels))
     plain = Whitening(np.ones(shape, bool), np.ones(shape[1]), np.zeros(shape[1]))
-    problem = Problem(Model(recorded, query), np.zeros(shape), plain)
+    problem = Problem(RecordingSimulator(recorded, query), np.zeros(shape), plain)
     none = Jacobian(np.empty((0, *shape)))
     return Tangents(Fit(problem, [], fitted.theta, np.zeros(shape), none))
 

@@ -1,4 +1,4 @@
-"""What was made of some files, kept as long as it is of the same ones by the same code."""
+"""Results on the disk that stand as long as the files and the code that they were made of do."""
 
 import hashlib
 import json

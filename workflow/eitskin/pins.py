@@ -1,4 +1,4 @@
-"""`python -m eitskin.pins` writes envs/*.yaml for conda from the pins in pyproject.toml."""
+"""Conda environments, envs/*.yaml, from the pins in pyproject.toml: `python -m eitskin.pins`."""
 
 import tomllib
 from pathlib import Path

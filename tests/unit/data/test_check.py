@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from eitskin.data import check, importers
 from eitskin.data.channel_order import known_orders
-from eitskin.data.check import ERROR, FACT, UNOBSERVABLE, WARNING
+from eitskin.data.check import ERROR, FACT, UNOBSERVABLE, WARNING, sentences, wiring
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
 from shared_data import shared_data
@@ -51,7 +51,7 @@ def test_without_repeats_reciprocity_bounds_the_noise(make_recording):
     made = make_recording(presses=0, noise=1e-2)
     level = np.median(np.abs(made.voltage))
     made.frames, made.voltage = made.frames[:1], made.voltage[:1]
-    (finding,) = check.noise(made)
+    (finding,) = sentences.noise(made)
     assert "at most" in finding.sentence
     assert finding.value == pytest.approx(1e-2 * level, rel=0.3)
 
@@ -60,12 +60,12 @@ def test_drift_is_told_and_whether_one_factor_explains_it(make_recording):
     made = make_recording(noise=1e-5)
     slope = made.frames["time_s"].to_numpy() / made.frames["time_s"].max()
     made.voltage *= 1.0 + 0.1 * slope[:, None]
-    (finding,) = check.drift(made)
+    (finding,) = sentences.drift(made)
     assert finding.value == pytest.approx(0.1, abs=0.01)
     assert " 0% of it is left" in finding.sentence
     factors = np.random.default_rng(0).normal(0, 0.1, made.voltage.shape[1])
     made.voltage *= 1.0 + slope[:, None] * factors
-    share = check.drift(made)[0].sentence.split("; ")[1].split("%")[0]
+    share = sentences.drift(made)[0].sentence.split("; ")[1].split("%")[0]
     assert int(share) > 20
 
 
@@ -130,7 +130,7 @@ def test_a_channel_that_stands_twice_is_a_warning_a_table_of_one_channel_an_erro
     made = make_recording()
     assert not check.check(made).about("repeated")
     made.metadata["channels"][5] = made.metadata["channels"][4]
-    (finding,) = check.repeated(made)
+    (finding,) = sentences.repeated(made)
     assert finding.severity == WARNING and finding.value == pytest.approx(1 / 208)
     assert "a channel appears twice: 1 channel (5: drive 0-1, measured 6-7)" in finding.sentence
     made.metadata["channels"] = [made.metadata["channels"][0]] * 208
@@ -197,7 +197,7 @@ def test_a_wrong_order_is_an_error_and_named(make_recording, drive, signed):
     result = check.check(disordered(made, FROM_OWN))
     assert not result.ok
     (finding,) = result.about("order")
-    assert finding.severity == ERROR and finding.value > check.DOUBTFUL
+    assert finding.severity == ERROR and finding.value > wiring.DOUBTFUL
     assert finding.sentence.startswith("wrong channel order") and FROM_OWN in finding.sentence
     assert check.text(result).endswith("Not usable as it stands.\n")
 
@@ -207,9 +207,9 @@ def test_an_order_that_only_touches_betray(make_recording):
     from_own = channel_table(16)[known_orders(channel_table(16), 16)[FROM_OWN]]
     made = make_recording(from_own, presses=30, noise=1e-4)
     made = disordered(made, FROM_OWN.replace("ascending", "descending"))
-    (untouched,) = check.reciprocity(made)
+    (untouched,) = sentences.reciprocity(made)
     assert untouched.value < 1e-3
-    (finding,) = check.channel_order(made)
+    (finding,) = sentences.channel_order(made)
     assert finding.severity == ERROR and "wrong channel order" in finding.sentence
 
 

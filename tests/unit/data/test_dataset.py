@@ -1,89 +1,10 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from eitskin.data import dataset
-from eitskin.data.recording import ONE_PLACE_MM, Recording, frames_table
 from eitskin.errors import InputError
-from eitskin.physics.protocol import channel_table
+from level_recording import CHANNELS, level, recording
 from synthetic_touches import touches
-
-CHANNELS = channel_table(8)  # 40
-
-
-def recording(touch, voltage, session=None, x=None, force=None, depth=None, **metadata):
-    """A recording of these frames; touches at (x, 0), by default one further place a frame."""
-    n = len(touch)
-    frames = frames_table(
-        np.arange(n) * 0.1,
-        touch,
-        x_mm=np.arange(n, dtype=float) if x is None else x,
-        y_mm=np.zeros(n),
-        force_N=force,
-        depth_mm=depth,
-    )
-    if session is not None:
-        frames["session"] = session
-    given = {"values": "absolute", "unit": "V", "voltage": "signed", "position_frame": "skin"}
-    metadata = {**given, "source": "a citation", "channels": CHANNELS.tolist(), **metadata}
-    return Recording(frames, voltage, None, None, metadata)
-
-
-def level(*levels):
-    """Frames whose channels all read their level."""
-    return np.repeat(np.array(levels, dtype=float)[:, None], len(CHANNELS), axis=1)
-
-
-def test_an_untouched_frame_before_each_press_follows_the_drift():
-    touch = np.tile([False, True], 30)
-    drift = np.repeat(np.linspace(1, 2, 30), 2)
-    voltage = level(*(drift - 0.25 * touch))
-    change = dataset.changes(recording(touch, voltage), "drifting")
-    np.testing.assert_allclose(change[touch], -0.25, atol=1e-12)
-
-
-def test_untouched_frames_at_the_start_alone_give_their_mean():
-    touch = np.array([False, False, True, True])
-    change = dataset.changes(recording(touch, level(1, 3, 5, 6)), "start")
-    np.testing.assert_allclose(change[:, 0], [1 - 3, 3 - 1, 5 - 2, 6 - 2])
-
-
-def test_each_run_of_untouched_frames_serves_the_touches_after_it():
-    touch = np.array([True, False, True, False, False, True, False])
-    change = dataset.changes(recording(touch, level(9, 1, 2, 3, 5, 8, 7)), "runs")
-    # before any run: the next one; the lone first untouched frame has nothing to be compared with
-    np.testing.assert_allclose(change[:, 0], [9 - 1, np.nan, 2 - 1, 3 - 1, 5 - 1, 8 - 4, 7 - 4])
-
-
-def test_a_session_has_its_own_baseline():
-    touch = np.array([False, True, False, True])
-    voltage = level(1, 2, 10, 12)
-    change = dataset.changes(recording(touch, voltage, session=["a", "a", "b", "b"]), "sessions")
-    np.testing.assert_allclose(change[touch, 0], [1, 2])
-    with pytest.raises(InputError, match=r"two: session 1: found no untouched frame"):
-        dataset.changes(recording(touch, voltage, session=["a", "a", "a", "b"]), "two")
-
-
-def test_lost_readings_of_untouched_frames_are_left_out_of_their_mean():
-    touch = np.array([False, False, False, True])
-    voltage = level(1, 2, 6, 7)
-    voltage[2, 4] = np.nan
-    change = dataset.changes(recording(touch, voltage), "lost")
-    assert change[3, 4] == pytest.approx(7 - 1.5)
-    assert change[3, 5] == pytest.approx(7 - 3)
-
-
-def test_differences_are_changes_already():
-    touch = np.ones(5, bool)
-    voltage = level(1, 2, 3, 4, 5)
-    change = dataset.changes(recording(touch, voltage, values="difference"), "differences")
-    np.testing.assert_array_equal(change, voltage)
-
-
-def test_a_query_cannot_be_learned_from():
-    with pytest.raises(InputError, match="this is a query"):
-        dataset.changes(recording(np.ones(5, bool), None), "query")
 
 
 def pressed(n=100, **given):
@@ -139,67 +60,6 @@ def test_a_recording_with_nothing_to_learn_is_refused(change, message):
     change(voltage, source.frames)
     with pytest.raises(InputError, match=message):
         dataset.from_recording(source, "empty")
-
-
-def test_repeated_positions_are_places():
-    xy = np.array([[0.0, 0], [10, 0], [0, 0.3], [10.4, 0], [0, 0]])
-    place, rule = dataset.places(xy)
-    assert place.tolist() == [0, 1, 0, 1, 0] and "within 1 mm of each other" in rule
-
-
-@given(st.integers(0, 1000), st.integers(2, 6), st.booleans())
-def test_jitter_never_splits_a_place(seed, repeats, all_over):
-    """Points on half millimetres, where rounding would tear them apart, or on the edges of blocks;
-    all over: so many alone that places are blocks."""
-    draw = np.random.default_rng(seed)
-    points = draw.permutation(
-        np.stack(np.meshgrid(*[np.arange(-20.5, 20, 5)] * 2), -1).reshape(-1, 2)
-    )
-    again = points[: 10 if all_over else len(points)]
-    pressed = np.concatenate([points, *[again] * (1 if all_over else repeats)])
-    place, rule = dataset.places(pressed + draw.uniform(-0.02, 0.02, pressed.shape))
-    assert ("blocks" in rule) == all_over
-    for point in again:
-        assert len(set(place[(pressed == point).all(axis=1)])) == 1
-    if not all_over:
-        assert place.max() + 1 == len(points)
-
-
-@given(st.integers(0, 100))
-def test_so_many_free_positions_that_most_chain_are_still_blocks(seed):
-    xy = np.random.default_rng(seed).uniform(-35, 35, (2500, 2))
-    place, rule = dataset.places(xy)
-    assert "blocks" in rule and place.max() + 1 <= 64
-
-
-def test_a_skin_swept_over_has_blocks_for_places():
-    """Positions that chain into one another from rim to rim leave no place to hold out."""
-    sweep = np.stack([np.linspace(-60, 60, 1000), np.repeat(np.arange(4.0), 250)], axis=1)
-    place, rule = dataset.places(sweep)
-    assert "blocks" in rule and place.max() + 1 == 8
-
-
-@given(st.integers(0, 1000))
-def test_free_positions_are_grouped_into_blocks(seed):
-    xy = np.random.default_rng(seed).uniform(-70, 70, (500, 2))
-    place, rule = dataset.places(xy)
-    assert "blocks" in rule
-    assert place.max() + 1 == len(np.unique(place)) <= 64
-    side = np.ptp(xy, axis=0).max() / 8
-    for k in range(place.max() + 1):
-        assert np.ptp(xy[place == k], axis=0).max() <= side + 2 * ONE_PLACE_MM
-
-
-def test_one_position_pressed_twice_or_all_alone_is_still_a_place():
-    assert dataset.places(np.zeros((1, 2)))[0].tolist() == [0]
-
-
-@given(st.integers(1, 300), st.floats(0.5, 0.999), st.integers(0, 99))
-def test_upper_limit_is_a_value_with_at_least_its_share_below(n, share, seed):
-    values = np.random.default_rng(seed).normal(size=n)
-    limit = dataset.upper_limit(values, share)
-    assert limit == values.max() or (values <= limit).sum() >= share * (n + 1)
-    assert limit in values
 
 
 def test_round_trip_is_exact_and_byte_repeatable(tmp_path):

@@ -7,6 +7,7 @@ import scipy.io
 
 from eitskin.data import check, importers, recording
 from eitskin.data.alignment import homogeneous_readings
+from eitskin.data.check import sentences
 from eitskin.data.importers import lct_tank, logger_csv, pyeidors_tank
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
@@ -20,7 +21,7 @@ def refused(path, match, format=None):
 
 
 def reciprocity(path):
-    finding = check.reciprocity(importers.load(path))
+    finding = sentences.reciprocity(importers.load(path))
     return finding[0].value
 
 

@@ -12,7 +12,7 @@ from eitskin.data import recording
 from eitskin.diagnose import corrected
 from eitskin.diagnose.fit import fit
 from eitskin.diagnose.jacobian import Jacobian
-from eitskin.diagnose.model import Model
+from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.physics.protocol import channel_table
 from eitskin.simulate.twin import write as write_twin
 from small_skin import (
@@ -97,7 +97,7 @@ def test_the_twin_reads_as_the_fit_does(tmp_path):
     small["press"] = config["twin"]["press"] | {"probes_mm": [8.0], "sessions_per_probe": 1}
     write_twin(tmp_path / "twin.parquet", **(config["twin"] | small | {"noise": 0.0}))
     twin = recording.read(tmp_path / "twin.parquet")
-    model = Model(recorded, twin)
+    model = RecordingSimulator(recorded, twin)
     knobs, settings = problem.split(found.theta, found.effects)
     expected = np.abs(model.voltage(knobs, settings))
     assert np.allclose(twin.voltage, expected, rtol=1e-9)

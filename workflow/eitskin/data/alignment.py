@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eitskin.data import dataset
+from eitskin.data import baseline
 from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 from eitskin.physics import neumann
@@ -92,7 +92,7 @@ def hotspots(recording: Recording, rows: np.ndarray) -> np.ndarray:
     if angles is None:
         expected = "the electrodes' angles, to place touches"
         raise InputError("recording", "skin.electrode_deg", "null", expected)
-    change = dataset.changes(recording, "recording")[rows]
+    change = baseline.changes(recording, "recording")[rows]
     channels = recording.channels
     if recording.metadata["voltage"] == "magnitude":
         change = change * np.sign(homogeneous_readings(channels, angles))
@@ -111,7 +111,7 @@ def strongest_touches(recording: Recording) -> np.ndarray:
     if np.isfinite(force).any():
         touched, strength = touched[force >= STRONG_N], force[force >= STRONG_N]
     else:
-        change = dataset.changes(recording, "recording")[touched]
+        change = baseline.changes(recording, "recording")[touched]
         strength = np.sqrt(np.nansum(change**2, axis=1))
     return touched[np.argsort(-strength, kind="stable")][:MOST_TOUCHES]
 

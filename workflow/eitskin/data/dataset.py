@@ -8,12 +8,11 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from eitskin.atomic import atomic_path
-from eitskin.data.recording import ONE_PLACE_MM, Recording
+from eitskin.data.baseline import changes, sessions, untouched_noise
+from eitskin.data.places import places
+from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 
 TARGETS = {"x": "x_mm", "y": "y_mm", "F": "force_N", "depth": "depth_mm"}
@@ -24,7 +23,6 @@ KEYS = ("format", "version", "name", "origin", "configuration", "targets", "unit
 SCHEMA_KEY = b"eitskin-dataset"
 
 LOST_SHARE = 0.1  # a channel lost in more of the touched frames than this is dropped
-BLOCKS_ACROSS = 8  # square blocks of places across a skin that was never touched twice alike
 
 
 @dataclass
@@ -112,73 +110,6 @@ def read(path: str | Path) -> Dataset:
     return dataset
 
 
-def changes(recording: Recording, name: str) -> np.ndarray:
-    """What changed in each frame (N, M) float64 against the untouched skin; NaN where unknown.
-
-    One rule for every recording: the baseline of a frame is the mean of the run of untouched
-    frames last seen before it in its session, or of the next run where none came before. A skin
-    measured untouched before every press is thus followed as it drifts; one measured untouched at
-    the start alone gets the paper's V_ref (§ II-B). An untouched frame is compared with the run
-    before its own, as a touch in its place would be; in a session's first run with the other
-    frames of that run. Frames of `values: difference` are changes already.
-
-    Raises InputError for a query and for a session without an untouched frame.
-    """
-    if recording.voltage is None:
-        raise InputError(name, "column voltage_V", "nothing", "voltages; this is a query")
-    if recording.metadata["values"] == "difference":
-        return recording.voltage
-    touched = recording.frames["touch"].to_numpy(bool)
-    difference = np.full(recording.voltage.shape, np.nan)
-    sessions = _sessions(recording.frames)
-    for session in np.unique(sessions):
-        frames = np.flatnonzero(sessions == session)
-        free = ~touched[frames]
-        if not free.any():
-            raise InputError(name, f"session {session}", "no untouched frame", "at least one")
-        voltage = recording.voltage[frames]
-        first = free & ~np.concatenate([[False], free[:-1]])
-        run = np.cumsum(first) - 1  # of an untouched frame its own, of a touched one the last
-        count, total = np.zeros((2, run[-1] + 1, voltage.shape[1]))
-        np.add.at(count, run[free], np.isfinite(voltage[free]))
-        np.add.at(total, run[free], np.nan_to_num(voltage[free]))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            baseline = (total / count)[np.maximum(run - free, 0)]
-            own = free & (run == 0)
-            baseline[own] = (total[0] - voltage[own]) / (count[0] - 1)
-        difference[frames] = voltage - np.where(np.isfinite(baseline), baseline, np.nan)
-    return difference
-
-
-def upper_limit(values: np.ndarray, share: float) -> float:
-    """The value of (n,) below which a new one falls with probability `share` or more, if drawn
-    alike: the ⌈(n + 1) share⌉-th smallest (split conformal), the largest where n is too small.
-    """
-    rank = min(len(values), int(np.ceil((len(values) + 1) * share)))
-    return float(np.sort(values)[rank - 1])
-
-
-def untouched_noise(difference: np.ndarray) -> dict | None:
-    """What the change of an untouched frame looks like, from (U, M) such changes.
-
-    `rms` per channel; `quantile_99`: the `upper_limit` at 99 % of the root mean square of
-    change / rms in a frame; `frames`: how many there were. None below 20, or where a channel is
-    still.
-    """
-    difference = difference[np.isfinite(difference).all(axis=1)]
-    if len(difference) < 20:
-        return None
-    rms = np.sqrt((difference**2).mean(axis=0))
-    if not (rms > 0).all():
-        return None
-    size = np.sqrt(((difference / rms) ** 2).mean(axis=1))
-    return {
-        "rms": rms.tolist(),
-        "quantile_99": upper_limit(size, 0.99),
-        "frames": len(difference),
-    }
-
-
 def from_recording(recording: Recording, name: str) -> Dataset:
     """The touched frames of a recording, each as its change against the untouched skin.
 
@@ -215,11 +146,10 @@ def from_recording(recording: Recording, name: str) -> Dataset:
     if not np.isfinite(columns["x_mm"] + columns["y_mm"]).all():
         raise InputError(name, "columns x_mm, y_mm", "a touch without place", "a number")
     place, place_rule = places(np.column_stack([columns["x_mm"], columns["y_mm"]]))
-    sessions = _sessions(recording.frames)
     table = pd.DataFrame(
         {
             "sample": recording.frames["frame"].to_numpy(np.int64)[kept],
-            "session": sessions[kept],
+            "session": sessions(recording.frames)[kept],
             "place": place,
             **columns,
         }
@@ -245,42 +175,3 @@ def from_recording(recording: Recording, name: str) -> Dataset:
         "untouched": untouched_noise(difference[~touched]),
     }
     return Dataset(table, difference[kept].astype(np.float32), metadata)
-
-
-def places(xy: np.ndarray) -> tuple[np.ndarray, str]:
-    """Place (N,) int64 of each touch at `xy` (N, 2) in mm, and the rule that gave it.
-
-    Touches within ONE_PLACE_MM of each other, in chains, are one place: the jitter of a point that
-    is pressed again never splits it. Where that leaves more chains than half of the touches, or
-    one wider than twice that distance, the skin was touched all over: then the places are the
-    cells of a square grid, eight across the wider span, so that leaving a place out leaves a
-    neighbourhood out; a chain narrower than a cell lies in the cell of its mean.
-    """
-    chain = _chains(xy)
-    side = float(np.ptp(xy, axis=0).max()) / BLOCKS_ACROSS or 1.0
-    chained = pd.DataFrame(xy).groupby(chain)
-    width = (chained.transform("max") - chained.transform("min")).to_numpy().max(axis=1)
-    if chain.max() + 1 <= len(xy) / 2 and width.max() <= 2.0 * ONE_PLACE_MM:
-        return chain, f"positions within {ONE_PLACE_MM:g} mm of each other, in chains"
-    xy = np.where(width[:, None] <= side, chained.transform("mean").to_numpy(), xy)
-    block = np.minimum((xy - xy.min(axis=0)) // side, BLOCKS_ACROSS - 1)
-    place = np.unique(block, axis=0, return_inverse=True)[1].astype(np.int64)
-    return place, f"square blocks of {side:.1f} mm"
-
-
-def _chains(xy: np.ndarray) -> np.ndarray:
-    """(N,) int64: the chain of each position, numbered by first appearance; neighbours in a chain
-    are at most ONE_PLACE_MM apart (single linkage).
-    """
-    position, of = np.unique(xy, axis=0, return_inverse=True)
-    near = cKDTree(position).query_pairs(ONE_PLACE_MM, output_type="ndarray")
-    shape = (len(position), len(position))
-    links = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=shape)
-    chain = connected_components(links, directed=False)[1]
-    return pd.factorize(chain[of])[0].astype(np.int64)
-
-
-def _sessions(frames: pd.DataFrame) -> np.ndarray:
-    if "session" not in frames:
-        return np.zeros(len(frames), dtype=np.int64)
-    return pd.factorize(frames["session"])[0].astype(np.int64)

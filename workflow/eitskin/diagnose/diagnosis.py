@@ -14,10 +14,10 @@ from eitskin.diagnose.excerpt import excerpt
 from eitskin.diagnose.fit import Fit, Problem, difference
 from eitskin.diagnose.gaps import Gap, gaps, strengths
 from eitskin.diagnose.held_out import folds
-from eitskin.diagnose.model import Model
 from eitskin.diagnose.noise import Noise, estimate
 from eitskin.diagnose.remainder import Other, other
 from eitskin.diagnose.search.search import Search, State
+from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.whitening import COHERENT, Whitening
 from eitskin.effects.settings import site_counts
 from eitskin.errors import InputError
@@ -124,7 +124,7 @@ def _search(
 
 def problem_of(recorded: Recording, noise: Noise) -> tuple[Problem, Scales]:
     """The fitting problem of a recording whose noise is known, and the sizes of its readings."""
-    model = Model(recorded)
+    model = RecordingSimulator(recorded)
     readings = np.where(model.known[:, None], recorded.voltage, np.nan)
     if not np.isfinite(readings).any():
         found = f"{int(model.touched.sum())} touches of unknown force or probe and no other frame"
@@ -143,7 +143,7 @@ def problem_of(recorded: Recording, noise: Noise) -> tuple[Problem, Scales]:
 def _few(problem: Problem, recorded: Recording) -> Problem:
     """The same problem on FIRST_FRAMES of the frames."""
     few = excerpt(recorded, FIRST_FRAMES)
-    model = Model(recorded, few, problem.model.near)
+    model = RecordingSimulator(recorded, few, problem.model.near)
     readings = np.where(model.known[:, None], few.voltage, np.nan)
     return Problem(model, readings, replace(problem.whitening, mask=np.isfinite(readings)))
 
@@ -190,7 +190,7 @@ def simulator(
 ) -> Callable[[np.ndarray], np.ndarray]:
     """Voltages (N, M) of a query's states, noise-free, of the coordinates (P,) of a recording's
     fit. InputError for touches of unknown state."""
-    problem = Problem(Model(recorded, query), np.zeros(1), fit.problem.whitening)
+    problem = Problem(RecordingSimulator(recorded, query), np.zeros(1), fit.problem.whitening)
     if not problem.model.known.all():
         row = int(np.flatnonzero(~problem.model.known)[0])
         raise InputError("query", f"row {row}", "a touch of unknown state", "x, y, force and probe")

@@ -17,8 +17,8 @@ from eitskin.diagnose.classes import CONFUSED, WEAK
 from eitskin.diagnose.diagnosis import Diagnosis
 from eitskin.diagnose.fit import Problem, fit
 from eitskin.diagnose.gaps import CLOSE, gaps
-from eitskin.diagnose.model import Model
 from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.whitening import Whitening
 from eitskin.effects.effect import Setting
 from eitskin.errors import InputError
@@ -76,7 +76,7 @@ class Recipe:
     """One experiment, set up: what makes its simulator, anew for each use, as a simulator keeps
     what it solved; its covariance; more: how many frames there are for one of the recording's."""
 
-    simulator: Callable[[], Model]
+    simulator: Callable[[], RecordingSimulator]
     whitening: Whitening
     more: float
 
@@ -174,7 +174,7 @@ def _recipes(found: Diagnosis, rows: np.ndarray) -> dict[str, Recipe]:
     more = pd.concat([run.again(1 + k) for k in range(REPEATS - 1)], ignore_index=True)
     recipes = {}
     for text, frames in {AS_IS: again[:0], SAME: more, **run.presses()}.items():
-        simulator = partial(Model, found.recorded, run.joined(frames))
+        simulator = partial(RecordingSimulator, found.recorded, run.joined(frames))
         recipes[text] = run.recipe(simulator, problem.whitening, len(frames))
     turned = partial(_Turned, found.recorded, run, again)
     recipes[TURN] = run.recipe(turned, problem.whitening, len(again))
@@ -190,7 +190,7 @@ class _Run:
     simulated."""
 
     recorded: Recording
-    model: Model
+    model: RecordingSimulator
     frames: np.ndarray
 
     @cached_property
@@ -227,7 +227,9 @@ class _Run:
         own = self.recorded.frames[STATES].assign(contact=np.where(press < 0, np.nan, press))
         return self.query(pd.concat([own.iloc[self.frames], frames], ignore_index=True))
 
-    def recipe(self, simulator: Callable[[], Model], whitening: Whitening, new: int) -> Recipe:
+    def recipe(
+        self, simulator: Callable[[], RecordingSimulator], whitening: Whitening, new: int
+    ) -> Recipe:
         """A recipe with so many new frames; a channel that was always lost stays lost."""
         more = np.tile(whitening.mask.any(axis=0), (new, 1))
         mask = np.concatenate([whitening.mask[self.frames], more])
@@ -326,7 +328,7 @@ def _driven(found: Diagnosis, run: _Run) -> Recipe | None:
     return Recipe(simulator, covariance, 1.0 + len(again) / len(run.frames))
 
 
-class _Driven(Model):
+class _Driven(RecordingSimulator):
     """A query with a table of channels (M, 4) of its own."""
 
     def __init__(self, recorded: Recording, query: Recording, channels: np.ndarray):
@@ -334,7 +336,7 @@ class _Driven(Model):
         self.channels = channels
 
 
-class _Rolled(Model):
+class _Rolled(RecordingSimulator):
     """The board's electrodes, each on the place of the next."""
 
     def skin(self, coordinates: np.ndarray) -> Skin:
@@ -343,19 +345,19 @@ class _Rolled(Model):
         return replace(skin, electrode_deg=tuple(np.roll(skin.electrode_deg, -1).tolist()))
 
 
-class _Turned(Model):
+class _Turned(RecordingSimulator):
     """A recording's frames, and frames after the connector was turned by one electrode: what is on
     the skin has gone to another terminal, what is in the wiring and the instrument stays."""
 
     def __init__(self, recorded: Recording, run: _Run, again: pd.DataFrame):
         super().__init__(recorded, run.joined(again))
-        self._before = Model(recorded, run.joined(again[:0]), near=self.near)
+        self._before = RecordingSimulator(recorded, run.joined(again[:0]), near=self.near)
         self._after = _Rolled(recorded, run.query(again), near=self.near)
 
     def voltage(
         self, coordinates: np.ndarray, chosen: list[Setting], accuracy: str = "diagnose"
     ) -> np.ndarray:
-        """(N, M) as of `Model`."""
+        """(N, M) as of `RecordingSimulator`."""
         n = len(self.believed.electrode_deg)
         moved = [
             replace(s, sites=(s.sites - 1) % n)

@@ -7,7 +7,7 @@ import numpy as np
 
 from eitskin.diagnose.candidates import Candidate, own_channels
 from eitskin.diagnose.jacobian import Block, Jacobian
-from eitskin.diagnose.model import Model
+from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.whitening import Whitening
 from eitskin.effects.effect import Setting
 from eitskin.errors import InputError
@@ -28,7 +28,7 @@ ROUNDING = 1e-14  # of a precision's eigenvalues beside its diagonal
 class Problem:
     """What is fitted: recorded readings (N, M), their simulator, their covariance."""
 
-    model: Model
+    model: RecordingSimulator
     recorded: np.ndarray
     whitening: Whitening
 

@@ -1,4 +1,4 @@
-"""What a misfit may vary with: one number a frame."""
+"""What a misfit may vary with: laws of time, press, force and place, one number a frame each."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

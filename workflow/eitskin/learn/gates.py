@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from eitskin.data.dataset import upper_limit
+from eitskin.data.baseline import upper_limit
 
 COMPONENTS = 16
 REFERENCES = 2000
@@ -19,7 +19,7 @@ def activity(delta_V: Tensor, scale: Tensor) -> Tensor:
 def touch_gate(delta_V: Tensor, spread: Tensor, untouched: dict | None) -> dict:
     """The activity above which a frame is called touched, and the channels' `scale` (M,).
 
-    From the untouched frames' noise where the dataset has it (`dataset.untouched_noise`): 1 % of
+    From the untouched frames' noise where the dataset has it (`baseline.untouched_noise`): 1 % of
     untouched frames lie above. Otherwise from the touches alone, changes (N, M) of the validation
     part by their `spread` (M,): 1 % of touches lie below; nothing is then known of false touches.
     `detected`: share of the validation touches above it.

@@ -9,7 +9,8 @@ import pyarrow.parquet as pq
 import torch
 
 from eitskin.atomic import atomic_path
-from eitskin.data.dataset import TARGETS, Dataset, changes
+from eitskin.data.baseline import changes
+from eitskin.data.dataset import TARGETS, Dataset
 from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 from eitskin.learn import gates, networks
@@ -84,7 +85,7 @@ def predict_part(
 
 def predict_recording(model: Trained, recording: Recording, name: str) -> pd.DataFrame:
     """Predictions of a model for every frame of a recording: `frame`, `time_s`, then
-    as `predict`; the changes are `dataset.changes`'.
+    as `predict`; the changes are `baseline.changes`'.
 
     Raises InputError where the recording's channels, unit or kind of voltage are not the model's.
     """

@@ -2,8 +2,8 @@
 are and after adaptation (the authors' experiment: CORAL, an affine adapter and isotonic force
 calibration on 5 % of the labels).
 
-Frames are changes against the skin's own untouched frame (`dataset.changes`), in V; nothing else is
-normalised before a method says so.
+Frames are changes against the skin's own untouched frame (`baseline.changes`), in V; nothing else
+is normalised before a method says so.
 
     zero-shot          ŝ = f(Δv): the recording's frames through the simulation's scalers
     z-score            each channel of the recording by its own mean and deviation, no label

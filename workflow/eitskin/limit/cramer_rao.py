@@ -8,14 +8,14 @@ Schultheiss 1987; Van Trees 1968, § 2.4), at their means; the state has no prio
 import numpy as np
 import pandas as pd
 
-from eitskin.limit.observation import Covariance, Experiment, Model
+from eitskin.limit.observation import Covariance, Experiment, SessionModel
 
 FORCES_N = (1.0, 2.5, 5.0, 7.5, 10.0)
 CLEAR = 1e-3  # of the way to the rim
 BOUNDS = {"x": "mm", "y": "mm", "F": "N"}
 
 
-def bound(model: Model, state: np.ndarray) -> np.ndarray:
+def bound(model: SessionModel, state: np.ndarray) -> np.ndarray:
     """(3,): least sd of x mm, y mm and F N at a state, the model's unknowns about their means."""
     mean = np.zeros(model.skin_spread.shape[1])
     e, noise = model.change(state, mean)

@@ -68,7 +68,7 @@ class Experiment:
                 if isinstance(value, dict) and (name, key) not in DRAWN:
                     raise InputError("limit", f"effects[{k}].{key}", value, "a number")
 
-    def known(self, seed: int, session: int) -> "Model":
+    def known(self, seed: int, session: int) -> "SessionModel":
         """The session's own skin and gains, as the simulator draws them from `seed`."""
         counts = site_counts(self.channels)
         skin = sample_settings(skin_effects(self.effects), counts, (seed, session, 0))
@@ -79,9 +79,9 @@ class Experiment:
         ]
         values = sum(np.size(value) for setting in skin for value in setting.values.values())
         still = np.zeros((values, 0)), np.zeros((len(self.channels), 0))
-        return Model(self, skin, instrument, *still)
+        return SessionModel(self, skin, instrument, *still)
 
-    def unknown(self) -> "Model":
+    def unknown(self) -> "SessionModel":
         """A session of which only the distributions are known."""
         in_skin = skin_effects(self.effects)
         in_instrument = list(instrument_effects(self.effects).values())
@@ -97,7 +97,7 @@ class Experiment:
                 spread = _spread(effect["parameters"]["gain"], len(setting.sites))
                 gain_spread = np.zeros((len(self.channels), spread.shape[1]))
                 gain_spread[setting.sites] = (spread.T / setting.values["gain"]).T
-        return Model(self, skin, instrument, block_diag(*skin_spread), gain_spread)
+        return SessionModel(self, skin, instrument, block_diag(*skin_spread), gain_spread)
 
     def _mean(self, effect: dict) -> Setting:
         """The effect, every drawn parameter at its mean."""
@@ -123,7 +123,7 @@ def _spread(given, size: int) -> np.ndarray:
 
 
 @dataclass
-class Model:
+class SessionModel:
     """The readings of a session whose skin and gains are given but for standard normal unknowns.
 
     skin_spread (values, K): what unknowns add to the skin's drawn values, one after the other;
@@ -140,10 +140,10 @@ class Model:
         self._forward: tuple[bytes, Forward, np.ndarray] | None = None
         self._base = Geometry.from_skin(self.experiment.skin)
 
-    def at_mean(self) -> "Model":
+    def at_mean(self) -> "SessionModel":
         """The same without unknowns, each at its mean."""
         none = (np.zeros((len(spread), 0)) for spread in (self.skin_spread, self.gain_spread))
-        return Model(self.experiment, self.skin, self.instrument, *none)
+        return SessionModel(self.experiment, self.skin, self.instrument, *none)
 
     @cached_property
     def mixing(self) -> np.ndarray:
@@ -293,7 +293,7 @@ class Model:
 class Covariance:
     """noise² 1 + B Bᵀ, B = X diag(e) T: of a change, the gains T z unknown (T: gain_spread)."""
 
-    model: Model
+    model: SessionModel
     e: np.ndarray
     noise: float
 
@@ -341,7 +341,7 @@ class Sample:
     """The likelihood of one change (M,) V: a `posterior.Likelihood` of the standard normal numbers
     behind place (2) and force, and of the skin's unknowns."""
 
-    model: Model
+    model: SessionModel
     delta_V: np.ndarray
 
     @property

@@ -18,7 +18,7 @@ from tqdm import tqdm
 from eitskin.atomic import atomic_path
 from eitskin.data.dataset import Dataset
 from eitskin.learn import metrics
-from eitskin.limit.observation import Experiment, Model, Sample
+from eitskin.limit.observation import Experiment, Sample, SessionModel
 from eitskin.limit.posterior import different, draw, find_mode
 from eitskin.physics.skin import Skin
 from eitskin.simulate.state_priors import force_N, place_normal
@@ -59,7 +59,7 @@ def experiment_of(
 class Starts:
     """Noise-free changes of the mean skin, spread over places and forces, to start from."""
 
-    def __init__(self, model: Model):
+    def __init__(self, model: SessionModel):
         experiment = model.experiment
         turn = np.arange(PLACES) * np.pi * (3.0 - np.sqrt(5.0))
         radius = experiment.reach_mm * np.sqrt((np.arange(PLACES) + 0.5) / PLACES)
@@ -88,7 +88,11 @@ class Starts:
 
 
 def estimate(
-    model: Model, delta_V: np.ndarray, starts: np.ndarray, pairs: int, rng: np.random.Generator
+    model: SessionModel,
+    delta_V: np.ndarray,
+    starts: np.ndarray,
+    pairs: int,
+    rng: np.random.Generator,
 ) -> dict[str, np.ndarray | float]:
     """Posterior `mean` and `sd` (3,) of x mm, y mm and F N given a change (M,) V; `effective`, the
     share of the weighted draws that counts, and `modes`, how many there are.
@@ -124,7 +128,7 @@ def estimates(
     rows = np.sort(rng.choice(tested, min(samples, len(tested)), replace=False))
     unknown = experiment.unknown()
     starts = Starts(unknown)
-    known: tuple[int, Model] | None = None
+    known: tuple[int, SessionModel] | None = None
     found = []
     for row in tqdm(rows, unit="samples", disable=not sys.stderr.isatty()):
         truth, change = dataset.table.iloc[row], dataset.delta_V[row].astype(float)

@@ -10,7 +10,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from eitskin import figure_files, plotting
-from eitskin.data import alignment, dataset, reconstruct
+from eitskin.data import alignment, baseline, reconstruct
 from eitskin.data.recording import Recording, presses
 from eitskin.errors import InputError
 from eitskin.plotting import CENTRED, CULPRIT, DIVERGING, SEQUENTIAL, style
@@ -69,7 +69,7 @@ def press(recording: Recording, name: str) -> Press:
     electrode_deg = np.array(skin.electrode_deg)
     ideal = alignment.homogeneous_readings(recording.channels, electrode_deg)
     free = recording.voltage[~recording.frames["touch"].to_numpy(bool)]
-    change = dataset.changes(recording, name)[rows]
+    change = baseline.changes(recording, name)[rows]
     known = np.isfinite(ideal) & np.isfinite(change).all(axis=0) & np.isfinite(free).any(axis=0)
     sign = np.sign(ideal) if metadata["voltage"] == "magnitude" else np.ones(len(ideal))
     still = np.nanmean(np.where(known, free, 0.0), axis=0)

@@ -18,6 +18,7 @@ from tqdm import tqdm
 
 from eitskin.atomic import atomic_path
 from eitskin.data import dataset
+from eitskin.data.baseline import untouched_noise
 from eitskin.effects.effect import Frames, Setting
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
@@ -228,7 +229,7 @@ def write_dataset(
         "channels": channels.tolist(),
         "noise": noise,
         "baseline": baseline,
-        "untouched": dataset.untouched_noise(still.astype(float)),
+        "untouched": untouched_noise(still.astype(float)),
     }
     dataset.write(dataset.Dataset(table, change, metadata), out)
 

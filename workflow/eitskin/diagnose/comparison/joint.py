@@ -11,7 +11,7 @@ from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.diagnosis import Diagnosis
 from eitskin.diagnose.fit import Fit, Problem, fit
 from eitskin.diagnose.held_out import HeldOut, held_out
-from eitskin.diagnose.model import MOST, Calibration, Model
+from eitskin.diagnose.simulator import MOST, Calibration, RecordingSimulator
 from eitskin.effects.effect import Parameter
 from eitskin.errors import InputError
 
@@ -169,7 +169,7 @@ def fitted(
     parts = []
     for name, found in founds.items():
         own = found.after.fit
-        model = Model(found.recorded)
+        model = RecordingSimulator(found.recorded)
         # Parameters that are relative to a recording's own start or extremes become the same.
         model.force_max_N = force_max_N
         believed = model.calibrations

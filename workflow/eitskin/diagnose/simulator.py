@@ -51,7 +51,7 @@ class Calibration:
         return self.start + self.sd * coordinate
 
 
-class Model:
+class RecordingSimulator:
     """Readings (N, M) of the frames of one recording, in its own form and unit, by `voltage`.
 
     `states` are another query's frames; the recording's by default. Frames whose touch is not
@@ -81,7 +81,7 @@ class Model:
         if not self.known.any():
             found = f"{len(frames.frames)} touches of unknown force or probe"
             raise InputError("recording", "frames", found, "untouched frames, or touches known")
-        base = None if query is None else Model(recorded)
+        base = None if query is None else RecordingSimulator(recorded)
         self.believed, self.calibrations = (
             (base.believed, base.calibrations) if base else _beliefs(recorded)
         )

@@ -1,0 +1,74 @@
+"""What a recording holds, how good it is, and what it cannot tell; in plain words.
+
+`measures`, `wiring` and `missing` hold what is measured and how grave it is, `sentences` what is
+said of it. Errors are what makes a recording useless as it stands: a wrong channel order, readings
+that no passive skin gives.
+"""
+
+from pathlib import Path
+
+from eitskin.atomic import atomic_path
+from eitskin.data.check import sentences
+from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Check
+from eitskin.data.recording import Recording
+from eitskin.errors import InputError
+
+__all__ = ["ERROR", "FACT", "UNOBSERVABLE", "WARNING", "Check", "check", "text", "write"]
+
+
+def check(recording: Recording) -> Check:
+    """Every finding about a recording or query (`recording.validate`d)."""
+    findings = sentences.contents(recording) + sentences.repeated(recording)
+    if recording.voltage is not None:
+        nothing = sentences.dead(recording)
+        if nothing:
+            return Check((*findings, *nothing))
+        for examine in (
+            sentences.lost,
+            sentences.clipped,
+            sentences.noise,
+            sentences.drift,
+            sentences.reciprocity,
+            sentences.channel_order,
+            sentences.polarity,
+            sentences.numbering,
+        ):
+            findings += examine(recording)
+        findings += sentences.unobservable(recording)
+    return Check(tuple(findings))
+
+
+def text(result: Check) -> str:
+    """The check as plain words, a sentence a line, ending with a verdict."""
+    sections = {
+        FACT: "What it holds",
+        WARNING: "What to look at",
+        ERROR: "What makes it unusable as it stands",
+        UNOBSERVABLE: "What it cannot tell, and what to add so that it could",
+    }
+    lines = []
+    for severity, title in sections.items():
+        found = [finding for finding in result.findings if finding.severity == severity]
+        if found:
+            lines.append(f"{title}:")
+        for finding in found:
+            remedy = f" Add: {finding.remedy}." if finding.remedy else ""
+            lines.append(f"  {finding.topic}: {finding.sentence}{remedy}")
+    lines.append("Usable." if result.ok else "Not usable as it stands.")
+    return "\n".join(lines) + "\n"
+
+
+def write(result: Check, path: str | Path, file: str | Path) -> None:
+    """Write the check of the recording `file` as plain words.
+
+    Raises InputError naming the first error, with those words as its note, where the recording is
+    unusable; then nothing is written, so that nothing can be learned from it.
+    """
+    for finding in result.findings:
+        if finding.severity == ERROR:
+            expected = "a usable recording"
+            refusal = InputError(file, f"check, {finding.topic}", finding.sentence[:-1], expected)
+            refusal.add_note(text(result))
+            raise refusal
+    with atomic_path(path) as temporary:
+        temporary.write_text(text(result), encoding="utf-8")
