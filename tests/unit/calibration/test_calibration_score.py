@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from calibration import score
+from calibration import figures, score
 from calibration.blocks import trials
 from calibration.intervals import bootstrap, wilson
 from calibration.judge import covered, matched, names_truth, next_gap
@@ -299,11 +299,12 @@ def test_a_part_of_a_block_is_scored_and_says_so(tmp_path):
             path.parent.mkdir(exist_ok=True)
             path.write_text(json.dumps(one))
     score.write(tmp_path, "development", "quick")
+    figures.write(tmp_path)
     names = {path.name for path in tmp_path.iterdir() if path.is_file()}
-    figures = {
+    drawn = {
         f"{n}.{s}" for n in ("confusion", "other_calibration") for s in ("svg", "png", "csv")
     }
-    assert names == figures | {"summary.csv", "summary.md", "effects.csv"}
+    assert names == drawn | {"summary.csv", "summary.md", "effects.csv"}
     text = (tmp_path / "summary.md").read_text()
     there = len(list((tmp_path / "trials").iterdir()))
     whole = len(trials("development", "quick"))

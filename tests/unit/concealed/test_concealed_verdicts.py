@@ -46,8 +46,8 @@ def quick(monkeypatch):
         (Path(folder) / "evidence" / "search.csv").write_text("a\n")
         (Path(folder) / "diagnosis.json").write_text(json.dumps([name, *found]) + "\n")
 
-    monkeypatch.setattr(verdicts.diagnose, "diagnose", diagnose)
-    monkeypatch.setattr(verdicts.diagnose, "write", write)
+    monkeypatch.setattr(verdicts.diagnosis, "diagnose", diagnose)
+    monkeypatch.setattr(verdicts.result, "write", write)
     return asked
 
 

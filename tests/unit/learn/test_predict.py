@@ -111,7 +111,7 @@ def test_other_channel_counts_are_refused(trained):
 def test_a_file_without_a_predictor_is_refused(tmp_path):
     data = touches(300, seed=1)
     part = splits.assign(data.table, "random", 1)
-    train.train_autoencoder(data, part, tmp_path / "a.pt", train.Optimiser(), BUDGET, 1, 16)
+    train.train_autoencoder(data, part, tmp_path / "a.pt", train.Optimiser(), BUDGET, 1, 1, 16)
     with pytest.raises(InputError, match="'autoencoder', expected one of svr, mlp"):
         predict.predict(model_file.read(tmp_path / "a.pt"), data.delta_V)
 

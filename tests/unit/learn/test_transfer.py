@@ -46,9 +46,11 @@ def simulated(tmp_path_factory):
     """A trained model, its set and the set's parts."""
     data = described(touches(1500, seed=1))
     part = splits.assign(data.table, "random", 1)
-    path = tmp_path_factory.mktemp("model") / "mlp.pt"
-    train.train_predictor(data, part, "mlp", path, train.Optimiser(), BUDGET, 1, 1, 5.0)
-    return model_file.read(path), data, part
+    folder = tmp_path_factory.mktemp("model")
+    paths = [folder / "1.pt", folder / "2.pt"]
+    for seed, path in enumerate(paths, start=1):
+        train.train_predictor(data, part, "mlp", path, train.Optimiser(), BUDGET, 1, seed, 5.0)
+    return model_file.read_seeds(paths), data, part
 
 
 @pytest.fixture(autouse=True)

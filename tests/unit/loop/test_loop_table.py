@@ -130,7 +130,9 @@ def test_the_text_names_what_was_concealed_and_found(tmp_path):
 
 def test_the_figure_shows_every_source_of_its_model(tmp_path):
     svg, png, csv = (tmp_path / f"mlp.{suffix}" for suffix in ("svg", "png", "csv"))
-    figure.write(files(tmp_path), "mlp", svg, png, csv)
+    summary = tmp_path / "loop.csv"
+    table.summarise(table.collect(files(tmp_path))).to_csv(summary, index=False)
+    figure.write(summary, "mlp", svg, png, csv)
     drawn = pd.read_csv(csv)
     assert set(drawn["source"]) == set(ERRORS) and set(drawn["variable"]) == {"F", table.PLACE}
     assert svg.read_text().startswith("<?xml") and png.stat().st_size > 1000
