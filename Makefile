@@ -1,4 +1,4 @@
-# make · make paper · make concealed · make concealed_final · make demo-capture · make test · make rehearse · make lint · make real · make bench · make accuracy · make clean
+# make · make paper · make concealed · make concealed_final · make demo-capture · make test · make test-long · make rehearse · make lint · make real · make bench · make accuracy · make clean
 # Needs Python 3.11 or 3.12 (PYTHON=… picks one); after the installs nothing needs the network.
 
 BIN := .venv/bin
@@ -24,7 +24,7 @@ export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
 
 .DELETE_ON_ERROR:
-.PHONY: run paper concealed concealed_final demo-capture test rehearse lint real bench accuracy clean
+.PHONY: run paper concealed concealed_final demo-capture test test-long rehearse lint real bench accuracy clean
 
 run: .venv/installed
 	@echo "eitskin: simulating, training and writing results/tables/table_1.csv on $(CORES) cores"
@@ -57,6 +57,13 @@ demo-capture: .venv/installed-rig
 test: .venv/installed-test
 	@echo "eitskin: testing"
 	@$(BIN)/python -m pytest -n $(CORES) --dist loadgroup
+
+# Every property on examples that no run has seen, and what takes long. The seed draws them again.
+test-long: .venv/installed-test
+	@seed=$${SEED:-$$(od -An -N4 -tu4 /dev/urandom | tr -d ' ')}; \
+	echo "eitskin: searching properties and testing what takes long; again: make test-long SEED=$$seed"; \
+	$(BIN)/python -m pytest -n $(CORES) --dist loadgroup -m '(hypothesis or long) and not rehearsal' \
+	  --hypothesis-profile search --hypothesis-seed $$seed
 
 rehearse: .venv/installed-test
 	@echo "eitskin: rehearsing the rig's faults with the real ur_rtde, minutes; keep the machine free meanwhile"

@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-pytestmark = pytest.mark.xdist_group("finished")
+pytestmark = [pytest.mark.xdist_group("finished"), pytest.mark.long]
 
 TABLES = "results/tables"
 

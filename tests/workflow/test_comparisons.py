@@ -2,6 +2,7 @@
 
 import json
 
+import pytest
 import yaml
 
 from eitskin.data import recording
@@ -9,6 +10,7 @@ from eitskin.diagnose.comparison.compare import parts
 from skin_sessions import CONTACT, recorded
 
 
+@pytest.mark.long
 def test_sessions_and_recordings_are_compared(fresh, tmp_path):
     house = fresh.copy(tmp_path / "house")
     whole = recorded([[], [CONTACT]], presses=3)

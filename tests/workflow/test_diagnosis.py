@@ -72,6 +72,7 @@ def test_what_the_twin_hides_reaches_the_diagnosis_by_the_recording(house):
     )
 
 
+@pytest.mark.long
 def test_a_recording_with_a_query_is_diagnosed_and_the_query_predicted(house, tmp_path):
     source = house.folder / "results" / "recordings" / "simulated-twin.parquet"
     shutil.copy(source, tmp_path / "brought.parquet")
@@ -93,6 +94,7 @@ def test_a_recording_with_a_query_is_diagnosed_and_the_query_predicted(house, tm
     assert said | {"recording": ""} == twin | {"recording": ""}
 
 
+@pytest.mark.long
 def test_the_workflow_simulates_from_effects_yaml_without_a_change(house):
     recorded = recording.read(house.folder / "results" / "recordings" / "simulated-twin.parquet")
     target = "results/twin/simulated-twin.parquet"

@@ -54,6 +54,7 @@ def killed(house, seen, *arguments, cores):
     unlocked(house)
 
 
+@pytest.mark.long
 def test_on_one_core_and_killed_twice_it_gives_the_same_bytes(fresh, finished, tmp_path):
     house = fresh.copy(tmp_path / "house")
     for seen in ("results/simulated/tiny", "results/models"):

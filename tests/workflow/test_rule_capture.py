@@ -71,6 +71,7 @@ def test_what_is_captured_is_never_captured_again(fresh, tmp_path):
     assert not (house.folder / "captures").exists()
 
 
+@pytest.mark.long
 def test_a_capture_becomes_rows_of_table_1_and_a_diagnosis(fresh, tmp_path):
     """24 places with 3 probes, by the real libraries. Where the machine gives the driver no time
     the arm is stopped, as it should be, and the same command goes on."""

@@ -36,6 +36,7 @@ def orders(errors):
     return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
 
 
+@pytest.mark.long
 def test_voltages_equal_pyeit_for_every_touch_of_the_polar_grid(pyeit_mesh, pyeit_elements):
     from pyeit.eit import protocol
     from pyeit.eit.fem import EITForward
@@ -78,11 +79,11 @@ def test_touch_modes_equal_direct_solves(pyeit_elements, r, angle, radius, contr
     modes = factored.touch_modes(np.flatnonzero(touched))
     direct = pyeit_elements.transfer(background * np.where(touched, 1.0 + contrast, 1.0))
     found = factored.transfer + modes.transfer_change([contrast])[0]
-    assert np.max(abs(found - direct)) < 1e-10 * np.max(abs(direct))
-    change = direct - factored.transfer
-    rounding = 1e-12 * np.max(abs(direct))
-    error = np.max(abs(modes.transfer_change([contrast])[0] - change))
-    assert error < 1e-9 * np.max(abs(change)) + rounding
+    # Both ways round each of the unknowns, in units of the stiffer part: the softer sees them as
+    # many times larger as it is softer.
+    unknowns, stiffer = pyeit_elements.mesh.nvertices, max(1.0 + contrast, 1.0 / (1.0 + contrast))
+    rounding = unknowns * np.finfo(float).eps * stiffer
+    assert np.max(abs(found - direct)) < rounding * np.max(abs(direct))
 
 
 def test_touch_modes_hold_for_complete_electrodes_and_quadratic_elements(complete):
@@ -174,12 +175,14 @@ def edge_errors(order, grading, refinements):
     return errors
 
 
+@pytest.mark.long
 def test_linear_elements_converge_with_order_two():
     errors = smooth_errors(1, 6, (1, 2, 3))
     assert errors[-1] < 2e-4
     assert 1.8 < orders(errors)[-1] < 2.1
 
 
+@pytest.mark.long
 def test_quadratic_elements_converge_with_order_four_where_graded_and_three_at_a_bare_point():
     graded = smooth_errors(2, 6, (1, 2, 3))
     assert graded[-1] < 1e-7
@@ -187,6 +190,7 @@ def test_quadratic_elements_converge_with_order_four_where_graded_and_three_at_a
     assert 2.8 < orders(smooth_errors(2, 0, (1, 2, 3)))[-1] < 3.1
 
 
+@pytest.mark.long
 def test_the_electrode_edge_costs_orders_on_an_ungraded_mesh():
     """The current ends in a jump: r log r in u, order 2 (with its logarithm) for any elements."""
     linear, quadratic = edge_errors(1, 0, (2, 3, 4)), edge_errors(2, 0, (2, 3, 4))
@@ -195,6 +199,7 @@ def test_the_electrode_edge_costs_orders_on_an_ungraded_mesh():
     assert quadratic[-1] > 1e-5
 
 
+@pytest.mark.long
 def test_grading_restores_the_orders_at_the_electrode_edge():
     linear, quadratic = edge_errors(1, 10, (0, 1, 2)), edge_errors(2, 10, (0, 1, 2))
     assert 1.9 < orders(linear)[-1] < 2.1

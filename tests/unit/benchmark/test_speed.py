@@ -63,6 +63,7 @@ def test_a_perturbed_set_runs_the_whole_chain():
     assert peak > 10
 
 
+@pytest.mark.long
 def test_a_drawn_recording_is_diagnosed():
     seconds, peak = speed.diagnose("null", 1, 60)
     assert seconds > 0

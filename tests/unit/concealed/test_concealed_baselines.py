@@ -100,6 +100,7 @@ def small():
     return case, recorded, Recording(case.query, None, None, None, dict(case.metadata))
 
 
+@pytest.mark.long
 def test_every_method_says_and_predicts_something_of_a_witness_recording(small):
     case, recorded, query = small
     said, predicted = baselines.compare(recorded, query, 1)
@@ -127,6 +128,7 @@ def test_every_method_says_and_predicts_something_of_a_witness_recording(small):
     assert all_said["snr_left"] < 5.0 < nothing["snr_left"]
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("error::scipy.linalg.LinAlgWarning")
 def test_calibrations_that_do_the_same_hinder_no_method(small):
     """In arbitrary units conductivity, thickness and the unit's factor are one."""

@@ -224,6 +224,7 @@ def test_snr_follows_the_noise(block):
     assert told["outside"]["snr"] == pytest.approx(case.outside["snr"] * scale)
 
 
+@pytest.mark.long
 def test_gaps_that_take_more_than_a_diagnosis_may_are_unknown(monkeypatch):
     planned = next(one for one in PLAN.values() if one.gap is not None)
     case = conceal.case_of(planned, SIZES)

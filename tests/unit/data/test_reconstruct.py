@@ -7,7 +7,7 @@ from eitskin.data import alignment, reconstruct
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
 
-ACROSS, RADIUS_MM = 40, 80.0
+ACROSS = 40
 CHANNELS, ANGLES = channel_table(16), even_angles(16)
 PLACES = reconstruct.pixels(ACROSS)
 JACOBIAN = reconstruct.jacobian(CHANNELS, ANGLES, PLACES, ACROSS)
@@ -53,13 +53,22 @@ def touch(place, noise=0.003, seed=0):
 @settings(max_examples=12)
 @given(radius=st.floats(0.0, 0.85), turn=st.floats(0.0, 2.0 * np.pi), seed=st.integers(0, 9))
 def test_a_small_touch_lights_up_where_it_is(radius, turn, seed):
+    """Readings grow towards the rim, and NOSER divides by them: its peak lies inward of a touch, by
+    less than what electrodes resolve, half of their spacing. Each pixel over what a touch there
+    would light it up, it peaks at the touch (Cauchy-Schwarz in the inner product that the prior
+    makes), as the projection does: at one of the pixels around it.
+    """
     place = radius * np.exp(1j * turn)
     change = touch(place, seed=seed)
-    strength = reconstruct.strength(JACOBIAN, change)
-    image = reconstruct.noser(JACOBIAN, strength) @ change[-1]
-    assert abs(PLACES[image.argmax()] - place) * RADIUS_MM < 8.0
+    inverse = reconstruct.noser(JACOBIAN, reconstruct.strength(JACOBIAN, change))
+    image = inverse @ change[-1]
+    at_itself = (inverse * JACOBIAN.T).sum(axis=1)
+    standardised = image * np.sqrt((JACOBIAN**2).sum(axis=0) / at_itself)
     projected = alignment.back_projection(JACOBIAN.T, change[-1:])[:, 0]
-    assert abs(PLACES[projected.argmax()] - place) * RADIUS_MM < 4.0
+    cell = np.sqrt(2.0) * 2.0 / ACROSS
+    assert abs(PLACES[image.argmax()] - place) < np.pi / 16
+    assert abs(PLACES[standardised.argmax()] - place) < cell
+    assert abs(PLACES[projected.argmax()] - place) < cell
 
 
 def test_the_image_grows_with_the_touch():

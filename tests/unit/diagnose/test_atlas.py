@@ -140,6 +140,7 @@ def p_values(tables):
     return frame.groupby(["statistic", "site"])["p"].apply(np.array)
 
 
+@pytest.mark.long
 def test_every_row_s_p_is_uniform_under_noise(nulls):
     p = p_values(nulls)
     assert len(p) > 150 and all(len(values) == DRAWS for values in p)
@@ -149,11 +150,13 @@ def test_every_row_s_p_is_uniform_under_noise(nulls):
     assert 0.3 < np.median(ks) < 0.7
 
 
+@pytest.mark.long
 def test_false_discoveries_are_under_control(nulls):
     false = sum((table["q"] < 0.05).any() for table in nulls)
     assert binomtest(false, DRAWS, 0.05, alternative="greater").pvalue > 0.01
 
 
+@pytest.mark.long
 def test_p_is_uniform_with_readings_lost(small):
     rng = np.random.default_rng(2)
     lost = rng.random(small.clean.shape) < 0.05
@@ -173,6 +176,7 @@ def test_p_is_uniform_with_readings_lost(small):
     assert top(tables[0], "everything")["dof"] == (~lost).sum() - 1
 
 
+@pytest.mark.long
 def test_p_is_uniform_for_differences(small):
     def centred(residual):
         return residual - residual.mean(axis=0)

@@ -96,6 +96,7 @@ def test_what_names_no_sessions_is_refused():
         parts(whole)
 
 
+@pytest.mark.long
 def test_where_nothing_changed_all_is_shared():
     wrong = 0
     for seed in range(20):
@@ -116,6 +117,7 @@ def test_where_nothing_changed_all_is_shared():
     assert wrong <= 2
 
 
+@pytest.mark.long
 def test_the_contact_that_changed_is_reported_and_nothing_else(tmp_path):
     whole = recorded([[], [CONTACT]])
     founds = {f"session {name}": diagnose(part) for name, part in parts(whole).items()}

@@ -90,6 +90,7 @@ def test_swapped_wires_are_found_beside_another_fault():
     assert found["multiplexer-memory"]["parameters"]["mu"]["value"] == pytest.approx(0.03, abs=2e-3)
 
 
+@pytest.mark.long
 def test_a_search_on_few_frames_goes_on_with_all(monkeypatch):
     weak = {"name": "multiplexer-memory", "parameters": {"mu": 2e-4}}
     monkeypatch.setattr(diagnosis, "FIRST_FRAMES", 11)
@@ -226,6 +227,7 @@ def free_gains(found):
     return search.with_effect(search.calibrated(), free)
 
 
+@pytest.mark.long
 def test_free_gains_lose_unless_they_are_there(contact):
     _, found = contact
     assert free_gains(found).log_evidence < found.after.log_evidence - 10

@@ -30,6 +30,7 @@ def sampled(model, rng):
     return model.mixing @ (e * gain) + noise * rng.standard_normal(208), sample.state(z), z
 
 
+@pytest.mark.long
 def test_errors_are_as_large_as_the_posterior_says_with_the_skin_known():
     model = experiment().known(1, 3)
     starts, rng = posterior_mean.Starts(model), np.random.default_rng(2)
@@ -44,6 +45,7 @@ def test_errors_are_as_large_as_the_posterior_says_with_the_skin_known():
     assert np.median(effective) > 0.5
 
 
+@pytest.mark.long
 def test_scores_at_the_truth_are_as_large_as_the_information_says():
     """The posterior's gradient at what was drawn has the precision as its covariance."""
     model, rng = experiment().unknown(), np.random.default_rng(3)

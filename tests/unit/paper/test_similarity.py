@@ -109,6 +109,7 @@ def test_a_spread_between_sessions_is_noticed_by_the_covariance():
     assert noticed(*pool(shift=0.0, spread=0.3))["coral"]
 
 
+@pytest.mark.long
 def test_nothing_is_noticed_more_often_than_the_level_says():
     """40 worlds in which nothing differs: each measure cries in 5 % of them; 16 % is three
     standard deviations."""
@@ -117,6 +118,7 @@ def test_nothing_is_noticed_more_often_than_the_level_says():
         assert np.mean([cry[measure] for cry in cries]) < 0.16, measure
 
 
+@pytest.mark.long
 def test_sessions_change_sides_as_a_whole():
     """Where frames of a session are alike, exchanging frames one by one would cry at nothing."""
     cries = []

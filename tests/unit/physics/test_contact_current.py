@@ -35,6 +35,7 @@ def terminals(forward, place, contrast):
     return full[1:, 1:] - full[1:, :1] - full[:1, 1:] + full[0, 0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("layers", [(1.0, 5.0), (2.0, 1.0), (2.0, 5.0)])
 def test_against_finite_elements(layers):
     """A concentric touch, in a patch or not; the current is put in evenly, node by node."""

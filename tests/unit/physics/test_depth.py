@@ -210,6 +210,7 @@ def witnessed():
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("accuracy", "bound"), [("train", 2e-3), ("diagnose", 1e-4)])
 def test_touches_near_the_rim_against_the_witness(witnessed, accuracy, bound):
     """A sheet's multipoles alone are off by 3e-3 to 0.04 of the change."""
@@ -263,6 +264,7 @@ def test_current_that_enters_over_a_touch_of_a_body():
     np.testing.assert_allclose(found[:-1, :-1], expected, atol=1e-10 * np.abs(expected).max())
 
 
+@pytest.mark.long
 def test_derivatives_against_differences_of_bodies():
     rng = np.random.default_rng(0)
     geometry = Geometry(

@@ -78,6 +78,7 @@ def test_touch_against_finite_elements(mesh, shift):
     assert off(found, expected) < 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("across", "discs", "most"),
     [
@@ -107,6 +108,7 @@ def test_touches_against_boundary_integrals(across, discs, most):
     assert off(change_of(forward.transfer(), found), change_of(untouched, touched)) < most
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("touch", [Touch(75.0, 0.0, 10.0, 2.0), Touch(-40.0, -65.0, 12.0, -0.7)])
 def test_clipped_touch_against_finite_elements(mesh, touch):
     """What the gradient changes of a touch's signal; the elements' jagged edge drops out of it."""

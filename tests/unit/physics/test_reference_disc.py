@@ -99,6 +99,7 @@ def test_closed_forms_equal_finite_elements_away_from_the_drive(touch, exact, re
     assert relative(found, reference.voltages(exact, CHANNELS)) < reached
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("inclusion", [None, (RING, FACTOR), (0.8, 0.2)])
 def test_both_series_of_complete_electrodes_agree(inclusion):
     exact, doubt = reference.complete_electrodes(N, WIDTH, CONTACT, inclusion, periods=200)
@@ -133,6 +134,7 @@ def test_wide_contacts_of_high_impedance_pass_current_evenly():
     assert np.max(abs(found[0] - expected)) < 1e-6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("touch", "reached"), [(None, 2e-5), ("concentric", 2e-5), ("eccentric", 6e-5)]
 )

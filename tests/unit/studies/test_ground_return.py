@@ -36,6 +36,7 @@ def test_reversal_changes_nothing_for_the_owner_and_something_through_ground(ski
     assert np.abs(one_sided - one_sided[drives.reversed]).max() > 0.1 * one_sided.max()
 
 
+@pytest.mark.long
 def test_the_hydrogel_skin_is_described_and_shuffled_channels_are_unexplained(skin):
     table = judge(skin, count=4)
     rows = table.set_index("law")

@@ -48,6 +48,7 @@ def test_an_even_sheet_leaves_no_floor_and_is_fitted_exactly(iirc):
     assert np.exp(theta[0]) == pytest.approx(0.05, rel=0.02)
 
 
+@pytest.mark.long
 def test_the_drawing_tells_the_third_dimension_and_without_it_a_class_is_left(iirc):
     table = judge(iirc, count=20).set_index("geometry")
     assert table.loc["body"].held_out <= 0.041

@@ -43,6 +43,7 @@ def test_electrodes_of_full_height_make_a_sheet():
     assert np.abs(found[0] - found[1]).max() < 1e-6 * np.abs(found[1]).max()
 
 
+@pytest.mark.long
 def test_partial_height_agrees_with_the_tool():
     """1e-6 of the median untouched; a touch in the middle, that the electrodes' spread in depth
     does not reach, to 1e-4 of its change."""

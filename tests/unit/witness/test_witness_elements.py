@@ -97,6 +97,7 @@ def test_reciprocity_and_no_leak():
     assert np.abs(admittance.sum(axis=1)).max() < 1e-9 * scale
 
 
+@pytest.mark.long
 def test_converges_in_order():
     """Each order at least four times nearer to the finest."""
     finest = body(fineness=Fineness().finer())
@@ -106,6 +107,7 @@ def test_converges_in_order():
     assert found[0] > 4.0 * found[1] > 16.0 * found[2]
 
 
+@pytest.mark.long
 def test_converges_in_size():
     """Quadratics: the potential's error falls as the third power, readings' as twice as many less
     what the sizes' slope, which stays, keeps."""
@@ -117,6 +119,7 @@ def test_converges_in_size():
     assert fine[0] < coarse[0] / 4.0 and fine[1] < coarse[1] / 4.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("z_mm", [0.02, 1.0])
 def test_own_error(z_mm):
     """Under a third of the least noise that its cases have, and of a touch under 1e-3."""
@@ -149,6 +152,7 @@ def test_refuses_what_leaves_the_skin():
         body().place([Disc(64.0, 0.0, 7.0)])
 
 
+@pytest.mark.long
 def test_a_case_is_the_boundarys():
     mine, theirs = draw("pair", 3, 30, "elements"), draw("pair", 3, 30)
     assert mine.effects == theirs.effects and mine.states.equals(theirs.states)

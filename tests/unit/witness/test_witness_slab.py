@@ -63,6 +63,7 @@ def test_layers_are_cosines():
     assert rise[0] == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.long
 def test_full_depth_is_the_sheet():
     skin = disc.Body(Shape(R_MM), DEG, WIDTHS)
     sheet = volts(skin, [], []), volts(skin, [TOUCH], [CONTRAST])
@@ -74,6 +75,7 @@ def test_full_depth_is_the_sheet():
     assert whole < 5e-3 and touch < 5e-3
 
 
+@pytest.mark.long
 def test_part_high_electrodes_are_the_series():
     """DeepBody solves them by Bessel functions; a sheet is off by more than 1e-2."""
     skin = DeepBody(Shape(R_MM), DEG, WIDTHS, Depth(DEEP_MM, 0.5 * DEEP_MM, 0.5 * DEEP_MM), 5.0)
@@ -83,6 +85,7 @@ def test_part_high_electrodes_are_the_series():
     assert error(solved(SHEET), series)[0] > 1e-2
 
 
+@pytest.mark.long
 def test_own_error():
     """Dents of half the depth, against elements finer in depth and in plane: under a third of the
     least noise of the slab's cases, and of a touch under 3e-4."""
@@ -134,6 +137,7 @@ def test_refuses_what_it_does_not_know():
         slab.Body(Shape(R_MM, {2: 0.1}), DEG, WIDTHS, SHEET)
 
 
+@pytest.mark.long
 def test_a_case_is_the_boundarys():
     mine, theirs = (
         draw("single:electrode-width", 3, 20, "slab"),
@@ -148,6 +152,7 @@ def test_a_case_is_the_boundarys():
         world.readings(mine.states[:2], [{"name": "third-dimension"}])
 
 
+@pytest.mark.long
 def test_shallow_dents_are_drawn():
     case = draw("outside:shallow-dent", 1, 20, "slab")
     assert case.outside["law"] == "shallow-dent" and case.effects == []
