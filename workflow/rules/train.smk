@@ -1,3 +1,6 @@
+from eitskin.learn.models import with_encoder
+
+
 wildcard_constraints:
     model=r"(?!(?:autoencoder|regressor)[./])[a-z-]+",  # the teachers stand beside the models
     budget="|".join(config["budgets"]),
@@ -71,7 +74,7 @@ rule train_predictor:
             lambda wildcards: wildcards.model.startswith("physics-informed-"),
             then=[rules.train_autoencoder.output[0], rules.train_regressor.output[0]],
             otherwise=branch(
-                lambda wildcards: wildcards.model == "autoencoder-mlp",
+                lambda wildcards: wildcards.model in with_encoder(),
                 then=[rules.train_autoencoder.output[0]],
             ),
         ),

@@ -14,7 +14,7 @@ import numpy as np
 from eitskin.diagnose.candidates import Candidate, own_channels
 from eitskin.diagnose.fit import STEP, Fit
 from eitskin.effects.contact_impedance import ContactImpedance
-from eitskin.effects.effect import Moment, Setting, SkinEffect
+from eitskin.effects.effect import Setting, SkinEffect
 from eitskin.errors import InputError
 from eitskin.physics.depth import span
 from eitskin.physics.geometry import Geometry
@@ -243,13 +243,9 @@ class Tangents:
         step = np.zeros(whole.size)
         step[index] = STEP
         setting = whole.setting(step)
-        columns = (model.states[k] for k in ("time_s", "touch", "x_mm", "y_mm", "force_N"))
-        moments = [
-            Moment(time / 60.0, force if touch else 0.0, x, y)
-            for time, touch, x, y, force in zip(*columns, strict=True)
-        ]
+        moments = model.moments(self.knobs, self.chosen)
         there = [apply_skin(base, self.chosen, moment) for moment in moments]
-        pairs = list(zip(there, moments, strict=True))
+        pairs = zip(there, moments, strict=True)
         found = [_scaled(g, effect.change(g, setting, m)) for g, m in pairs]
         if any(change is None for change in found):
             return None

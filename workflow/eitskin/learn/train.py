@@ -34,9 +34,9 @@ from tqdm import tqdm
 
 from eitskin.data.dataset import Dataset
 from eitskin.errors import InputError
-from eitskin.learn import gates, model_file, networks
+from eitskin.learn import gates, model_file, models, networks
 from eitskin.learn.model_file import Trained
-from eitskin.learn.networks import Autoencoder, AutoencoderMlp, Shape, StateToLatent, Svr
+from eitskin.learn.networks import Autoencoder, Shape, StateToLatent, Svr
 
 Loss = Callable[..., Tensor]  # (module, *batch) -> scalar
 
@@ -316,7 +316,8 @@ def train_predictor(
     material = prepare(dataset, part, budget, seed)
     targets = dataset.metadata["targets"]
     settings = {"force_weight": force_weight, "lambda_latent": lambda_latent}
-    if model == networks.SVR:
+    known = models.model(model)
+    if known.support_vectors:
         budget, settings = replace(budget, seeds=1), {}
     taught = [_teacher(path, material, budget, seed) for path in teachers]
     if lambda_latent and len(taught) < 2:
@@ -332,7 +333,7 @@ def train_predictor(
 
     def train_seed(seed: int) -> tuple[nn.Module, list]:
         module = networks.predictor(model, Shape.of(header, v.shape[1])).to(device)
-        if isinstance(module, AutoencoderMlp):
+        if known.encoder:
             module.encoder.load_state_dict(encoder(seed).state_dict())
         train, validation = [v, s], [v_check, s_check]
         if lambda_latent:
@@ -348,7 +349,7 @@ def train_predictor(
                 value = value + lambda_latent * alignment(regressor, predicted, *latent)
             return value  # equation 8
 
-        if isinstance(module, Svr):
+        if known.support_vectors:
             module = fit_svr(v, s, Tube())
             return module, [[_mean_loss(loss, module, part) for part in (train, validation)]]
         return module, fit(module, train, validation, loss, optimiser, budget, seed)
@@ -362,7 +363,7 @@ def train_predictor(
     ):
         settings[name] = {k: v for k, v in gate.items() if not isinstance(v, Tensor)}
         scalers |= {f"{name}_{k}": v for k, v in gate.items() if isinstance(v, Tensor)}
-    fitted_by = Tube() if model == networks.SVR else optimiser
+    fitted_by = Tube() if known.support_vectors else optimiser
     header = _header(dataset, model, fitted_by, budget, settings)
     _train_seeds(header, material, output, seed, train_seed, taught)
 
@@ -378,7 +379,7 @@ def train_model(
     with TemporaryDirectory() as folder:
         encoder, regressor, output = (Path(folder, f"{k}.pt") for k in range(3))
         job, teachers = (recipe.optimiser, recipe.budget, seed), []
-        if recipe.lambda_latent or model.endswith("autoencoder-mlp"):
+        if recipe.lambda_latent or models.model(model).encoder:
             train_autoencoder(dataset, part, encoder, *job, recipe.latent_dim)
             teachers.append(encoder)
         if recipe.lambda_latent:
@@ -453,8 +454,9 @@ def _train_seeds(
 def _digest(header: dict, material: Material, teachers: list[Trained]) -> str:
     """What a seed's weights depend on: settings, samples, teachers, this code, torch."""
     digest = hashlib.sha256(json.dumps([header, torch.__version__], sort_keys=True).encode())
-    for module in (model_file, networks, sys.modules[__name__]):
-        digest.update(inspect.getsource(module).encode())
+    made_by = [models.model(name).make for name in models.names() if name == header["model"]]
+    for code in (model_file, networks, sys.modules[__name__], *map(inspect.getmodule, made_by)):
+        digest.update(inspect.getsource(code).encode())
     tensors = [*material.train, *material.validation, *material.scalers.values()]
     for teacher in teachers:
         digest.update(json.dumps(teacher.header, sort_keys=True).encode())

@@ -178,7 +178,15 @@ class Sensed:
     @property
     def force_N(self) -> np.ndarray:
         """(K N,): the true force, 0 where untouched."""
-        return np.where(self.solve.touched, self.solve.touches["force_N"], 0.0)
+        return self.solve.force_N
+
+    @property
+    def moments(self) -> list[Moment]:
+        """(N,): when and how the skin of each frame is touched, in the frame's middle."""
+        solve, count = self.solve, len(self.frames.time_s)
+        middle = slice(len(self.nodes) // 2 * count, (len(self.nodes) // 2 + 1) * count)
+        columns = (solve.minutes, solve.force_N, *solve.xy_mm.T)
+        return [Moment(*row) for row in np.column_stack(columns)[middle].tolist()]
 
 
 def sense(
@@ -299,6 +307,16 @@ class _Solver:
     near: Neighbours
     progress: bool
 
+    @property
+    def force_N(self) -> np.ndarray:
+        """(N,): the true force, 0 where untouched."""
+        return np.where(self.touched, self.touches["force_N"].to_numpy(float), 0.0)
+
+    @property
+    def xy_mm(self) -> np.ndarray:
+        """(N, 2): where each row is touched."""
+        return self.touches[["x_mm", "y_mm"]].to_numpy(float)
+
     def __call__(self, contact: bool = False) -> np.ndarray:
         """(N, n, n) ohm: transfer impedance of every row; with `contact`, (N, n + 1, n + 1)."""
         terminals = len(self.base.electrode_deg) + int(contact)
@@ -324,8 +342,7 @@ class _Solver:
         Where an effect follows time or force, a row's skin is interpolated between a few, smooth
         as the laws are; where few rows are alike but for time and force, each has its own.
         """
-        force = np.where(self.touched, self.touches["force_N"].to_numpy(float), 0.0)
-        xy = self.touches[["x_mm", "y_mm"]].to_numpy(float)
+        force, xy = self.force_N, self.xy_mm
         skins = _Skins(self.base, self.chosen, self.accuracy, self.near)
         groups, follows = _alike(skins, np.column_stack([self.minutes, force]), xy)
         for rows in groups:
