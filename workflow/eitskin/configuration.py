@@ -10,9 +10,12 @@ import numpy as np
 import yaml
 from referencing import Registry, Resource
 
-from eitskin.effects.effect import START
+from eitskin.data.importers import KNOWN
+from eitskin.effects import EFFECTS
+from eitskin.effects.effect import START, Effect
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
+from eitskin.learn.models import names
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table, pattern_step
 from eitskin.physics.skin import Skin
@@ -45,8 +48,8 @@ def validate(config: dict, schema_path: str | Path, files: Iterable[str | Path])
     files = [Path(file) for file in files]
     for file in files:
         _refuse_repeated_keys(file)
-    schema = yaml.safe_load(Path(schema_path).read_text(encoding="utf-8"))
-    errors = list(Validator(schema, registry=Registry(retrieve=_schema)).iter_errors(config))
+    rules = Validator(schema(schema_path), registry=Registry(retrieve=_schema))
+    errors = list(rules.iter_errors(config))
     try:
         if errors:
             error = min(errors, key=lambda error: _position(config, list(error.absolute_path)))
@@ -61,6 +64,37 @@ def validate(config: dict, schema_path: str | Path, files: Iterable[str | Path])
     for recording in config["recordings"].values():
         for key in recording.keys() & {*PATHS}:
             recording[key] = _expanded(recording[key])
+
+
+def schema(path: str | Path) -> dict:
+    """The schema in a file, with the names that the code knows: effects with their parameters,
+    formats of recordings, models."""
+    found = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    effect, models = found["$defs"]["effect"], found["$defs"]["models"]
+    recording = found["properties"]["recordings"]["additionalProperties"]
+    effect["properties"]["name"]["enum"] = list(EFFECTS)
+    effect["allOf"] = [
+        {
+            "if": {"properties": {"name": {"const": name}}},
+            "then": {"properties": {"parameters": _parameters(one)}},
+        }
+        for name, one in EFFECTS.items()
+    ]
+    recording["properties"]["format"]["enum"] = list(KNOWN)
+    models["items"]["enum"] = names()
+    return found
+
+
+def _parameters(effect: Effect) -> dict:
+    """What a schema asks of an effect's parameters; their bounds are `settings`' to check."""
+    rules = {}
+    for key, parameter in effect.parameters.items():
+        rules[key] = {"$ref": f"#/$defs/{'optional-value' if parameter.optional else 'value'}"}
+        if parameter.whole:
+            whole = {"type": "integer", "minimum": parameter.low}
+            rules[key] = {**whole, "description": "a whole number"}
+    needed = [key for key, parameter in effect.parameters.items() if not parameter.optional]
+    return {"additionalProperties": False, "required": needed, "properties": rules}
 
 
 def _schema(uri: str) -> Resource:

@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 HOUSE = Path(__file__).parents[1]
-FINDS_BY_NAME = "eitskin.effects"  # a package whose modules no import statement names
+FINDS_BY_NAME = {"eitskin.effects", "eitskin.learn.models"}  # what no import statement names
 
 
 def fingerprint(
@@ -15,10 +15,10 @@ def fingerprint(
 ) -> str:
     """SHA-256, in hex, of the syntax trees of scripts/`script`.py and of all that it `reached`.
 
-    found: modules that the script's work finds by name, the effects in use. files: what else of the
-    workflow it reads, byte by byte: their times say nothing, as a fresh clone has all of them new.
-    Comments, docstrings and layout do not count. Raises ValueError unless `found` is given where
-    the script reaches the catalogue of effects, and only there.
+    found: modules that the script's work finds by name, effects and models in use. files: what else
+    of the workflow it reads, byte by byte: their times say nothing, as a fresh clone has all of
+    them new. Comments, docstrings and layout do not count. Raises ValueError unless `found` is
+    given where the script reaches what finds modules by name, and only there.
     """
     digest = hashlib.sha256()
     for name, said in sorted(reached(script, found).items()):
@@ -39,9 +39,10 @@ def reached(script: str, found: Iterable[str] | None = None) -> dict[str, str]:
         raise ModuleNotFoundError(f"no script {file}", name=script)
     said, imports = _parsed(file)
     modules = _closure(imports)
-    if (found is None) == (FINDS_BY_NAME in modules):
-        which = "which effects does it use" if found is None else "it uses none of the catalogue"
-        raise ValueError(f"script {script}, {FINDS_BY_NAME}: {which}")
+    finds = sorted(FINDS_BY_NAME & modules)
+    if (found is None) == bool(finds):
+        which = f"which does it find by {', '.join(finds)}" if finds else "it finds none by name"
+        raise ValueError(f"script {script}: {which}")
     for name in found or ():
         if _file(name) is None:
             raise ModuleNotFoundError(f"no module {name} in {HOUSE}", name=name)

@@ -9,7 +9,7 @@ import pandas as pd
 from eitskin.data import recording
 from eitskin.data.dataset import Dataset
 from eitskin.data.recording import Recording
-from eitskin.learn import train, transfer
+from eitskin.learn import train, transfer, transfer_runs
 from eitskin.learn.train import Recipe
 from loop import sources
 from loop.naming import BELIEF, DIAGNOSIS, LABELS, TRUTH
@@ -44,7 +44,7 @@ def errors(
     forces: dict,
     probe_mm: float,
 ) -> pd.DataFrame:
-    """Rows (`transfer.RUNS`) of a model on the test part of `target`, for one seed, the `draw`-th.
+    """Rows (`transfer_runs.RUNS`) of a model on the test part of `target` for a seed, the `draw`-th.
 
     A seed has source samples and noise of its own, the same for all sources, and trains one
     network; the rows "train" of `part` are the labels that methods with labels use. `LABELS`
@@ -56,7 +56,7 @@ def errors(
     if source == LABELS:
         job = (recipe, samples, seed, draw)
         rows = transfer.few_alone(target, part == "test", few, model, *job)
-        return pd.DataFrame(rows, columns=list(transfer.RUNS))
+        return pd.DataFrame(rows, columns=list(transfer_runs.RUNS))
     taught = simulator(source, recorded, folder, authors)
     name = f"{source} {seed}"
     made, parts = sources.source_set(taught, recorded, samples, seed, forces, probe_mm, name)

@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from eitskin import figure_files, plotting
-from eitskin.learn.transfer import TRAINED_FEW, ZERO_SHOT
+from eitskin.learn.transfer_runs import TRAINED_FEW, ZERO_SHOT
 from eitskin.plotting import AFTER, BEFORE, QUIET, log_ticks, style
 from eitskin.quantities import power
 from loop.naming import AUTHORS, BELIEF, DIAGNOSIS, LABELS, TRUTH

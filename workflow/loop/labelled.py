@@ -7,21 +7,21 @@ import pandas as pd
 
 from eitskin.data import dataset, recording, splits
 from eitskin.data.recording import Recording, presses
-from eitskin.learn import transfer
+from eitskin.learn import transfer_runs
 from loop.alike import IMITATED
 
 
 def write(recorded: Recording, target: dataset.Dataset, folder: str | Path, seed: int) -> None:
     """Write target.parquet, split.parquet and recording.parquet into a folder.
 
-    Whole places are tested; of the others the frames that `transfer.labelled` draws are "train",
+    Whole places are tested; of the others the frames that `labelled` draws are "train",
     the rest "validation", known without labels. The recording keeps the labelled presses and the
     untouched frames, those apart that precede a tested press; IMITATED are the labelled presses and
     the untouched frames before them.
     """
     folder = Path(folder)
     part = splits.assign(target.table, "place", seed)
-    few = transfer.labelled(target.table, part, seed)
+    few = transfer_runs.labelled(target.table, part, seed)
     known = np.where(part == "test", "test", "validation").astype("<U10")
     known[few] = "train"
     sample = target.table["sample"].to_numpy()

@@ -10,7 +10,7 @@ from eitskin.atomic import atomic_path
 from eitskin.data.dataset import UNITS
 from eitskin.errors import InputError
 from eitskin.learn.metrics import interval
-from eitskin.learn.transfer import METHODS, RUNS, TRAINED_FEW, ZERO_SHOT
+from eitskin.learn.transfer_runs import METHODS, RUNS, TRAINED_FEW, ZERO_SHOT
 from eitskin.paper.transfer_table import read_runs
 from loop.naming import AUTHORS, BELIEF, DIAGNOSIS, LABELS, SOURCES, TRUTH
 

@@ -89,7 +89,7 @@ use rule train_autoencoder as ablation_autoencoder with:
         budget=spent_of,
         draw=lookup(dpath="seed", within=config),
         seed=lambda wildcards: int(wildcards.seed),
-        code=fingerprint("train_autoencoder"),
+        code=fingerprint("train_autoencoder", []),
     message:
         "Learning the manifold of the voltages of {wildcards.dataset}: {wildcards.setting}, seed {wildcards.seed}"
 
@@ -112,7 +112,7 @@ use rule train_regressor as ablation_regressor with:
         budget=spent_of,
         draw=lookup(dpath="seed", within=config),
         seed=lambda wildcards: int(wildcards.seed),
-        code=fingerprint("train_regressor"),
+        code=fingerprint("train_regressor", []),
     message:
         "Learning the latent voltages of a state, {wildcards.dataset}: {wildcards.setting}, seed {wildcards.seed}"
 
@@ -140,7 +140,7 @@ use rule train_predictor as ablation_predictor with:
         budget=spent_of,
         draw=lookup(dpath="seed", within=config),
         seed=lambda wildcards: int(wildcards.seed),
-        code=fingerprint("train_predictor"),
+        code=of_model("train_predictor"),
     message:
         "Training {wildcards.model} on {wildcards.dataset}, {wildcards.split}: {wildcards.setting}, seed {wildcards.seed}"
 
@@ -196,7 +196,7 @@ rule ablation_tuned:
         budget=rules.train_autoencoder.params.budget,
         draw=lookup(dpath="seed", within=config),
         seed=lambda wildcards: int(wildcards.seed),
-        code=fingerprint("ablation_tuned"),
+        code=of_model("ablation_tuned"),
     message:
         "Training {wildcards.model} on {wildcards.dataset}, {wildcards.split}, as tuned, seed {wildcards.seed}"
     script:
@@ -226,7 +226,7 @@ rule ablation_errors:
         part=lambda wildcards: (
             "validation" if wildcards.setting in GRIDS[wildcards.budget] else "test"
         ),
-        code=fingerprint("ablation_errors"),
+        code=of_model("ablation_errors"),
     message:
         "Testing {wildcards.model} on {wildcards.dataset}, {wildcards.split}: {wildcards.setting}"
     script:

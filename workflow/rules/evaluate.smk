@@ -22,7 +22,7 @@ rule evaluate:
         mem_mb=2000,
         runtime=10,
     params:
-        code=fingerprint("evaluate"),
+        code=of_model("evaluate"),
     message:
         "Testing {wildcards.model} on {wildcards.dataset}, {wildcards.split}"
     script:
@@ -46,7 +46,7 @@ rule predict:
         mem_mb=2000,
         runtime=10,
     params:
-        code=fingerprint("predict"),
+        code=of_model("predict"),
     message:
         "Applying {wildcards.model}, trained on {wildcards.dataset}, to {wildcards.recording}"
     script:

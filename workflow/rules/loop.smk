@@ -123,7 +123,9 @@ rule loop_errors:
         authors=lookup(dpath="configurations/authors/effects", within=config),
         forces=FORCES,
         probe_mm=lookup(dpath="touch_grid/probe_mm", within=config),
-        code=fingerprint("loop_errors", CATALOGUE_AND_AUTHORS),
+        code=lambda wildcards: fingerprint(
+            "loop_errors", [*CATALOGUE_AND_AUTHORS, models.module(wildcards.model)]
+        ),
     message:
         "Training {wildcards.model} for {wildcards.case} on its {wildcards.source}, seed {wildcards.seed}"
     script:

@@ -1,3 +1,6 @@
+from eitskin.learn import models
+
+
 wildcard_constraints:
     model=r"(?!(?:autoencoder|regressor)[./])[a-z-]+",  # the teachers stand beside the models
     budget="|".join(config["budgets"]),
@@ -16,8 +19,8 @@ def spent(budget, **instead):
 
 
 def seeds(model, budget):
-    """The seeds that a budget trains; of support vectors nothing is drawn but the samples."""
-    return range(config["seed"], config["seed"] + (1 if model == "svr" else budget["seeds"]))
+    """The seeds that a budget trains; of what is fitted at once, one."""
+    return range(config["seed"], config["seed"] + (1 if fitted_at_once(model) else budget["seeds"]))
 
 
 def of_all_seeds(template):
@@ -31,12 +34,22 @@ def of_all_seeds(template):
 
 
 def informed(wildcards):
-    return wildcards.model.startswith("physics-informed-")
+    return wildcards.model.startswith(models.PHYSICS_INFORMED)
 
 
-def unless_svr(value, otherwise):
+def fitted_at_once(model):
+    """Whether a model is support vectors, of which nothing is drawn but the samples."""
+    return models.model(model).support_vectors
+
+
+def by_gradients(value, otherwise):
     """A param; of support vectors, which know neither Adam nor the weight of the force, `otherwise`."""
-    return lambda wildcards: otherwise if wildcards.model == "svr" else value
+    return lambda wildcards: otherwise if fitted_at_once(wildcards.model) else value
+
+
+def of_model(script):
+    """A param: the fingerprint of a script that makes or applies the model of its job."""
+    return lambda wildcards: fingerprint(script, [models.module(wildcards.model)])
 
 
 rule train_autoencoder:
@@ -61,7 +74,7 @@ rule train_autoencoder:
         budget=lambda wildcards: spent(config["budgets"][wildcards.budget]),
         draw=lookup(dpath="seed", within=config),
         seed=lambda wildcards: int(wildcards.seed),
-        code=fingerprint("train_autoencoder"),
+        code=fingerprint("train_autoencoder", []),
     message:
         "Learning the manifold of the voltages of {wildcards.dataset}, {wildcards.split}, seed {wildcards.seed}"
     script:
@@ -90,7 +103,7 @@ rule train_regressor:
         budget=lambda wildcards: spent(config["budgets"][wildcards.budget]),
         draw=lookup(dpath="seed", within=config),
         seed=lambda wildcards: int(wildcards.seed),
-        code=fingerprint("train_regressor"),
+        code=fingerprint("train_regressor", []),
     message:
         "Learning the latent voltages of a state, {wildcards.dataset}, {wildcards.split}, seed {wildcards.seed}"
     script:
@@ -105,7 +118,7 @@ rule train_predictor:
             informed,
             then=[rules.train_autoencoder.output[0], rules.train_regressor.output[0]],
             otherwise=branch(
-                lambda wildcards: wildcards.model == "autoencoder-mlp",
+                lambda wildcards: models.model(wildcards.model).encoder,
                 then=[rules.train_autoencoder.output[0]],
             ),
         ),
@@ -123,18 +136,18 @@ rule train_predictor:
         runtime=240,
     params:
         model="{model}",
-        optimiser=unless_svr(OPTIMISER, {}),
-        force_weight=unless_svr(config["training"]["force_weight"], 1.0),
+        optimiser=by_gradients(OPTIMISER, {}),
+        force_weight=by_gradients(config["training"]["force_weight"], 1.0),
         lambda_latent=lambda wildcards: (
             config["training"]["lambda_latent"] if informed(wildcards) else 0.0
         ),
         budget=lambda wildcards: spent(
             config["budgets"][wildcards.budget],
-            **({"epochs": None, "patience": None} if wildcards.model == "svr" else {}),
+            **({"epochs": None, "patience": None} if fitted_at_once(wildcards.model) else {}),
         ),
         draw=lookup(dpath="seed", within=config),
         seed=lambda wildcards: int(wildcards.seed),
-        code=fingerprint("train_predictor"),
+        code=of_model("train_predictor"),
     message:
         "Training {wildcards.model} on {wildcards.dataset}, {wildcards.split}, seed {wildcards.seed}"
     script:

@@ -25,7 +25,7 @@ rule transfer_source:
         runtime=30,
     params:
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("transfer_source"),
+        code=of_model("transfer_source"),
     message:
         "Transferring {wildcards.model} from {wildcards.source} to {wildcards.recording}"
     script:
@@ -56,7 +56,7 @@ rule transfer_references:
         lambda_latent=rules.train_predictor.params.lambda_latent,
         budget=rules.train_autoencoder.params.budget,
         seed=lookup(dpath="seed", within=config),
-        code=fingerprint("transfer_references"),
+        code=of_model("transfer_references"),
     message:
         "Learning {wildcards.model} from 5 % of the labels of {wildcards.recording} alone"
     script:

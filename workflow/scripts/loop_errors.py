@@ -4,7 +4,7 @@ from pathlib import Path
 
 from eitskin.data import dataset, splits
 from eitskin.errors import reported
-from eitskin.learn import transfer
+from eitskin.learn import transfer_runs
 from eitskin.learn.train import Budget, Optimiser, Recipe
 from loop import errors
 
@@ -16,4 +16,6 @@ with reported(snakemake.log[0]):
     recipe = Recipe(Optimiser(**params.optimiser), Budget(**params.budget), *settings)
     chosen = (names.source, names.model, Path(files.recording).parent, target, part, recipe)
     drawn = (params.authors, params.forces, params.probe_mm)
-    transfer.write(errors.errors(*chosen, params.seed, params.draw, *drawn), snakemake.output[0])
+    transfer_runs.write(
+        errors.errors(*chosen, params.seed, params.draw, *drawn), snakemake.output[0]
+    )

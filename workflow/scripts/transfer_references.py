@@ -2,7 +2,7 @@
 
 from eitskin.data import dataset, splits
 from eitskin.errors import reported
-from eitskin.learn import model_file, transfer
+from eitskin.learn import model_file, transfer, transfer_runs
 from eitskin.learn.train import Budget, Optimiser, Recipe
 
 with reported(snakemake.log[0]):
@@ -12,4 +12,4 @@ with reported(snakemake.log[0]):
     settings = (params.latent_dim, params.force_weight, params.lambda_latent)
     recipe = Recipe(Optimiser(**params.optimiser), Budget(**params.budget), *settings)
     rows = transfer.references(model_file.read_seeds(files.models), data, part, recipe, params.seed)
-    transfer.write(rows, snakemake.output[0])
+    transfer_runs.write(rows, snakemake.output[0])

@@ -2,7 +2,7 @@
 
 from eitskin.data import dataset, recording, splits
 from eitskin.errors import reported
-from eitskin.learn import model_file, transfer
+from eitskin.learn import model_file, transfer, transfer_runs
 
 with reported(snakemake.log[0]):
     files = snakemake.input
@@ -11,7 +11,7 @@ with reported(snakemake.log[0]):
     part = splits.read(files.split, target.table)
     angles = recording.read(files.recording).skin.electrode_deg
     sides = (source, source_part, target, part)
-    seeds = range(snakemake.params.seed, snakemake.params.seed + transfer.DRAWS)
-    draws = [transfer.labelled(target.table, part, seed) for seed in seeds]
+    seeds = range(snakemake.params.seed, snakemake.params.seed + transfer_runs.DRAWS)
+    draws = [transfer_runs.labelled(target.table, part, seed) for seed in seeds]
     rows = transfer.transferred(model_file.read_seeds(files.models), *sides, angles, draws)
-    transfer.write(rows, snakemake.output[0])
+    transfer_runs.write(rows, snakemake.output[0])

@@ -301,9 +301,7 @@ def test_a_part_of_a_block_is_scored_and_says_so(tmp_path):
     score.write(tmp_path, "development", "quick")
     figures.write(tmp_path)
     names = {path.name for path in tmp_path.iterdir() if path.is_file()}
-    drawn = {
-        f"{n}.{s}" for n in ("confusion", "other_calibration") for s in ("svg", "png", "csv")
-    }
+    drawn = {f"{n}.{s}" for n in ("confusion", "other_calibration") for s in ("svg", "png", "csv")}
     assert names == drawn | {"summary.csv", "summary.md", "effects.csv"}
     text = (tmp_path / "summary.md").read_text()
     there = len(list((tmp_path / "trials").iterdir()))

@@ -7,19 +7,14 @@ import pytest
 import yaml
 
 from diagnosed_skin import KINDS, SCHEMA, diagnosed
-from eitskin.diagnose.validation import validate
-from eitskin.effects import EFFECTS
+from eitskin.diagnose.validation import schema, validate
+from eitskin.effects import EFFECTS, catalogue_names
+from eitskin.effects.effect import SITES
 from eitskin.errors import InputError
 from eitskin.schema import Validator
 
-RULES = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
+RULES = schema(SCHEMA)
 BY_SCHEMA = Validator(RULES)
-NAMES = RULES["$defs"]["name"]["enum"]
-UNITS = {
-    name: rule["properties"]["unit"]["const"]
-    for name, rule in RULES["$defs"].items()
-    if "unit" in rule.get("properties", {}) and "$ref" in rule
-}
 
 
 @pytest.fixture(scope="module")
@@ -53,29 +48,54 @@ def test_every_kind_is_valid(valid):
         validate(diagnosis, SCHEMA, "diagnosis.json")
 
 
-def test_names_drivers_units_and_sites_are_the_catalogue_s():
+def entry(valid, name):
+    """An entry of an effect as little as it may say: everywhere, or at its sites."""
+    effect, (made,) = EFFECTS[name], copy.deepcopy(valid["explained"]["effects"])
+    estimate = {"value": 1.0, "low": 0.9, "high": 1.1}
+    kind = next(iter(effect.sites), None)
+    needed = {key: one for key, one in effect.parameters.items() if not one.optional}
+    needed |= {key: effect.parameters[key] for key in effect.either[:1]}
+    return {
+        **made,
+        "name": name,
+        "alternatives": [],
+        "scope": "sparse" if kind else "common",
+        **{each: [1, 2][: effect.site_number or 1] if each == kind else [] for each in SITES},
+        "driver": effect.driver,
+        "parameters": {key: {**estimate, "unit": one.unit} for key, one in needed.items()},
+    }
+
+
+@pytest.mark.parametrize("name", catalogue_names())
+def test_an_effect_s_sites_driver_parameters_and_units_are_its_own(valid, name):
+    effect, made = EFFECTS[name], entry(valid, name)
+
+    def accepted(**changes):
+        return BY_SCHEMA.is_valid({**valid["explained"], "effects": [{**made, **changes}]})
+
+    assert accepted()
+    assert not accepted(driver="static" if effect.driver != "static" else "force")
+    by_channel = {"drives", "measures", "channels"} & {*effect.sites}
+    for kind in SITES:
+        own = kind in effect.sites or (kind == "channels" and by_channel)
+        assert accepted(**{kind: made[kind] or [1]}) == bool(own), kind
+    everywhere = {kind: [] for kind in SITES}
+    assert accepted(scope="common", **everywhere) == (effect.site_number is None)
+    assert accepted(**everywhere) == (not effect.sites)
+    for key, estimate in made["parameters"].items():
+        rest = {other: one for other, one in made["parameters"].items() if other != key}
+        assert not accepted(parameters=rest), key
+        assert not accepted(parameters={**rest, key: {**estimate, "unit": "?"}}), key
+    unknown = {"value": 1.0, "low": 0.9, "high": 1.1, "unit": "1"}
+    assert not accepted(parameters={**made["parameters"], "other": unknown})
+
+
+def test_the_names_are_the_catalogue_s():
     """A composite is told by what it is made of."""
-    assert {name for name, effect in EFFECTS.items() if not effect.composite} <= set(NAMES)
-    for name in set(EFFECTS) & set(NAMES):
-        effect, rule = EFFECTS[name], RULES["$defs"][name]
-        where, driver = (part["$ref"].rpartition("/")[2] for part in rule["allOf"])
-        assert driver == effect.driver, name
-        sites = {"at-electrodes": "electrodes", "at-two-electrodes": "electrodes", "whole": None}
-        sites |= {f"at-{kind}": kind for kind in ("drives", "measures", "channels")}
-        assert sites[where] == next(iter(effect.sites), None), name
-        parameters = rule["properties"]["parameters"]["properties"]
-        units = {key: UNITS[one["$ref"].rpartition("/")[2]] for key, one in parameters.items()}
-        assert units == {key: one.unit for key, one in effect.parameters.items()}, name
-        needed = rule["properties"]["parameters"]["required"]
-        assert set(needed) == {k for k, one in effect.parameters.items() if not one.optional}
-
-
-def test_every_name_has_its_rule():
-    rules = RULES["$defs"]["effect"]["allOf"]
-    asked = [rule["if"]["properties"]["name"]["const"] for rule in rules]
-    assert sorted(asked) == sorted(NAMES)
-    for name, rule in zip(asked, rules, strict=True):
-        assert rule["then"]["$ref"] == f"#/$defs/{name}"
+    written = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))["$defs"]["name"]
+    assert "enum" not in written and RULES["$defs"]["name"]["enum"] == catalogue_names()
+    assert {name for name, effect in EFFECTS.items() if effect.composite} == {"ellipse"}
+    assert "ellipse" not in catalogue_names()
 
 
 def keys(node, path=()):

@@ -1,6 +1,7 @@
 """The configuration is refused in one line that names file, place, found and expected."""
 
 import copy
+import functools
 import json
 from pathlib import Path
 
@@ -8,10 +9,12 @@ import jsonschema
 import pytest
 import yaml
 
-from eitskin.configuration import validate
+from eitskin.configuration import schema, validate
 from eitskin.data.importers import KNOWN
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
+from eitskin.learn import models
+from eitskin.schema import Validator
 from shared_data import shared_data
 
 ROOT = Path(__file__).parents[3]
@@ -106,7 +109,7 @@ def test_the_paper_s_configuration_is_accepted():
         (
             ("configurations", "authors", "effects", 4, "name", "cross-talk"),
             "config.yaml: configurations.authors.effects[4].name: found 'cross-talk', "
-            "expected one of ellipse",
+            "expected one of adc-nonlinearity",
         ),
         (
             ("protocol", "drive", "skip"),
@@ -338,8 +341,8 @@ def test_a_recording_may_not_take_the_name_of_a_simulated_set(refusal, tmp_path)
 
 
 def test_the_schema_is_valid_and_closed_everywhere():
-    schema = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
-    jsonschema.Draft202012Validator.check_schema(schema)
+    rules = schema(SCHEMA)
+    jsonschema.Draft202012Validator.check_schema(rules)
 
     def objects(node):
         if isinstance(node, dict):
@@ -352,31 +355,33 @@ def test_the_schema_is_valid_and_closed_everywhere():
             for value in node:
                 yield from objects(value)
 
-    found = list(objects(schema))
+    found = list(objects(rules))
     assert len(found) > 15
     assert all(node["additionalProperties"] is not True for node in found)
-    assert schema["$defs"]["effect"]["additionalProperties"] is False
+    assert rules["$defs"]["effect"]["additionalProperties"] is False
 
 
-def test_the_schema_knows_every_effect_and_its_parameters():
-    effect = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))["$defs"]["effect"]
-    names = effect["properties"]["name"]["enum"]
-    assert sorted(names) == sorted(EFFECTS)
-    definitions = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))["$defs"]
-    for name in names:
-        (block,) = [
-            rule["then"]["properties"]["parameters"]["$ref"].rpartition("/")[2]
-            for rule in effect["allOf"]
-            for test in [rule["if"]["properties"]["name"]]
-            if name in test.get("enum", [test.get("const")])
-        ]
-        parameters = EFFECTS[name].parameters
-        assert set(definitions[block]["properties"]) == set(parameters)
-        given = {key for key, parameter in parameters.items() if not parameter.optional}
-        assert set(definitions[block]["required"]) == given
+def test_the_schema_s_names_are_those_that_the_code_has():
+    written, rules = yaml.safe_load(SCHEMA.read_text(encoding="utf-8")), schema(SCHEMA)
+    for place, names in (
+        (("$defs", "effect", "properties", "name"), EFFECTS),
+        (("$defs", "models", "items"), models.names()),
+        (("properties", "recordings", "additionalProperties", "properties", "format"), KNOWN),
+    ):
+        before, after = (functools.reduce(dict.get, place, node) for node in (written, rules))
+        assert "enum" not in before and after["enum"] == list(names)
 
 
-def test_the_schema_knows_every_importer():
-    schema = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
-    recording = schema["properties"]["recordings"]["additionalProperties"]["properties"]
-    assert recording["format"]["enum"] == list(KNOWN)
+def test_an_effect_s_parameters_are_asked_for_by_name():
+    """Each of those that may not be left out is missed, and no other is known."""
+    rules = Validator({"$ref": "#/$defs/effect", "$defs": schema(SCHEMA)["$defs"]})
+    for name, effect in EFFECTS.items():
+        given = {
+            key: parameter.neutral if parameter.neutral is not None else 1
+            for key, parameter in effect.parameters.items()
+        }
+        assert rules.is_valid({"name": name, "parameters": given})
+        assert not rules.is_valid({"name": name, "parameters": {**given, "other": 1}})
+        for key, parameter in effect.parameters.items():
+            less = {other: value for other, value in given.items() if other != key}
+            assert rules.is_valid({"name": name, "parameters": less}) == parameter.optional

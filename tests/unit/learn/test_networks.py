@@ -1,19 +1,18 @@
 import numpy as np
 import pytest
 import torch
-import yaml
 from sklearn.svm import SVR
 
 from eitskin.errors import InputError
 from eitskin.learn import networks
-from eitskin.learn.networks import NAMES, Shape, predictor
+from eitskin.learn.models import MODELS, names
+from eitskin.learn.networks import Shape, predictor
 from eitskin.learn.train import Tube, fit_svr
 from eitskin.physics.protocol import channel_table
-from eitskin.pins import ROOT
 
 TABLE = channel_table(16).tolist()
 SHAPE = Shape("a set", 208, 3, TABLE, 16)
-NETWORKS = [name for name in networks.PREDICTORS if name != networks.SVR]
+NETWORKS = [name for name, model in MODELS.items() if not model.support_vectors]
 
 
 def voltages(n, n_channels=208, seed=1):
@@ -82,14 +81,8 @@ def test_physics_informed_is_a_way_to_train_any_network():
 def test_unknown_names_are_refused_with_those_known(name):
     with pytest.raises(InputError) as refused:
         predictor(name, SHAPE)
-    message = f"models: name: found {name!r}, expected one of {', '.join(NAMES)}"
+    message = f"models: name: found {name!r}, expected one of {', '.join(names())}"
     assert str(refused.value) == message
-
-
-def test_the_schema_knows_every_model():
-    schema = ROOT / "workflow" / "schemas" / "config.schema.yaml"
-    models = yaml.safe_load(schema.read_text(encoding="utf-8"))["$defs"]["models"]
-    assert models["items"]["enum"] == list(NAMES)
 
 
 def test_a_shape_that_a_model_cannot_have_is_refused():

@@ -9,6 +9,7 @@ from eitskin.data import splits
 from eitskin.errors import InputError
 from eitskin.learn import model_file, networks, predict, train
 from eitskin.learn.metrics import r2
+from eitskin.learn.models import names
 from eitskin.physics.protocol import channel_table
 from synthetic_touches import touches
 
@@ -200,7 +201,7 @@ def row_teachers(tmp_path_factory):
     return paths
 
 
-@pytest.mark.parametrize("name", networks.NAMES)
+@pytest.mark.parametrize("name", names())
 def test_every_row_is_trained_kept_and_applied_alike(tmp_path, row_teachers, monkeypatch, name):
     informed = name.startswith("physics-informed-")
     needed = 2 if informed else int(name == "autoencoder-mlp")

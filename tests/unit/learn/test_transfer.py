@@ -10,7 +10,7 @@ from eitskin.data import splits
 from eitskin.data.alignment import homogeneous_readings
 from eitskin.data.dataset import Dataset
 from eitskin.errors import InputError
-from eitskin.learn import metrics, model_file, train, transfer
+from eitskin.learn import metrics, model_file, train, transfer, transfer_runs
 from eitskin.physics.forward import Forward
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table
@@ -62,7 +62,7 @@ def quick(monkeypatch):
 
 def drawn(target, part):
     """The labelled rows of every draw."""
-    return [transfer.labelled(target.table, part, 1 + draw) for draw in range(transfer.DRAWS)]
+    return [transfer_runs.labelled(target.table, part, 1 + draw) for draw in range(transfer.DRAWS)]
 
 
 def run(simulated, target):
@@ -78,25 +78,25 @@ def mean_errors(rows, variable="F"):
 @given(st.integers(0, 1000))
 def test_labels_are_whole_presses_of_the_training_part_near_5_percent(seed):
     table, part = many()
-    few = transfer.labelled(table, part, seed)
+    few = transfer_runs.labelled(table, part, seed)
     assert set(part[few]) == {"train"}
     press = table["session"] * 1000 + table["place"]
     inside = np.isin(press, press[few]) & (part == "train")
     assert inside.sum() == len(few) == len(set(few))
     largest = press.value_counts().max()
     assert abs(len(few) - 0.05 * (part == "train").sum()) <= largest / 2
-    np.testing.assert_array_equal(few, transfer.labelled(table, part, seed))
+    np.testing.assert_array_equal(few, transfer_runs.labelled(table, part, seed))
 
 
 def test_labels_differ_from_draw_to_draw():
     table, part = many()
-    draws = {tuple(transfer.labelled(table, part, seed)) for seed in range(transfer.DRAWS)}
+    draws = {tuple(transfer_runs.labelled(table, part, seed)) for seed in range(transfer.DRAWS)}
     assert len(draws) == transfer.DRAWS
 
 
 def test_a_fifth_of_the_labelled_presses_stops_the_training():
     table, part = many()
-    few = transfer.labelled(table, part, 1)
+    few = transfer_runs.labelled(table, part, 1)
     own = transfer.few_parts(table, few, 1)
     press = (table["session"] * 1000 + table["place"]).to_numpy()
     assert set(own[np.setdiff1d(np.arange(len(table)), few)]) == {"unused"}
@@ -248,17 +248,17 @@ def test_another_gain_is_mended_without_labels_and_an_ideal_recording_needs_noth
 
 def test_every_method_has_its_runs(simulated):
     rows = run(simulated, recorded(touches(1200, seed=5)))
-    assert set(rows["left_out"]) == {""} and list(rows.columns) == list(transfer.RUNS)
-    own = {method for method in transfer.METHODS if method in set(rows["method"])}
-    assert own == set(transfer.METHODS) - {
-        transfer.CONSTANT,
-        transfer.NEAREST,
-        transfer.TRAINED_FEW,
-        transfer.TRAINED_ALL,
+    assert set(rows["left_out"]) == {""} and list(rows.columns) == list(transfer_runs.RUNS)
+    own = {method for method in transfer_runs.METHODS if method in set(rows["method"])}
+    assert own == set(transfer_runs.METHODS) - {
+        transfer_runs.CONSTANT,
+        transfer_runs.NEAREST,
+        transfer_runs.TRAINED_FEW,
+        transfer_runs.TRAINED_ALL,
     }
     for method, group in rows.groupby("method"):
         of_variables = 3 * (1 if method.endswith("isotonic") else 3)
-        drawn = transfer.METHODS[method] == transfer.FEW
+        drawn = transfer_runs.METHODS[method] == transfer_runs.FEW
         assert len(group) == of_variables * (transfer.DRAWS if drawn else 2), method
         assert (group["draw"] >= 0).all() == drawn
         assert set(group["seed"]) == {1, 2}
@@ -326,18 +326,18 @@ def test_references_need_no_simulation(tmp_path):
     recipe = train.Recipe(train.Optimiser(), budget, 4, 5.0, 0.03)
     rows = transfer.references(model_file.read(whole), target, part, recipe, 1)
     assert set(rows["left_out"]) == {""}
-    drawn = [transfer.CONSTANT, transfer.NEAREST, transfer.TRAINED_FEW]
-    assert set(rows["method"]) == {*drawn, transfer.TRAINED_ALL}
+    drawn = [transfer_runs.CONSTANT, transfer_runs.NEAREST, transfer_runs.TRAINED_FEW]
+    assert set(rows["method"]) == {*drawn, transfer_runs.TRAINED_ALL}
     cell = rows[(rows["metric"] == "mae") & (rows["variable"] == "F")]
-    constant = cell[cell["method"] == transfer.CONSTANT].set_index("draw")["value"]
+    constant = cell[cell["method"] == transfer_runs.CONSTANT].set_index("draw")["value"]
     force = target.table["force_N"].to_numpy()
     for draw in range(transfer.DRAWS):
-        few = transfer.labelled(target.table, part, 1 + draw)
+        few = transfer_runs.labelled(target.table, part, 1 + draw)
         guess = np.full((part == "test").sum(), force[few].mean())
         assert constant[draw] == pytest.approx(metrics.mae(force[part == "test"], guess))
     for method in drawn:
         assert len(cell[cell["method"] == method]) == transfer.DRAWS
-    assert len(cell[cell["method"] == transfer.TRAINED_ALL]) == 1
+    assert len(cell[cell["method"] == transfer_runs.TRAINED_ALL]) == 1
     again = transfer.references(model_file.read(whole), target, part, recipe, 1)
     assert rows.equals(again)
 
@@ -353,12 +353,12 @@ def test_too_few_labels_to_train_on_are_said(tmp_path):
     )
     recipe = train.Recipe(train.Optimiser(), BUDGET, 4, 5.0, 0.0)
     rows = transfer.references(model_file.read(tmp_path / "mlp.pt"), target, part, recipe, 1)
-    (reason,) = rows.loc[rows["method"] == transfer.TRAINED_FEW, "left_out"]
+    (reason,) = rows.loc[rows["method"] == transfer_runs.TRAINED_FEW, "left_out"]
     assert reason == "bench: training state: found no spread, expected some"
 
 
 def test_written_twice_equal_bytes(simulated, tmp_path):
     rows = run(simulated, recorded(touches(600, seed=5)))
     for name in "ab":
-        transfer.write(rows, tmp_path / name)
+        transfer_runs.write(rows, tmp_path / name)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()

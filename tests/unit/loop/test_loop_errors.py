@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from eitskin.data import dataset, recording, splits
-from eitskin.learn import transfer
+from eitskin.learn import transfer_runs
 from eitskin.learn.train import Budget, Optimiser, Recipe
 from loop import errors, labelled
 from loop.alike import alike
@@ -72,7 +72,7 @@ def test_a_diagnosis_sees_no_tested_touch_and_few_labels(folder):
 def test_every_source_gives_errors_for_every_seed(folder, source):
     rows = run(folder, source)
     assert set(rows["seed"]) == {1, 2} and set(rows["left_out"]) == {""}
-    plain = rows[(rows["method"] == transfer.ZERO_SHOT) & (rows["metric"] == "mae")]
+    plain = rows[(rows["method"] == transfer_runs.ZERO_SHOT) & (rows["metric"] == "mae")]
     assert sorted(plain["variable"]) == ["F", "F", "x", "x", "y", "y"]
     assert plain["value"].nunique() == 6 and np.isfinite(plain["value"]).all()
     assert {"CORAL", "affine", "isotonic"} < set(rows["method"])
@@ -83,7 +83,7 @@ def test_every_source_gives_errors_for_every_seed(folder, source):
 
 def test_labels_alone_are_the_reference_where_they_are_enough(folder):
     rows = run(folder, LABELS)
-    assert set(rows["method"]) == {transfer.TRAINED_FEW}
+    assert set(rows["method"]) == {transfer_runs.TRAINED_FEW}
     assert rows["left_out"].str.contains("no spread").all()
     target, part = parts(folder)
     part = np.where(part == "validation", "train", part)

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from eitskin.errors import InputError
-from eitskin.learn import transfer
+from eitskin.learn import transfer_runs
 from loop import figure, table
 from loop.naming import AUTHORS, BELIEF, DIAGNOSIS, LABELS, TRUTH
 
@@ -30,17 +30,17 @@ def rows(values, method):
 def files(folder, errors=ERRORS):
     listed = []
     for source, values in errors.items():
-        method = transfer.TRAINED_FEW if source == LABELS else transfer.ZERO_SHOT
+        method = transfer_runs.TRAINED_FEW if source == LABELS else transfer_runs.ZERO_SHOT
         found = rows(values, method)
         if source == BELIEF:
             found += rows([1.2, 1.3, 1.1], "CORAL")
         path = folder / f"{source}.csv"
-        transfer.write(pd.DataFrame(found, columns=list(transfer.RUNS)), path)
+        transfer_runs.write(pd.DataFrame(found, columns=list(transfer_runs.RUNS)), path)
         listed.append(({"case": "bench", "model": "mlp", "source": source}, path))
     return listed
 
 
-def cell(found, source, variable="F", method=transfer.ZERO_SHOT):
+def cell(found, source, variable="F", method=transfer_runs.ZERO_SHOT):
     chosen = (found["source"] == source) & (found["variable"] == variable)
     chosen &= (found["metric"] == "mae") & (found["method"] == method)
     (index,) = np.flatnonzero(chosen)
@@ -55,7 +55,7 @@ def test_differences_are_paired_by_seed(tmp_path):
     assert row["saved_high"] - row["saved"] == pytest.approx(4.3027 * 0.1 / np.sqrt(3), rel=1e-4)
     assert row["saved_share"] == pytest.approx(1.2 / 2.2)
     assert np.isnan(cell(found, BELIEF)["saved"])
-    alone = cell(found, LABELS, method=transfer.TRAINED_FEW)
+    alone = cell(found, LABELS, method=transfer_runs.TRAINED_FEW)
     assert alone["saved"] == pytest.approx(0.7)
 
 

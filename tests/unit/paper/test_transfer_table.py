@@ -3,7 +3,7 @@ import pandas as pd
 import pytest
 
 from eitskin.errors import InputError
-from eitskin.learn import metrics, transfer
+from eitskin.learn import metrics, transfer_runs
 from eitskin.paper import transfer_table
 
 KEYS = {"target": "bench", "model": "mlp", "budget": "small"}
@@ -13,19 +13,19 @@ def runs(values: dict[str, list[float]], variable="F"):
     """Rows of both metrics, a value a run: draws with seeds 1 and 2 in turn, or seeds 1, 2 ..."""
     rows = []
     for method, found in values.items():
-        drawn = transfer.METHODS[method] == transfer.FEW
+        drawn = transfer_runs.METHODS[method] == transfer_runs.FEW
         for k, value in enumerate(found):
             run = (k, 1 + k % 2) if drawn else (-1, 1 + k)
             rows.append((method, *run, 100, variable, "mae", value, ""))
             rows.append((method, *run, 100, variable, "r2", 0.5, ""))
-    return pd.DataFrame(rows, columns=list(transfer.RUNS))
+    return pd.DataFrame(rows, columns=list(transfer_runs.RUNS))
 
 
 def files(folder, source: pd.DataFrame, references: pd.DataFrame):
     found = []
     for name, table in (("simulated-authors", source), ("", references)):
         path = folder / f"{name or 'references'}.csv"
-        transfer.write(table, path)
+        transfer_runs.write(table, path)
         found.append(({"source": name, **KEYS}, path))
     return found
 
@@ -38,10 +38,10 @@ def small(folder):
         "isotonic": [0.9, 1.0, 0.95],
     }
     references = {
-        transfer.CONSTANT: [2.0, 2.1, 2.05],
-        transfer.NEAREST: [1.4, 1.6, 1.5],
-        transfer.TRAINED_FEW: [1.3, 0.7, 1.0],
-        transfer.TRAINED_ALL: [0.4, 0.5],
+        transfer_runs.CONSTANT: [2.0, 2.1, 2.05],
+        transfer_runs.NEAREST: [1.4, 1.6, 1.5],
+        transfer_runs.TRAINED_FEW: [1.3, 0.7, 1.0],
+        transfer_runs.TRAINED_ALL: [0.4, 0.5],
     }
     return files(folder, runs(source), runs(references))
 
@@ -60,8 +60,8 @@ def test_mean_and_interval_are_those_of_the_runs(tmp_path):
     zero = cell.loc["zero-shot"]
     assert (zero["low"], zero["high"]) == pytest.approx(metrics.interval(np.array([3.0, 3.2])))
     assert (zero["draws"], zero["seeds"], zero["labels"]) == (0, 2, "none")
-    assert cell.loc[transfer.TRAINED_ALL, "source"] == ""
-    assert cell.loc[transfer.TRAINED_ALL, "labels"] == "training part"
+    assert cell.loc[transfer_runs.TRAINED_ALL, "source"] == ""
+    assert cell.loc[transfer_runs.TRAINED_ALL, "labels"] == "training part"
 
 
 def one(method: str, values: list[float], source: str) -> pd.DataFrame:
@@ -71,7 +71,7 @@ def one(method: str, values: list[float], source: str) -> pd.DataFrame:
 
 def test_differences_are_of_pairs_where_there_are_any():
     affine = one("affine", [1.0, 2.0, 3.0], "a")
-    trained = one(transfer.TRAINED_FEW, [0.9, 1.8, 3.0], "")
+    trained = one(transfer_runs.TRAINED_FEW, [0.9, 1.8, 3.0], "")
     found = transfer_table.difference(affine, trained)
     assert found == pytest.approx((0.1, *metrics.interval(np.array([0.1, 0.2, 0.0]))))
     zero = one("zero-shot", [4.0, 4.5], "a")
@@ -84,7 +84,7 @@ def test_differences_are_of_pairs_where_there_are_any():
 
 def test_what_nothing_pairs_is_compared_as_independent():
     zero = one("zero-shot", [4.0, 4.5, 3.5], "a")
-    constant = one(transfer.CONSTANT, [2.0, 2.1, 1.9, 2.0], "")
+    constant = one(transfer_runs.CONSTANT, [2.0, 2.1, 1.9, 2.0], "")
     mean, low, high = transfer_table.difference(zero, constant)
     assert mean == pytest.approx(2.0)
     # standard error sqrt(0.25 / 3 + 0.02 / 3 / 4), Welch's degrees of freedom 2.08
@@ -105,7 +105,7 @@ def test_the_reading_follows_the_numbers(tmp_path):
     assert said.endswith("the whole training part 0.45 N.")
     collected.loc[collected["method"] == "isotonic", "value"] += 5.0
     assert "affine errs least, 1.33 N" in transfer_table.reading(collected, "F")
-    collected.loc[collected["method"] == transfer.TRAINED_FEW, "value"] += 5.0
+    collected.loc[collected["method"] == transfer_runs.TRAINED_FEW, "value"] += 5.0
     assert "at best (nearest of the 5 %)" in transfer_table.reading(collected, "F")
     collected.loc[collected["method"] == "zero-shot", "value"] = [1.0, 1.02]
     assert "1.01 N, better than constant (-1.04 N" in transfer_table.reading(collected, "F")
@@ -114,8 +114,8 @@ def test_the_reading_follows_the_numbers(tmp_path):
 def test_table_and_text_say_what_was_left_out(tmp_path):
     source = runs({"zero-shot": [3.0, 3.2]})
     blank = ("", -1, -1, 0, "x", "", np.nan, "the recording's places are in the robot's frame")
-    source = pd.concat([source, pd.DataFrame([blank], columns=list(transfer.RUNS))])
-    found = files(tmp_path, source, runs({transfer.CONSTANT: [2.0, 2.1]}))
+    source = pd.concat([source, pd.DataFrame([blank], columns=list(transfer_runs.RUNS))])
+    found = files(tmp_path, source, runs({transfer_runs.CONSTANT: [2.0, 2.1]}))
     transfer_table.write(found, tmp_path / "t.csv", tmp_path / "t.md")
     table = pd.read_csv(tmp_path / "t.csv", keep_default_na=False)
     assert list(table.columns) == list(transfer_table.TABLE)
@@ -128,8 +128,8 @@ def test_table_and_text_say_what_was_left_out(tmp_path):
 
 def test_nothing_in_common_is_a_section_with_its_reason_alone(tmp_path):
     blank = ("", -1, -1, 0, "", "", np.nan, "bench: channels: found none")
-    source = pd.DataFrame([blank], columns=list(transfer.RUNS))
-    found = files(tmp_path, source, runs({transfer.CONSTANT: [2.0, 2.1]}))
+    source = pd.DataFrame([blank], columns=list(transfer_runs.RUNS))
+    found = files(tmp_path, source, runs({transfer_runs.CONSTANT: [2.0, 2.1]}))
     transfer_table.write(found, tmp_path / "t.csv", tmp_path / "t.md")
     text = (tmp_path / "t.md").read_text()
     section = text.split("### From simulated-authors")[1]

@@ -6,6 +6,7 @@ two parameters are a size and an angle.
 """
 
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -137,7 +138,8 @@ def own_channels(
 ) -> np.ndarray | None:
     """(size, M): the channels that each coordinate alone moves; None where coordinates share some,
     or where another effect takes them on to others."""
-    if candidate.kind in (None, "electrodes") or candidate.scope == "common":
+    on_readings = candidate.effect.stage == "instrument" and candidate.kind != "electrodes"
+    if candidate.kind is None or candidate.scope == "common" or not on_readings:
         return None
     order = ORDER["instrument"]
     mixed = order.index(candidate.effect.order) < order.index("mixing")
@@ -162,11 +164,6 @@ def without_site(candidate: Candidate, place: int) -> Candidate:
     return replace(candidate, sites=sites, looks=looks)
 
 
-# Sites that all have one value are another name's: a common gain is the conductivity's, a common
-# shift of angle the registration's.
-NOT_COMMON = ("drive-gain", "measurement-gain", "channel-gain", "electrode-position", "offset")
-
-
 def catalogue(
     owner: Skin,
     skin: Skin,
@@ -189,7 +186,7 @@ def catalogue(
         points = skin.electrode_width_mm == 0
         if effect.composite or (points and getattr(effect, "on_contacts", False)):
             continue
-        if effect.name == "third-dimension" and skin.electrode_height_mm is None:
+        if any(getattr(skin, key) is None for key in effect.needs):
             continue
         if effect.driver == "time" and not timed:
             continue
@@ -207,22 +204,16 @@ def _sites(effect: Effect, counts: dict[str, int], floating: bool):
     if not effect.sites:
         yield None, None, ""
         return
-    if effect.site_number == 2 or (effect.name == "ground-leak" and floating):
-        n = counts[effect.sites[0]]
-        for i in range(n):
-            for j in range(i + 1, n):
-                yield effect.sites[0], (i, j), "sparse"
-        kinds = effect.sites[:1]
-    else:
-        kinds = effect.sites
-        for kind in kinds:
-            if kind != "channels":
-                for site in range(counts[kind]):
-                    yield kind, (site,), "sparse"
-    if not effect.parameters:
+    at_once = effect.sites_at_once(floating)
+    kinds = effect.sites[:1] if at_once > 1 else effect.sites
+    for kind in kinds:
+        if kind != "channels":
+            for sites in combinations(range(counts[kind]), at_once):
+                yield kind, sites, "sparse"
+    if not effect.parameters or effect.site_number:
         return
     for kind in kinds:
         everywhere = tuple(range(counts[kind]))
         yield kind, everywhere, "dense"
-        if effect.name not in NOT_COMMON:
+        if effect.common:
             yield kind, everywhere, "common"

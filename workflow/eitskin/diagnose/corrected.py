@@ -28,8 +28,8 @@ def items(fit: Fit) -> list[dict]:
         for key, parameter in candidate.effect.parameters.items():
             if parameter.whole and key in values:
                 values[key] = int(values[key])
-        if "F_mid_N" in candidate.effect.parameters:
-            values.setdefault("F_mid_N", 0.5 * model.force_max_N)
+        for key, value in candidate.effect.recorded_values(model.force_max_N).items():
+            values.setdefault(key, value)
         found.append(item)
     return found
 

@@ -20,6 +20,7 @@ from eitskin.diagnose.gaps import CLOSE, gaps
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.whitening import Whitening
+from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Setting
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
@@ -86,7 +87,7 @@ class Recipe:
         """Gap between effect `index` and a rival name in this experiment, within as of `gaps`;
         None: not to be had, or not with what is left of the budget."""
         model = self.simulator()
-        if rival == "conductivity-patch" and isinstance(model, _Turned):
+        if EFFECTS[rival].disc and isinstance(model, _Turned):
             return None  # its tangents have every channel where the board's table has it
         effects, theta = found.after.effects, found.after.fit.theta
         candidates = [c for c in found.search.candidates if c.name == rival]

@@ -66,7 +66,7 @@ def _rivals(candidates: list[Candidate], effect: Candidate) -> list[Candidate]:
     than the effect has would fit anything."""
     found = []
     for candidate in candidates:
-        if candidate.name in (effect.name, "mains-interference"):
+        if candidate.name == effect.name or candidate.effect.tone:
             continue
         if candidate.kind == "channels":
             if effect.kind == "channels":
@@ -128,10 +128,10 @@ def strengths(search: Search, state: State) -> dict[str, float]:
     tangents = search.linearised(state)
     found: dict[str, float] = {}
     for candidate in search.candidates:
-        if candidate.name == "mains-interference":
+        if candidate.effect.tone:
             snr = np.inf if search.problem.model.frame_s else 0.0
         elif candidate.kind == "channels":
-            snr = 0.0 if candidate.name == "offset" else np.inf
+            snr = np.inf if candidate.kind == candidate.effect.sites[0] else 0.0
         elif gross(candidate):
             snr = np.inf
         elif candidate.scope == "dense" or discrete(candidate):

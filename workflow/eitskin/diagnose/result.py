@@ -19,7 +19,7 @@ from eitskin.diagnose.estimates import calibration, estimates
 from eitskin.diagnose.experiment import propose
 from eitskin.diagnose.gaps import OBSERVABLE
 from eitskin.diagnose.verdict import verdict
-from eitskin.effects import EFFECTS
+from eitskin.effects import EFFECTS, catalogue_names
 from eitskin.errors import InputError
 
 
@@ -66,10 +66,8 @@ def unobservable(found: Diagnosis) -> list[str]:
     there = {c.name for c in found.after.effects}
     return sorted(
         name
-        for name, effect in EFFECTS.items()
-        if not effect.composite
-        and name not in there
-        and found.strengths.get(name, 0.0) < OBSERVABLE
+        for name in catalogue_names()
+        if name not in there and found.strengths.get(name, 0.0) < OBSERVABLE
     )
 
 
@@ -218,7 +216,7 @@ def _identifiability(found: Diagnosis) -> pd.DataFrame:
     nearest = {c.name: found.gaps[i][0] for i, c in enumerate(found.after.effects) if found.gaps[i]}
     hidden = set(unobservable(found))
     rows = []
-    for name in sorted(n for n, e in EFFECTS.items() if not e.composite):
+    for name in sorted(catalogue_names()):
         gap = nearest.get(name)
         snr = gap.snr if gap else found.strengths.get(name, 0.0)
         rows.append(

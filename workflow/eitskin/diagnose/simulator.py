@@ -9,7 +9,7 @@ import pandas as pd
 
 from eitskin.data import alignment, recording
 from eitskin.data.recording import Recording
-from eitskin.effects.effect import START, Setting
+from eitskin.effects.effect import START, Moment, Setting
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.skin import Skin
@@ -122,6 +122,10 @@ class RecordingSimulator:
     def geometry(self, coordinates: np.ndarray, chosen: list[Setting]) -> Geometry:
         """The untouched skin's at coordinates (P,) of the calibrations, at the start."""
         return apply_skin(Geometry.from_skin(self.skin(coordinates)), chosen, START)
+
+    def moments(self, coordinates: np.ndarray, chosen: list[Setting]) -> list[Moment]:
+        """(N,): when and how each frame finds its skin, at coordinates (P,) of the calibrations."""
+        return self._sense(coordinates, self.skin(coordinates), chosen, True, "diagnose").moments
 
     def voltage(
         self, coordinates: np.ndarray, chosen: list[Setting], accuracy: str = "diagnose"

@@ -1,8 +1,9 @@
 """What every candidate would change, to first order, about a fit.
 
 Sites are differentiated once; the same columns serve a site alone, all sites with one value and
-each with its own. An effect of the skin that follows force or time is, to first order, its site's
-column times the law: the derivative by contact impedance or conductivity, frame by frame.
+each with its own. An effect of the skin that scales contact impedances or the conductivity as the
+moment has it is, to first order, their columns times its law, frame by frame. Any other is a
+difference of the simulator.
 """
 
 from collections.abc import Iterable
@@ -12,16 +13,18 @@ import numpy as np
 
 from eitskin.diagnose.candidates import Candidate, own_channels
 from eitskin.diagnose.fit import STEP, Fit
-from eitskin.effects import EFFECTS
-from eitskin.effects.effect import Moment, Setting, SkinEffect
+from eitskin.effects.contact_impedance import ContactImpedance
+from eitskin.effects.effect import Setting, SkinEffect
 from eitskin.errors import InputError
 from eitskin.physics.depth import span
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.solver import forward_model
+from eitskin.simulate.readings import apply_skin
 
 NEAR = 0.03  # of the readings, by which two fits may differ and share their derivatives
 KEPT = 64  # columns; a site's alone, among all and with one value for all follow one another
 LEAST = 1e-12  # of a column's squared length: with less left it is a fitted one
+SCALED = ("contact_impedivity_ohm_m2", "conductivity_S_per_m")
 
 
 class Tangents:
@@ -180,8 +183,10 @@ class Tangents:
     def _change(self, candidate: Candidate, index: int) -> np.ndarray:
         """(N, M): derivative of the readings by one coordinate."""
         if isinstance(candidate.effect, SkinEffect) and candidate.effect.driver != "static":
-            return self._driven(candidate, index)
-        if candidate.name == "conductivity-patch":
+            laws = self._laws(candidate, index)
+            if laws is not None:
+                return self._driven(candidate, *laws)
+        if candidate.effect.disc:
             return self._patched(candidate)
         step = np.zeros(candidate.size)
         step[index] = STEP
@@ -189,9 +194,11 @@ class Tangents:
             step[:] = STEP
         return self._difference(self.knobs, [*self.chosen, candidate.setting(step)]) / STEP
 
-    def _driven(self, candidate: Candidate, index: int) -> np.ndarray:
-        """An effect of the skin that varies from frame to frame, by the chain rule."""
-        impedivity, conductivity = self._laws(candidate, index)
+    def _driven(
+        self, candidate: Candidate, impedivity: np.ndarray, conductivity: np.ndarray
+    ) -> np.ndarray:
+        """An effect of the skin that varies from frame to frame, of the laws that `_laws` finds, by
+        the chain rule."""
         total = np.zeros_like(self.voltage)
         for site in np.flatnonzero(np.abs(impedivity).max(axis=0)):
             if candidate.sites is None or site in candidate.sites:
@@ -215,41 +222,52 @@ class Tangents:
         untouched = forward.voltages(model.channels)
         return self.voltage * (scale / STEP * change[0] / untouched)
 
-    def _laws(self, candidate: Candidate, index: int) -> tuple[np.ndarray, np.ndarray]:
+    def _laws(self, candidate: Candidate, index: int) -> tuple[np.ndarray, np.ndarray] | None:
         """(N, n) and (N,): relative change of contact impedivities and conductivity by one
-        coordinate, all sites together, frame by frame."""
+        coordinate, all sites together, frame by frame; None where it changes anything else, or a
+        site more than its own contact."""
         key = ("laws", candidate.name, tuple(candidate.start.items()), index)
-        if key in self._changes:
-            return self._changes[key]
-        model = self.problem.model
+        if key not in self._changes:
+            law = self._law(candidate, index)
+            self._changes[key] = None if law is None else (law[:, :-1], law[:, -1])
+        return self._changes[key]
+
+    def _law(self, candidate: Candidate, index: int) -> np.ndarray | None:
+        """(N, n + 1) of `_laws`, the conductivity's last."""
+        model, effect = self.problem.model, candidate.effect
         base = Geometry.from_skin(model.skin(self.knobs))
+        sites = range(len(base.electrode_deg))
         whole = candidate
         if candidate.sites is not None:
-            everywhere = tuple(range(len(base.electrode_deg)))
-            whole = replace(candidate, sites=everywhere, scope="common")
+            whole = replace(candidate, sites=tuple(sites), scope="common")
         step = np.zeros(whole.size)
         step[index] = STEP
         setting = whole.setting(step)
-        states = model.states
-        impedivity = np.zeros((len(states), len(base.electrode_deg)))
-        conductivity = np.zeros(len(states))
-        columns = (states[k] for k in ("time_s", "touch", "x_mm", "y_mm", "force_N"))
-        for row, (time, touch, x, y, force) in enumerate(zip(*columns, strict=True)):
-            moment = Moment(time / 60.0, force if touch else 0.0, x, y)
-            moved = candidate.effect.change(base, setting, moment)
-            if not base.points:
-                ratio = moved.contact_impedivity_ohm_m2 / base.contact_impedivity_ohm_m2
-                impedivity[row] = ratio - 1.0
-            conductivity[row] = moved.conductivity_S_per_m / base.conductivity_S_per_m - 1
-        self._changes[key] = impedivity / STEP, conductivity / STEP
-        return self._changes[key]
+        moments = model.moments(self.knobs, self.chosen)
+        there = [apply_skin(base, self.chosen, moment) for moment in moments]
+        pairs = zip(there, moments, strict=True)
+        found = [_scaled(g, effect.change(g, setting, m)) for g, m in pairs]
+        if any(change is None for change in found):
+            return None
+        law = np.array(found) / STEP
+        if candidate.sites is None:
+            return law
+        for site in sites:
+            row = np.abs(law[:, site]).argmax()
+            own = np.zeros(len(sites) + 1)
+            own[site] = law[row, site]
+            alone = _alone(candidate, site).setting(step)
+            change = _scaled(there[row], effect.change(there[row], alone, moments[row]))
+            if change is None or not np.allclose(change / STEP, own):
+                return None
+        return None if law[:, -1].any() else law
 
     def _by_impedance(self, site: int, like: Candidate) -> np.ndarray:
         """(N, M): derivative by the logarithm of one electrode's contact impedance."""
         key = ("impedance", site)
         if key not in self._changes:
             contact = Candidate(
-                EFFECTS["contact-impedance"],
+                ContactImpedance(),
                 "electrodes",
                 (site,),
                 "sparse",
@@ -270,6 +288,18 @@ class Tangents:
             changed = self._difference(moved, self.chosen)
             self._changes[key] = changed / (STEP * model.calibrations[0].sd)
         return self._changes[key]
+
+
+def _scaled(before: Geometry, after: Geometry) -> np.ndarray | None:
+    """(n + 1,): relative change of the contact impedivities and of the conductivity; None where
+    anything else has changed."""
+    if after.key(SCALED) != before.key(SCALED):
+        return None
+    change = np.zeros(len(before.electrode_deg) + 1)
+    if not before.points:
+        change[:-1] = after.contact_impedivity_ohm_m2 / before.contact_impedivity_ohm_m2 - 1.0
+    change[-1] = after.conductivity_S_per_m / before.conductivity_S_per_m - 1.0
+    return change
 
 
 def _kept(column: np.ndarray | None) -> np.ndarray | None:

@@ -5,19 +5,83 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from eitskin.effects.effect import SITES
+from eitskin.effects import EFFECTS, catalogue_names
+from eitskin.effects.effect import SITES, Effect
 from eitskin.errors import InputError
 from eitskin.schema import Validator, explained
 
+NO_SITES = {"maxItems": 0, "description": "no sites"}
 
-def validate(result: dict, schema: str | Path, file: str | Path) -> None:
+
+def schema(path: str | Path) -> dict:
+    """The schema in a file, with the catalogue's names and what each asks of its sites, its driver
+    and its parameters."""
+    found = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    names = catalogue_names()
+    found["$defs"]["name"]["enum"] = names
+    found["$defs"]["effect"]["allOf"] = [
+        {
+            "if": {"properties": {"name": {"const": name}}},
+            "then": {"allOf": [_sites(EFFECTS[name]), _values(EFFECTS[name])]},
+        }
+        for name in names
+    ]
+    return found
+
+
+def _sites(effect: Effect) -> dict:
+    """No sites of other kinds than the effect's, of its own none where they are common; its number
+    where it has one. Drives and pairs that their electrode does not tell stand by their channels.
+    """
+    own = list(effect.sites)
+    if {"drives", "measures"} & {*own} and "channels" not in own:
+        own.append("channels")
+    rules = {kind: NO_SITES for kind in SITES if kind not in own}
+    if not own:
+        rules["scope"] = {"const": "common", "description": "common, for it has no sites"}
+        return {"properties": rules}
+    some = [{"properties": {kind: {"minItems": 1}}} for kind in own]
+    if effect.site_number:
+        said = f"sparse, for it has {effect.site_number} sites"
+        rules["scope"] = {"const": "sparse", "description": said}
+        number = {"minItems": effect.site_number, "maxItems": effect.site_number}
+        some = [{"properties": {kind: number}} for kind in own]
+    return {
+        "properties": rules,
+        "if": {"properties": {"scope": {"const": "common"}}},
+        "then": {"properties": dict.fromkeys(own, NO_SITES)},
+        "else": some[0] if len(some) == 1 else {"anyOf": some, "description": " or ".join(own)},
+    }
+
+
+def _values(effect: Effect) -> dict:
+    """The effect's driver; its parameters with their units, of `either` one."""
+    rules = {
+        key: {
+            "$ref": "#/$defs/estimate",
+            "properties": {"unit": {"const": one.unit, "description": f"the unit {one.unit}"}},
+        }
+        for key, one in effect.parameters.items()
+    }
+    needed = [key for key, one in effect.parameters.items() if not one.optional]
+    parameters = {"additionalProperties": False, "required": needed, "properties": rules}
+    if effect.either:
+        parameters["description"] = " or ".join(effect.either)
+        parameters["minProperties"] = len(needed) + 1
+        parameters["maxProperties"] = len(rules) - len(effect.either) + 1
+    driver = {"const": effect.driver, "description": effect.driver}
+    return {"properties": {"driver": driver, "parameters": parameters}}
+
+
+def validate(result: dict, schema_path: str | Path, file: str | Path) -> None:
     """Raise InputError, with `file` as its place, unless `result` is a diagnosis.
 
     Beyond the schema: an interval holds its value, a list has one number a site, and an effect is
     no alternative to itself.
     """
-    rules = yaml.safe_load(Path(schema).read_text(encoding="utf-8"))
-    errors = sorted(Validator(rules).iter_errors(result), key=lambda error: len(error.path))
+    errors = sorted(
+        Validator(schema(schema_path)).iter_errors(result), key=lambda error: len(error.path)
+    )
     if errors:
         place, found, expected = explained(errors[0])
         named = errors[0].json_path.removeprefix("$.")

@@ -5,7 +5,7 @@ import re
 import numpy as np
 
 from eitskin.effects import EFFECTS
-from eitskin.effects.effect import Effect
+from eitskin.effects.effect import Effect, site_of
 from eitskin.quantities import interval, listed, number
 
 MOST_LISTED = 6  # sites; more are counted
@@ -85,13 +85,13 @@ def mend(effect: dict, channels: np.ndarray) -> str:
 
     channels (M, 4): the recording's, to name the electrodes of a gain that is given by channels.
     """
-    text = EFFECTS[effect["name"]].mend
+    known = EFFECTS[effect["name"]]
+    text = known.mend
     kind = next((kind for kind in NOUNS if effect[kind]), None)
     found = effect[kind] if kind else []
     of_electrode = "electrode {site}" in text or "electrodes {site}" in text
     if kind == "channels" and of_electrode:
-        column = {"drive-gain": 0, "measurement-gain": 2}[effect["name"]]
-        found = sorted({int(e) for e in channels[found, column]})
+        found = sorted({int(e) for e in site_of(known.sites[0], channels)[found]})
     for one in ("electrode", "channel"):
         if not found:
             text = text.replace(f"{one}s {{site}}", f"all {one}s")

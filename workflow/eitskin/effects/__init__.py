@@ -5,12 +5,39 @@ import pkgutil
 from collections.abc import Iterable
 
 from eitskin.effects.effect import Effect, InstrumentEffect
+from eitskin.errors import InputError
 
 EFFECTS: dict[str, Effect] = {}
-for _module in pkgutil.iter_modules(__path__):
-    for _object in vars(importlib.import_module(f"{__name__}.{_module.name}")).values():
-        if isinstance(_object, type) and issubclass(_object, Effect) and hasattr(_object, "name"):
-            EFFECTS[_object.name] = _object()
+
+
+def discover() -> None:
+    """Put the effects of every file in this package's `__path__` into EFFECTS, by name.
+
+    Called on import, and by whoever adds a folder to the path. Raises InputError for a name that
+    two effects have.
+    """
+    for found in pkgutil.iter_modules(__path__):
+        module = importlib.import_module(f"{__name__}.{found.name}")
+        for kind in vars(module).values():
+            own = isinstance(kind, type) and kind.__module__ == module.__name__
+            if own and issubclass(kind, Effect) and hasattr(kind, "name"):
+                known = EFFECTS.setdefault(kind.name, kind())
+                if type(known) is not kind:
+                    there = f"that of {type(known).__module__} too"
+                    raise InputError(module.__name__, kind.name, there, "a name of its own")
+
+
+discover()
+
+
+def catalogue_names() -> list[str]:
+    """Names that a diagnosis may give: of all effects but the composite."""
+    return [name for name, effect in EFFECTS.items() if not effect.composite]
+
+
+def modules(names: Iterable[str]) -> list[str]:
+    """The modules that define the effects named, sorted, each once; KeyError for an unknown one."""
+    return sorted({type(EFFECTS[name]).__module__ for name in names})
 
 
 def on_readings(name: str) -> bool:
@@ -20,13 +47,3 @@ def on_readings(name: str) -> bool:
     """
     effect = EFFECTS[name]
     return isinstance(effect, InstrumentEffect) and effect.on_readings
-
-
-def catalogue_names() -> list[str]:
-    """The effects that a diagnosis may name: all but combinations of others."""
-    return [name for name, effect in EFFECTS.items() if not effect.composite]
-
-
-def modules(names: Iterable[str]) -> list[str]:
-    """The modules that define effects, each once, in order. Raises KeyError for an unknown name."""
-    return sorted({type(EFFECTS[name]).__module__ for name in names})

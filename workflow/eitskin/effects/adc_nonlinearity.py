@@ -12,6 +12,7 @@ class AdcNonlinearity(InstrumentEffect):
     name = "adc-nonlinearity"
     order = "converter"
     driver = "amplitude"
+    either = ("cubic", "limit_V")
     parameters = {
         "cubic": Parameter("1/V²", 0.0, -1e6, 1e6, scale=0.02, dense=False, optional=True),
         "limit_V": Parameter("V", None, 1e-9, 1e3, scale=0.1, dense=False, optional=True),

@@ -13,6 +13,7 @@ class ConductivityPatch(SkinEffect):
 
     name = "conductivity-patch"
     driver = "static"
+    disc = True
     parameters = {
         "x_mm": Parameter("mm", None, -1e4, 1e4, scale=10.0, dense=False),
         "y_mm": Parameter("mm", None, -1e4, 1e4, scale=10.0, dense=False),

@@ -53,6 +53,13 @@ class Effect:
     {key} a parameter with its interval, {key:%} as a percentage; of {one|several} the one that
     agrees with the number of sites; [a part] is left out where a parameter in it is.
     shown_by: the recording that would show the effect where another could not, as a noun phrase.
+
+    What a diagnosis asks of it. needs: keys of the skin without which it is no candidate; common:
+    whether one value for all sites is this effect, not another's; several: whether there may be
+    more than one of it, told apart by the values from which their fits start; either: parameters
+    that are laws of their own, of which a diagnosis names one; tone: whether it is a steady tone,
+    whose `frequency_Hz` a periodogram finds; disc: whether it multiplies the conductivity by
+    `contrast` within a disc at `x_mm`, `y_mm` of `radius_mm`.
     """
 
     name: str
@@ -69,6 +76,12 @@ class Effect:
     confusable: tuple[str, ...] = ()
     composite = False
     polar: tuple[str, str, int] | None = None
+    needs: tuple[str, ...] = ()
+    common = True
+    several = False
+    either: tuple[str, ...] = ()
+    tone = False
+    disc = False
 
     def neutral(self, key: str, skin: Skin) -> float | None:
         """A parameter's value at which the effect does nothing to `skin`, None: there is none."""
@@ -80,6 +93,14 @@ class Effect:
         recorded_V (N, M): what the board read.
         """
         return [{}]
+
+    def sites_at_once(self, floating: bool) -> int:
+        """How many sites it takes to change anything; floating: the source is tied to nothing."""
+        return self.site_number or 1
+
+    def recorded_values(self, force_max_N: float) -> dict[str, float]:
+        """What optional parameters left out stand for, where a recording decides it."""
+        return {}
 
     def finding_at(self, values: dict) -> str:
         """`finding`, or what says it better at these values of the parameters."""
@@ -175,14 +196,16 @@ class TouchEffect(Effect):
 class SkinEffect(Effect):
     """An effect on the skin: its shape, its material, its electrodes.
 
-    on_contacts: it changes contacts, which point electrodes do not have.
+    on_contacts: it changes contacts, which point electrodes do not have. Unless its driver is
+    static it may follow all of a moment; between forces and between times it is smooth, or the
+    simulator solves every frame's skin.
     """
 
     stage = "skin"
     on_contacts = False
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
-        """The geometry at a moment, changed."""
+        """The geometry at a moment, changed; a static effect's at any."""
         raise NotImplementedError
 
 
@@ -221,6 +244,10 @@ class LeakEffect(Effect):
     order = "leak"
     on_contact = False
 
+    def sites_at_once(self, floating: bool) -> int:
+        """Two where the source floats: what one takes must come back through another."""
+        return 2 if floating else 1
+
     def admittance(self, setting: Setting, force_N: np.ndarray, terminals: int) -> np.ndarray:
         """(N, terminals) S to ground at true forces (N,); where `on_contact`, the contact is the
         last terminal."""
@@ -238,11 +265,16 @@ class ClockEffect(Effect):
 
 
 class InstrumentEffect(Effect):
-    """An effect on readings; `on_readings`: on them alone, without the skin's potentials."""
+    """An effect on readings; `on_readings`: on them alone, without the skin's potentials. One with
+    `channels` among its sites has one parameter, and says its `slope`."""
 
     stage = "instrument"
     on_readings = True
 
     def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:
         """Readings (N, M) V of `voltage` (N, M) V."""
+        raise NotImplementedError
+
+    def slope(self, voltage: np.ndarray) -> np.ndarray:
+        """(N, M): derivative of each of the readings (N, M) by the value at its own channel."""
         raise NotImplementedError

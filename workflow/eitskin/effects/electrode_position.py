@@ -10,6 +10,7 @@ class ElectrodePosition(SkinEffect):
     name = "electrode-position"
     driver = "static"
     sites = ("electrodes",)
+    common = False  # that turns the skin, as the registration does
     parameters = {"shift_deg": Parameter("°", 0.0, -20.0, 20.0, scale=0.5)}
     source = "Touch with Insight, § II-D"
     mend = "measure the angle of electrode {site}"

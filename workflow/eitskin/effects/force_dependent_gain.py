@@ -24,10 +24,14 @@ class ForceDependentGain(InstrumentEffect):
     shown_by = "a recording with absolute values, with presses from light to hard"
     confusable = ("force-dependent-impedance",)
 
+    def recorded_values(self, force_max_N: float) -> dict[str, float]:
+        """The middle force, which another recording may have elsewhere."""
+        return {"F_mid_N": 0.5 * force_max_N}
+
     def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:
         """Readings (N, M) of `voltage` (N, M)."""
         middle = setting.values["F_mid_N"]
         if middle is None:
-            middle = 0.5 * frames.force_max_N
+            middle = self.recorded_values(frames.force_max_N)["F_mid_N"]
         force = frames.force_N[:, None] if frames.seen_N is None else frames.seen_N
         return voltage * (1.0 + setting.values["per_N"] * (force - middle))

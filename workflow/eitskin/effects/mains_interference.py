@@ -12,6 +12,7 @@ class MainsInterference(InstrumentEffect):
     name = "mains-interference"
     order = "mains"
     driver = "time"
+    tone = True
     parameters = {
         "frequency_Hz": Parameter("Hz", None, 1e-3, 1e6, scale=1e-3, dense=False),
         "volt": Parameter("V", 0.0, 0.0, 10.0, scale=0.02, dense=False),

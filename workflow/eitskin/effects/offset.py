@@ -13,6 +13,7 @@ class Offset(InstrumentEffect):
     order = "offset"
     driver = "static"
     sites = ("measures", "channels")
+    common = False
     parameters = {"volt": Parameter("V", 0.0, -10.0, 10.0, scale=0.02)}
     source = "Hahn, Just, Dittmar, Hellige 2008"
     mend = "zero the amplifier at {site} with its inputs shorted"
@@ -23,3 +24,7 @@ class Offset(InstrumentEffect):
     def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:
         """Readings (N, M) of `voltage` (N, M)."""
         return voltage + setting.at_channels("volt", frames.channels)
+
+    def slope(self, voltage: np.ndarray) -> np.ndarray:
+        """(N, M): 1, whatever is read."""
+        return np.ones(voltage.shape)

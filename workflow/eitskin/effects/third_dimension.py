@@ -18,6 +18,7 @@ class ThirdDimension(SkinEffect):
 
     name = "third-dimension"
     driver = "static"
+    needs = ("electrode_height_mm",)
     parameters = {
         "depth_mm": Parameter("mm", None, 0.1, 1000.0, scale=10.0, dense=False, optional=True)
     }

@@ -4,7 +4,6 @@ open is named with each.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -14,6 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from eitskin.errors import InputError
+from eitskin.learn import models
 
 CHUNK = 256  # samples evaluated at once: attention over 208 tokens takes 0.7 MB a sample
 WIDTH = 64  # of a token once embedded, our choice: the paper names none
@@ -190,13 +190,6 @@ def drive_tokens(shape: Shape) -> Tensor:
     return torch.from_numpy(tokens)
 
 
-def latent_dim(shape: Shape) -> int:
-    """K; raises InputError where no autoencoder was told of."""
-    if shape.latent_dim is None:
-        raise InputError(shape.dataset, "autoencoder", "none", "one, whose encoder the model takes")
-    return shape.latent_dim
-
-
 class CnnTransformer(nn.Module):
     """Convolutions of 64, 128, whose every place is a token for the encoder, then a dense layer of
     64 → states (B, T). Two blocks and the dense layer's width are our choice."""
@@ -234,30 +227,47 @@ class Svr(nn.Module):
         return torch.exp(-self.gamma * square) @ self.dual.T + self.intercept
 
 
-SVR = "svr"
-PREDICTORS: dict[str, Callable[[Shape], nn.Module]] = {  # in the order of the paper's table
-    SVR: lambda shape: Svr(shape.n_channels, shape.n_targets),
-    "mlp": lambda shape: Mlp(shape.n_channels, shape.n_targets),
-    "cnn": lambda shape: Cnn(shape.n_channels, shape.n_targets),
-    "transformer": lambda shape: Transformer(drive_tokens(shape), shape.n_targets),
-    "transformer-channels": lambda shape: Transformer(
-        torch.arange(shape.n_channels)[:, None], shape.n_targets
-    ),
-    "autoencoder-mlp": lambda shape: AutoencoderMlp(
-        shape.n_channels, shape.n_targets, latent_dim(shape)
-    ),
-    "cnn-transformer": lambda shape: CnnTransformer(shape.n_channels, shape.n_targets),
-}
-PHYSICS_INFORMED = "physics-informed-"  # before any network's name: trained by equation 8
-NAMES = (*PREDICTORS, *(PHYSICS_INFORMED + name for name in PREDICTORS if name != SVR))
+def svr(shape: Shape) -> Svr:
+    """Support vectors, none as yet."""
+    return Svr(shape.n_channels, shape.n_targets)
+
+
+def mlp(shape: Shape) -> Mlp:
+    """The paper's MLP."""
+    return Mlp(shape.n_channels, shape.n_targets)
+
+
+def cnn(shape: Shape) -> Cnn:
+    """The paper's CNN."""
+    return Cnn(shape.n_channels, shape.n_targets)
+
+
+def drive_transformer(shape: Shape) -> Transformer:
+    """The transformer whose tokens are drives."""
+    return Transformer(drive_tokens(shape), shape.n_targets)
+
+
+def channel_transformer(shape: Shape) -> Transformer:
+    """The transformer whose tokens are channels."""
+    return Transformer(torch.arange(shape.n_channels)[:, None], shape.n_targets)
+
+
+def autoencoder_mlp(shape: Shape) -> AutoencoderMlp:
+    """The MLP on latent voltages. Raises InputError where no autoencoder was told of."""
+    if shape.latent_dim is None:
+        raise InputError(shape.dataset, "autoencoder", "none", "one, whose encoder the model takes")
+    return AutoencoderMlp(shape.n_channels, shape.n_targets, shape.latent_dim)
+
+
+def cnn_transformer(shape: Shape) -> CnnTransformer:
+    """The CNN whose places are tokens."""
+    return CnnTransformer(shape.n_channels, shape.n_targets)
 
 
 def predictor(name: str, shape: Shape) -> nn.Module:
     """A fresh predictor by its row's name in the table; raises InputError for an unknown name, and
     for a shape that it cannot have."""
-    if name not in NAMES:
-        raise InputError("models", "name", repr(name), f"one of {', '.join(NAMES)}")
-    return PREDICTORS[name.removeprefix(PHYSICS_INFORMED)](shape)
+    return models.model(name).make(shape)
 
 
 def in_chunks(module: nn.Module, voltage: Tensor) -> Tensor:

@@ -28,9 +28,9 @@ from tqdm import tqdm
 
 from eitskin.data.dataset import Dataset
 from eitskin.errors import InputError
-from eitskin.learn import gates, model_file, networks
+from eitskin.learn import gates, model_file, models, networks
 from eitskin.learn.model_file import Trained
-from eitskin.learn.networks import Autoencoder, AutoencoderMlp, Shape, StateToLatent, Svr
+from eitskin.learn.networks import Autoencoder, Shape, StateToLatent, Svr
 
 Loss = Callable[..., Tensor]  # (module, *batch) -> scalar
 
@@ -306,7 +306,8 @@ def train_predictor(
     material = prepare(dataset, part, budget, draw)
     targets = dataset.metadata["targets"]
     settings = {"force_weight": force_weight, "lambda_latent": lambda_latent}
-    if model == networks.SVR:
+    known = models.model(model)
+    if known.support_vectors:
         settings = {}
     taught = [_teacher(path, material, seed) for path in teachers]
     if lambda_latent and len(taught) < 2:
@@ -325,16 +326,16 @@ def train_predictor(
     ):
         settings[name] = {k: v for k, v in gate.items() if not isinstance(v, Tensor)}
         scalers |= {f"{name}_{k}": v for k, v in gate.items() if isinstance(v, Tensor)}
-    fitted_by = Tube() if model == networks.SVR else optimiser
+    fitted_by = Tube() if known.support_vectors else optimiser
     header = _header(dataset, model, fitted_by, budget, settings)
 
     torch.manual_seed(seed)
     module = networks.predictor(model, Shape.of(header, v.shape[1])).to(device)
     train, validation = [v, s], [v_check, s_check]
-    if isinstance(module, AutoencoderMlp) or lambda_latent:
+    if known.encoder or lambda_latent:
         latent_dim = settings["latent_dim"]
         encoder = taught[0].into(Autoencoder(v.shape[1], latent_dim), seed).encoder.to(device)
-    if isinstance(module, AutoencoderMlp):
+    if known.encoder:
         module.encoder.load_state_dict(encoder.state_dict())
     if lambda_latent:
         regressor = taught[1].into(StateToLatent(s.shape[1], latent_dim), seed).to(device)
@@ -347,7 +348,7 @@ def train_predictor(
             value = value + lambda_latent * alignment(regressor, predicted, *latent)
         return value  # equation 8
 
-    if isinstance(module, Svr):
+    if known.support_vectors:
         module = fit_svr(v, s, Tube())
         history = [[_mean_loss(loss, module, part) for part in (train, validation)]]
     else:
@@ -367,7 +368,7 @@ def train_model(
     with TemporaryDirectory() as folder:
         encoder, regressor, output = (Path(folder, f"{k}.pt") for k in range(3))
         job, teachers = (recipe.optimiser, recipe.budget, seed, seed), []
-        if recipe.lambda_latent or model.endswith("autoencoder-mlp"):
+        if recipe.lambda_latent or models.model(model).encoder:
             train_autoencoder(dataset, part, encoder, *job, recipe.latent_dim)
             teachers.append(encoder)
         if recipe.lambda_latent:

@@ -22,7 +22,6 @@ most alike, the same model trained on the 5 % alone, and on the recording's whol
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -32,7 +31,6 @@ from sklearn.isotonic import IsotonicRegression
 from sklearn.linear_model import Ridge
 from sklearn.neighbors import KNeighborsRegressor
 
-from eitskin.atomic import atomic_path
 from eitskin.data.alignment import homogeneous_readings
 from eitskin.data.dataset import Dataset
 from eitskin.errors import InputError
@@ -42,48 +40,22 @@ from eitskin.learn.model_file import Trained
 from eitskin.learn.networks import Shape
 from eitskin.learn.predict import predict_seeds
 from eitskin.learn.train import Budget, Optimiser, Recipe
+from eitskin.learn.transfer_runs import (
+    CONSTANT,
+    DRAWS,
+    NEAREST,
+    RUNS,
+    TRAINED_ALL,
+    TRAINED_FEW,
+    ZERO_SHOT,
+    labelled,
+    presses,
+)
 
-SHARE = 0.05  # of the recording's training frames, labelled
-DRAWS = 10  # of the labelled presses
 VALIDATION = 0.2  # of the labelled presses, kept to stop the training on them
 RIDGE = 1.0  # a map may stray from the identity as far as a target errs, in standard deviations
 STEPS, RATE = 400, 5e-3  # of Adam, for the adapter: the authors'
 NEIGHBOURS = 3
-
-NONE, FEW, ALL = "none", "5 %", "training part"
-ZERO_SHOT = "zero-shot"
-CONSTANT, NEAREST = "constant", "nearest of the 5 %"
-TRAINED_FEW, TRAINED_ALL = "trained on the 5 %", "trained on the recording"
-METHODS = {  # and the recording's labels that each uses
-    ZERO_SHOT: NONE,
-    "z-score": NONE,
-    "CORAL": NONE,
-    "affine": FEW,
-    "isotonic": FEW,
-    "CORAL + adapter": FEW,
-    "CORAL + adapter + isotonic": FEW,
-    CONSTANT: FEW,
-    NEAREST: FEW,
-    TRAINED_FEW: FEW,
-    TRAINED_ALL: ALL,
-}
-RUNS = ("method", "draw", "seed", "labelled_frames", "variable", "metric", "value", "left_out")
-
-
-def labelled(table: pd.DataFrame, part: np.ndarray, seed: int) -> np.ndarray:
-    """Rows (n,) of the training part whose labels are known: whole presses (a place in a session),
-    drawn until they come nearest to 5 % of its frames; two at least."""
-    rows = np.flatnonzero(part == "train")
-    press = _presses(table, rows)
-    drawn = np.random.default_rng(seed).permutation(press.max() + 1)
-    frames = np.cumsum(np.bincount(press)[drawn])
-    count = max(2, int(np.abs(frames - SHARE * len(rows)).argmin()) + 1)
-    return rows[np.isin(press, drawn[:count])]
-
-
-def _presses(table: pd.DataFrame, rows: np.ndarray) -> np.ndarray:
-    """(n,): the press, a place in a session, of each of some rows, counted from 0."""
-    return table.iloc[rows].groupby(["session", "place"], sort=True).ngroup().to_numpy()
 
 
 def as_simulated(target: Dataset, source: dict, electrode_deg: list[float] | None) -> np.ndarray:
@@ -345,7 +317,7 @@ def nearest(
 def few_parts(table: pd.DataFrame, few: np.ndarray, seed: int) -> np.ndarray:
     """The part (N,) of each row where only the rows `few` are labelled: a fifth of their presses,
     one at least, is the validation part; all that is not labelled is "unused"."""
-    press = _presses(table, few)
+    press = presses(table, few)
     drawn = np.random.default_rng([seed, 1]).permutation(press.max() + 1)
     checked = np.isin(press, drawn[: max(1, round(VALIDATION * len(drawn)))])
     part = np.full(len(table), "unused", dtype="<U10")
@@ -407,9 +379,3 @@ def _scored(
 def _left_out(method: str, reason: str, variable: str = "") -> dict:
     blank = {"draw": -1, "seed": -1, "labelled_frames": 0, "metric": "", "value": np.nan}
     return {"method": method, "variable": variable, **blank, "left_out": reason}
-
-
-def write(rows: pd.DataFrame, path: str | Path) -> None:
-    """Write rows (RUNS) to a CSV file, atomically."""
-    with atomic_path(path) as temporary:
-        rows.to_csv(temporary, index=False)

@@ -10,7 +10,7 @@ from eitskin.atomic import atomic_path
 from eitskin.data.dataset import TARGETS, UNITS
 from eitskin.errors import InputError
 from eitskin.learn.metrics import interval
-from eitskin.learn.transfer import (
+from eitskin.learn.transfer_runs import (
     CONSTANT,
     FEW,
     METHODS,
@@ -48,7 +48,7 @@ def collect(files: Files) -> pd.DataFrame:
 
 
 def read_runs(path: str | Path) -> pd.DataFrame:
-    """The rows (`transfer.RUNS`) of a file. Raises InputError where it holds something else."""
+    """The rows (`RUNS`) of a file. Raises InputError where it holds something else."""
     text = dict.fromkeys(("method", "variable", "metric", "left_out"), str)
     table = pd.read_csv(path, keep_default_na=False, na_values={"value": ""}, dtype=text)
     if list(table.columns) != list(RUNS):

@@ -247,8 +247,8 @@ class Forward:
         """What a current entering evenly over the touch makes at the electrodes' modes (n order,)
         and to the touch's multipoles (2 degree,), its power, and psi's share of it."""
         if self.bulk:
-            found = "one with conductivity-gradient"
-            raise InputError("effects", "indenter-grounding", found, "one without")
+            found = "a conductivity that varies"
+            raise InputError("skin", "leak at the touch", found, "the same everywhere")
         current = EvenCurrent(edge)
         to_electrodes = self.electrodes.project(current.potential(self.electrodes.rim)[:, None])
         to_touch = current.mean_response(edge)

@@ -1,11 +1,14 @@
 """The shape of a skin: its rim, where its electrodes lie, how its conductivity is directed."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from eitskin.errors import InputError
 from eitskin.physics.skin import Skin
+
+MATERIAL = ("thickness_mm", "conductivity_S_per_m", "contact_impedivity_ohm_m2")
 
 
 @dataclass(frozen=True)
@@ -111,16 +114,21 @@ class Geometry:
         """A copy with some fields replaced."""
         return replace(self, **values)
 
+    def key(self, but: Collection[str] = ()) -> tuple:
+        """What is equal of equal geometries, and hashable; `but`: fields that it leaves out."""
+        values = (getattr(self, f.name) for f in fields(self) if f.name not in but)
+        return tuple(
+            value.tobytes()
+            if isinstance(value, np.ndarray)
+            else tuple(sorted(value.items()))
+            if isinstance(value, dict)
+            else value
+            for value in values
+        )
+
     def same_outline(self, other: "Geometry") -> bool:
         """Whether rim, electrodes' places and direction agree; material and contacts may differ."""
-        material = ("thickness_mm", "conductivity_S_per_m", "contact_impedivity_ohm_m2")
-        return all(
-            np.array_equal(getattr(self, f.name), getattr(other, f.name))
-            if isinstance(getattr(self, f.name), np.ndarray)
-            else getattr(self, f.name) == getattr(other, f.name)
-            for f in fields(self)
-            if f.name not in material
-        )
+        return self.key(MATERIAL) == other.key(MATERIAL)
 
     @property
     def points(self) -> bool:

@@ -257,7 +257,7 @@ class PatchForward(Forward):
         """As Forward's. Raises InputError for a touch that covers a part of the patch's edge."""
         if edge.factor is None:
             place = f"({edge.touch.x_mm:g}, {edge.touch.y_mm:g}) mm, across a patch's edge"
-            raise InputError("touch", "indenter-grounding", place, "a touch on either side of it")
+            raise InputError("touch", "leak at the touch", place, "a touch on either side of it")
         current, nodes, rim = EvenCurrent(edge.edge), edge.nodes, self.electrodes.rim
         charge = nodes.charge(current.flux(nodes.zeta, nodes.dzeta)[:, None] / edge.factor)
         at_nodes = current.potential(nodes.zeta)

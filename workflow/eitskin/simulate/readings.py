@@ -178,7 +178,15 @@ class Sensed:
     @property
     def force_N(self) -> np.ndarray:
         """(K N,): the true force, 0 where untouched."""
-        return np.where(self.solve.touched, self.solve.touches["force_N"], 0.0)
+        return self.solve.force_N
+
+    @property
+    def moments(self) -> list[Moment]:
+        """(N,): when and how the skin of each frame is touched, in the frame's middle."""
+        solve, count = self.solve, len(self.frames.time_s)
+        middle = slice(len(self.nodes) // 2 * count, (len(self.nodes) // 2 + 1) * count)
+        columns = (solve.minutes, solve.force_N, *solve.xy_mm.T)
+        return [Moment(*row) for row in np.column_stack(columns)[middle].tolist()]
 
 
 def sense(
@@ -299,6 +307,16 @@ class _Solver:
     near: Neighbours
     progress: bool
 
+    @property
+    def force_N(self) -> np.ndarray:
+        """(N,): the true force, 0 where untouched."""
+        return np.where(self.touched, self.touches["force_N"].to_numpy(float), 0.0)
+
+    @property
+    def xy_mm(self) -> np.ndarray:
+        """(N, 2): where each row is touched."""
+        return self.touches[["x_mm", "y_mm"]].to_numpy(float)
+
     def __call__(self, contact: bool = False) -> np.ndarray:
         """(N, n, n) ohm: transfer impedance of every row; with `contact`, (N, n + 1, n + 1)."""
         terminals = len(self.base.electrode_deg) + int(contact)
@@ -324,13 +342,12 @@ class _Solver:
         Where an effect follows time or force, a row's skin is interpolated between a few, smooth
         as the laws are; where few rows are alike but for time and force, each has its own.
         """
-        drivers = {s.effect.driver for s in of_stage(self.chosen, "skin")} - {"static"}
-        force = np.where(self.touched, self.touches["force_N"].to_numpy(float), 0.0)
-        xy = self.touches[["x_mm", "y_mm"]].to_numpy(float)
+        force, xy = self.force_N, self.xy_mm
         skins = _Skins(self.base, self.chosen, self.accuracy, self.near)
-        for rows in _alike(skins, force, xy) if "force" in drivers else [np.arange(len(force))]:
+        groups, follows = _alike(skins, np.column_stack([self.minutes, force]), xy)
+        for rows in groups:
             own = np.column_stack([self.minutes[rows], force[rows]])
-            own[:, [name not in drivers for name in ("time", "force")]] = 0.0
+            own[:, ~follows] = own[0, ~follows]
             place = xy[rows[0]]
             moments, which = np.unique(own, axis=0, return_inverse=True)
             weights = np.eye(len(moments))[which.ravel()]
@@ -392,23 +409,41 @@ class _Skins:
         return enough_nodes(transfer, low[axis], high[axis], most)
 
 
-def _alike(skins: _Skins, force: np.ndarray, xy: np.ndarray) -> list[np.ndarray]:
-    """Rows whose skins are the same wherever time and force are: those without a force, and those
-    at places that an effect of the force makes no difference between."""
-    found: dict[bytes, list[int]] = {}
-    largest = force.max(initial=0.0)
-    keys: dict[bytes, bytes] = {}
-    for row in range(len(force)):
-        place = xy[row].tobytes()
-        if force[row] == 0:
-            key = b""
-        elif place in keys:
-            key = keys[place]
-        else:
-            geometry = skins.geometry(0.0, largest, xy[row])
-            key = keys[place] = geometry.contact_impedivity_ohm_m2.tobytes()
-        found.setdefault(key, []).append(row)
-    return [np.array(rows) for rows in found.values()]
+def _alike(
+    skins: _Skins, moments: np.ndarray, xy: np.ndarray
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Groups of rows whose skins are the same wherever their moments (N, 2), minutes and force,
+    are: those without a force, and those at places (N, 2) that no effect makes a difference
+    between; and whether skins follow time and force (2,), as their geometries show."""
+    drivers = {s.effect.driver for s in of_stage(skins.chosen, "skin")} - {"static"}
+    follows = np.array([name in drivers for name in ("time", "force")])
+    if not drivers:
+        return [np.arange(len(moments))], follows
+    pressed = moments[:, 1] > 0
+    minutes, forces = _spread(moments[:, 0]), _spread(moments[pressed, 1])
+    places = list(zip(pressed.tolist(), map(bytes, xy), strict=True))
+    skin_at: dict[tuple, tuple] = {}  # by force, then by time
+    for (touch, key), place in zip(places, xy, strict=True):
+        if (touch, key) not in skin_at:
+            skin_at[touch, key] = tuple(
+                tuple(skins.geometry(t, f, place).key() for t in minutes)
+                for f in (forces if touch else (0.0,))
+            )
+    by_time = {through for skin in skin_at.values() for through in skin}
+    follows |= [any(len(set(s)) > 1 for s in some) for some in (by_time, skin_at.values())]
+    found: dict[tuple, list[int]] = {}
+    for row, place in enumerate(places):
+        skin = skin_at[place]
+        found.setdefault((place[0], skin) if follows[1] else skin[0], []).append(row)
+    return [np.array(rows) for rows in found.values()], follows
+
+
+def _spread(values: np.ndarray) -> np.ndarray:
+    """The least, the middle and the largest of values, each once."""
+    if not len(values):
+        return values
+    low, high = values.min(), values.max()
+    return np.unique([low, 0.5 * (low + high), high])
 
 
 def _places(places: np.ndarray, touched: np.ndarray) -> list[tuple[tuple, list[int]]]:

@@ -1,30 +1,27 @@
 """Other laboratories' files as recordings; one module a format.
 
-A format is a module with `matches(path) -> bool`, by content, and `load(path) -> Recording`.
+A format is a module of its name with `matches(path) -> bool`, by content, and `load(path) ->
+Recording`; FORMATS has a line for each.
 """
 
+from importlib import import_module
 from pathlib import Path
 
 from eitskin.data import recording
-from eitskin.data.importers import (
-    hydrogel_skin,
-    iirc_tank,
-    lct_tank,
-    logger_csv,
-    patterned_skin,
-    pyeidors_tank,
-)
 from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 
 OWN_FORMAT = "eit-recording"
 FORMATS = {
-    "logger-csv": logger_csv,
-    "hydrogel-skin": hydrogel_skin,
-    "iirc-tank": iirc_tank,
-    "pyeidors-tank": pyeidors_tank,
-    "lct-tank": lct_tank,
-    "patterned-skin": patterned_skin,
+    name: import_module(f"{__name__}.{name.replace('-', '_')}")
+    for name in (  # in the order in which a file's content is tried
+        "logger-csv",
+        "hydrogel-skin",
+        "iirc-tank",
+        "pyeidors-tank",
+        "lct-tank",
+        "patterned-skin",
+    )
 }
 KNOWN = (OWN_FORMAT, *FORMATS)
 

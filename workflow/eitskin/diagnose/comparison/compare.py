@@ -163,7 +163,7 @@ def _own_phases(shared: list[Shared], names: list[str]) -> dict[Label, list[tupl
 
 
 def _tone(effect: Shared) -> bool:
-    return bool(effect.candidate.effect.polar) and effect.candidate.effect.driver == "time"
+    return effect.candidate.effect.tone
 
 
 def _tests(own: list[Part]) -> list[Tested]:
@@ -193,7 +193,7 @@ def _test(own: list[Part], e: int, key: str, site: int | None) -> Tested:
         value, covariance = part.fit.theta[at], part.spread[np.ix_(at, at)]
         if _is_axis(part, e, key):
             effect = part.fit.effects[part.which.index(e)].effect
-            if effect.driver == "time":  # a tone's phase is its recording's own: only its size
+            if effect.tone:  # whose phase is its recording's own: only its size
                 size = np.hypot(*value)
                 slope = value / size if size > 0 else np.array([1.0, 0.0])
                 value, covariance = np.array([size]), (slope @ covariance @ slope).reshape(1, 1)

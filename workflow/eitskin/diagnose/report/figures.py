@@ -15,6 +15,7 @@ from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.verdict import LIKELY
 from eitskin.diagnose.words import sites, where
+from eitskin.effects import EFFECTS
 from eitskin.physics.geometry import even_angles
 from eitskin.plotting import (
     AFTER,
@@ -76,7 +77,7 @@ def electrodes(evidence: Evidence) -> Figure:
     axes.set(xlim=(-outer, outer), ylim=(-outer, outer))
     axes.add_patch(Circle((0, 0), 1, facecolor="#f6f6f6", edgecolor="#404040", linewidth=0.8))
     for _, effect in effects:
-        if effect.get("name") == "conductivity-patch":
+        if "name" in effect and EFFECTS[effect["name"]].disc:
             _draw_patch(axes, effect["parameters"], radius)
     frames = evidence.frames[evidence.frames["touch"]]
     places = frames[["x_mm", "y_mm"]].drop_duplicates() / radius

@@ -54,8 +54,7 @@ def _sums(tangents: Tangents, dense: Candidate) -> tuple[np.ndarray, np.ndarray]
     parameter = next(iter(dense.effect.parameters.values()))
     whitening = tangents.problem.whitening
     shape = tangents.voltage.shape
-    column = np.ones(shape) if dense.name == "offset" else tangents.voltage
-    column = whitening(dense.scales.of(parameter) * column)
+    column = whitening(dense.scales.of(parameter) * dense.effect.slope(tangents.voltage))
     residual = tangents.residual.reshape(shape)
     fitted = tangents.fitted.reshape(-1, *shape)
     shared = np.einsum("pnm,nm->pm", fitted, column)

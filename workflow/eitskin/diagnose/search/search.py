@@ -50,7 +50,6 @@ FEW = 6  # coordinates; candidates with more are fitted after the others
 GROSS = 30.0  # chi squared over its degrees of freedom above which gross faults are tried first
 PLAIN = 0.5  # of the misfit without it, that a gross fault may leave
 RACE = 10.0  # nats behind the best trial at which another is given up
-SEVERAL = ("domain-shape",)  # one entry each: harmonics
 
 
 @dataclass
@@ -245,7 +244,7 @@ class Search:
             if _of_channels(candidate):
                 scored = channels.scores(tangents, candidate)
                 found += [s for s in scored if s.candidate.scope == "sparse" or hopeless]
-            elif candidate.name == "mains-interference":
+            elif candidate.effect.tone:
                 found.append(
                     tones.score(tangents, candidate.effect, candidate.skin, candidate.scales)
                 )
@@ -259,9 +258,7 @@ class Search:
         found = [s for s in found if s is not None]
         if self.null is None:
             linear = [
-                c
-                for c in self.candidates
-                if not (_of_channels(c) or discrete(c) or c.name == "mains-interference")
+                c for c in self.candidates if not (_of_channels(c) or discrete(c) or c.effect.tone)
             ]
             free = sum(discrete(c) for c in self.candidates)
             free += 2 * len(self.problem.whitening.sd)
@@ -385,6 +382,7 @@ class Search:
                 both == {"sparse"}
                 and other.start == candidate.start
                 and candidate.effect.parameters
+                and not candidate.effect.site_number
             ):
                 joined = _joined(other, candidate)
                 if joined is None:
@@ -401,7 +399,7 @@ class Search:
                 start = np.r_[theta[: place.start], values, theta[place.stop :]]
                 effects[index] = joined
                 return self._fitted(effects, start, None, state, enough)
-            if other.name not in SEVERAL or other.start == candidate.start:
+            if not other.effect.several or other.start == candidate.start:
                 return None
         start = np.r_[theta, np.zeros(candidate.size)]
         columns = self.linearised(state).jacobian(candidate)
@@ -461,6 +459,8 @@ class Search:
         """Sites of sparse effects that do not earn their place, taken out one by one."""
         for index in range(len(state.effects)):
             effect = state.effects[index]
+            if effect.effect.site_number:
+                continue
             while effect.scope == "sparse" and effect.size == len(effect.sites) > 1:
                 place = state.fit.place(index)
                 sd = np.sqrt(np.diag(state.fit.covariance)[place])
@@ -532,7 +532,7 @@ class Search:
 
 def discrete(candidate: Candidate) -> bool:
     """Whether a candidate is there or not: it has no coordinate about which it starts."""
-    return not candidate.linear.any() and candidate.name != "mains-interference"
+    return not candidate.linear.any() and not candidate.effect.tone
 
 
 def gross(candidate: Candidate) -> bool:
@@ -584,7 +584,8 @@ def shortlist(scores: list[Score]) -> list[Candidate]:
     for name, own in list(names.items())[:MOST_NAMES]:
         for s in own:
             near = s.log_evidence > top - WITHIN or s.gain > SHARE * gain
-            tried = EFFECTS[name].name == "adc-nonlinearity" and s.gain > 0
+            # What shows at large readings alone weighs little in a tangent.
+            tried = EFFECTS[name].driver == "amplitude" and s.gain > 0
             if near or tried:
                 chosen.append(s.candidate)
     return sorted(chosen, key=lambda c: c.size > FEW)
