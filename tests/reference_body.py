@@ -41,7 +41,7 @@ def graded_line(depth, low, high, cells, halvings):
     return np.unique(np.concatenate(places).round(12))
 
 
-def body_transfer(n, width, z, depth, low, high, mesh=(1, 2), line=(2, 2), inclusion=None):
+def body_impedance(n, width, z, depth, low, high, mesh=(1, 2), line=(2, 2), inclusion=None):
     """Transfer impedance (n, n): electrodes from height `low` to `high`.
 
     mesh: refinement and grading of the disc; line: cells a piece and halvings; inclusion: radius
@@ -82,6 +82,6 @@ def body_transfer(n, width, z, depth, low, high, mesh=(1, 2), line=(2, 2), inclu
         options={"SymmetricMode": True},
     )
     potential = factors.solve(drive)
-    transfer = np.zeros((n, n))
-    transfer[:-1] = potential[size - n :]
-    return transfer
+    impedance = np.zeros((n, n))
+    impedance[:-1] = potential[size - n :]
+    return impedance

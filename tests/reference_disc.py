@@ -11,11 +11,11 @@ potential of electrode i for a unit current into j; only its differences over cu
 import numpy as np
 
 
-def voltages(transfer, channels):
+def voltages(impedance, channels):
     """Voltages (M,) at unit current of channels (M, 4) source, sink, plus, minus."""
     source, sink, plus, minus = np.asarray(channels).T
-    return (transfer[plus, source] - transfer[plus, sink]) - (
-        transfer[minus, source] - transfer[minus, sink]
+    return (impedance[plus, source] - impedance[plus, sink]) - (
+        impedance[minus, source] - impedance[minus, sink]
     )
 
 

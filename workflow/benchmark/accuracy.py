@@ -48,7 +48,7 @@ def table(geometries: dict[str, Geometry]) -> pd.DataFrame:
             median = np.median(np.abs(limit))
             driven_error = np.nan
             if not geometry.points:
-                values = channel_values(forward.transfer(), driven)
+                values = channel_values(forward.transfer_impedance(), driven)
                 driven_error = np.abs(values / driven_limit - 1.0).max()
             rows.append(
                 {

@@ -147,20 +147,20 @@ class FiniteElements:
         """Factor the system once; `conductance` as in `stiffness`."""
         return FactoredElements(self, np.asarray(conductance, dtype=float))
 
-    def transfer(self, conductance: np.ndarray) -> np.ndarray:
+    def transfer_impedance(self, conductance: np.ndarray) -> np.ndarray:
         """Transfer impedance (n, n) in ohm; rows and columns sum to 0 (sum of U is 0).
 
         [i, j]: potential of electrode i for a unit current into j, drawn evenly from them all.
         """
-        return self.factored(conductance).transfer
+        return self.factored(conductance).transfer_impedance
 
     def voltages(self, conductance: np.ndarray, channels: np.ndarray, current: float) -> np.ndarray:
         """Voltages (M,) in V of channels (M, 4) source, sink, plus, minus at `current` in A."""
-        return current * channel_values(self.transfer(conductance), np.asarray(channels))
+        return current * channel_values(self.transfer_impedance(conductance), np.asarray(channels))
 
 
 class FactoredElements:
-    """A sheet of known conductance (elements,) in S, factored: solves, transfer and touches.
+    """A sheet of known conductance (elements,) in S, factored: solves, impedance and touches.
 
     Solving raises InputError where elements are so thin that rounding spoils the fields.
     """
@@ -199,8 +199,8 @@ class FactoredElements:
         return fields
 
     @cached_property
-    def transfer(self) -> np.ndarray:
-        """Transfer impedance (n, n) in ohm, as `FiniteElements.transfer`."""
+    def transfer_impedance(self) -> np.ndarray:
+        """Transfer impedance (n, n) in ohm, as `FiniteElements.transfer_impedance`."""
         grounded = self.fields[self.elements._terminals]
         centred = grounded - grounded.mean(axis=0)
         return centred - centred.mean(axis=1, keepdims=True)

@@ -102,7 +102,9 @@ class MeshSamples:
         """SciPy: one sparse factorisation a sample, all electrodes solved from it."""
         return np.array(
             [
-                channel_values(self.elements.transfer(self.conductance(*sample)), CHANNELS)
+                channel_values(
+                    self.elements.transfer_impedance(self.conductance(*sample)), CHANNELS
+                )
                 for sample in samples
             ]
         )
@@ -110,7 +112,7 @@ class MeshSamples:
     def by_touch_modes(self, _: Samples) -> np.ndarray:
         """Closed form in the strength, on the same mesh: every sample there is, (C, M)."""
         factored = self.elements.factored(self.background)
-        untouched = channel_values(factored.transfer, CHANNELS)
+        untouched = channel_values(factored.transfer_impedance, CHANNELS)
         values = np.empty((len(PLACES), len(CONTRASTS), len(CHANNELS)))
         for place, touched in enumerate(self.touched):
             modes = factored.touch_modes(touched)
@@ -186,7 +188,7 @@ def by_forward_model(_: Samples) -> np.ndarray:
     forward = Forward(
         Geometry(radius_mm, 1.0, 1000.0, 360.0 * np.arange(N) / N, points, points), "train"
     )
-    untouched = channel_values(forward.transfer(), CHANNELS)
+    untouched = channel_values(forward.transfer_impedance(), CHANNELS)
     values = np.empty((len(PLACES), len(CONTRASTS), len(CHANNELS)))
     for place, (x, y) in enumerate(radius_mm * PLACES):
         modes = forward.place(x, y, TOUCH_RADIUS * radius_mm)

@@ -44,7 +44,7 @@ def errors(
     forces: dict,
     probe_mm: float,
 ) -> pd.DataFrame:
-    """Rows (`transfer_runs.RUNS`) of a model on the test part of `target` for a seed, the `draw`-th.
+    """Rows (`transfer_runs.RUNS`) of a model on the test part of `target`, for a seed.
 
     A seed has source samples and noise of its own, the same for all sources, and trains one
     network; the rows "train" of `part` are the labels that methods with labels use. `LABELS`

@@ -15,7 +15,7 @@ from eitskin.errors import InputError
 from eitskin.physics.force_history import ForceHistory
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
-from eitskin.physics.solver import Neighbours
+from eitskin.physics.solver import SolvedSkins
 from eitskin.simulate.readings import of_stage, read, sense
 
 N_ELECTRODES = 16
@@ -60,7 +60,7 @@ class World:
             raise InputError("world", "effects", repr(found), expected)
         self.accuracy, self.force_max_N = config["accuracy"], config["force_max_N"]
         self.noise = config["noise"]
-        self._near = Neighbours()
+        self._near = SolvedSkins()
         self._follows_nothing = all(s.effect.driver == "static" for s in self.effects)
         self._untouched: np.ndarray | None = None  # (M,) V, where it is always the same
         self._place = config["place"]

@@ -43,7 +43,7 @@ WITH_GAINS = " and a gain a measuring pair"
 
 @dataclass(frozen=True)
 class Drives:
-    """|v| of a recording's untouched frames and what touches change, and the skin's transfer.
+    """|v| of a recording's untouched frames and what touches change, and the skin's impedance.
 
     channels (M, 4); untouched (F, M), in order; changes (T, M) pressed minus the untouched frame
     before it; places (T, 3) mm: x, y and depth; n electrodes at angles (n,) in degrees.
@@ -107,22 +107,22 @@ class Drives:
     @cached_property
     def unit(self) -> float:
         """Ohm: the largest transfer impedance, by which all are divided."""
-        return float(np.abs(self.forward.transfer()).max())
+        return float(np.abs(self.forward.transfer_impedance()).max())
 
     @cached_property
-    def transfer(self) -> np.ndarray:
+    def transfer_impedance(self) -> np.ndarray:
         """(1, n, n): untouched."""
-        return self.forward.transfer()[None] / self.unit
+        return self.forward.transfer_impedance()[None] / self.unit
 
     @cached_property
     def pressed(self) -> np.ndarray:
         """(T, n, n): at each touch."""
         deepest = self.places[:, 2].max()
-        found = np.repeat(self.transfer, len(self.places), axis=0)
+        found = np.repeat(self.transfer_impedance, len(self.places), axis=0)
         radius = TOUCH * self.radius_mm
         for row, (x, y, depth) in zip(found, self.places, strict=True):
             place = (x, y, min(radius, 0.95 * (self.radius_mm - np.hypot(x, y))))
-            change = self.forward.place(*place).transfer_change(np.array([DENT * depth / deepest]))
+            change = self.forward.place(*place).impedance_change(np.array([DENT * depth / deepest]))
             row += change[0] / self.unit
         return found
 
@@ -135,11 +135,11 @@ class OwnersLaw:
     def __init__(self, drives: Drives, name: str = "the owner's simulation"):
         self.drives, self.name = drives, name
 
-    def readings(self, values: np.ndarray, transfer: np.ndarray) -> np.ndarray:
-        """(N, M) |v| up to a factor, of transfer (N, n, n)."""
+    def readings(self, values: np.ndarray, impedance: np.ndarray) -> np.ndarray:
+        """(N, M) |v| up to a factor, of impedance (N, n, n)."""
         source, sink, plus, minus = self.drives.channels.T
-        voltage = transfer[:, plus, source] - transfer[:, minus, source]
-        return np.abs(voltage - transfer[:, plus, sink] + transfer[:, minus, sink])
+        voltage = impedance[:, plus, source] - impedance[:, minus, source]
+        return np.abs(voltage - impedance[:, plus, sink] + impedance[:, minus, sink])
 
 
 class GroundReturn(OwnersLaw):
@@ -157,11 +157,11 @@ class GroundReturn(OwnersLaw):
         self.name = "return through ground" + (WITH_GAINS if gains else "")
         self.start = tuple(np.r_[start, np.zeros(self.size - 4)] for start in STARTS)
 
-    def potentials(self, values: np.ndarray, transfer: np.ndarray) -> np.ndarray:
+    def potentials(self, values: np.ndarray, impedance: np.ndarray) -> np.ndarray:
         """(N, D, n) of unit currents into each drive's source, above ground."""
-        n = transfer.shape[-1]
+        n = impedance.shape[-1]
         centre = np.eye(n) - 1.0 / n
-        skin = np.linalg.pinv(centre @ transfer @ centre, hermitian=True)
+        skin = np.linalg.pinv(centre @ impedance @ centre, hermitian=True)
         drives = self.pairs_driven
         system = np.repeat(skin[:, None], len(drives), axis=1)
         at = np.arange(n)
@@ -176,27 +176,27 @@ class GroundReturn(OwnersLaw):
         """(D, 2): source and sink."""
         return np.unique(self.drives.channels[:, :2], axis=0)
 
-    def readings(self, values: np.ndarray, transfer: np.ndarray) -> np.ndarray:
-        """(N, M) |v| up to a factor, of transfer (N, n, n)."""
-        difference, total = self._pairs(values, transfer)
-        own = difference if transfer is self.drives.transfer else None
+    def readings(self, values: np.ndarray, impedance: np.ndarray) -> np.ndarray:
+        """(N, M) |v| up to a factor, of impedance (N, n, n)."""
+        difference, total = self._pairs(values, impedance)
+        own = difference if impedance is self.drives.transfer_impedance else None
         if own is None:
-            own = self._pairs(values, self.drives.transfer)[0]
+            own = self._pairs(values, self.drives.transfer_impedance)[0]
         voltage = difference + 0.5 * values[2] * total + values[3] * np.abs(own).mean()
         if len(values) > 4:
             voltage = voltage * np.exp(values[4:])[self.pair]
         return np.abs(voltage)
 
-    def _pairs(self, values: np.ndarray, transfer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _pairs(self, values: np.ndarray, impedance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(N, M) u+ - u- and u+ + u-."""
-        potential, channels = self.potentials(values, transfer), self.drives.channels
+        potential, channels = self.potentials(values, impedance), self.drives.channels
         drive = np.unique(channels[:, :2], axis=0, return_inverse=True)[1].ravel()
         plus, minus = potential[:, drive, channels[:, 2]], potential[:, drive, channels[:, 3]]
         return plus - minus, plus + minus
 
     def through_sink(self, values: np.ndarray) -> float:
         """The share of the current that leaves by the sink, mean over drives."""
-        potential = self.potentials(values, self.drives.transfer)[0]
+        potential = self.potentials(values, self.drives.transfer_impedance)[0]
         sink = self.pairs_driven[:, 1]
         at_sink = potential[np.arange(len(sink)), sink]
         return float((at_sink * (np.exp(values[0]) + np.exp(values[1]))).mean())
@@ -228,7 +228,7 @@ class Fitted:
             return values if held is None else np.r_[values, held[free:]]
 
         def modelled(values: np.ndarray) -> np.ndarray:
-            model = law.readings(all_of(values), law.drives.transfer)[0]
+            model = law.readings(all_of(values), law.drives.transfer_impedance)[0]
             return model * (model[kept] @ recorded[kept] / (model[kept] @ model[kept]))
 
         def residual(values: np.ndarray) -> np.ndarray:
@@ -246,12 +246,12 @@ class Fitted:
             ]
             best = min(found, key=lambda f: f.cost).x
         values = all_of(best)
-        model = law.readings(values, law.drives.transfer)[0]
+        model = law.readings(values, law.drives.transfer_impedance)[0]
         return cls(law, values, float(modelled(best) @ model / (model @ model)))
 
-    def readings(self, transfer: np.ndarray) -> np.ndarray:
-        """(N, M) |v| of transfer (N, n, n)."""
-        return self.factor * self.law.readings(self.values, transfer)
+    def readings(self, impedance: np.ndarray) -> np.ndarray:
+        """(N, M) |v| of impedance (N, n, n)."""
+        return self.factor * self.law.readings(self.values, impedance)
 
 
 def _correlation(recorded: np.ndarray, predicted: np.ndarray) -> float:
@@ -273,11 +273,11 @@ def _split(law: OwnersLaw, held_out: np.ndarray) -> dict[str, float]:
     early, late = untouched[:half].mean(axis=0), untouched[half:].mean(axis=0)
     plain = Fitted.to(law, early, kept, law.start, np.zeros(law.size))
     fit = Fitted.to(law, early, kept, (plain.values,))
-    model = fit.readings(drives.transfer)[0]
+    model = fit.readings(drives.transfer_impedance)[0]
     ends = []
     for frames in (untouched[:tenth], untouched[-tenth:]):
         again = Fitted.to(law, frames.mean(axis=0), kept, (fit.values,), fit.values)
-        ends.append(again.readings(drives.transfer)[0])
+        ends.append(again.readings(drives.transfer_impedance)[0])
     drift = untouched[-tenth:].mean(axis=0) - untouched[:tenth].mean(axis=0)
     touched = (fit.readings(drives.pressed) - model)[:, held_out]
     changes = drives.changes[:, held_out]

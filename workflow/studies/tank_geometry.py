@@ -152,8 +152,8 @@ class Family:
             electrode_z_mm=skin.electrode_z_mm,
             deep=self.family.body,
         )
-        transfer = forward_model(geometry, accuracy).transfer()
-        return np.abs(channel_values(transfer, self.untouched.channels))
+        impedance = forward_model(geometry, accuracy).transfer_impedance()
+        return np.abs(channel_values(impedance, self.untouched.channels))
 
     def fit(
         self, kept: np.ndarray, start: np.ndarray | None = None, slope: np.ndarray | None = None

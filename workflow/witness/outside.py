@@ -226,13 +226,13 @@ class InputCurrent(Outside):
 
     def pairs(self, volt, admittance, rows, world):
         n = admittance.shape[-1]
-        transfer = np.linalg.inv(admittance + np.abs(admittance).max() / n)
+        impedance = np.linalg.inv(admittance + np.abs(admittance).max() / n)
         source, sink, plus, minus = world.channels.T
         load = 1e-3 * self.amount
 
         def above(i: np.ndarray, j: np.ndarray) -> np.ndarray:
             """(R, M): potential of i above the sink for a unit current from j to the sink."""
-            r = transfer
+            r = impedance
             return r[:, i, j] - r[:, i, sink] - r[:, sink, j] + r[:, sink, sink]
 
         a, d = 1.0 + load * above(plus, plus), 1.0 + load * above(minus, minus)

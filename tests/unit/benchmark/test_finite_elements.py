@@ -77,8 +77,8 @@ def test_touch_modes_equal_direct_solves(pyeit_elements, r, angle, radius, contr
     background = np.random.default_rng(1).uniform(0.5, 2.0, len(touched))
     factored = pyeit_elements.factored(background)
     modes = factored.touch_modes(np.flatnonzero(touched))
-    direct = pyeit_elements.transfer(background * np.where(touched, 1.0 + contrast, 1.0))
-    found = factored.transfer + modes.transfer_change([contrast])[0]
+    direct = pyeit_elements.transfer_impedance(background * np.where(touched, 1.0 + contrast, 1.0))
+    found = factored.transfer_impedance + modes.impedance_change([contrast])[0]
     # Both ways round each of the unknowns, in units of the stiffer part: the softer sees them as
     # many times larger as it is softer.
     unknowns, stiffer = pyeit_elements.mesh.nvertices, max(1.0 + contrast, 1.0 / (1.0 + contrast))
@@ -92,9 +92,11 @@ def test_touch_modes_hold_for_complete_electrodes_and_quadratic_elements(complet
     factored = complete.factored(np.ones(complete.mesh.nelements))
     modes = factored.touch_modes(np.flatnonzero(touched))
     contrasts = np.array([-0.5, 0.3, 9.0])
-    for contrast, change in zip(contrasts, modes.transfer_change(contrasts), strict=True):
-        direct = complete.transfer(np.where(touched, 1.0 + contrast, 1.0))
-        assert np.max(abs(factored.transfer + change - direct)) < 1e-10 * np.max(abs(direct))
+    for contrast, change in zip(contrasts, modes.impedance_change(contrasts), strict=True):
+        direct = complete.transfer_impedance(np.where(touched, 1.0 + contrast, 1.0))
+        assert np.max(abs(factored.transfer_impedance + change - direct)) < 1e-10 * np.max(
+            abs(direct)
+        )
 
 
 def test_touch_voltages_are_those_of_the_transfer_impedance(pyeit_elements):
@@ -102,7 +104,7 @@ def test_touch_voltages_are_those_of_the_transfer_impedance(pyeit_elements):
     modes = factored.touch_modes(np.arange(100, 140))
     contrasts = np.array([0.5, 4.0])
     expected = [
-        0.003 * reference.voltages(change, CHANNELS) for change in modes.transfer_change(contrasts)
+        0.003 * reference.voltages(change, CHANNELS) for change in modes.impedance_change(contrasts)
     ]
     found = 0.003 * modes.channel_change(CHANNELS, contrasts)
     assert np.max(abs(found - expected)) < 1e-13 * np.max(np.abs(expected))
@@ -110,18 +112,18 @@ def test_touch_voltages_are_those_of_the_transfer_impedance(pyeit_elements):
 
 def test_no_touched_element_changes_nothing(pyeit_elements):
     factored = pyeit_elements.factored(np.ones(pyeit_elements.mesh.nelements))
-    assert not factored.touch_modes(np.array([], dtype=int)).transfer_change([9.0]).any()
+    assert not factored.touch_modes(np.array([], dtype=int)).impedance_change([9.0]).any()
 
 
 @pytest.mark.parametrize("kind", ["points", "complete"])
 def test_reciprocity_and_gauge(kind, pyeit_elements, complete):
     elements = pyeit_elements if kind == "points" else complete
     conductance = np.random.default_rng(2).uniform(0.2, 5.0, elements.mesh.nelements)
-    transfer = elements.transfer(conductance)
-    assert np.max(abs(transfer - transfer.T)) < 1e-12 * np.max(abs(transfer))
-    assert np.max(abs(transfer.sum(axis=0))) < 1e-12
-    assert np.max(abs(transfer.sum(axis=1))) < 1e-12
-    assert np.linalg.eigvalsh(transfer)[1] > 0
+    impedance = elements.transfer_impedance(conductance)
+    assert np.max(abs(impedance - impedance.T)) < 1e-12 * np.max(abs(impedance))
+    assert np.max(abs(impedance.sum(axis=0))) < 1e-12
+    assert np.max(abs(impedance.sum(axis=1))) < 1e-12
+    assert np.linalg.eigvalsh(impedance)[1] > 0
 
 
 @pytest.mark.parametrize("width", [0.0, 0.1])
@@ -129,11 +131,13 @@ def test_reciprocity_and_gauge(kind, pyeit_elements, complete):
 def test_an_ideal_skin_is_circulant(width, order):
     mesh, electrodes = symmetric_disc_mesh(N, width, 1, 5)
     contact = 0.05 if width else None
-    transfer = FiniteElements(mesh, electrodes, contact, order).transfer(np.ones(mesh.nelements))
+    impedance = FiniteElements(mesh, electrodes, contact, order).transfer_impedance(
+        np.ones(mesh.nelements)
+    )
     for step in range(N):
-        turned = np.roll(transfer, step, axis=(0, 1))
-        assert np.max(abs(turned - transfer)) < 1e-10
-    assert np.max(abs(transfer[::-1, ::-1] - transfer)) < 1e-10
+        turned = np.roll(impedance, step, axis=(0, 1))
+        assert np.max(abs(turned - impedance)) < 1e-10
+    assert np.max(abs(impedance[::-1, ::-1] - impedance)) < 1e-10
 
 
 def test_the_rim_and_the_rings_are_exact():
@@ -170,8 +174,10 @@ def edge_errors(order, grading, refinements):
     errors = []
     for refinement in refinements:
         mesh, facets = symmetric_disc_mesh(4, 0.6, refinement, grading)
-        transfer = FiniteElements(mesh, facets, 0.05, order).transfer(np.ones(mesh.nelements))
-        errors.append(np.max(abs(transfer - exact)))
+        impedance = FiniteElements(mesh, facets, 0.05, order).transfer_impedance(
+            np.ones(mesh.nelements)
+        )
+        errors.append(np.max(abs(impedance - exact)))
     return errors
 
 
@@ -212,9 +218,9 @@ def test_a_conductance_that_is_none_is_refused(pyeit_elements, value):
     conductance = np.ones(pyeit_elements.mesh.nelements)
     conductance[7] = value
     with pytest.raises(InputError, match="conductance"):
-        pyeit_elements.transfer(conductance)
+        pyeit_elements.transfer_impedance(conductance)
     with pytest.raises(InputError, match="conductance"):
-        pyeit_elements.transfer(conductance[1:])
+        pyeit_elements.transfer_impedance(conductance[1:])
 
 
 def test_a_sliver_that_spoils_the_fields_is_refused():
@@ -224,7 +230,7 @@ def test_a_sliver_that_spoils_the_fields_is_refused():
     nodes[a] = 0.3 * nodes[b] + 0.7 * nodes[c] + 1e-13
     sheet = FiniteElements(straight_mesh(nodes[: elements.max() + 1], elements), electrodes)
     with pytest.raises(InputError, match="slivers"):
-        sheet.transfer(np.ones(len(elements)))
+        sheet.transfer_impedance(np.ones(len(elements)))
 
 
 def test_electrodes_that_do_not_fit_are_refused(complete):

@@ -16,10 +16,10 @@ from eitskin.simulate.readings import apply_instrument
 
 CHANNELS = channel_table(16)
 SOURCE, SINK, PLUS, MINUS = CHANNELS.T
-TRANSFER = Forward(
+IMPEDANCE = Forward(
     Geometry(80.0, 3.0, 0.5, np.arange(16) * 22.5, 5.0, 1e-3, shape_cos={1: 0.02, 3: 0.01}), "train"
-).transfer()
-POTENTIAL = (TRANSFER[:, SOURCE] - TRANSFER[:, SINK]).T
+).transfer_impedance()
+POTENTIAL = (IMPEDANCE[:, SOURCE] - IMPEDANCE[:, SINK]).T
 AT = np.arange(208)
 CLEAN = 1e-3 * (POTENTIAL[AT, PLUS] - POTENTIAL[AT, MINUS])
 ABOVE_SINK = 1e-3 * (0.5 * (POTENTIAL[AT, PLUS] + POTENTIAL[AT, MINUS]) - POTENTIAL[AT, SINK])

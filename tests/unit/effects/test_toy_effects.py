@@ -21,7 +21,7 @@ from eitskin.effects.effect import Moment
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.solver import Neighbours
+from eitskin.physics.solver import SolvedSkins
 from small_skin import (
     CHANNELS,
     SKIN,
@@ -88,7 +88,7 @@ class Bleeding(WiringEffect):
         potential: np.ndarray,
         setting: Setting,
         drives: np.ndarray,
-        transfer: np.ndarray,
+        impedance: np.ndarray,
         sink_grounded: bool,
     ) -> np.ndarray:
         """Potentials (N, D, n), those of the sites mixed."""
@@ -152,7 +152,7 @@ def item(name):
 def frame_by_frame(frames, name):
     """(N, M): every frame on a skin of its own, its equations written out."""
     (setting,) = settings([item(name)], site_counts(CHANNELS), (0, 0))
-    readings, near = [], Neighbours()
+    readings, near = [], SolvedSkins()
     for row in frames.itertuples():
         geometry = Geometry.from_skin(SKIN)
         force_N = row.force_N if row.touch else 0.0
@@ -160,12 +160,12 @@ def frame_by_frame(frames, name):
             moment = Moment(row.time_s / 60.0, force_N, row.x_mm, row.y_mm)
             geometry = setting.effect.change(geometry, setting, moment)
         forward = near.solve(geometry, "diagnose")
-        transfer = forward.transfer()
+        impedance = forward.transfer_impedance()
         if row.touch:
             place = forward.place(row.x_mm, row.y_mm, 0.5 * row.probe_mm)
-            transfer = transfer + place.transfer_change(np.array([0.5 * force_N]))[0]
+            impedance = impedance + place.impedance_change(np.array([0.5 * force_N]))[0]
         source, sink, plus, minus = CHANNELS.T
-        potential = transfer[:, source] - transfer[:, sink]
+        potential = impedance[:, source] - impedance[:, sink]
         if name == "toy-bleeding":
             potential[5] = 0.8 * potential[5] + 0.2 * potential[6]
         at = np.arange(len(CHANNELS))

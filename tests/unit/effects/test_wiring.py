@@ -24,13 +24,13 @@ def network(seed=0):
     return matrix, np.linalg.pinv(matrix)
 
 
-MATRIX, TRANSFER = network()
-CLEAN = np.swapaxes((TRANSFER[:, DRIVES[:, 0]] - TRANSFER[:, DRIVES[:, 1]])[None], 1, 2)
+MATRIX, IMPEDANCE = network()
+CLEAN = np.swapaxes((IMPEDANCE[:, DRIVES[:, 0]] - IMPEDANCE[:, DRIVES[:, 1]])[None], 1, 2)
 
 
-def potentials(*items, transfer=TRANSFER, sink_grounded=False):
+def potentials(*items, impedance=IMPEDANCE, sink_grounded=False):
     chosen = settings(list(items), site_counts(CHANNELS), (0, 0))
-    return apply_wiring(transfer[None], chosen, DRIVES, sink_grounded)
+    return apply_wiring(impedance[None], chosen, DRIVES, sink_grounded)
 
 
 def leak(electrodes, siemens):
@@ -48,7 +48,7 @@ def against_first(potential):
 
 
 def test_no_wiring_is_the_skin():
-    assert np.allclose(readings(potentials()), channel_values(TRANSFER, CHANNELS))
+    assert np.allclose(readings(potentials()), channel_values(IMPEDANCE, CHANNELS))
 
 
 @given(
@@ -89,10 +89,10 @@ def test_leaks_keep_reciprocity_under_a_floating_source():
 
 
 def test_point_electrodes_cannot_leak():
-    transfer = TRANSFER.copy()
-    np.fill_diagonal(transfer, np.nan)
+    impedance = IMPEDANCE.copy()
+    np.fill_diagonal(impedance, np.nan)
     with pytest.raises(InputError, match="a width above 0"):
-        potentials(leak([2, 9], 1e-3), transfer=transfer)
+        potentials(leak([2, 9], 1e-3), impedance=impedance)
 
 
 def swap(a, b):
@@ -103,7 +103,7 @@ def test_swapped_wires_are_a_permuted_channel_table():
     wires = np.arange(N)
     wires[[3, 9]] = 9, 3
     found = readings(potentials(swap(3, 9)))
-    assert np.allclose(found, channel_values(TRANSFER, wires[CHANNELS]))
+    assert np.allclose(found, channel_values(IMPEDANCE, wires[CHANNELS]))
     twice = potentials(swap(3, 9), swap(3, 9))
     assert np.allclose(twice, CLEAN)
 
@@ -114,7 +114,7 @@ def test_three_wires_in_turn():
     wires[[3, 9]] = 9, 3
     wires[[3, 4]] = wires[[4, 3]]
     found = readings(potentials(swap(3, 9), swap(3, 4)))
-    assert np.allclose(found, channel_values(TRANSFER, wires[CHANNELS]))
+    assert np.allclose(found, channel_values(IMPEDANCE, wires[CHANNELS]))
 
 
 def test_a_broken_wire():
@@ -129,9 +129,9 @@ def test_a_broken_wire():
 
 
 def test_a_broken_wire_of_a_point_electrode():
-    transfer = TRANSFER.copy()
-    np.fill_diagonal(transfer, np.nan)
-    found = potentials({"name": "electrode-open", "electrodes": [4]}, transfer=transfer)
+    impedance = IMPEDANCE.copy()
+    np.fill_diagonal(impedance, np.nan)
+    found = potentials({"name": "electrode-open", "electrodes": [4]}, impedance=impedance)
     undriven = np.delete(CLEAN[0, 8], [4, 8, 9])
     assert found[0, 8, 4] == pytest.approx(undriven.mean())
     assert np.isfinite(readings(found)).all()

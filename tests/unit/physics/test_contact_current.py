@@ -30,8 +30,8 @@ RESISTANCE = 1e3 / (0.5 * 3.0)
 
 def terminals(forward, place, contrast):
     """(n + 1, n + 1) against the first electrode, whose row and column fall out."""
-    full = np.pad(forward.transfer(), (0, 1))
-    full += forward.contact(*place).transfer_change([contrast])[0]
+    full = np.pad(forward.transfer_impedance(), (0, 1))
+    full += forward.contact(*place).impedance_change([contrast])[0]
     return full[1:, 1:] - full[1:, :1] - full[:1, 1:] + full[0, 0]
 
 
@@ -140,7 +140,7 @@ def test_an_eccentric_touch_against_its_surface_charges():
         centre, radius = (80.0 * np.array(part) for part in circles[0])
         skin = points.with_values(patch=Patch(centre.real, centre.imag, radius, factor))
         expected = reference.mean_inside(np.radians(ELECTRODES), circles, [factor, 4.0])
-        found = forward_model(skin).contact(32.0, 24.0, 8.0).transfer_change([3.0])[0, -1, :-1]
+        found = forward_model(skin).contact(32.0, 24.0, 8.0).impedance_change([3.0])[0, -1, :-1]
         expected = RESISTANCE * (expected - expected[0])
         assert found - found[0] == pytest.approx(expected, rel=1e-6, abs=1e-6 * expected.max())
 

@@ -30,7 +30,7 @@ from eitskin.physics.skin import Skin
 from eitskin.physics.solver import forward_model
 from eitskin.physics.touch import Touch
 from eitskin.simulate.readings import simulate
-from reference_body import body_transfer
+from reference_body import body_impedance
 from shared_data import shared_data
 from witness.boundary import Disc
 from witness.curves import Shape
@@ -90,7 +90,7 @@ TANK = Skin(100.0, 60.0, 0.5, tuple(ANGLES), 10.0, 1e-2, 1e-3, 0.0, electrode_he
 def test_full_height_is_the_sheet(accuracy):
     geometry, touches = body(3.0), [Touch(20.0, 31.0, 7.5, 4.0)]
     sheet, found = Forward(geometry, accuracy), DepthForward(geometry, None, accuracy)
-    assert np.array_equal(found.transfer(touches), sheet.transfer(touches))
+    assert np.array_equal(found.transfer_impedance(touches), sheet.transfer_impedance(touches))
     assert found.parameters() == sheet.parameters()
 
 
@@ -98,8 +98,8 @@ def test_full_height_is_the_sheet(accuracy):
 @pytest.mark.parametrize("depth", [3.0, 60.0])
 def test_electrodes_over_the_whole_depth_by_the_double_series(depth, accuracy, bound):
     geometry = body(depth)
-    sheet = Forward(geometry, accuracy).transfer()
-    found = DepthForward(geometry, Span(depth, depth / 2), accuracy).transfer()
+    sheet = Forward(geometry, accuracy).transfer_impedance()
+    found = DepthForward(geometry, Span(depth, depth / 2), accuracy).transfer_impedance()
     assert relative(found, sheet, CHANNELS) < bound
     assert overall(found, sheet, all_channels(16)) < bound
 
@@ -118,18 +118,18 @@ def test_electrodes_over_the_whole_depth_by_the_double_series(depth, accuracy, b
 def test_convergence(geometry, heights, accuracy, bound):
     channels = channel_table(8)
     finest = replace(ACCURACIES["diagnose"], electrode_order=20)
-    finer = DepthForward(geometry, heights, finest, FINER).transfer()
-    found = DepthForward(geometry, heights, accuracy).transfer()
+    finer = DepthForward(geometry, heights, finest, FINER).transfer_impedance()
+    found = DepthForward(geometry, heights, accuracy).transfer_impedance()
     assert relative(found, finer, channels) < bound
     assert overall(found, finer, all_channels(8)) < bound
 
 
 def test_an_ideal_body_is_circulant_and_the_same_upside_down():
-    found = DepthForward(body(), Span(10.0, 20.0), "train").transfer()
+    found = DepthForward(body(), Span(10.0, 20.0), "train").transfer_impedance()
     size = np.abs(found).max()
     assert np.abs(np.roll(found, (1, 1), (0, 1)) - found).max() < 1e-12 * size
     assert np.abs(found[::-1, ::-1] - found).max() < 1e-12 * size
-    turned = DepthForward(body(), Span(10.0, 40.0), "train").transfer()
+    turned = DepthForward(body(), Span(10.0, 40.0), "train").transfer_impedance()
     assert np.abs(turned - found).max() < 1e-9 * size
 
 
@@ -152,7 +152,7 @@ def test_reciprocity_and_power_whatever_the_electrodes(depth, share, place, seed
     )
     height = share * depth
     heights = Span(height, 0.5 * height + place * (depth - height))
-    found = DepthForward(geometry, heights, "train").transfer()
+    found = DepthForward(geometry, heights, "train").transfer_impedance()
     assert np.abs(found - found.T).max() < 1e-12 * np.abs(found).max()
     pairs = np.eye(8) - np.roll(np.eye(8), 1, axis=1)
     assert np.linalg.eigvalsh(pairs @ found @ pairs.T)[1] > 0
@@ -162,19 +162,19 @@ def test_a_thin_body_tends_to_the_sheet():
     """Electrodes of half the height are in the end a sheet's with twice the contact impedivity."""
     gaps = []
     for depth in (5.0, 2.5, 1.25):
-        sheet = Forward(body(depth, z=2e-2), "train").transfer()
-        found = DepthForward(body(depth), Span(depth / 2, depth / 4), "train").transfer()
+        sheet = Forward(body(depth, z=2e-2), "train").transfer_impedance()
+        found = DepthForward(body(depth), Span(depth / 2, depth / 4), "train").transfer_impedance()
         gaps.append(relative(found, sheet, CHANNELS))
     assert (np.diff(np.log(gaps)) < np.log(0.6)).all() and gaps[-1] < 1e-3
 
 
 def test_against_finite_elements_in_three_dimensions():
-    expected = body_transfer(5, 0.4, 0.1, 0.6, 0.05, 0.25, (0, 1), (1, 1))
+    expected = body_impedance(5, 0.4, 0.1, 0.6, 0.05, 0.25, (0, 1), (1, 1))
     geometry = Geometry(1e3, 600.0, 1.0, 72.0 * np.arange(5), 400.0, 0.1)
-    found = DepthForward(geometry, Span(200.0, 150.0)).transfer()
+    found = DepthForward(geometry, Span(200.0, 150.0)).transfer_impedance()
     assert relative(found, expected, channel_table(5)) < 5e-4
     assert overall(found, expected, all_channels(5)) < 2e-2
-    sheet = Forward(geometry).transfer()
+    sheet = Forward(geometry).transfer_impedance()
     assert relative(sheet, expected, channel_table(5)) > 1e-2
 
 
@@ -182,13 +182,13 @@ def test_against_finite_elements_in_three_dimensions():
 def test_a_touch_through_the_depth_against_finite_elements(factor):
     """A wide one that comes within half a depth of the electrodes."""
     setup = (5, 0.4, 0.1, 0.6, 0.1, 0.4, (0, 1), (1, 1))
-    expected = body_transfer(*setup, (0.7, factor)) - body_transfer(*setup)
+    expected = body_impedance(*setup, (0.7, factor)) - body_impedance(*setup)
     geometry = Geometry(1e3, 600.0, 1.0, 72.0 * np.arange(5), 400.0, 0.1)
     forward = DepthForward(geometry, Span(300.0, 250.0))
     touch = Touch(0.0, 0.0, 700.0, factor - 1.0)
-    found = forward.transfer([touch]) - forward.transfer()
+    found = forward.transfer_impedance([touch]) - forward.transfer_impedance()
     assert overall(found, expected, channel_table(5)) < 2e-3
-    at_once = forward.place(0.0, 0.0, 700.0).transfer_change(np.array([factor - 1.0]))[0]
+    at_once = forward.place(0.0, 0.0, 700.0).impedance_change(np.array([factor - 1.0]))[0]
     np.testing.assert_allclose(at_once, found, atol=1e-10 * np.abs(found).max())
 
 
@@ -225,10 +225,10 @@ def test_touches_near_the_rim_against_the_witness(witnessed, accuracy, bound):
 @pytest.mark.parametrize("z_mm", [10.0, 7.0])
 def test_of_full_height_no_touch_is_felt_in_depth(z_mm):
     geometry, place = body(20.0), (83.0, 5.0, 10.0)
-    sheet = Forward(geometry).place(*place).transfer_change(np.array([3.0]))[0]
-    deep = DepthForward(geometry, Span(20.0, 10.0)).place(*place).transfer_change(np.array([3.0]))
+    sheet = Forward(geometry).place(*place).impedance_change(np.array([3.0]))[0]
+    deep = DepthForward(geometry, Span(20.0, 10.0)).place(*place).impedance_change(np.array([3.0]))
     assert overall(deep[0], sheet, all_channels(16)) < 1e-8
-    part = DepthForward(geometry, Span(14.0, z_mm)).place(*place).transfer_change(np.array([3.0]))
+    part = DepthForward(geometry, Span(14.0, z_mm)).place(*place).impedance_change(np.array([3.0]))
     assert overall(part[0], sheet, all_channels(16)) > 1e-3
 
 
@@ -236,12 +236,12 @@ def test_two_touches_of_a_body_as_one_at_a_time():
     """Reciprocal, and each a touch of the other's body: far apart, the changes add up."""
     forward = DepthForward(body(30.0), Span(10.0, 10.0))
     left, right = Touch(-84.0, 8.0, 10.0, 2.0), Touch(84.0, 10.0, 9.0, -0.5)
-    bare = forward.transfer()
-    alone = [forward.transfer([touch]) - bare for touch in (left, right)]
-    both = forward.transfer([left, right]) - bare
+    bare = forward.transfer_impedance()
+    alone = [forward.transfer_impedance([touch]) - bare for touch in (left, right)]
+    both = forward.transfer_impedance([left, right]) - bare
     assert np.abs(both - both.T).max() < 1e-12 * np.abs(both).max()
     assert overall(both, sum(alone), all_channels(16)) < 2e-2
-    halves = forward.transfer([left, replace(right, contrast=1e-9)]) - bare
+    halves = forward.transfer_impedance([left, replace(right, contrast=1e-9)]) - bare
     assert overall(halves, alone[0], all_channels(16)) < 1e-7
 
 
@@ -250,7 +250,7 @@ def test_a_clipped_touch_couples_to_the_mean_over_the_depth_alone():
     clipped, whole = (forward.edge(Touch(x, 0.0, 10.0)) for x in (95.0, 85.0))
     assert clipped.mass.shape == clipped.edge.mass.shape
     assert len(whole.mass) > len(whole.edge.mass)
-    assert forward.place(95.0, 0.0, 10.0).transfer_change(np.array([1.0])).any()
+    assert forward.place(95.0, 0.0, 10.0).impedance_change(np.array([1.0])).any()
 
 
 def test_current_that_enters_over_a_touch_of_a_body():
@@ -258,8 +258,8 @@ def test_current_that_enters_over_a_touch_of_a_body():
     place = (83.0, 5.0, 10.0)
     terminal, modes = forward.contact(*place), forward.place(*place)
     contrast = np.array([2.0])
-    found = terminal.transfer_change(contrast)[0]
-    expected = modes.transfer_change(contrast)[0]
+    found = terminal.impedance_change(contrast)[0]
+    expected = modes.impedance_change(contrast)[0]
     assert np.abs(found - found.T).max() < 1e-12 * np.abs(found).max()
     np.testing.assert_allclose(found[:-1, :-1], expected, atol=1e-10 * np.abs(expected).max())
 
@@ -291,7 +291,7 @@ def test_derivatives_against_differences_of_bodies():
                 value = np.array(getattr(geometry, kind), float)
                 value[int(index) if index else ()] += sign * step
                 moved = geometry.with_values(**{kind: value if index else float(value)})
-            sides.append(DepthForward(moved, Span(*span_of.values()), "train").transfer())
+            sides.append(DepthForward(moved, Span(*span_of.values()), "train").transfer_impedance())
         difference = (sides[0] - sides[1]) / (2.0 * step)
         assert overall(slopes[name], difference, all_channels(8)) < 1e-4, name
     with pytest.raises(InputError, match="an untouched one"):
@@ -372,7 +372,7 @@ def tank(name):
 
 def misfit(forward, channels, reading):
     """Residuals over the reading's norm."""
-    model = np.abs(channel_values(forward.transfer(), channels))
+    model = np.abs(channel_values(forward.transfer_impedance(), channels))
     return (model * (model @ reading) / (model @ model) - reading) / np.linalg.norm(reading)
 
 

@@ -54,7 +54,7 @@ def test_points_with_an_eccentric_inclusion(centre, factor):
 @pytest.mark.parametrize(("width", "z"), [(5.0, 1e-3), (10.0, 1e-2)])
 def test_complete_electrodes_against_a_fourier_series(width, z):
     expected = reference.complete_electrodes(16, width / 80.0, z * 0.5 / 0.08)[0] * RESISTANCE
-    found = Forward(skin(width, z)).transfer()
+    found = Forward(skin(width, z)).transfer_impedance()
     pairs = np.eye(16) - np.roll(np.eye(16), 1, axis=1)
     assert relative(channel_values(found, CHANNELS), channel_values(expected, CHANNELS)) < 1e-6
     found, expected = pairs @ found @ pairs.T, pairs @ expected @ pairs.T
@@ -71,10 +71,10 @@ def test_touched_complete_electrodes_against_a_fourier_series():
 
 
 def test_an_ideal_skin_is_circulant_and_mirror_symmetric():
-    transfer = Forward(skin()).transfer()
-    size = np.abs(transfer).max()
-    assert np.abs(np.roll(transfer, (1, 1), (0, 1)) - transfer).max() < 1e-10 * size
-    assert np.abs(transfer[::-1, ::-1] - transfer).max() < 1e-10 * size
+    impedance = Forward(skin()).transfer_impedance()
+    size = np.abs(impedance).max()
+    assert np.abs(np.roll(impedance, (1, 1), (0, 1)) - impedance).max() < 1e-10 * size
+    assert np.abs(impedance[::-1, ::-1] - impedance).max() < 1e-10 * size
 
 
 @settings(max_examples=15)
@@ -113,7 +113,7 @@ def test_all_forces_at_a_place_equal_single_solves():
     for c, change in zip(contrast, changes, strict=True):
         single = forward.voltages(CHANNELS, [Touch(30.0, 41.0, 7.5, c)])
         assert relative(forward.voltages(CHANNELS) + change, single) < 1e-12
-    full = modes.transfer_change(contrast)
+    full = modes.impedance_change(contrast)
     assert np.allclose(channel_values(full, CHANNELS), changes, rtol=0, atol=1e-12)
 
 
@@ -179,7 +179,7 @@ def test_sharing_an_outline_changes_nothing():
     first.place(20.0, 10.0, 5.0)
     other = skin().with_values(conductivity_S_per_m=0.6)
     shared, own = Forward(other, near=first), Forward(other)
-    assert np.array_equal(shared.transfer(), own.transfer())
+    assert np.array_equal(shared.transfer_impedance(), own.transfer_impedance())
     assert np.array_equal(shared.place(20.0, 10.0, 5.0).gains, own.place(20.0, 10.0, 5.0).gains)
 
 
@@ -194,7 +194,7 @@ def test_sharing_an_outline_changes_nothing():
 )
 def test_refuses_touches_that_make_no_sense(touches, message):
     with pytest.raises(InputError, match=message):
-        Forward(skin()).transfer([Touch(*touch) for touch in touches])
+        Forward(skin()).transfer_impedance([Touch(*touch) for touch in touches])
 
 
 def test_refuses_a_contrast_that_leaves_no_conductivity():

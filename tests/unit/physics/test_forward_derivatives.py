@@ -57,7 +57,7 @@ def largest_error(geometry: Geometry, touches: list[Touch], accuracy: str) -> di
 
         def central(h, name=name):
             after = [moved(geometry, touches, name, s * h) for s in (1, -1)]
-            plus, minus = (Forward(g, accuracy).transfer(t) for g, t in after)
+            plus, minus = (Forward(g, accuracy).transfer_impedance(t) for g, t in after)
             return (plus - minus) / (2 * h)
 
         numeric = (4 * central(step / 2) - central(step)) / 3

@@ -18,8 +18,8 @@ CHANNELS = channel_table(16)
 SKIN = Geometry(80.0, 3.0, 0.5, np.arange(16) * 22.5, 5.0, 2e-3)
 
 
-def change_of(transfer, touched):
-    return channel_values(touched, CHANNELS) - channel_values(transfer, CHANNELS)
+def change_of(impedance, touched):
+    return channel_values(touched, CHANNELS) - channel_values(impedance, CHANNELS)
 
 
 def off(found, expected):
@@ -41,7 +41,9 @@ def conductance(mesh, across, direction):
 def test_untouched_against_finite_elements(mesh, across, direction):
     disc = mesh[0].scaled(0.08)
     elements = FiniteElements(disc, mesh[1], contact=2e-3 / 3e-3, order=2)
-    expected = channel_values(elements.transfer(conductance(disc, across, direction)), CHANNELS)
+    expected = channel_values(
+        elements.transfer_impedance(conductance(disc, across, direction)), CHANNELS
+    )
     found = Forward(SKIN.with_values(gradient_across=across, gradient_deg=direction))
     assert off(found.voltages(CHANNELS), expected) < 2e-5
     assert off(Forward(SKIN).voltages(CHANNELS), expected) > 0.03
@@ -71,10 +73,12 @@ def test_touch_against_finite_elements(mesh, shift):
     x, y = 1e3 * disc.p[:, disc.t[:3]].mean(axis=1)
     inside = np.where(np.abs(x + 1j * y - centre) < radius, 5.0, 1.0)
     sheet = conductance(disc, 0.5, 40.0)
-    expected = change_of(elements.transfer(sheet), elements.transfer(sheet * inside))
+    expected = change_of(
+        elements.transfer_impedance(sheet), elements.transfer_impedance(sheet * inside)
+    )
     forward = Forward(skin)
     touch = Touch(centre.real, centre.imag, radius, 4.0)
-    found = change_of(forward.transfer(), forward.transfer([touch]))
+    found = change_of(forward.transfer_impedance(), forward.transfer_impedance([touch]))
     assert off(found, expected) < 1e-3
 
 
@@ -102,10 +106,10 @@ def test_touches_against_boundary_integrals(across, discs, most):
         np.linalg.pinv(1.5e-3 * places.admittance(contact, c)) for c in (0 * contrasts, contrasts)
     )
     forward = Forward(SKIN.with_values(gradient_across=across, gradient_deg=40.0))
-    found = forward.transfer([Touch(*disc) for disc in discs])
+    found = forward.transfer_impedance([Touch(*disc) for disc in discs])
     plain = channel_values(untouched, CHANNELS)
     assert off(forward.voltages(CHANNELS), plain) < 1e-5 * max(across, across**2 / 0.3)
-    assert off(change_of(forward.transfer(), found), change_of(untouched, touched)) < most
+    assert off(change_of(forward.transfer_impedance(), found), change_of(untouched, touched)) < most
 
 
 @pytest.mark.long
@@ -120,9 +124,13 @@ def test_clipped_touch_against_finite_elements(mesh, touch):
     expected, found = [], []
     for across in (0.0, 0.3):
         sheet = conductance(disc, across, 40.0)
-        expected.append(change_of(elements.transfer(sheet), elements.transfer(sheet * inside)))
+        expected.append(
+            change_of(
+                elements.transfer_impedance(sheet), elements.transfer_impedance(sheet * inside)
+            )
+        )
         forward = Forward(SKIN.with_values(gradient_across=across, gradient_deg=40.0))
-        found.append(change_of(forward.transfer(), forward.transfer([touch])))
+        found.append(change_of(forward.transfer_impedance(), forward.transfer_impedance([touch])))
     assert off(found[1] - found[0], expected[1] - expected[0]) < 0.03
 
 
@@ -134,8 +142,10 @@ def test_symmetries():
     odd = found[pairs[:, 0]] - sign * found[pairs[:, 1]]
     assert np.abs(odd).max() < 1e-12 * np.abs(found).max()
     turned = Forward(SKIN.with_values(gradient_across=0.2, gradient_deg=0.0))
-    quarter = turned.transfer([Touch(30.0, -20.0, 7.0, 3.0)])
-    assert np.allclose(np.roll(quarter, (4, 4), (0, 1)), forward.transfer([touch]), atol=1e-9)
+    quarter = turned.transfer_impedance([Touch(30.0, -20.0, 7.0, 3.0)])
+    assert np.allclose(
+        np.roll(quarter, (4, 4), (0, 1)), forward.transfer_impedance([touch]), atol=1e-9
+    )
 
 
 def test_all_forces_at_a_place_and_single_solves_agree():

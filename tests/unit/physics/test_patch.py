@@ -188,7 +188,7 @@ def test_reciprocity_and_power_wherever_and_whatever(apart, phi, radius, contras
     assume(abs(contrast) > 1e-3)
     forward = forward_model(patched(15 + 10j, 9.0, factor, SKIN), "train")
     place = 15 + 10j + apart * np.exp(1j * np.radians(phi))
-    change = forward.place(place.real, place.imag, radius).transfer_change([contrast])[0]
+    change = forward.place(place.real, place.imag, radius).impedance_change([contrast])[0]
     assert np.abs(change - change.T).max() <= 1e-12 * np.abs(change).max()
     power = np.linalg.eigvalsh(change - change.mean(0) - change.mean(1)[:, None] + change.mean())
     assert (-np.sign(contrast) * power > -1e-6 * np.abs(power).max()).all()
@@ -208,7 +208,7 @@ def test_sharing_changes_nothing():
     ):
         shared, own = forward_model(skin, near=first), forward_model(skin)
         assert type(shared) is type(own)
-        assert np.array_equal(shared.transfer(), own.transfer())
+        assert np.array_equal(shared.transfer_impedance(), own.transfer_impedance())
         assert np.array_equal(shared.place(25.0, 4.0, 7.0).gains, own.place(25.0, 4.0, 7.0).gains)
     assert isinstance(forward_model(skin, near=Forward(SKIN)), Forward)
     assert isinstance(first, PatchForward)
@@ -239,7 +239,7 @@ def test_refuses_skins(geometry, message):
 def test_refuses_what_it_does_not_know():
     forward = forward_model(patched(20.0, 9.0, 2.0, SKIN))
     with pytest.raises(InputError, match="several"):
-        forward.transfer([Touch(0.0, 0.0, 5.0, 1.0), Touch(30.0, 0.0, 5.0, 1.0)])
+        forward.transfer_impedance([Touch(0.0, 0.0, 5.0, 1.0), Touch(30.0, 0.0, 5.0, 1.0)])
     with pytest.raises(InputError, match="to differentiate"):
         forward.derivatives()
     with pytest.raises(InputError, match="contrast: found 0"):

@@ -38,7 +38,7 @@ def on_ring_mesh(width, refinement, grading, touch):
         mesh = moved_ring(mesh, RING, *ECCENTRIC)
     conductance = np.where(inside & (touch is not None), FACTOR, 1.0)
     contact = CONTACT if width else None
-    return FiniteElements(mesh, electrodes, contact, order=2).transfer(conductance)
+    return FiniteElements(mesh, electrodes, contact, order=2).transfer_impedance(conductance)
 
 
 def relative(found, exact):
@@ -54,12 +54,12 @@ def test_series_and_images_agree(factor):
 
 
 def test_an_inclusion_that_is_none_changes_nothing():
-    for transfer in (
+    for impedance in (
         reference.points_concentric(ANGLES, 0.5, 1.0),
         reference.points_eccentric(ANGLES, 0.3 - 0.2j, 0.4, 1.0),
     ):
         plain = reference.points_homogeneous(ANGLES)
-        found = reference.voltages(transfer, CHANNELS) - reference.voltages(plain, CHANNELS)
+        found = reference.voltages(impedance, CHANNELS) - reference.voltages(plain, CHANNELS)
         assert np.max(abs(found)) < 1e-13
 
 
@@ -73,8 +73,8 @@ def test_the_moebius_map_centres_the_circle():
 
 def test_a_touch_at_the_rim_is_the_limit_of_touches_near_it():
     limit, near = (
-        reference.voltages(transfer, CHANNELS)
-        for transfer in (
+        reference.voltages(impedance, CHANNELS)
+        for impedance in (
             reference.points_touching(ANGLES, 0.1, 0.1, 5.0),
             reference.points_eccentric(ANGLES, (0.9 - 1e-8) * np.exp(0.1j), 0.1, 5.0),
         )
@@ -148,7 +148,7 @@ def test_complete_electrodes_equal_finite_elements(touch, reached):
         exact, _ = reference.complete_electrodes(N, WIDTH, CONTACT, inclusion, periods=100)
     found = on_ring_mesh(WIDTH, 1, 8, touch)
     assert np.max(abs(found - exact)) < reached
-    found, exact = (reference.voltages(transfer, CHANNELS) for transfer in (found, exact))
+    found, exact = (reference.voltages(impedance, CHANNELS) for impedance in (found, exact))
     assert relative(found, exact) < 10 * reached
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from eitskin.physics.depth import DepthForward, span
 from eitskin.physics.geometry import Geometry, Patch
-from eitskin.physics.solver import Neighbours, Spent, forward_model
+from eitskin.physics.solver import SolvedSkins, Spent, forward_model
 
 SHEET = Geometry(80.0, 3.0, 0.5, 22.5 * np.arange(16), 5.0, 2e-3)
 BODY = SHEET.with_values(thickness_mm=20.0, deep=True, electrode_height_mm=8.0)
@@ -13,16 +13,16 @@ CONTACTS = 2e-3 * np.linspace(1.0, 1.5, 16)
 
 
 def test_bodies_that_differ_in_their_contacts_share_all_else_bit_for_bit():
-    near = Neighbours()
+    near = SolvedSkins()
     first = near.solve(BODY, "train")
     poorer = BODY.with_values(contact_impedivity_ohm_m2=CONTACTS)
     found = near.solve(poorer, "train")
     assert found.electrodes.interaction is first.electrodes.interaction
     assert found.effort < first.effort
     alone = DepthForward(poorer, span(poorer), "train")
-    assert np.array_equal(found.transfer(), alone.transfer())
+    assert np.array_equal(found.transfer_impedance(), alone.transfer_impedance())
     place = (20.0, 10.0, 6.0)
-    here, there = (f.place(*place).transfer_change(np.array([2.0])) for f in (found, alone))
+    here, there = (f.place(*place).impedance_change(np.array([2.0])) for f in (found, alone))
     assert np.array_equal(here, there)
 
 
@@ -42,12 +42,12 @@ def test_bodies_that_differ_otherwise_share_nothing(values):
     other = BODY.with_values(**values)
     found, alone = forward_model(other, "train", first), forward_model(other, "train")
     assert found.electrodes.interaction is not first.electrodes.interaction
-    assert np.array_equal(found.transfer(), alone.transfer())
+    assert np.array_equal(found.transfer_impedance(), alone.transfer_impedance())
     assert found.effort == alone.effort
 
 
 def test_a_body_counts_for_many_sheets_and_the_larger_for_more():
-    near = Neighbours()
+    near = SolvedSkins()
     near.solve(SHEET, "train")
     assert near.spent == 1.0
     plain = near.solve(BODY, "train")
@@ -68,7 +68,7 @@ def test_a_body_of_the_diagnosis_counts_for_about_a_hundred_sheets():
 
 
 def test_what_may_be_solved_ends_and_the_limit_with_it():
-    near = Neighbours()
+    near = SolvedSkins()
     with pytest.raises(Spent), near.within(1.5):
         near.solve(SHEET, "train")
         near.solve(SHEET, "train")
@@ -78,7 +78,7 @@ def test_what_may_be_solved_ends_and_the_limit_with_it():
 
 
 def test_a_limit_inside_another_leaves_that_one_as_it_was():
-    near = Neighbours()
+    near = SolvedSkins()
     with pytest.raises(Spent), near.within(1.5):
         with near.within(100.0):
             near.solve(SHEET, "train")

@@ -10,7 +10,7 @@ from eitskin.physics.forward import Forward, channel_values
 from eitskin.physics.geometry import Geometry, Patch
 from eitskin.physics.protocol import channel_table, reciprocal_channels
 from eitskin.physics.skin import Skin
-from eitskin.physics.solver import Neighbours, forward_model
+from eitskin.physics.solver import SolvedSkins, forward_model
 from eitskin.physics.touch import Touch
 from eitskin.simulate import readings
 from eitskin.simulate.readings import simulate
@@ -149,9 +149,9 @@ def test_the_common_mode_is_above_the_sink():
     found = run(effect("common-mode", ratio=0.01)) - run()
     source, sink, plus, minus = CHANNELS.T
     for k in (0, 2):
-        transfer = Forward(BASE, "train").transfer(touches(k))
+        impedance = Forward(BASE, "train").transfer_impedance(touches(k))
         pairs = [np.column_stack([source, sink, end, sink]) for end in (plus, minus)]
-        mean = 0.5 * sum(channel_values(transfer, pair) for pair in pairs)
+        mean = 0.5 * sum(channel_values(impedance, pair) for pair in pairs)
         assert found[k] == pytest.approx(1e-5 * mean, abs=1e-12)
 
 
@@ -240,9 +240,9 @@ def test_a_skin_that_changes_is_interpolated(items, monkeypatch):
     chosen = settings(items, site_counts(CHANNELS), (0, 0))
     solved = []
     monkeypatch.setattr(
-        Neighbours,
+        SolvedSkins,
         "solve",
-        lambda self, *skin, solve=Neighbours.solve: solved.append(skin) or solve(self, *skin),
+        lambda self, *skin, solve=SolvedSkins.solve: solved.append(skin) or solve(self, *skin),
     )
 
     def values():

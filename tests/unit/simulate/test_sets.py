@@ -197,6 +197,8 @@ def test_a_sample_s_touch_and_wires(tmp_path):
     touch = Touch(row["x_mm"], row["y_mm"], 8.0, 0.9 * np.sqrt(row["force_N"]))
     wires = np.arange(16)
     wires[[2, 5]] = 5, 2
-    transfer = Forward(Geometry.from_skin(Skin.from_metadata(SKIN)), "train").transfer([touch])
-    expected = 1e-3 * channel_values(transfer, wires[CHANNELS])
+    impedance = Forward(Geometry.from_skin(Skin.from_metadata(SKIN)), "train").transfer_impedance(
+        [touch]
+    )
+    expected = 1e-3 * channel_values(impedance, wires[CHANNELS])
     assert np.allclose(touched[17], expected, rtol=1e-5)

@@ -19,20 +19,20 @@ def test_the_law_is_recovered_from_half_of_the_drives(skin):
     drives = Drives.of(skin)
     law = GroundReturn(drives)
     true = np.array([-2.0, -1.5, -0.45, 2.0])
-    recorded = 3.0 * law.readings(true, drives.transfer)[0]
+    recorded = 3.0 * law.readings(true, drives.transfer_impedance)[0]
     kept = drives.channels[:, 0] % 2 == 0
     fitted = Fitted.to(law, recorded, kept, law.start)
-    predicted = fitted.readings(drives.transfer)[0]
+    predicted = fitted.readings(drives.transfer_impedance)[0]
     error = np.linalg.norm((predicted - recorded)[~kept]) / np.linalg.norm(recorded[~kept])
     assert error < 0.01
 
 
 def test_reversal_changes_nothing_for_the_owner_and_something_through_ground(skin):
     drives = Drives.of(skin)
-    plain = OwnersLaw(drives).readings(np.zeros(0), drives.transfer)[0]
+    plain = OwnersLaw(drives).readings(np.zeros(0), drives.transfer_impedance)[0]
     assert np.allclose(plain, plain[drives.reversed], rtol=1e-9)
     values = np.array([-2.0, -1.5, -0.45, 2.0])
-    one_sided = GroundReturn(drives).readings(values, drives.transfer)[0]
+    one_sided = GroundReturn(drives).readings(values, drives.transfer_impedance)[0]
     assert np.abs(one_sided - one_sided[drives.reversed]).max() > 0.1 * one_sided.max()
 
 

@@ -24,8 +24,8 @@ def body(shape: Shape | None = None, clearance_mm: float = 4.0, **refined) -> Bo
 
 
 def volts(admittance: np.ndarray) -> np.ndarray:
-    transfer = np.linalg.inv(0.5 * (admittance + admittance.T) + 1.0)
-    return channel_values(transfer, CHANNELS)
+    impedance = np.linalg.inv(0.5 * (admittance + admittance.T) + 1.0)
+    return channel_values(impedance, CHANNELS)
 
 
 def test_segment_log_of_a_constant():
@@ -102,7 +102,7 @@ def test_agrees_with_the_tool(shape, values):
     mine = [volts(SHEET * place.admittance(contact, [c])) for c in (0.0, 2.0)]
     tool = Forward(Geometry(R_MM, 3.0, 0.5, DEG, WIDTH_MM, 2e-3, **values))
     theirs = [
-        channel_values(tool.transfer(touches), CHANNELS)
+        channel_values(tool.transfer_impedance(touches), CHANNELS)
         for touches in ([], [Touch(disc.x_mm, disc.y_mm, disc.radius_mm, 2.0)])
     ]
     for a, b in zip(mine, theirs, strict=True):
@@ -120,7 +120,9 @@ def test_tilt_agrees_with_finite_elements():
     contact, place = skin.contact(LENGTH), skin.place([Disc(0.0, 0.0, radius_mm)])
     mine = [volts(SHEET * place.admittance(contact, [c])) for c in (0.0, contrast)]
     theirs = [
-        channel_values(elements.transfer(SHEET * tilt * np.where(inside, 1 + c, 1.0)), CHANNELS)
+        channel_values(
+            elements.transfer_impedance(SHEET * tilt * np.where(inside, 1 + c, 1.0)), CHANNELS
+        )
         for c in (0.0, contrast)
     ]
     level = np.median(np.abs(theirs[0]))

@@ -19,8 +19,8 @@ LENGTH = np.full(N, 1.0 / R_MM)
 
 
 def volts(admittance: np.ndarray) -> np.ndarray:
-    transfer = np.linalg.inv(0.5 * (admittance + admittance.T) + 1.0)
-    return channel_values(transfer, CHANNELS)
+    impedance = np.linalg.inv(0.5 * (admittance + admittance.T) + 1.0)
+    return channel_values(impedance, CHANNELS)
 
 
 def test_bessel_functions():
@@ -64,7 +64,7 @@ def test_partial_height_agrees_with_the_tool():
     )
     tool = forward_model(geometry, "diagnose", None)
     modes = tool.place(touch.x_mm, touch.y_mm, touch.radius_mm)
-    theirs = channel_values(tool.transfer(), CHANNELS)
+    theirs = channel_values(tool.transfer_impedance(), CHANNELS)
     change = modes.channel_change(CHANNELS, np.array([2.0]))[0]
     assert np.abs(mine[0] - theirs).max() < 2e-6 * np.median(np.abs(theirs))
     assert np.abs(mine[1] - mine[0] - change).max() < 1e-4 * np.abs(change).max()

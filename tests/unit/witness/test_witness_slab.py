@@ -111,8 +111,8 @@ def test_shallow_dents_show():
     place = skin.place([TOUCH])
     small, whole = (place.admittance(contact, [c]) for c in (0.0, 2.0 * CONTRAST))
     plain = solved(SHEET)
-    transfer = np.linalg.inv(0.5 * (whole + whole.T) + 1.0)
-    change = channel_values(transfer, CHANNELS) - plain[0]
+    impedance = np.linalg.inv(0.5 * (whole + whole.T) + 1.0)
+    change = channel_values(impedance, CHANNELS) - plain[0]
     most = np.abs(plain[1] - plain[0]).max()
     assert 0.8 < np.abs(change).max() / most < 0.99
     assert np.abs(small - skin.place([]).admittance(contact, [])).max() < 1e-4

@@ -13,7 +13,7 @@ from eitskin.effects.effect import START, Moment, Setting
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.skin import Skin
-from eitskin.physics.solver import Neighbours
+from eitskin.physics.solver import SolvedSkins
 from eitskin.simulate.readings import Sensed, apply_skin, of_stage, read, sense
 
 KEPT = 48_000  # frames, of all the states that were solved last
@@ -62,7 +62,7 @@ class RecordingSimulator:
         self,
         recorded: Recording,
         query: Recording | None = None,
-        near: Neighbours | None = None,
+        near: SolvedSkins | None = None,
     ):
         frames = recorded if query is None else query
         metadata = recorded.metadata
@@ -86,7 +86,7 @@ class RecordingSimulator:
             (base.believed, base.calibrations) if base else _beliefs(recorded)
         )
         self._sensed: OrderedDict[tuple, Sensed] = OrderedDict()
-        self.near = near or Neighbours()
+        self.near = near or SolvedSkins()
         if base is None:
             self._start_factor(recorded)
 

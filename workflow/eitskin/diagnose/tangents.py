@@ -60,7 +60,7 @@ class Tangents:
 
     def _accuracy(self) -> str:
         """Of what is differenced. A body takes ten times less at accuracy train, and its
-        derivatives are the same to 6e-3 (`tests/unit/test_diagnose_tangents.py`)."""
+        derivatives are the same to 6e-3 (`tests/unit/diagnose/test_tangents.py`)."""
         body = span(self.problem.model.geometry(self.knobs, self.chosen)) is not None
         return "train" if body else "diagnose"
 

@@ -223,12 +223,12 @@ class WiringEffect(Effect):
         potential: np.ndarray,
         setting: Setting,
         drives: np.ndarray,
-        transfer: np.ndarray,
+        impedance: np.ndarray,
         sink_grounded: bool,
     ) -> np.ndarray:
         """Potentials (N, D, n) V per A, as the board has them; changed.
 
-        drives (D, 2): electrodes of the skin between which the current flows; transfer (N, n, n)
+        drives (D, 2): electrodes of the skin between which the current flows; impedance (N, n, n)
         ohm: the skin's; sink_grounded: whether the source's sink is at 0 V, else it floats.
         """
         raise NotImplementedError

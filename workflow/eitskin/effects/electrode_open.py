@@ -28,7 +28,7 @@ class ElectrodeOpen(WiringEffect):
         potential: np.ndarray,
         setting: Setting,
         drives: np.ndarray,
-        transfer: np.ndarray,
+        impedance: np.ndarray,
         sink_grounded: bool,
     ) -> np.ndarray:
         """Potentials (N, D, n) that the board has."""

@@ -29,7 +29,7 @@ class ElectrodeSwap(WiringEffect):
         potential: np.ndarray,
         setting: Setting,
         drives: np.ndarray,
-        transfer: np.ndarray,
+        impedance: np.ndarray,
         sink_grounded: bool,
     ) -> np.ndarray:
         """Potentials (N, D, n) as the board has them."""

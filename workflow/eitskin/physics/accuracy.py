@@ -29,7 +29,10 @@ def electrode_limit(geometry: Geometry, channels: np.ndarray) -> tuple[np.ndarra
         return Forward(geometry, FINEST).voltages(channels), np.inf
     coarse, middle, fine = (
         channel_values(
-            Forward(geometry, replace(FINEST, electrode_order=n, most_modes=n)).transfer(), channels
+            Forward(
+                geometry, replace(FINEST, electrode_order=n, most_modes=n)
+            ).transfer_impedance(),
+            channels,
         )
         for n in MODES
     )

@@ -393,7 +393,7 @@ class DepthForward(Forward):
     def derivatives(
         self, touches: list[Touch] = (), parameters: list[str] | None = None
     ) -> dict[str, np.ndarray]:
-        """d transfer / d parameter, (n, n) ohm per unit, by name; all of `parameters()` by default.
+        """d impedance / d parameter, (n, n) ohm per unit, by name; all `parameters()` by default.
 
         X^T dS X with the currents X of this body and dS a central difference of the power's matrix
         (exact for contacts). Where an electrode meets bottom or top, its height and place have none

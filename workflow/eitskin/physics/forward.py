@@ -61,17 +61,17 @@ ACCURACIES = {
 }
 
 
-def channel_values(transfer: np.ndarray, channels: np.ndarray) -> np.ndarray:
+def channel_values(impedance: np.ndarray, channels: np.ndarray) -> np.ndarray:
     """(..., M) V per A: u[plus] - u[minus] for unit currents from source to sink.
 
-    transfer (..., n, n) ohm; channels (M, 4). NaN where a point electrode that drives is measured.
+    impedance (..., n, n) ohm; channels (M, 4). NaN where a point electrode that drives is measured.
     """
     source, sink, plus, minus = channels.T
     return (
-        transfer[..., plus, source]
-        - transfer[..., plus, sink]
-        - transfer[..., minus, source]
-        + transfer[..., minus, sink]
+        impedance[..., plus, source]
+        - impedance[..., plus, sink]
+        - impedance[..., minus, source]
+        + impedance[..., minus, sink]
     )
 
 
@@ -101,7 +101,7 @@ class TouchModes:
             raise InputError("touch", "contrast", contrast.min(), "more than -1")
         return contrast / (1.0 + contrast * self.poles)
 
-    def transfer_change(self, contrast: np.ndarray) -> np.ndarray:
+    def impedance_change(self, contrast: np.ndarray) -> np.ndarray:
         """(F, n, n) ohm: R(c) - R0."""
         return -(self.gains * self.weights(contrast)[:, None, :]) @ self.gains.T
 
@@ -121,9 +121,9 @@ class ContactModes(TouchModes):
 
     own: np.ndarray
 
-    def transfer_change(self, contrast: np.ndarray) -> np.ndarray:
+    def impedance_change(self, contrast: np.ndarray) -> np.ndarray:
         """(F, n + 1, n + 1) ohm: R(c), less the untouched skin's R0 of the electrodes."""
-        return self.own + super().transfer_change(contrast)
+        return self.own + super().impedance_change(contrast)
 
 
 class Forward:
@@ -188,13 +188,13 @@ class Forward:
         same = accuracy == self.accuracy and modes == self.electrodes.order
         return same and geometry.same_outline(self.geometry)
 
-    def transfer(self, touches: list[Touch] = ()) -> np.ndarray:
+    def transfer_impedance(self, touches: list[Touch] = ()) -> np.ndarray:
         """(n, n) ohm, with any number of touches that do not overlap."""
         return self.sheet_resistance * self._solve(touches)[0]
 
     def voltages(self, channels: np.ndarray, touches: list[Touch] = ()) -> np.ndarray:
         """(M,) V per A. Raises InputError where a point electrode that drives is measured."""
-        return measurable(channel_values(self.transfer(touches), channels))
+        return measurable(channel_values(self.transfer_impedance(touches), channels))
 
     def meets(self, x_mm: float, y_mm: float, radius_mm: float) -> bool:
         """Whether a disc there lies on the skin, at least in part."""
@@ -303,7 +303,7 @@ class Forward:
         return currents
 
     def _solve(self, touches: list[Touch]) -> tuple[np.ndarray, np.ndarray, list, list]:
-        """Relative transfer (n, n), electrode mode currents, edges and their multipoles (2 degree,
+        """Relative impedance (n, n), electrode mode currents, edges and their multipoles (2 degree,
         n)."""
         touches = [t for t in touches if abs(t.contrast) > NO_CONTRAST]
         edges = [
@@ -342,7 +342,7 @@ class Forward:
     def derivatives(
         self, touches: list[Touch] = (), parameters: list[str] | None = None
     ) -> dict[str, np.ndarray]:
-        """d transfer / d parameter, (n, n) ohm per unit, by name; all of `parameters()` by default.
+        """d impedance / d parameter, (n, n) ohm per unit, by name; all `parameters()` by default.
 
         Touches of contrast 0, clipped ones and those held off the rim have none here: InputError.
         """

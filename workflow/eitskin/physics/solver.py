@@ -34,7 +34,7 @@ class Spent(Exception):
     """More skins were asked for than may be solved."""
 
 
-class Neighbours:
+class SolvedSkins:
     """The latest skin solved of each of a few outlines, the one used last at the end; `spent`: how
     many sheets could have been solved so far, by skins and by places touched on them.
 

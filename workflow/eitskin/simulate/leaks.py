@@ -13,16 +13,16 @@ from eitskin.errors import InputError
 def leaking(
     potential: np.ndarray,
     admittance: np.ndarray,
-    transfer: np.ndarray,
+    impedance: np.ndarray,
     drives: np.ndarray,
     sink_grounded: bool,
 ) -> np.ndarray:
     """Potentials (N, D, n) V per A of the terminals, with what their leaks carry.
 
-    potential (N, D, n) without leaks; admittance (N, n) S; transfer (N, n, n) ohm; drives (D, 2):
+    potential (N, D, n) without leaks; admittance (N, n) S; impedance (N, n, n) ohm; drives (D, 2):
     source and sink. Raises InputError for point electrodes, whose own potential has no bound.
     """
-    if np.isnan(transfer).any():
+    if np.isnan(impedance).any():
         where = "points, with a leak to ground"
         raise InputError("skin", "electrode_width_mm", where, "a width above 0")
     sites = np.flatnonzero((admittance > 0).any(axis=0))
@@ -35,9 +35,9 @@ def leaking(
     mean[:, sites] = np.where(total > 0, admittance, 1.0) / np.where(total > 0, total, len(sites))
     for sink in np.unique(drives[:, 1]) if sink_grounded else [None]:
         rows = drives[:, 1] == sink if sink_grounded else slice(None)
-        response = transfer[:, :, sites]
+        response = impedance[:, :, sites]
         if sink_grounded:
-            response = response - transfer[:, :, [sink]]
+            response = response - impedance[:, :, [sink]]
             mean = np.broadcast_to(np.eye(potential.shape[2])[sink], mean.shape)
         zero = np.einsum("fdi,fi->fd", potential[:, rows], mean)
         above = potential[:, rows][:, :, sites] - zero[:, :, None]

@@ -20,7 +20,7 @@ from eitskin.physics.force_history import ForceHistory
 from eitskin.physics.forward import Forward, channel_values, measurable
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.skin import Skin
-from eitskin.physics.solver import Neighbours
+from eitskin.physics.solver import SolvedSkins
 from eitskin.simulate.interpolation import enough_nodes, lagrange
 from eitskin.simulate.leaks import leaking
 
@@ -79,16 +79,16 @@ def on_contact(chosen: list[Setting]) -> bool:
 
 
 def apply_wiring(
-    transfer: np.ndarray,
+    impedance: np.ndarray,
     chosen: list[Setting],
     drives: np.ndarray,
     sink_grounded: bool = False,
     force_N: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Potentials (N, D, n) V per A at the board of a skin `transfer` (N, n, n) ohm.
+    """Potentials (N, D, n) V per A at the board of a skin `impedance` (N, n, n) ohm.
 
     drives (D, 2): source and sink as the board names them. Where `on_contact(chosen)`, the
-    transfer is (N, n + 1, n + 1), the last terminal the contact, 0 where there is none, and
+    impedance is (N, n + 1, n + 1), the last terminal the contact, 0 where there is none, and
     force_N (N,) is the true force.
     """
     wiring = of_stage(chosen, "wiring")
@@ -96,18 +96,18 @@ def apply_wiring(
     wires = [s for s in wiring if not isinstance(s.effect, LeakEffect)]
     for setting in reversed(wires):
         drives = setting.effect.driven(drives, setting)
-    potential = np.swapaxes(transfer[:, :, drives[:, 0]] - transfer[:, :, drives[:, 1]], 1, 2)
+    potential = np.swapaxes(impedance[:, :, drives[:, 0]] - impedance[:, :, drives[:, 1]], 1, 2)
     if leaks:
-        frames, terminals = transfer.shape[:2]
+        frames, terminals = impedance.shape[:2]
         force_N = np.zeros(frames) if force_N is None else force_N
         admittance = sum(s.effect.admittance(s, force_N, terminals) for s in leaks)
         if on_contact(chosen):
-            admittance[transfer[:, -1, -1] == 0.0, -1] = 0.0
-        potential = leaking(potential, admittance, transfer, drives, sink_grounded)
+            admittance[impedance[:, -1, -1] == 0.0, -1] = 0.0
+        potential = leaking(potential, admittance, impedance, drives, sink_grounded)
     if on_contact(chosen):
-        potential, transfer = potential[:, :, :-1], transfer[:, :-1, :-1]
+        potential, impedance = potential[:, :, :-1], impedance[:, :-1, :-1]
     for setting in wires:
-        potential = setting.effect.change(potential, setting, drives, transfer, sink_grounded)
+        potential = setting.effect.change(potential, setting, drives, impedance, sink_grounded)
     return potential
 
 
@@ -139,7 +139,7 @@ def simulate(
     frames have skins of their own. `near`: a solved skin, to share with. Raises InputError where
     `skin` or a touched state lacks a value that a simulation needs, and where a channel has none.
     """
-    near = Neighbours(*[near] if near else [])
+    near = SolvedSkins(*[near] if near else [])
     sensed = sense(
         states, press, skin, channels, chosen, accuracy, frame_s, force_max_N, near, progress
     )
@@ -160,7 +160,7 @@ class Sensed:
     frames: Frames
 
     @cached_property
-    def transfer(self) -> np.ndarray:
+    def transfer_impedance(self) -> np.ndarray:
         """(K N, n, n) ohm."""
         return self.solve()
 
@@ -172,7 +172,7 @@ class Sensed:
     @cached_property
     def plain(self) -> np.ndarray:
         """(N, M) V per A: readings without wiring and instrument."""
-        voltage = measurable(channel_values(self.transfer, self.frames.channels))
+        voltage = measurable(channel_values(self.transfer_impedance, self.frames.channels))
         return _over_frame(voltage, self)
 
     @property
@@ -198,7 +198,7 @@ def sense(
     accuracy: str = "diagnose",
     frame_s: float | None = None,
     force_max_N: float | None = None,
-    near: Neighbours | None = None,
+    near: SolvedSkins | None = None,
     progress: bool = False,
     history: ForceHistory | None = None,
 ) -> Sensed:
@@ -230,7 +230,7 @@ def sense(
         Geometry.from_skin(skin),
         chosen,
         accuracy,
-        near or Neighbours(),
+        near or SolvedSkins(),
         progress,
     )
     within = (frames.seen_N - middle[:, None]) / np.where(half != 0.0, half, 1.0)[:, None]
@@ -261,8 +261,8 @@ def read(
     above_sink = None
     if asked or of_stage(chosen, "wiring"):
         drives, drive = _drives(channels)
-        transfer = sensed.with_contact if on_contact(chosen) else sensed.transfer
-        potential = apply_wiring(transfer, chosen, drives, sink_grounded, sensed.force_N)[:, drive]
+        impedance = sensed.with_contact if on_contact(chosen) else sensed.transfer_impedance
+        potential = apply_wiring(impedance, chosen, drives, sink_grounded, sensed.force_N)[:, drive]
         at = np.arange(len(channels))
         sink, plus, minus = (potential[:, at, channels[:, k]] for k in (1, 2, 3))
         voltage = current_A * _over_frame(measurable(plus - minus), sensed)
@@ -304,7 +304,7 @@ class _Solver:
     base: Geometry
     chosen: list[Setting]
     accuracy: str
-    near: Neighbours
+    near: SolvedSkins
     progress: bool
 
     @property
@@ -325,14 +325,14 @@ class _Solver:
         places = self.touches[["x_mm", "y_mm", "radius_mm"]].to_numpy()
         contrast = self.touches["contrast"].to_numpy()
         for forward, rows, weight in tqdm(self._skins(), unit="skin", disable=not shown):
-            value = np.pad(forward.transfer(), (0, int(contact)))
+            value = np.pad(forward.transfer_impedance(), (0, int(contact)))
             result[rows] += weight[:, None, None] * value
             for place, at in _places(places[rows], self.touched[rows]):
                 force = contrast[rows[at]]
                 if (contact or force.any()) and forward.meets(*place):
                     modes = forward.contact(*place) if contact else forward.place(*place)
                     self.near.spent += forward.touch_effort
-                    change = modes.transfer_change(force)
+                    change = modes.impedance_change(force)
                     result[rows[at]] += weight[at, None, None] * change
         return result
 
@@ -364,7 +364,7 @@ class _Solver:
 class _Skins:
     """Solved skins by the moment at which they are asked for; the latest are kept."""
 
-    def __init__(self, base: Geometry, chosen: list[Setting], accuracy: str, near: Neighbours):
+    def __init__(self, base: Geometry, chosen: list[Setting], accuracy: str, near: SolvedSkins):
         self.base, self.chosen, self.accuracy, self.near = base, chosen, accuracy, near
         self._solved: dict[tuple, Forward] = {}
 
@@ -400,13 +400,13 @@ class _Skins:
         if low[axis] == high[axis]:
             return low[[axis]]
 
-        def transfer(t: float) -> np.ndarray:
+        def impedance(t: float) -> np.ndarray:
             moment = 0.5 * (low + high)
             moment[axis] = t
-            return self.at(*moment, place).transfer()
+            return self.at(*moment, place).transfer_impedance()
 
         most = min(len(np.unique(moments[:, axis])) - 1, MOST_SKINS)
-        return enough_nodes(transfer, low[axis], high[axis], most)
+        return enough_nodes(impedance, low[axis], high[axis], most)
 
 
 def _alike(
