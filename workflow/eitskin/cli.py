@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="eitskin", description="Recordings of EIT tactile skins.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    formats = f"by default told by its content; {', '.join(importers.KNOWN)}"
+    formats = f"by default told by its content; {', '.join(importers.known())}"
     checking = commands.add_parser("check", help="say what a recording holds and cannot tell")
     checking.add_argument("file", help="a recording in any known format")
     checking.add_argument("--format", help=formats)

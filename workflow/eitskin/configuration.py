@@ -10,12 +10,12 @@ import numpy as np
 import yaml
 from referencing import Registry, Resource
 
-from eitskin.data.importers import KNOWN
+from eitskin.data import importers
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import START, Effect
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
-from eitskin.learn.models import names
+from eitskin.learn import models
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table, pattern_step
 from eitskin.physics.skin import Skin
@@ -70,7 +70,7 @@ def schema(path: str | Path) -> dict:
     """The schema in a file, with the names that the code knows: effects with their parameters,
     formats of recordings, models."""
     found = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    effect, models = found["$defs"]["effect"], found["$defs"]["models"]
+    effect, model = found["$defs"]["effect"], found["$defs"]["models"]["items"]
     recording = found["properties"]["recordings"]["additionalProperties"]
     effect["properties"]["name"]["enum"] = list(EFFECTS)
     effect["allOf"] = [
@@ -80,8 +80,8 @@ def schema(path: str | Path) -> dict:
         }
         for name, one in EFFECTS.items()
     ]
-    recording["properties"]["format"]["enum"] = list(KNOWN)
-    models["items"]["enum"] = names()
+    recording["properties"]["format"]["enum"] = importers.known()
+    model["enum"] = models.names()
     return found
 
 

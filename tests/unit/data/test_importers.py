@@ -112,7 +112,7 @@ ODD_FILES = {
 
 
 @pytest.mark.parametrize("name", ODD_FILES)
-@pytest.mark.parametrize("format", [None, *importers.KNOWN])
+@pytest.mark.parametrize("format", [None, *importers.known()])
 def test_an_odd_file_is_refused_in_one_line_by_every_format(tmp_path, name, format):
     path = tmp_path / name
     ODD_FILES[name](path)

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from eitskin.configuration import schema, validate
-from eitskin.data.importers import KNOWN
+from eitskin.data import importers
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from eitskin.learn import models
@@ -366,7 +366,10 @@ def test_the_schema_s_names_are_those_that_the_code_has():
     for place, names in (
         (("$defs", "effect", "properties", "name"), EFFECTS),
         (("$defs", "models", "items"), models.names()),
-        (("properties", "recordings", "additionalProperties", "properties", "format"), KNOWN),
+        (
+            ("properties", "recordings", "additionalProperties", "properties", "format"),
+            importers.known(),
+        ),
     ):
         before, after = (functools.reduce(dict.get, place, node) for node in (written, rules))
         assert "enum" not in before and after["enum"] == list(names)

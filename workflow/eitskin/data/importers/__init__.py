@@ -23,7 +23,11 @@ FORMATS = {
         "patterned-skin",
     )
 }
-KNOWN = (OWN_FORMAT, *FORMATS)
+
+
+def known() -> list[str]:
+    """Names of the formats, our own first."""
+    return [OWN_FORMAT, *FORMATS]
 
 
 def load(path: str | Path, format: str | None = None) -> Recording:
@@ -32,10 +36,10 @@ def load(path: str | Path, format: str | None = None) -> Recording:
     Raises InputError for a file that is not there, of no known format or not as its format has it.
     """
     path = Path(path)
-    if format is not None and format not in KNOWN:
-        raise InputError(path, "format", repr(format), f"one of {', '.join(KNOWN)}")
+    if format is not None and format not in known():
+        raise InputError(path, "format", repr(format), f"one of {', '.join(known())}")
     if not path.exists():
-        raise InputError(path, "file", "no such file", f"a recording: {', '.join(KNOWN)}")
+        raise InputError(path, "file", "no such file", f"a recording: {', '.join(known())}")
     if format is None:
         format = _detect(path)
     if format == OWN_FORMAT:
@@ -58,4 +62,4 @@ def _detect(path: Path) -> str:
     for name, module in FORMATS.items():
         if module.matches(path):
             return name
-    raise InputError(path, "format", "none that is known", f"one of {', '.join(KNOWN)}")
+    raise InputError(path, "format", "none that is known", f"one of {', '.join(known())}")
