@@ -36,7 +36,6 @@ from eitskin.diagnose.search.screen import log_evidence
 from eitskin.diagnose.search.search import (
     LEAST_EVIDENCE,
     MOST_EFFECTS,
-    SEVERAL,
     SIGNIFICANT,
     Search,
     discrete,
@@ -279,7 +278,7 @@ def named(made: Linear, chosen: np.ndarray) -> list[dict]:
     found: dict[tuple, dict] = {}
     for k in chosen:
         candidate, i = made.columns[k]
-        several = tuple(sorted(candidate.start.items())) if candidate.name in SEVERAL else ()
+        several = tuple(sorted(candidate.start.items())) if candidate.effect.several else ()
         entry = found.setdefault(
             (candidate.name, candidate.kind, several),
             {"name": candidate.name, "alternatives": [], "parameters": {}}

@@ -14,7 +14,8 @@ TOY = '''
 
 import numpy as np
 
-from eitskin.data.importers.description import describe, even_angles
+from eitskin.data.importers.description import describe
+from eitskin.physics.geometry import even_angles
 from eitskin.data.importers.tables import first_line, numbers
 from eitskin.data.recording import Recording, frames_table
 from eitskin.physics.protocol import channel_table

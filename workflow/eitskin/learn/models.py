@@ -47,11 +47,6 @@ def names() -> list[str]:
     return [*MODELS, *(PHYSICS_INFORMED + name for name in networks)]
 
 
-def with_encoder() -> list[str]:
-    """Names of the models that begin with an autoencoder's encoder."""
-    return [name for name in names() if model(name).encoder]
-
-
 def model(name: str) -> Model:
     """A model by its row's name in the table; raises InputError for an unknown one."""
     if name not in names():
