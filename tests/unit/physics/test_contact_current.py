@@ -157,7 +157,7 @@ def test_refusals():
         Forward(SKIN).contact(78.0, 0.0, 8.0)
     with pytest.raises(InputError, match="across a patch's edge"):
         forward_model(SKIN.with_values(patch=Patch(30.0, 0.0, 9.0, 2.0))).contact(39.0, 0.0, 5.0)
-    with pytest.raises(InputError, match="conductivity-gradient"):
+    with pytest.raises(InputError, match="gradient of the conductivity"):
         Forward(SKIN.with_values(gradient_across=0.1)).contact(30.0, 0.0, 5.0)
 
 

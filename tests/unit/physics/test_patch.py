@@ -228,7 +228,10 @@ def test_a_body_with_electrodes_of_full_height_is_a_sheet():
     [
         (patched(75.0, 9.0, 2.0), "patch: found .* expected a disc within the skin"),
         (patched(200.0, 9.0, 2.0), "a disc within the skin"),
-        (patched(20.0, 9.0, 2.0, SKIN.with_values(gradient_across=0.1)), "conductivity-gradient"),
+        (
+            patched(20.0, 9.0, 2.0, SKIN.with_values(gradient_across=0.1)),
+            "gradient of the conductivity",
+        ),
     ],
 )
 def test_refuses_skins(geometry, message):

@@ -247,8 +247,8 @@ class Forward:
         """What a current entering evenly over the touch makes at the electrodes' modes (n order,)
         and to the touch's multipoles (2 degree,), its power, and psi's share of it."""
         if self.bulk:
-            found = "a conductivity that varies"
-            raise InputError("skin", "leak at the touch", found, "the same everywhere")
+            found = "a gradient of the conductivity"
+            raise InputError("skin", "leak at the touch", found, "none")
         current = EvenCurrent(edge)
         to_electrodes = self.electrodes.project(current.potential(self.electrodes.rim)[:, None])
         to_touch = current.mean_response(edge)

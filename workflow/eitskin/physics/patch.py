@@ -217,7 +217,7 @@ class PatchForward(Forward):
         self.bare, self.geometry = bare, geometry
         self.effort, self.touch_effort = bare.effort, PATCHED * bare.touch_effort
         if bare.bulk:
-            raise InputError("skin", "patch", "one with conductivity-gradient", "one without")
+            raise InputError("skin", "patch", "a gradient of the conductivity", "none")
         shared = isinstance(near, PatchForward) and near.geometry.patch == geometry.patch
         if shared and near.bare.matches(bare.geometry, bare.accuracy, bare.electrodes.order):
             self.patch, self.at_patch, self._couplings = near.patch, near.at_patch, near._couplings
