@@ -7,7 +7,11 @@ from functools import cache
 from pathlib import Path
 
 HOUSE = Path(__file__).parents[1]
-FINDS_BY_NAME = {"eitskin.effects", "eitskin.learn.models"}  # what no import statement names
+FINDS_BY_NAME = {  # what has modules that no import statement names
+    "eitskin.effects",
+    "eitskin.learn.models",
+    "eitskin.data.importers",
+}
 
 
 def fingerprint(
@@ -15,10 +19,10 @@ def fingerprint(
 ) -> str:
     """SHA-256, in hex, of the syntax trees of scripts/`script`.py and of all that it `reached`.
 
-    found: modules that the script's work finds by name, effects and models in use. files: what else
-    of the workflow it reads, byte by byte: their times say nothing, as a fresh clone has all of
-    them new. Comments, docstrings and layout do not count. Raises ValueError unless `found` is
-    given where the script reaches what finds modules by name, and only there.
+    found: modules that the script's work finds by name: effects, models and formats in use. files:
+    what else of the workflow it reads, byte by byte: their times say nothing, as a fresh clone has
+    all of them new. Comments, docstrings and layout do not count. Raises ValueError unless `found`
+    is given where the script reaches what finds modules by name, and only there.
     """
     digest = hashlib.sha256()
     for name, said in sorted(reached(script, found).items()):

@@ -67,7 +67,7 @@ for block, number, cases in numbered(UNSEALED):
                 "frames": CONCEALED["frames"],
                 "query_frames": CONCEALED["query_frames"],
             },
-            code=fingerprint("conceal", CATALOGUE),
+            code=fingerprint("conceal", CATALOGUE + IMPORTERS),
         message:
             f"Concealing effects in recordings: {block}, batch {number}"
         script:
@@ -158,7 +158,7 @@ for block, number, cases in numbered(UNSCORED):
         params:
             cases=cases,
             seed=config["seed"],
-            code=fingerprint("oracle", CATALOGUE),
+            code=fingerprint("oracle", CATALOGUE + IMPORTERS),
         message:
             f"Fitting what was concealed: {block}, batch {number}"
         script:
@@ -292,7 +292,7 @@ rule concealed_score:
         mem_mb=1000,
         runtime=15,
     params:
-        code=fingerprint("concealed_score", CATALOGUE),
+        code=fingerprint("concealed_score", CATALOGUE + IMPORTERS),
     message:
         "Scoring the opened block {wildcards.block}"
     script:
@@ -356,7 +356,7 @@ rule concealed_case:
         mem_mb=1000,
         runtime=5,
     params:
-        code=fingerprint("concealed_case", CATALOGUE, [SCHEMA]),
+        code=fingerprint("concealed_case", CATALOGUE + IMPORTERS, [SCHEMA]),
     message:
         "Drawing one concealed case"
     script:

@@ -1,4 +1,7 @@
 from eitskin.configuration import captured_path
+from eitskin.data import importers
+
+IMPORTERS = importers.modules()
 
 # Of the others, a rig has put the file where it is to be.
 BROUGHT = [
@@ -47,7 +50,7 @@ rule import_recording:
         runtime=10,
     params:
         format=lookup(dpath="recordings/{recording}/format", within=config, default=None),
-        code=fingerprint("import_recording"),
+        code=fingerprint("import_recording", IMPORTERS),
     message:
         "Reading the recording {wildcards.recording}"
     script:

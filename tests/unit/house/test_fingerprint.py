@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from eitskin import fingerprint as subject
+from eitskin.data import importers
 from eitskin.effects import catalogue_names, modules
 
 ROOT = Path(__file__).parents[3]
@@ -141,10 +142,10 @@ def effects_of(script):
     try:
         return subject.reached(script)
     except ValueError:
-        return subject.reached(script, modules(catalogue_names()))
+        return subject.reached(script, modules(catalogue_names()) + importers.modules())
 
 
-@pytest.mark.parametrize("script", ["clean", "train_predictor", "diagnose", "loop_figure"])
+@pytest.mark.parametrize("script", ["clean", "train_predictor", "diagnose", "import_recording"])
 def test_all_that_python_loads_for_a_script_counts(script):
     path = ROOT / "workflow" / "scripts" / f"{script}.py"
     command = [sys.executable, "-c", LOADED, str(path)]

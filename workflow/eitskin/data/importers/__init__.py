@@ -30,6 +30,11 @@ def known() -> list[str]:
     return [OWN_FORMAT, *FORMATS]
 
 
+def modules() -> list[str]:
+    """The modules of all formats."""
+    return [module.__name__ for module in FORMATS.values()]
+
+
 def load(path: str | Path, format: str | None = None) -> Recording:
     """Read a recording of any known format, told by its content unless `format` names it.
 
