@@ -42,7 +42,7 @@ def reached(script: str, found: Iterable[str] | None = None) -> dict[str, str]:
     if not file.is_file():
         raise ModuleNotFoundError(f"no script {file}", name=script)
     said, imports = _parsed(file)
-    modules = _closure(imports)
+    modules = set(_closure(imports))
     finds = sorted(FINDS_BY_NAME & modules)
     if (found is None) == bool(finds):
         which = f"which does it find by {', '.join(finds)}" if finds else "it finds none by name"
@@ -50,11 +50,12 @@ def reached(script: str, found: Iterable[str] | None = None) -> dict[str, str]:
     for name in found or ():
         if _file(name) is None:
             raise ModuleNotFoundError(f"no module {name} in {HOUSE}", name=name)
-        modules |= _closure([name])
+        modules |= _closure((name,))
     return {f"scripts/{script}": said, **{name: _parsed(_file(name))[0] for name in modules}}
 
 
-def _closure(names: Iterable[str]) -> set[str]:
+@cache
+def _closure(names: tuple[str, ...]) -> frozenset[str]:
     """All modules of the house that names lead to, with these and the packages that hold them."""
     waiting, met = list(names), set()
     while waiting:
@@ -63,13 +64,14 @@ def _closure(names: Iterable[str]) -> set[str]:
             continue
         met.add(name)
         waiting += [*_parsed(file)[1], *_within(name)]
-    return met
+    return frozenset(met)
 
 
 def _within(name: str) -> list[str]:
     return [name.rpartition(".")[0]] if "." in name else []
 
 
+@cache
 def _file(name: str) -> Path | None:
     """The file of a module of the house, or None for anything else."""
     parts = name.split(".")

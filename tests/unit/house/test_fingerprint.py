@@ -49,12 +49,19 @@ def house(tmp_path, monkeypatch):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(code)
     monkeypatch.setattr(subject, "HOUSE", tmp_path)
-    return tmp_path
+    yield tmp_path
+    forget()
+
+
+def forget():
+    """What a process has read."""
+    for known in (subject._parsed, subject._file, subject._closure):
+        known.cache_clear()
 
 
 def taken(script="solve", found=None):
     """The fingerprint as another process would take it."""
-    subject._parsed.cache_clear()
+    forget()
     return subject.fingerprint(script, found)
 
 
@@ -169,7 +176,7 @@ def _imported_in_a_function(name):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.FunctionDef):
                 inner = {i for n in ast.walk(node) for i in _names(n)}
-                if name in subject._closure(inner):
+                if name in subject._closure(tuple(inner)):
                     return True
     return False
 
