@@ -10,6 +10,7 @@ from calibration.trial import rms
 from concealed import baselines, oracle
 from concealed.baselines import Linear, everything, lasso, matched_filter, named
 from eitskin.data.recording import Recording
+from eitskin.effects import EFFECTS
 from witness import cases
 
 KNOWN, READINGS, ASKED = 12, 400, 50
@@ -19,7 +20,8 @@ GREEDY = (matched_filter, lasso)
 def candidate(name, site=None, scope="sparse", **start):
     kind = None if site is None else "electrodes"
     sites = None if site is None else (site,)
-    return SimpleNamespace(name=name, kind=kind, sites=sites, scope=scope, start=start, looks=KNOWN)
+    told = {"name": name, "effect": EFFECTS[name], "start": start, "looks": KNOWN}
+    return SimpleNamespace(kind=kind, sites=sites, scope=scope, **told)
 
 
 def made(strengths, seed=1):

@@ -19,7 +19,7 @@ from eitskin.effects.effect import SITES
 from eitskin.errors import InputError
 
 VOID = {"meta", "br"}
-RULES = Path(__file__).parents[3] / "workflow" / "rules" / "diagnosis_report.smk"
+RULES = Path(__file__).parents[3] / "workflow" / "rules" / "diagnose.smk"
 CAPTIONS = Path(__file__).parents[3] / "workflow" / "report"
 
 
