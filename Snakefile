@@ -7,6 +7,7 @@ configfile: "config.yaml"
 
 
 include: "workflow/rules/configuration.smk"
+include: "workflow/rules/in_use.smk"
 include: "workflow/rules/simulate.smk"
 include: "workflow/rules/perturb.smk"
 include: "workflow/rules/record.smk"

@@ -1,6 +1,3 @@
-from eitskin.effects import catalogue_names
-
-CATALOGUE = modules(catalogue_names())
 SCHEMA = "workflow/schemas/diagnosis.schema.yaml"
 # What a diagnosis rests on, for its report.
 EVIDENCE = [

@@ -1,13 +1,4 @@
-from eitskin.effects import modules
 from eitskin.simulate.chain import instrument_effects, last_link, link_before, skin_effects
-
-
-def effects_of(configuration):
-    return config["configurations"][configuration]["effects"]
-
-
-def names_of(effects):
-    return [effect["name"] for effect in effects]
 
 
 rule skin_effects:

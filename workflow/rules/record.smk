@@ -1,7 +1,4 @@
 from eitskin.configuration import captured_path
-from eitskin.data import importers
-
-IMPORTERS = importers.modules()
 
 # Of the others, a rig has put the file where it is to be.
 BROUGHT = [

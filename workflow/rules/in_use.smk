@@ -1,0 +1,20 @@
+# What the code of rules finds by name: the effects, formats and models in use, for their fingerprints.
+from eitskin.data import importers
+from eitskin.effects import catalogue_names, modules
+from eitskin.learn import models
+
+CATALOGUE = modules(catalogue_names())  # what a diagnosis may name
+IMPORTERS = importers.modules()
+
+
+def effects_of(configuration):
+    return config["configurations"][configuration]["effects"]
+
+
+def names_of(effects):
+    return [effect["name"] for effect in effects]
+
+
+def of_model(script):
+    """A param: the fingerprint of a script that makes or applies the model of its job."""
+    return lambda wildcards: fingerprint(script, [models.module(wildcards.model)])
