@@ -76,7 +76,7 @@ def test_what_ran_was_given_no_truth(finished):
     for name, one in verdicts.items():
         assert one["rule"].startswith("verdicts_demo_")
         assert not [w for w in secret for given in one["input"] + one["params"] if w in given]
-        assert {param.strip("'") for param in one["params"]} >= {f"['{name.split('/')[-2]}']", "1"}
+        assert {param.strip("'") for param in one["params"]} >= {f"['{name.split('/')[-1]}']", "1"}
         assert len(one["params"]) == 3  # and the fingerprint of the code
 
 

@@ -20,7 +20,7 @@ fingerprint.fingerprint = lambda script, *_, **__: script
 from snakemake.api import SnakemakeApi
 from snakemake.settings.types import ConfigSettings, OutputSettings, Quietness, ResourceSettings
 
-some = SimpleNamespace(configuration="tiny", link="3-crosstalk")
+some = SimpleNamespace(configuration="tiny", link="3-crosstalk", model="mlp")
 with SnakemakeApi(OutputSettings(quiet={Quietness.ALL})) as api:
     workflow = api.workflow(
         resource_settings=ResourceSettings(cores=1),
