@@ -24,7 +24,7 @@ def test_every_result_is_there(finished):
     for file in (
         "results/simulated/clean.parquet",
         "results/datasets/simulated-tiny.parquet",
-        "results/models/simulated-tiny/session/small/physics-informed-mlp.pt",
+        "results/models/simulated-tiny/session/small/physics-informed-mlp/2.pt",
         "results/recordings/simulated-twin.check.txt",
         "results/tables/table_1.csv",
         "results/tables/table_1.md",
