@@ -4,10 +4,19 @@ from eitskin.errors import InputError
 from witness.outside import OUTSIDE
 from witness.strengths import DRAWN
 
-FIRST_SEED = {"development": 1, "report": 200_001}  # of every kind; sizes stay far below the step
+FIRST_SEED = {  # of every kind; sizes stay far below the step
+    "development": 1,
+    "report": 200_001,
+    "ordinary-development": 1,
+    "ordinary-report": 200_001,
+}
 SIZES = {
     "quick": {"null": 60, "single": 4, "pair": 24, "triple": 16, "outside": 36},
     "full": {"null": 150, "single": 4, "pair": 60, "triple": 40, "outside": 60},
+}
+ORDINARY_SIZES = {
+    "quick": {"null": 100, "single": 1, "pair": 12, "triple": 0, "outside": 0},
+    "full": {"null": 300, "single": 4, "pair": 40, "triple": 0, "outside": 0},
 }
 BATCH = 8
 
@@ -16,14 +25,16 @@ def trials(block: str, size: str) -> list[tuple[str, int]]:
     """(kind, seed) of every recording, as `witness.cases.draw` takes them.
 
     block: "development" (seeds from 1), to tune on, or "report" (seeds from 200 001), to report;
-    size: a key of SIZES: numbers of recordings, of "single" for each name that the witness can
-    draw; those of "outside" are spread over its laws. Every stretch holds about the same mixture.
-    A smaller size is part of the larger. Raises InputError for an unknown block or size.
+    with ordinary- before it, the same skins recorded by rigs with errors of their own. size: a key
+    of SIZES: numbers of recordings, of "single" for each name that the witness can draw; those of
+    "outside" are spread over its laws. Every stretch holds about the same mixture. A smaller size
+    is part of the larger. Raises InputError for an unknown block or size.
     """
     for key, value, known in (("block", block, FIRST_SEED), ("size", size, SIZES)):
         if value not in known:
             raise InputError("calibration", key, repr(value), " or ".join(known))
-    first, number = FIRST_SEED[block], SIZES[size]
+    ordinary = block.startswith("ordinary-")
+    first, number = FIRST_SEED[block], (ORDINARY_SIZES if ordinary else SIZES)[size]
     groups = [
         [(kind, first + i) for i in range(number[kind])] for kind in ("null", "pair", "triple")
     ]
@@ -36,7 +47,8 @@ def trials(block: str, size: str) -> list[tuple[str, int]]:
         ]
     )
     placed = [((i + 0.5) / len(group), trial) for group in groups for i, trial in enumerate(group)]
-    return [trial for _, trial in sorted(placed, key=lambda pair: pair[0])]
+    rig = "+rig" if ordinary else ""
+    return [(kind + rig, seed) for _, (kind, seed) in sorted(placed, key=lambda pair: pair[0])]
 
 
 def batches(block: str, size: str) -> list[list[tuple[str, int]]]:

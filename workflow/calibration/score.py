@@ -29,6 +29,8 @@ BINS = 10  # of other.probability
 COMMAND = "snakemake --cores 2 calibrate_diagnosis"
 SUMMARY = ("of", "what", "value", "low", "high", "hits", "n", "wanted", "met")
 HIDDEN = ("rmse_V", "rmse_before_V", "rmse_gp_V", "rmse_mlp_V", "chi2_per_dof", "within_90")
+RIG = ("rig_error", "n", "named", "named_low", "named_high")
+RIG = (*RIG, "flagged", "flagged_low", "flagged_high")
 EFFECT = (
     *("kind", "seed", "name", "scope", "gap", "class_size", "others_gap", "right", "declared"),
     *("called", "sited", "sites_right", "covered", "intervals"),
@@ -36,10 +38,12 @@ EFFECT = (
 
 
 def read(folder: Path, block: str, size: str) -> tuple[list[dict], int]:
-    """The rows of a plan that are there, in its order, and the number planned."""
+    """The rows of a plan that are there, in its order, `kind` without what the rig adds; and the
+    number planned."""
     planned = trials(block, size)
     paths = [file_of(folder, kind, seed) for kind, seed in planned]
-    return [json.loads(path.read_text("utf-8")) for path in paths if path.exists()], len(planned)
+    rows = [json.loads(path.read_text("utf-8")) for path in paths if path.exists()]
+    return [{**row, "kind": row["kind"].partition("+")[0]} for row in rows], len(planned)
 
 
 def effects(rows: list[dict]) -> pd.DataFrame:
@@ -348,6 +352,30 @@ def confusion(table: pd.DataFrame) -> pd.DataFrame:
     return grouped
 
 
+def by_rig(rows: list[dict]) -> pd.DataFrame:
+    """Where nothing is left out but what a rig has: one row (RIG) a kind of its errors, in however
+    many of a recording's, and one for all; `named`: recordings in which an effect is, `flagged`:
+    something outside the catalogue. A recording that breaks off counts as both, for all."""
+    of = [{error["kind"] for error in row.get("rig", [])} for row in rows]
+    nulls = [
+        (row, kinds)
+        for row, kinds in zip(rows, of, strict=True)
+        if row["kind"] == "null" and (kinds or ("failed" in row and any(of)))
+    ]
+    made = []
+    for kind in ("any", *sorted(set().union(*(kinds for _, kinds in nulls)))):
+        own = [row for row, kinds in nulls if kind == "any" or kind in kinds]
+        counted = {
+            "named": sum("failed" in row or bool(row["said"]["effects"]) for row in own),
+            "flagged": sum("failed" in row or flagged(row) for row in own),
+        }
+        line = {"rig_error": kind, "n": len(own), **counted}
+        for what, hits in counted.items():
+            line[f"{what}_low"], line[f"{what}_high"] = wilson(hits, len(own))
+        made.append(line)
+    return pd.DataFrame(made, columns=list(RIG))
+
+
 def markdown(lines: pd.DataFrame, rows: list[dict], planned: int, block: str, size: str) -> str:
     """The summary as a table that says where it comes from."""
     versions = {row.get("code", "unknown") for row in rows}
@@ -380,7 +408,7 @@ def number(value: float, share: bool) -> str:
 
 def write(folder: Path, block: str, size: str) -> None:
     """Score the trials in folder/trials into folder: summary.csv and .md, effects.csv,
-    confusion.csv and other_calibration.csv."""
+    confusion.csv, other_calibration.csv and rig.csv."""
     rows, planned = read(folder / "trials", block, size)
     whole = [row for row in rows if "failed" not in row]
     table, lines = effects(whole), summary(rows)
@@ -390,6 +418,7 @@ def write(folder: Path, block: str, size: str) -> None:
         "effects": by_name(table),
         "confusion": confused,
         "other_calibration": reliable,
+        "rig": by_rig(rows),
     }
     for name, made in tables.items():
         with atomic_path(folder / f"{name}.csv") as path:

@@ -56,6 +56,7 @@ def trial(kind: str, seed: int) -> dict:
         "snr": case.snr,
         "snr_given_others": case.snr_given_others,
         "outside": case.outside,
+        "rig": [{"kind": error.kind, "size": error.size} for error in case.rig],
         "snr_left": snr_left(found.after.fit, case.clean),
         "true_gaps": true_gaps(found, case.effects, case.scopes),
         "said": said,

@@ -11,7 +11,7 @@ rule trials:
     benchmark:
         "benchmarks/trials/{block}/{size}-{batch}.tsv"
     wildcard_constraints:
-        block="development|report",
+        block="(?:ordinary-)?(?:development|report)",
         size="quick|full",
         batch=r"\d+",
     conda:
@@ -45,6 +45,7 @@ rule score_trials:
                 "effects.csv",
                 "confusion.csv",
                 "other_calibration.csv",
+                "rig.csv",
             ],
         ),
     log:

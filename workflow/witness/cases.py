@@ -1,7 +1,7 @@
 """Recordings in which one knows what is concealed.
 
     draw("single:contact-impedance", 7), draw("null", 1), draw("pair", 3), draw("outside:palm", 2),
-    draw("null", 1, generator="elements")
+    draw("null", 1, generator="elements"), draw("pair+rig", 3), draw("null+rig:spikes", 1)
 
 Sixteen electrodes, adjacent drives and pairs; what is drawn is in `draw`. Equal kinds and seeds
 give the same case bit for bit.
@@ -21,8 +21,9 @@ from eitskin.data import recording
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
-from witness import outside, strengths
+from witness import outside, rig_errors, strengths
 from witness.generators import GENERATORS, LAWS, Generator
+from witness.rig_errors import USUAL, RigError
 from witness.schedule import Keep, query_frames, recording_frames
 from witness.world import World
 
@@ -77,7 +78,8 @@ class Case:
     the signature that is left after an overall factor; `snr`: alone, `snr_given_others`: in its
     set); outside: {law, parameters, snr} or None; states, query: frames as the recording format has
     them; clean, voltage (N, M), query_clean (Q, M) V; noise_V (M,): sd; level: of the median |v|;
-    world: that made clean, with the bodies it solved.
+    world: that made clean, with the bodies it solved; rig: errors of the rig, by which `states` are
+    off those at which `clean` was made, and `voltage` off `clean`.
     """
 
     kind: str
@@ -98,6 +100,7 @@ class Case:
     query: pd.DataFrame
     query_clean: np.ndarray
     world: World
+    rig: tuple[RigError, ...] = ()
 
 
 class _Shown:
@@ -259,7 +262,8 @@ def draw(
     share: float | None = None,
 ) -> Case:
     """One case. kind: null, single:<name>, pair, triple or outside:<law>; or any word, where the
-    `names` of its effects are given. generator: who solves what is stored, of
+    `names` of its effects are given; with +rig, the same case recorded by a rig with errors, or
+    with +rig:<kind>,<kind> with these. generator: who solves what is stored, of
     `generators.GENERATORS`; strengths, and their SNR, are found by the boundary where it does the
     law. alike: as of `Alike`.
 
@@ -271,6 +275,7 @@ def draw(
     largest physical ones instead.
     Raises InputError for an unknown kind, or one that the generator cannot do.
     """
+    whole, (kind, _, rig) = kind, kind.partition("+")
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
     names, law = names_of(kind, rng, generator) if names is None else (names, None)
     least, most = (LEAST_LEVEL, MOST_LEVEL) if alike is None else alike.levels
@@ -376,8 +381,13 @@ def draw(
         "source": "simulation",
         "skin": believed.metadata(),
     }
+    query_clean = world.readings(query, effects, hidden, largest)
+    errors = _rig_errors(rig, kind, seed)
+    if rig_errors.magnitudes(errors):
+        metadata["voltage"] = "magnitude"
+        clean, query_clean = np.abs(clean), np.abs(query_clean)
     return Case(
-        kind=kind,
+        kind=whole,
         seed=seed,
         believed=believed,
         true=true,
@@ -387,15 +397,29 @@ def draw(
         snr_given_others=given,
         outside=other,
         metadata=metadata,
-        states=states,
+        states=rig_errors.reported(states, errors),
         clean=clean,
-        voltage=clean + noise * rng.standard_normal(clean.shape),
+        voltage=rig_errors.read(clean, errors, states, noise, rng),
         noise_V=noise,
         level=level,
         query=query,
-        query_clean=world.readings(query, effects, hidden, largest),
+        query_clean=query_clean,
         world=world,
+        rig=errors,
     )
+
+
+def _rig_errors(rig: str, kind: str, seed: int) -> tuple[RigError, ...]:
+    """What follows + in a kind: none, errors drawn, or those named; raises InputError."""
+    if not rig:
+        return ()
+    word, _, named = rig.partition(":")
+    kinds = named.split(",") if named else None
+    if word != "rig" or (kinds and not set(kinds) <= set(USUAL)):
+        expected = f"rig, or rig: and some of {', '.join(USUAL)}"
+        raise InputError("case", "kind", repr(f"+{rig}"), expected)
+    rng = np.random.default_rng([zlib.crc32(f"{kind}+rig".encode()), seed])
+    return tuple(rig_errors.draw(rng, kinds))
 
 
 def _strengths(show, makers: list[tuple], wanted: np.ndarray) -> list[tuple[float, float]]:
@@ -421,7 +445,7 @@ def _outside(rng, law: str, states, untouched_V, skin, free) -> outside.Outside:
 def write(case: Case, folder: str | Path) -> None:
     """recording.parquet, query.parquet and truth.json in a folder.
 
-    truth.json: {kind, seed, effects, scopes, snr, snr_given_others, outside, true (the skin),
+    truth.json: {kind, seed, effects, scopes, snr, snr_given_others, outside, rig, true (the skin),
     noise_V (M), level, query_voltage_V (Q x M, noise-free)}.
     """
     folder = Path(folder)
@@ -437,6 +461,7 @@ def write(case: Case, folder: str | Path) -> None:
         "snr": case.snr,
         "snr_given_others": case.snr_given_others,
         "outside": case.outside,
+        "rig": [{"kind": error.kind, "size": error.size} for error in case.rig],
         "true": case.true.metadata(),
         "noise_V": case.noise_V.tolist(),
         "level": case.level,

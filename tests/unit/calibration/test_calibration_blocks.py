@@ -36,6 +36,25 @@ def test_blocks_share_no_seed_and_sizes_are_nested():
     assert [kind for kind, _ in tuned] == [kind for kind, _ in told]
 
 
+@pytest.mark.parametrize("size", SIZES)
+def test_ordinary_rigs_record_the_same_skins(size):
+    plan = trials("ordinary-report", size)
+    assert all(kind.endswith("+rig") for kind, _ in plan)
+    bare = {(kind.removesuffix("+rig"), seed) for kind, seed in plan}
+    words = Counter(kind.partition(":")[0] for kind, _ in bare)
+    assert (
+        words
+        == {
+            "quick": {"null": 100, "single": len(DRAWN), "pair": 12},
+            "full": {"null": 300, "single": 4 * len(DRAWN), "pair": 40},
+        }[size]
+    )
+    shared = bare & set(trials("report", size))
+    assert len(shared) >= min(len(bare), len(trials("report", size))) / 3
+    tuned = trials("ordinary-development", size)
+    assert not {seed for _, seed in tuned} & {seed for _, seed in plan}
+
+
 def test_the_witness_knows_every_kind():
     for kind in {kind for kind, _ in trials("report", "full")} - {"pair", "triple"}:
         names_of(kind, None)

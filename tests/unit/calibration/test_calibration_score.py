@@ -302,13 +302,26 @@ def test_a_part_of_a_block_is_scored_and_says_so(tmp_path):
     figures.write(tmp_path)
     names = {path.name for path in tmp_path.iterdir() if path.is_file()}
     drawn = {f"{n}.{s}" for n in ("confusion", "other_calibration") for s in ("svg", "png", "csv")}
-    assert names == drawn | {"summary.csv", "summary.md", "effects.csv"}
+    assert names == drawn | {"summary.csv", "summary.md", "effects.csv", "rig.csv"}
     text = (tmp_path / "summary.md").read_text()
     there = len(list((tmp_path / "trials").iterdir()))
     whole = len(trials("development", "quick"))
     assert f"{there} of {whole} recordings" in text
     assert "snakemake --cores 2 calibrate_diagnosis" in text
     assert "names never drawn: none." in text
+
+
+def test_false_alarms_are_told_by_what_the_rig_had():
+    rows = [row("null", seed) | {"rig": [{"kind": "spikes", "size": 1e-3}]} for seed in range(4)]
+    rows[0]["rig"].append({"kind": "gain-walk", "size": 1e-3})
+    rows[0]["said"]["effects"] = [found("offset")]
+    rows.append({"kind": "null", "seed": 9, "failed": "why"})
+    rows.append(row("null", 10))
+    table = score.by_rig(rows).set_index("rig_error")
+    assert table["n"].to_dict() == {"any": 5, "gain-walk": 1, "spikes": 4}
+    assert table["named"].to_dict() == {"any": 2, "gain-walk": 1, "spikes": 1}
+    assert table["flagged"].to_dict() == {"any": 1, "gain-walk": 0, "spikes": 0}
+    assert table.loc["any", "named_low"] == pytest.approx(wilson(2, 5)[0])
 
 
 def test_nothing_to_score_is_no_success():
