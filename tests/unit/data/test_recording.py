@@ -362,6 +362,16 @@ def test_every_one_of_several_touches_must_meet_the_skin(full_recording, tmp_pat
         recording.write(full_recording, tmp_path / "touches.parquet")
 
 
+def test_one_contact_may_scatter_by_millimetres(full_recording, tmp_path):
+    full_recording.touches = None
+    touch = full_recording.frames["touch"].to_numpy()
+    scatter = np.random.default_rng(1).uniform(-3.0, 3.0, touch.sum())
+    full_recording.frames.loc[touch, "x_mm"] += scatter
+    recording.write(full_recording, tmp_path / "contact.parquet")
+    told = recording.read(tmp_path / "contact.parquet").frames
+    assert told["contact"].equals(full_recording.frames["contact"])
+
+
 def test_one_contact_at_several_places_is_refused(full_recording, tmp_path):
     touch = full_recording.frames["touch"]
     rows = np.flatnonzero(touch)

@@ -62,6 +62,7 @@ CHOICES = {
 }
 ABSOLUTE_ZERO_C = -273.15
 ONE_PLACE_MM = 1.0  # positions this near are one place
+ONE_PRESS_MM = 10.0  # as far as a robot that is told of one press may be off
 MOST_ELECTRODES = 1024
 CLOCK_ROUNDING = 1e-6
 
@@ -467,18 +468,19 @@ def _check_clock(file: str | Path, recording: Recording) -> None:
 
 
 def _check_contacts(file: str | Path, frames: pd.DataFrame) -> None:
-    """Refuse one press, by its session and `contact`, at more than one place."""
+    """Refuse one press, by its session and `contact`, at places that are no one's scatter."""
     if "contact" not in frames:
         return
     touched = frames[frames["touch"].to_numpy(dtype=bool)]
     by = ["session", "contact"] if "session" in frames else ["contact"]
     places = touched.groupby(by, sort=False, dropna=False)[["x_mm", "y_mm"]]
     away = (touched[["x_mm", "y_mm"]] - places.transform("first")).to_numpy(dtype=float)
-    wrong = np.flatnonzero(np.hypot(*away.T) > ONE_PLACE_MM)
+    wrong = np.flatnonzero(np.hypot(*away.T) > ONE_PRESS_MM)
     if len(wrong):
         row = int(touched.index[wrong[0]])
         found = f"{touched['contact'][row]} again, {np.hypot(*away[wrong[0]]):.3g} mm away"
-        raise InputError(file, f"column contact, row {row}", found, "one number a press, one place")
+        expected = f"one number a press, within {ONE_PRESS_MM:g} mm"
+        raise InputError(file, f"column contact, row {row}", found, expected)
 
 
 def _check_on_skin(file: str | Path, recording: Recording) -> None:
