@@ -201,6 +201,7 @@ def draw(kind: str, seed: int, paths: dict[str, Path] | None = None) -> Planted:
         query=query,
         query_clean=None,
         world=None,
+        rig=(),
         fault=planted,
     )
 

@@ -81,7 +81,11 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     recording.write(recorded, source)
     found = diagnosis.diagnose(recorded, progress=True)
     result.write(found, name, folder, SCHEMA, arguments.query)
-    page.write(folder, source, SCHEMA, folder / "report.html")
+    predicted = folder / "predicted.parquet"
+    if arguments.query is None:
+        predicted.unlink(missing_ok=True)  # an earlier query's
+        predicted = None
+    page.write(folder, source, SCHEMA, folder / "report.html", predicted)
     said = result.result(found, name)
     print(words.VERDICTS[said["verdict"]])
     for effect in said["effects"]:

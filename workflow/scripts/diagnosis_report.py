@@ -8,4 +8,5 @@ from eitskin.errors import reported
 with reported(snakemake.log[0]):
     files = snakemake.input
     folder = Path(files.diagnosis).parent
-    page.write(folder, files.recording, files.schema, snakemake.output.html)
+    predicted = files.get("predicted") or None
+    page.write(folder, files.recording, files.schema, snakemake.output.html, predicted)

@@ -100,7 +100,7 @@ class Case:
     query: pd.DataFrame
     query_clean: np.ndarray
     world: World
-    rig: tuple[RigError, ...] = ()
+    rig: tuple[RigError, ...]
 
 
 class _Shown:

@@ -116,9 +116,7 @@ def write(
     said = result(found, name)
     validation.validate(said, schema, folder / "diagnosis.json")
     (folder / "evidence").mkdir(parents=True, exist_ok=True)
-    if query_path is None:
-        (folder / "predicted.parquet").unlink(missing_ok=True)
-    else:
+    if query_path is not None:
         voltage, sd = predict(found, read_query(query_path, found.recorded))
         _write_predicted(query_path, voltage, sd, folder / "predicted.parquet")
     _write_evidence(found, folder / "evidence")

@@ -82,8 +82,14 @@ class Evidence:
     hashes: dict[str, str]
 
 
-def read(folder: str | Path, recording_path: str | Path, schema: str | Path) -> Evidence:
-    """Read the folder of a diagnosis and the recording that it is of.
+def read(
+    folder: str | Path,
+    recording_path: str | Path,
+    schema: str | Path,
+    predicted: str | Path | None = None,
+) -> Evidence:
+    """Read the folder of a diagnosis, the recording that it is of and what it predicted of a query,
+    where there was one.
 
     Raises InputError naming the file, the key or column, what was found and what was expected.
     """
@@ -94,9 +100,8 @@ def read(folder: str | Path, recording_path: str | Path, schema: str | Path) -> 
     experiment = _json(inside / "experiment.json")
     _check_experiment(experiment, inside / "experiment.json")
     tables = {name: _table(inside / f"{name}.csv", columns) for name, columns in TABLES.items()}
-    query = folder / "predicted.parquet"
     taken = [Path(recording_path), folder / "diagnosis.json", folder / "effects.yaml"]
-    taken += [query] if query.is_file() else []
+    taken += [] if predicted is None else [Path(predicted)]
     taken += [inside / "residuals.npz", *(inside / f"{name}.csv" for name in TABLES)]
     taken.append(inside / "experiment.json")
     return Evidence(
@@ -104,7 +109,7 @@ def read(folder: str | Path, recording_path: str | Path, schema: str | Path) -> 
         **_residuals(inside / "residuals.npz"),
         tables=tables,
         experiment=experiment,
-        predicted=_predicted(query) if query.is_file() else None,
+        predicted=None if predicted is None else _predicted(Path(predicted)),
         recording=recording.read(recording_path),
         hashes={path.name: _sha256(path) for path in taken},
     )

@@ -68,13 +68,18 @@ code { font-size: 0.93em; overflow-wrap: anywhere; }
 
 
 def write(
-    folder: str | Path, recording_path: str | Path, schema: str | Path, out: str | Path
+    folder: str | Path,
+    recording_path: str | Path,
+    schema: str | Path,
+    out: str | Path,
+    predicted: str | Path | None = None,
 ) -> None:
-    """Write the report of the diagnosis in `folder` to `out`, and figures/*.svg, *.png beside it.
+    """Write the report of the diagnosis in `folder` to `out`, and figures/*.svg, *.png beside it;
+    predicted: what was predicted of a query, where there was one.
 
     Equal inputs give equal bytes. Raises InputError as `evidence.read` does.
     """
-    found = evidence.read(folder, recording_path, schema)
+    found = evidence.read(folder, recording_path, schema, predicted)
     drawn = figures.draw(found)
     inline = {}
     for name, figure in drawn.items():
