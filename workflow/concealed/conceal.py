@@ -23,6 +23,7 @@ from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.search.search import MOST_SOLVED
 from eitskin.errors import InputError
 from eitskin.physics.solver import Spent
+from witness import rig_errors
 from witness.cases import Alike, Case, draw
 from witness.generators import GENERATORS
 
@@ -34,11 +35,13 @@ KNOWN_DOF = 1e9  # of a noise that is known
 
 @dataclass(frozen=True)
 class Sizes:
-    """Frames of every simulated recording and query, and cases of the block."""
+    """Frames of every simulated recording and query, cases of the block, and whether the rigs that
+    recorded them have errors of their own."""
 
     cases: int
     frames: int
     query_frames: int
+    rig: bool = False
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,8 @@ def case_of(planned: Planned, sizes: Sizes) -> Case:
         return planted.draw(planned.kind, planned.seed)
     names = None if planned.names is None else list(planned.names)
     alike = Alike(sizes.query_frames, planned.deep, (LEAST_LEVEL, MOST_LEVEL))
-    return draw(planned.kind, planned.seed, sizes.frames, planned.generator, names, alike)
+    kind = planned.kind + ("+rig" if sizes.rig else "")
+    return draw(kind, planned.seed, sizes.frames, planned.generator, names, alike)
 
 
 def shown(case: Case, planned: Planned, root: bytes, name: str) -> Shown:
@@ -84,7 +88,8 @@ def shown(case: Case, planned: Planned, root: bytes, name: str) -> Shown:
     if gaps is None:
         gaps = gaps_at(case, noise)
     rng = np.random.default_rng(int.from_bytes(sealing.derived(root, "noise", name)))
-    return Shown(case.clean + noise * rng.standard_normal(case.clean.shape), noise, level, gaps)
+    voltage = rig_errors.read(case.clean, case.rig, case.true_states, noise, rng)
+    return Shown(voltage, noise, level, gaps)
 
 
 def smallest(gaps: list | None) -> float | None:
@@ -98,7 +103,7 @@ def gaps_at(case: Case, noise_V: np.ndarray) -> list | None:
     recording; None of one without effects, or where they take more than a whole diagnosis may."""
     if not case.effects:
         return None
-    clean = Recording(case.states, case.clean, None, None, dict(case.metadata))
+    clean = Recording(case.true_states, case.clean, None, None, dict(case.metadata))
     _, search = begun(clean, 1)
     problem, _ = problem_of(clean, Noise(noise_V, KNOWN_DOF, "known"))
     search = replace(search, problem=problem)
@@ -117,7 +122,8 @@ def likeness(case: Case, seen: Shown, seed: int) -> dict:
     each of a real recording, which nobody knows without."""
     if case.clean is None:
         return {"similarity": None, "changed": None}
-    plain = case.world.readings(case.states, [])
+    plain = case.world.readings(case.true_states, [])
+    plain = np.abs(plain) if rig_errors.magnitudes(case.rig) else plain
     factor = float((plain * case.clean).sum() / (plain**2).sum())
     return {
         "similarity": moves(seen.voltage, plain, case.clean, seen.noise_V, seed),
@@ -143,6 +149,7 @@ def truth_of(
         "snr_given_others": [snr / louder for snr in case.snr_given_others],
         "outside": outside,
         "fault": getattr(case, "fault", None),
+        "rig": [{"kind": error.kind, "size": error.size} for error in case.rig],
         "gaps": seen.gaps,
         "gap_wanted": planned.gap,
         "gap_reached": smallest(seen.gaps),

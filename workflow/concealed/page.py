@@ -46,6 +46,7 @@ def _case(row: dict) -> dict:
         "gap_wanted": row["strength"],
         "gap": scoring.smallest_gap(row),
         "noise_share": row["level"],
+        "rig": _joined(f"{error['kind']} {error['size']:g}" for error in row["rig"]),
         "changed": row["changed"],
         **{
             f"{measure}_{key}": told[key]

@@ -50,8 +50,8 @@ class Planted(Case):
     effects: the fault where it is one of the catalogue, which lost channels are not. noise_V: what
     `eitskin.diagnose.noise` estimates of the unharmed excerpt, level: its median over the median
     |v|; snr: of the fault in one frame, in that noise, after an overall factor. Nobody knows true,
-    clean, query_clean and world: None. query: the untouched frames that follow, or the last one
-    again.
+    clean, query_clean, world and true_states: None. query: the untouched frames that follow, or
+    the last one again.
     """
 
     fault: dict | None
@@ -202,6 +202,7 @@ def draw(kind: str, seed: int, paths: dict[str, Path] | None = None) -> Planted:
         query_clean=None,
         world=None,
         rig=(),
+        true_states=None,
         fault=planted,
     )
 

@@ -67,6 +67,7 @@ def _row(block: Path, case: str) -> dict:
         "true_gaps": truth["gaps"] or [None] * len(truth["effects"]),
         "outside": truth["outside"],
         "fault": truth.get("fault"),
+        "rig": truth.get("rig", []),
         "control": best.get("control"),
         "level": truth["level"],
         "changed": truth["changed"],

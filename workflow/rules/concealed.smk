@@ -29,6 +29,7 @@ for block, number, cases in numbered(UNSEALED):
                 "cases": BLOCKS[block]["cases"],
                 "frames": CONCEALED["frames"],
                 "query_frames": CONCEALED["query_frames"],
+                "rig": BLOCKS[block].get("rig", False),
             },
             code=fingerprint("conceal", CATALOGUE + IMPORTERS),
         message:

@@ -79,7 +79,7 @@ class Case:
     set); outside: {law, parameters, snr} or None; states, query: frames as the recording format has
     them; clean, voltage (N, M), query_clean (Q, M) V; noise_V (M,): sd; level: of the median |v|;
     world: that made clean, with the bodies it solved; rig: errors of the rig, by which `states` are
-    off those at which `clean` was made, and `voltage` off `clean`.
+    off the true_states, at which `clean` was made, and `voltage` off `clean`.
     """
 
     kind: str
@@ -101,6 +101,7 @@ class Case:
     query_clean: np.ndarray
     world: World
     rig: tuple[RigError, ...]
+    true_states: pd.DataFrame
 
 
 class _Shown:
@@ -406,6 +407,7 @@ def draw(
         query_clean=query_clean,
         world=world,
         rig=errors,
+        true_states=states,
     )
 
 

@@ -3,6 +3,7 @@
 import io
 import json
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -225,6 +226,21 @@ def test_snr_follows_the_noise(block):
 
 
 @pytest.mark.long
+def test_a_rig_with_errors_records_the_same_skin():
+    planned = PLAN["case-002"]
+    plain = conceal.case_of(planned, SIZES)
+    case = conceal.case_of(planned, replace(SIZES, rig=True))
+    assert case.rig and case.believed == plain.believed and case.effects == plain.effects
+    assert case.true_states.equals(plain.states)
+    seen = conceal.shown(case, planned, ROOT, "case-002")
+    truth, arrays = conceal.truth_of("case-002", planned, case, seen, "salt", "code")
+    assert [error["kind"] for error in truth["rig"]] == [error.kind for error in case.rig]
+    assert seen.voltage.shape == case.clean.shape == arrays["clean_V"].shape
+    unharmed = conceal.shown(plain, planned, ROOT, "case-002").voltage
+    told_off = not case.states.equals(plain.states)
+    assert told_off or not np.array_equal(seen.voltage, unharmed, equal_nan=True)
+
+
 def test_gaps_that_take_more_than_a_diagnosis_may_are_unknown(monkeypatch):
     planned = next(one for one in PLAN.values() if one.gap is not None)
     case = conceal.case_of(planned, SIZES)

@@ -68,6 +68,7 @@ def a_row(number, kind, truth=(), gap=8.0, outside=None, off=0.0):
         "true_gaps": [[["common-mode", gap + 0.1]] for _ in truth],
         "outside": outside,
         "level": 1e-3,
+        "rig": [],
         "similarity": {
             measure: {"plain": 0.1, "change": 0.01, "moved": kind == "pair"} for measure in MEASURES
         },
