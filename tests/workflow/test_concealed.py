@@ -2,7 +2,6 @@
 
 import base64
 import json
-import shutil
 
 import pytest
 
@@ -118,8 +117,7 @@ def test_a_sealed_block_is_never_planned_again(house):
 
 def test_code_of_verdicts_reruns_these_before_the_seal_and_draws_nothing_again(house):
     (house.folder / DEMO / "seal.json").unlink()
-    shutil.rmtree(house.folder / OPENED)
-    (house.folder / DEMO / "score" / "score.md").unlink()
+    (house.folder / OPENED / "opened.json").unlink()
     path = house.folder / "workflow" / "concealed" / "verdicts.py"
     path.write_text(f"{path.read_text(encoding='utf-8')}\nUNUSED = 1\n")
     planned = house.jobs("concealed_demo")

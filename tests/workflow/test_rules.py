@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from eitskin.data import importers
+from eitskin.effects import catalogue_names, modules
+
 pytestmark = pytest.mark.xdist_group("finished")
 
 LISTED = """
@@ -16,7 +19,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from eitskin import fingerprint
 
-fingerprint.fingerprint = lambda script, *_, **__: script
+fingerprint.fingerprint = lambda script, found=None, files=(): (script, found, list(files))
 from snakemake.api import SnakemakeApi
 from snakemake.settings.types import ConfigSettings, OutputSettings, Quietness, ResourceSettings
 
@@ -33,6 +36,7 @@ with SnakemakeApi(OutputSettings(quiet={Quietness.ALL})) as api:
         found[rule.name] = rule.script, code(some) if callable(code) else code
 print(json.dumps(found))
 """
+SCHEMA = "workflow/schemas/diagnosis.schema.yaml"
 ON_REQUEST = {"trials", "capture"}  # hours of work, and a robot: no code plans them again
 
 
@@ -56,7 +60,29 @@ def test_every_rule_goes_by_the_code_of_its_own_script(rules):
         if script is None or name in ON_REQUEST:
             assert code is None, name
         else:
-            assert code == Path(script).stem, name
+            assert code[0] == Path(script).stem, name
+
+
+def test_what_code_finds_by_name_and_what_it_reads_is_told(rules):
+    told = {name: (set(code[1] or ()), code[2]) for name, (_, code) in rules.items() if code}
+    catalogue = set(modules(catalogue_names()))
+    ellipse = {"eitskin.effects.ellipse"}
+    learned = {"eitskin.learn.networks"}
+    formats = set(importers.modules())
+    assert told["import_recording"][0] == formats
+    assert told["perturb"][0] == {"eitskin.effects.crosstalk"}
+    assert told["skin_effects"][0] == ellipse | {"eitskin.effects.electrode_position"}
+    assert told["twin"][0] == {"eitskin.effects.contact_impedance"}
+    for name in ("diagnose", "diagnose_with_query", "diagnose_loop", "diagnosis_report"):
+        assert told[name] == (catalogue, [SCHEMA])
+    for name in ("train_predictor", "evaluate", "predict", "transfer_source", "ablation_tuned"):
+        assert told[name][0] == learned
+    for name in ("conceal_demo_0", "oracle_demo_0", "concealed_score", "concealed_case"):
+        assert told[name][0] == catalogue | formats
+    assert told["verdicts_demo_0"] == (catalogue, [SCHEMA])
+    assert told["loop_errors"][0] == catalogue | ellipse | learned
+    assert ellipse < told["table_2"][0] and len(told["table_2"][1]) == 1
+    assert len(told["table_1"][1]) == 1 and len(told["figure_2"][1]) > 20
 
 
 def test_every_script_belongs_to_a_rule(rules, fresh):

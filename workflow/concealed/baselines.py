@@ -43,8 +43,9 @@ from eitskin.diagnose.search.search import (
 from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.tangents import Tangents
 from eitskin.diagnose.whitening import Whitening
-from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
+from eitskin.effects.ellipse import Ellipse
+from eitskin.effects.mains_interference import MainsInterference
 
 NAMING = ("everything", "matched-filter", "lasso")
 METHODS = ("none", *NAMING, "equation-9", "gp", "mlp")
@@ -93,7 +94,7 @@ def linear(search: Search, fitted: Fit, recorded: Recording, query: Recording) -
     there = _unwhitened(fitted, recorded, query)
     candidates = [c for c in search.candidates if not discrete(c) and c.name != MAINS]
     like = candidates[0]
-    tone = tones.score(here, EFFECTS[MAINS], like.skin, like.scales)
+    tone = tones.score(here, MainsInterference(), like.skin, like.scales)
     candidates += [] if tone is None else [tone.candidate]
     columns, own, asked, groups, at = [], [], [], [], {}
     for candidate in candidates:
@@ -298,7 +299,7 @@ def equation_9(search: Search, fitted: Fit) -> Fit:
     their mirrored draw is not imposed.
     """
     like = search.candidates[0]
-    ellipse = Candidate(EFFECTS["ellipse"], None, None, "", {}, like.skin, like.scales)
+    ellipse = Candidate(Ellipse(), None, None, "", {}, like.skin, like.scales)
     own = {c.name: c for c in search.candidates if c.scope in ("", "dense")}
     effects = [ellipse, *(own[name] for name in EQUATION_9[1:] if name in own)]
     start = np.r_[fitted.theta, np.zeros(sum(c.size for c in effects))]

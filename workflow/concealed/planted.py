@@ -11,8 +11,6 @@ are left out: they lack the untouched frames, which is all that can be simulated
 measured a force.
 """
 
-import os
-import string
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -21,9 +19,9 @@ from zlib import crc32
 
 import numpy as np
 import pandas as pd
-import yaml
 
 from calibration.judge import site_kind, sites_right
+from concealed.real_sets import listed
 from eitskin.data import importers
 from eitskin.data.recording import Recording, presses
 from eitskin.diagnose.noise import estimate
@@ -31,7 +29,6 @@ from eitskin.errors import InputError
 from witness import laws, strengths
 from witness.cases import Case, scaled, signature
 
-REAL = Path(__file__).parents[1] / "config" / "real.yaml"
 FEWEST, MOST = 100, 150  # frames of an excerpt
 QUERIED = 40  # frames of a query, at most
 SNR = (8.0, 40.0)  # of one frame's share, in the excerpt's own noise
@@ -62,12 +59,10 @@ def sets() -> dict[str, Path]:
 
     Those that are absent are left out, with a warning each.
     """
-    listed = yaml.safe_load(REAL.read_text("utf-8"))["recordings"]
     there = {}
-    for name, item in listed.items():
-        path = string.Template(item["path"]).safe_substitute(os.environ)
-        if Path(path).exists():
-            there[name] = Path(path)
+    for name, path in listed().items():
+        if path.exists():
+            there[name] = path
         else:
             message = f"SKIPPED: no real recording {name} at {path}; set EITSKIN_DATA"
             warnings.warn(message, stacklevel=2)

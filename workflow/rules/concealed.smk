@@ -31,6 +31,7 @@ for block, number, cases in numbered(UNSEALED):
                 "query_frames": CONCEALED["query_frames"],
                 "rig": BLOCKS[block].get("rig", False),
             },
+            real=REAL_SETS,
             code=fingerprint("conceal", CATALOGUE + IMPORTERS),
         message:
             f"Concealing effects in recordings: {block}, batch {number}"
@@ -97,7 +98,7 @@ for block, number, cases in numbered(UNSEALED):
             "../scripts/baselines.py"
 
 
-for block, number, cases in numbered(UNSCORED):
+for block, number, cases in numbered(UNFITTED):
 
     rule:
         name:

@@ -2,6 +2,7 @@ from pathlib import Path
 
 from concealed.naming import batches as case_batches
 from concealed.naming import names as case_names
+from concealed.real_sets import listed
 
 CONCEALED = config["concealed"]
 BLOCKS = CONCEALED["blocks"]
@@ -11,12 +12,22 @@ IN_USE = sorted({DEMO, CONCEALED["block"]})  # rules are made for these alone
 
 
 def before(file):
-    """The blocks in use that lack a file: what leads to it is not planned again once it is there,
-    for who has seen the truths draws, diagnoses and fits nothing anew."""
-    return [block for block in IN_USE if not Path(PUBLIC, block, file).exists()]
+    """The blocks in use that lack a file, or one of every case where its name holds {case}: what leads
+    to it is not planned again once it is there, for who has seen the truths draws, diagnoses and fits
+    nothing anew."""
+
+    def there(block):
+        names = case_names(BLOCKS[block]["cases"])
+        return all(Path(PUBLIC, block, file.format(case=case)).exists() for case in names)
+
+    return [block for block in IN_USE if not there(block)]
 
 
-UNSEALED, UNOPENED, UNSCORED = map(before, ("seal.json", "opened", "score/score.md"))
+UNSEALED = before("seal.json")
+UNOPENED = before("opened/opened.json")
+UNFITTED = before("oracle/{case}.json")  # by the oracle
+# What some cases are made of.
+REAL_SETS = [str(path) for path in listed().values() if path.exists()]
 
 
 def of_every_case(template):

@@ -138,7 +138,7 @@ rule figure_2:
         runtime=5,
     params:
         targets=[
-            "all",
+            "table_1",
             f"results/diagnosis/{config['figures']['recording']}/report.html",
             "table_2",
             "figure_1",

@@ -30,7 +30,15 @@ rule twin:
 
 rule import_recording:
     input:
-        lookup(dpath="recordings/{recording}/path", within=config),
+        lambda wildcards: list(
+            map(
+                str,
+                importers.files(
+                    config["recordings"][wildcards.recording]["path"],
+                    config["recordings"][wildcards.recording].get("format"),
+                ),
+            )
+        ),
     output:
         "results/recordings/{recording}.parquet",
     log:

@@ -10,7 +10,6 @@ import numpy as np
 
 from witness.curves import Shape
 
-SKIN_DRIVERS = ("contact-drift", "conductivity-drift", "force-dependent-impedance")
 SITES = ("electrodes", "drives", "measures", "channels")
 
 

@@ -426,3 +426,17 @@ def test_no_driven_reading_is_called_live_by_the_loggers_rule():
     assert all(
         (index % 16 - index // 16) % 16 in {15, 0, 1} for index in set(range(256)) - set(live)
     )
+
+
+def test_what_is_read_is_told_before_it_is_read(tmp_path):
+    pair = [tmp_path / f"{name}_noPattern.csv" for name in ("inp", "out")]
+    for path in pair:
+        path.write_text("0\n")
+    frames = tmp_path / "water"
+    frames.mkdir()
+    for k in (1, 2):
+        (frames / f"water_{k}.txt").write_text("#MEAS\n")
+    assert importers.files(pair[0], "patterned-skin") == pair
+    assert importers.files(frames) == [frames, *sorted(frames.iterdir())]
+    for other in (tmp_path / "absent.parquet", pair[0].with_name("text.md")):
+        assert importers.files(other) == [other]

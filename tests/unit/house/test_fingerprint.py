@@ -187,6 +187,14 @@ def _names(node):
     return [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
 
 
+def test_an_effect_that_code_names_is_imported_as_what_a_configuration_names_is_told():
+    for path in (ROOT / "workflow").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            named = isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant)
+            if named and isinstance(node.value, ast.Name):
+                assert node.value.id not in ("EFFECTS", "MODELS", "FORMATS"), path
+
+
 def test_numbers_do_not_know_the_style_of_figures():
     drawing = {script for script in SCRIPTS if "eitskin.plotting" in with_found(script)}
     assert drawing == {

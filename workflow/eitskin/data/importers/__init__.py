@@ -1,7 +1,7 @@
 """Other laboratories' files as recordings; one module a format.
 
-A format is a module of its name with `matches(path) -> bool`, by content, and `load(path) ->
-Recording`; FORMATS has a line for each.
+A format is a module of its name with `matches(path) -> bool`, by content, `load(path) -> Recording`
+and, where that reads more than one file, `files(path) -> list[Path]`; FORMATS has a line for each.
 """
 
 from importlib import import_module
@@ -33,6 +33,18 @@ def known() -> list[str]:
 def modules() -> list[str]:
     """The modules of all formats."""
     return [module.__name__ for module in FORMATS.values()]
+
+
+def files(path: str | Path, format: str | None = None) -> list[Path]:
+    """What `load` reads: the path itself, which may be a folder, then files inside or beside it.
+    Of a path that nothing can be read from yet, itself alone."""
+    path = Path(path)
+    try:
+        module = FORMATS.get(format or _detect(path))
+    except (InputError, OSError, ValueError):
+        module = None
+    more = module.files(path) if hasattr(module, "files") else []
+    return list(dict.fromkeys([path, *more]))
 
 
 def load(path: str | Path, format: str | None = None) -> Recording:

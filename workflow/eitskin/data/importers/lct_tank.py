@@ -30,18 +30,18 @@ SOURCE = "eidors3d/eidors-readonly, ds_tank_phantom/{name}"
 
 def matches(path: Path) -> bool:
     """Whether the file, or the first of a folder, begins as the LCT's do."""
-    return all(first_line(file) == "#MEAS" for file in _files(path)[:1]) and bool(_files(path))
+    return all(first_line(file) == "#MEAS" for file in files(path)[:1]) and bool(files(path))
 
 
 def load(path: Path) -> Recording:
     """One frame a file; raises InputError where a file is cut short or a folder mixes states."""
-    files = _files(path)
-    if not files:
+    found = files(path)
+    if not found:
         raise InputError(path, "folder", "no *.txt", "repeats of one state")
-    states = sorted({re.sub(r"_\d+$", "", file.stem) for file in files})
-    if len(files) > 1 and len(states) > 1:
+    states = sorted({re.sub(r"_\d+$", "", file.stem) for file in found})
+    if len(found) > 1 and len(states) > 1:
         raise InputError(path, "folder", f"states {states}", "repeats of one, named NAME_<number>")
-    readings = sorted((_read(file) for file in files), key=lambda reading: reading[0])
+    readings = sorted((_read(file) for file in found), key=lambda reading: reading[0])
     moments = np.array([(date - readings[0][0]).total_seconds() for date, _ in readings])
     table = np.stack([table for _, table in readings])
     metadata = describe(
@@ -52,11 +52,12 @@ def load(path: Path) -> Recording:
         unit="V",
         clock="measured",
     )
-    frames = frames_table(moments, np.zeros(len(files), dtype=bool))
+    frames = frames_table(moments, np.zeros(len(found), dtype=bool))
     return Recording(frames, table[:, :, 0], table[:, :, 1], None, metadata)
 
 
-def _files(path: Path) -> list[Path]:
+def files(path: Path) -> list[Path]:
+    """The frames, one a file."""
     return sorted(path.glob("*.txt")) if path.is_dir() else [path]
 
 

@@ -66,3 +66,8 @@ def _pair(path: Path) -> tuple[Path, Path] | None:
         return None
     rest = path.name[4:]
     return path.with_name(f"inp_{rest}"), path.with_name(f"out_{rest}")
+
+
+def files(path: Path) -> list[Path]:
+    """Both of a pair."""
+    return list(_pair(path) or [])
