@@ -58,7 +58,6 @@ use rule train_predictor as ablation_predictor with:
     wildcard_constraints:
         setting=f"{any_of(SETTINGS)}|{any_of(GRIDS)}",
     params:
-        model="{model}",
         optimiser=optimiser_of,
         force_weight=lambda wildcards: setting_of(wildcards)["force_weight"],
         lambda_latent=lambda wildcards: (

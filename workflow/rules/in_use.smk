@@ -17,4 +17,4 @@ def names_of(effects):
 
 def of_model(script):
     """A param: the fingerprint of a script that makes or applies the model of its job."""
-    return lambda wildcards: fingerprint(script, [models.module(wildcards.model)])
+    return lambda wildcards: fingerprint(script, [models.model(wildcards.model).module])

@@ -90,7 +90,6 @@ rule train_predictor:
         mem_mb=2000,
         runtime=240,
     params:
-        model="{model}",
         optimiser=by_gradients(OPTIMISER, {}),
         force_weight=by_gradients(config["training"]["force_weight"], 1.0),
         lambda_latent=lambda wildcards: (

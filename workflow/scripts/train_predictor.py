@@ -10,4 +10,4 @@ with reported(snakemake.log[0]):
     part = splits.read(files.split, data.table)
     job = (snakemake.output[0], Optimiser(**params.optimiser), Budget(**params.budget))
     loss = (params.force_weight, params.lambda_latent, files.teachers)
-    train_predictor(data, part, params.model, *job, params.draw, params.seed, *loss)
+    train_predictor(data, part, snakemake.wildcards.model, *job, params.draw, params.seed, *loss)

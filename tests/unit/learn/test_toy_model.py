@@ -87,4 +87,4 @@ def test_the_configuration_and_the_rules_know_it():
         for start in ("", models.PHYSICS_INFORMED)
         for name in ("autoencoder-mlp", "toy-latent-line")
     }
-    assert models.module("physics-informed-toy-line") == "eitskin.learn.toy_lines"
+    assert models.model("physics-informed-toy-line").module == "eitskin.learn.toy_lines"

@@ -18,10 +18,14 @@ class Model:
     support_vectors: bool = False
 
     @property
+    def module(self) -> str:
+        """The module of that function."""
+        return f"eitskin.learn.{self.made_by.partition('.')[0]}"
+
+    @property
     def make(self) -> Callable:
         """The function that makes it."""
-        module, _, name = self.made_by.partition(".")
-        return getattr(importlib.import_module(f"eitskin.learn.{module}"), name)
+        return getattr(importlib.import_module(self.module), self.made_by.partition(".")[2])
 
 
 MODELS = {  # in the order of the paper's table
@@ -34,11 +38,6 @@ MODELS = {  # in the order of the paper's table
     "cnn-transformer": Model("networks.cnn_transformer"),
 }
 PHYSICS_INFORMED = "physics-informed-"  # before any network's name: trained by equation 8
-
-
-def module(name: str) -> str:
-    """The module that makes a model, by its row's name; raises as `model`."""
-    return f"eitskin.learn.{model(name).made_by.partition('.')[0]}"
 
 
 def names() -> list[str]:
