@@ -310,7 +310,7 @@ def compare(recorded: Recording, query: Recording, seed: int) -> tuple[dict, dic
     """Every method of METHODS on one recording: the effects that it names (None: it names none),
     and its prediction (Q, M) of the query, in the recording's unit."""
     recorded = excerpt(recorded)
-    noise, search = begun(recorded, seed)
+    noise, search, _ = begun(recorded, seed)
     before = search.calibrated().fit
     plain = simulator(before, recorded, query)(before.theta)
     made = linear(search, before, recorded, query)

@@ -104,7 +104,7 @@ def gaps_at(case: Case, noise_V: np.ndarray) -> list | None:
     if not case.effects:
         return None
     clean = Recording(case.true_states, case.clean, None, None, dict(case.metadata))
-    _, search = begun(clean, 1)
+    _, search, _ = begun(clean, 1)
     problem, _ = problem_of(clean, Noise(noise_V, KNOWN_DOF, "known"))
     search = replace(search, problem=problem)
     try:

@@ -41,7 +41,7 @@ class Refit:
     def of(cls, recorded: Recording, seed: int) -> "Refit":
         """As a diagnosis with this seed begins."""
         thinned = excerpt(recorded)
-        _, search = begun(thinned, seed)
+        _, search, _ = begun(thinned, seed)
         return cls(thinned, replace(search, share=math.inf), search.calibrated())
 
     def with_effects(self, items: list[dict], scopes: list[str]) -> State | None:

@@ -13,10 +13,11 @@ from eitskin.diagnose.candidates import Scales, catalogue
 from eitskin.diagnose.excerpt import excerpt
 from eitskin.diagnose.fit import Fit, Problem, difference
 from eitskin.diagnose.gaps import Gap, gaps, strengths
-from eitskin.diagnose.held_out import folds
+from eitskin.diagnose.held_out import HeldOut, aside, folds, put_aside
 from eitskin.diagnose.noise import Noise, estimate
 from eitskin.diagnose.remainder import Other, other
-from eitskin.diagnose.search.search import Search, State
+from eitskin.diagnose.rig import Rig
+from eitskin.diagnose.search.search import STANDARD_ERRORS, Search, State
 from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.whitening import COHERENT, Whitening
 from eitskin.effects.settings import site_counts
@@ -31,18 +32,44 @@ FORCES = np.linspace(1.0, 0.0, 11)  # of a query's largest, up to which predicti
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What was found of one recording, and the search that found it."""
+    """What was found of one recording, and the search that found it. aside (N, M): readings that
+    the search has not seen; judged: by which it is judged; sizes: of the rig's errors."""
 
     recorded: Recording
     search: Search
     noise: Noise
     before: State
     after: State
+    aside: np.ndarray
+    judged: "Judged"
+    sizes: dict[str, float]
     atlas_before: pd.DataFrame
     atlas_after: pd.DataFrame
     gaps: list[list[Gap]]
     strengths: dict[str, float]
     other: Other
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Readings that no search has seen, in one covariance before and after: noise (`white`), or
+    noise and the rig's errors as the final fit has them (`rigged`)."""
+
+    recorded: np.ndarray
+    white: Whitening
+    rigged: Whitening
+
+    def by(self, fit: Fit) -> HeldOut:
+        """What a fit predicts for them, with noise and rig errors in their covariance."""
+        return put_aside(fit, self.recorded, self.rigged)
+
+    def by_white(self, fit: Fit) -> HeldOut:
+        """What a fit predicts for them, against noise alone."""
+        return put_aside(fit, self.recorded, self.white)
+
+    def gain(self, fit: Fit, other: Fit) -> tuple[float, float]:
+        """Log density of a fit above another's, and its standard error."""
+        return self.by(fit).gain(self.by(other))
 
 
 def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diagnosis:
@@ -59,15 +86,17 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
     whole, recorded = len(recorded.frames), excerpt(recorded)
     if len(recorded.frames) < whole:
         report(f"an excerpt: {len(recorded.frames)} of {whole} frames")
-    noise, search = begun(recorded, seed, report)
+    noise, search, kept = begun(recorded, seed, report)
     start, cut_short = None, False
     if len(recorded.frames) >= 2 * FIRST_FRAMES:
-        problem = _few(search.problem, recorded)
+        seen = replace(recorded, voltage=np.where(kept, np.nan, recorded.voltage))
+        problem = _few(search.problem, seen)
         report(f"first on {len(problem.recorded)} frames")
         first = _search(problem, search.candidates, recorded.channels, seed, report, FIRST_SHARE)
         start, cut_short = first.run()[1], first.spent
         report(f"then on {len(recorded.frames)}")
     before, after = search.run(start)
+    after, judged = _earned(search, after, recorded, noise, kept)
     report("comparing with every other name")
     found = [gaps(search, after, i) for i in range(len(after.effects))]
     if search.spent or cut_short:
@@ -80,6 +109,9 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
         noise,
         before,
         after,
+        kept,
+        judged,
+        after.sizes,
         _atlas(recorded, noise, before.fit),
         atlas_after,
         found,
@@ -90,12 +122,15 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
 
 def begun(
     recorded: Recording, seed: int, report: Callable[[str], None] = lambda line: None
-) -> tuple[Noise, Search]:
-    """The noise of a recording, and the search of its whole catalogue, which has not run yet;
-    InputError where nothing can be simulated."""
-    noise = estimate(recorded)
+) -> tuple[Noise, Search, np.ndarray]:
+    """The noise of a recording; the search of its whole catalogue, which has not run yet; and the
+    readings (N, M) that are put aside before anything is looked at. InputError where nothing can be
+    simulated."""
+    kept = aside(recorded, seed)
+    seen = replace(recorded, voltage=np.where(kept, np.nan, recorded.voltage))
+    noise = estimate(seen)
     report(f"noise {np.median(noise.sd):.3g} ({noise.source})")
-    problem, scales = problem_of(recorded, noise)
+    problem, scales = problem_of(seen, noise)
     model = problem.model
     candidates = catalogue(
         recorded.skin,
@@ -106,7 +141,7 @@ def begun(
         floating=not model.sink_grounded,
         timed=recorded.metadata["clock"] == "measured",
     )
-    return noise, _search(problem, candidates, recorded.channels, seed, report)
+    return noise, _search(problem, candidates, recorded.channels, seed, report), kept
 
 
 def _search(
@@ -119,7 +154,7 @@ def _search(
 ) -> Search:
     model = problem.model
     fold = folds(model.touched & model.known, model.press, channels, seed)
-    return Search(problem, candidates, fold, seed, report, share)
+    return Search(problem, candidates, fold, seed, report, share, rigged=True)
 
 
 def problem_of(recorded: Recording, noise: Noise) -> tuple[Problem, Scales]:
@@ -138,6 +173,39 @@ def problem_of(recorded: Recording, noise: Noise) -> tuple[Problem, Scales]:
     error = np.hypot(error, np.hypot(COHERENT * median, noise.rounding))
     whitening = Whitening.of(readings, noise.sd, model.difference, error)
     return Problem(model, readings, whitening), Scales(median, current)
+
+
+def _earned(
+    search: Search, state: State, recorded: Recording, noise: Noise, kept: np.ndarray
+) -> tuple[State, Judged]:
+    """A state less the effects that do not earn their place on readings (N, M) that were put aside:
+    one value by any gain, many of their own by two standard errors."""
+    while True:
+        judged = _judged(search, state, recorded, noise, kept)
+        weakest, least = None, 0.0
+        for index, effect in enumerate(state.effects):
+            gain, error = judged.gain(state.fit, search.less(state, index).fit)
+            free = STANDARD_ERRORS * error if effect.scope == "dense" else 0.0
+            if gain - free < least:
+                weakest, least = index, gain - free
+        if weakest is None:
+            return state, judged
+        search.step("not earned", state.effects[weakest], state)
+        state = search.less(state, weakest)
+
+
+def _judged(
+    search: Search, state: State, recorded: Recording, noise: Noise, kept: np.ndarray
+) -> Judged:
+    model = search.problem.model
+    readings = np.where(kept & model.known[:, None], recorded.voltage, np.nan)
+    plain = search.problem.whitening
+    white = replace(plain, mask=np.isfinite(readings))
+    if not white.mask.any():
+        # Nothing could be put aside: what was seen has to do.
+        readings, white = search.problem.recorded, plain
+    rigged = Rig.about(state.fit, white).whitening(state.sizes, discrepancy=False)
+    return Judged(readings, white, rigged)
 
 
 def _few(problem: Problem, recorded: Recording) -> Problem:

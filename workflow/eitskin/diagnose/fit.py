@@ -64,6 +64,16 @@ class Fit:
         object.__setattr__(self, "chi2", float((self.residual**2).sum()))
 
     @property
+    def cost(self) -> float:
+        """Chi squared, and what the prior adds."""
+        return float(self.chi2 + self.prior @ self.theta**2)
+
+    @property
+    def misfit(self) -> np.ndarray:
+        """(N, M): readings less the fit's, in the recording's unit; 0 where there are none."""
+        return np.where(self.problem.whitening.mask, self.problem.recorded - self.voltage(), 0.0)
+
+    @property
     def prior(self) -> np.ndarray:
         """(P,): the prior's precision of each coordinate."""
         return _prior(self.problem, len(self.theta))
@@ -212,6 +222,28 @@ def fit(
     return Fit(problem, list(effects), theta, residual, slopes)
 
 
+def stepped(fitted: Fit) -> Fit:
+    """A fit after one step of Gauss and Newton, itself where that does not help; the slopes stay."""
+    problem, prior = fitted.problem, fitted.prior
+    slope = fitted.slopes.against(fitted.residual) - prior * fitted.theta
+    root = fitted.root
+    step = np.clip(root @ (root.T @ slope), -3.0, 3.0)
+    try:
+        residual = problem.residual(fitted.theta + step, fitted.effects)
+    except InputError:
+        return fitted
+    moved = Fit(problem, fitted.effects, fitted.theta + step, residual, fitted.slopes)
+    return moved if moved.cost < fitted.cost else fitted
+
+
+def whitened_anew(fitted: Fit, problem: Problem) -> Fit:
+    """A fit's residual and slopes under the covariance of another problem of the same readings."""
+    old, new = fitted.problem.whitening, problem.whitening
+    residual = new(problem.recorded - fitted.voltage())
+    slopes = fitted.slopes.mapped(lambda columns: new(old.undone(columns)), new.by_channel)
+    return Fit(problem, fitted.effects, fitted.theta, residual, slopes)
+
+
 def _slopes(problem, theta, effects, residual, known: np.ndarray | None = None) -> Jacobian:
     """The Jacobian; of columns known (P, N, M), those that are NaN by differences. Coordinates that
     move channels of their own are moved together."""
@@ -226,7 +258,11 @@ def _slopes(problem, theta, effects, residual, known: np.ndarray | None = None) 
         own = own_channels(candidate, others, problem.model.channels)
         if own is not None and candidate.size > 1:
             apart.append((place, own))
-    blocks = [(place, own.argmax(axis=1)) for place, own in apart if (own.sum(axis=1) == 1).all()]
+    # Rig errors take a channel's change on to others.
+    whitening, blocks = problem.whitening, []
+    if whitening.by_channel:
+        single = [pair for pair in apart if (pair[1].sum(axis=1) == 1).all()]
+        blocks = [(place, own.argmax(axis=1)) for place, own in single]
     if known is None:
         size = len(theta) - sum(len(place) for place, _ in blocks)
         empty = [Block(*block, np.zeros(shape)) for block in blocks]
@@ -236,7 +272,11 @@ def _slopes(problem, theta, effects, residual, known: np.ndarray | None = None) 
     for place, own in apart:
         if unknown[place].any():
             together = derivative(problem, theta, effects, residual, place)
-            slopes.put(place, own, together)
+            if whitening.by_channel:
+                slopes.put(place, own, together)
+            else:
+                alone = own[:, None, :] * whitening.undone(together)
+                slopes.columns[np.searchsorted(slopes.at, place)] = whitening(alone)
             unknown[place] = False
     for i in np.flatnonzero(unknown):
         every = np.ones((1, shape[1]), bool)

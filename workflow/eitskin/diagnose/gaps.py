@@ -11,7 +11,7 @@ import numpy as np
 
 from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.classes import CONFUSED
-from eitskin.diagnose.fit import fit
+from eitskin.diagnose.fit import fit, whitened_anew
 from eitskin.diagnose.search.screen import explained, sparse
 from eitskin.diagnose.search.search import Search, State, discrete, gross
 from eitskin.diagnose.tangents import Tangents
@@ -40,9 +40,10 @@ def gaps(search: Search, state: State, index: int, within: float = CLOSE * CONFU
     if gross(effect):
         return _gross_gaps(search, state, index)
     less = search.less(state, index)
-    target = replace(search.problem, recorded=state.fit.voltage())
-    tangents = search.linearised(less)
-    change = search.problem.whitening(target.recorded - tangents.voltage)
+    problem = state.fit.problem
+    target = replace(problem, recorded=state.fit.voltage())
+    tangents = Tangents(whitened_anew(less.fit, problem), [search.linearised(less)])
+    change = problem.whitening(target.recorded - tangents.voltage)
     signature = tangents.away(change.ravel())
     snr = float(np.sqrt(signature @ signature))
     best: dict[str, tuple[float, Candidate]] = {}
@@ -103,7 +104,7 @@ def _fitted_gap(target, tangents: Tangents, effects, candidate: Candidate, snr: 
 
 def _gross_gaps(search: Search, state: State, index: int) -> list[Gap]:
     """Of a gross fault: to the other gross faults in its place, and to nothing."""
-    model, whitening = search.problem.model, search.problem.whitening
+    model, whitening = search.problem.model, state.fit.problem.whitening
     knobs = state.fit.theta[: len(model.calibrations)]
     chosen = state.fit.settings()
     there = state.fit.voltage()

@@ -1,13 +1,59 @@
-"""Frames that a fit has not seen, whole presses or channels left out: predictive density."""
+"""What a fit has not seen, whole presses or channels left out: predictive density.
+
+Twice. Before anything is looked at some are put aside, which no search sees: they tell before from
+after. The rest is parted into folds, by which the search itself judges what it lets in.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from eitskin.diagnose.fit import Fit, inverse_root
+from eitskin.data.recording import Recording, presses
+from eitskin.diagnose.fit import Fit, Problem, fit, inverse_root
+from eitskin.diagnose.whitening import Whitening
 from eitskin.physics.protocol import reciprocal_channels
 
 FOLDS = 5
+ASIDE = 5  # one of so many is put aside
+LEAST_PRESSES = 4  # with fewer, channels are put aside
+
+
+def aside(recorded: Recording, seed: int) -> np.ndarray:
+    """(N, M): readings put aside before anything is looked at. One in ASIDE of the presses, each
+    with the untouched frames before it; with fewer than LEAST_PRESSES of them, one in ASIDE of the
+    channels, reciprocal ones together. Of fewer than ASIDE channels none."""
+    touched, press = recorded.frames["touch"].to_numpy(bool), presses(recorded)
+    labels = np.unique(press[touched & (press >= 0)])
+    rng = np.random.default_rng([seed, len(press)])
+    if len(labels) >= LEAST_PRESSES:
+        chosen = rng.permutation(labels)[: max(1, round(len(labels) / ASIDE))]
+        rows = np.isin(_following(touched, press), chosen)
+        rows[: np.flatnonzero(touched)[0]] = False
+        return np.repeat(rows[:, None], len(recorded.channels), axis=1)
+    group = _reciprocal(recorded.channels)
+    labels = rng.permutation(np.unique(group))
+    columns = np.isin(group, labels[: round(len(labels) / ASIDE)])
+    return np.repeat(columns[None], len(press), axis=0)
+
+
+def _reciprocal(channels: np.ndarray) -> np.ndarray:
+    """(M,): one label for channels (M, 4) that reciprocity ties together."""
+    first = np.arange(len(channels))
+    for k, other in reciprocal_channels(channels)[0]:
+        first[other] = first[k]
+    return first
+
+
+def _following(touched: np.ndarray, press: np.ndarray) -> np.ndarray:
+    """(N,): the press of a touched frame, of an untouched one that which follows, at the end the
+    last."""
+    found = np.full(len(press), -1)
+    latest = -1
+    for row in range(len(press) - 1, -1, -1):
+        latest = press[row] if touched[row] and press[row] >= 0 else latest
+        found[row] = latest
+    found[found < 0] = press.max()
+    return found
 
 
 def folds(touched: np.ndarray, press: np.ndarray, channels: np.ndarray, seed: int) -> np.ndarray:
@@ -18,24 +64,15 @@ def folds(touched: np.ndarray, press: np.ndarray, channels: np.ndarray, seed: in
     of channels (M, 4) then, reciprocal ones together.
     """
     if not touched.any():
-        first = np.arange(len(channels))
-        for k, other in reciprocal_channels(channels)[0]:
-            first[other] = first[k]
         fold = np.random.default_rng(seed).permutation(len(channels)) % FOLDS
-        return fold[first][None]
+        return fold[_reciprocal(channels)][None]
     count = int(press.max(initial=-1)) + 1
     if count < 2:
         return np.arange(len(press)) * FOLDS // len(press)
     order = np.random.default_rng(seed).permutation(count)
     of_press = np.empty(count, int)
     of_press[order] = np.arange(count) % FOLDS
-    following = np.full(len(press), -1)
-    latest = -1
-    for row in range(len(press) - 1, -1, -1):
-        latest = press[row] if touched[row] and press[row] >= 0 else latest
-        following[row] = latest
-    following[following < 0] = press.max()
-    found = of_press[following]
+    found = of_press[_following(touched, press)]
     first = np.flatnonzero(touched)[0]
     found[:first] = np.arange(first) % FOLDS
     return found
@@ -44,18 +81,19 @@ def folds(touched: np.ndarray, press: np.ndarray, channels: np.ndarray, seed: in
 @dataclass(frozen=True)
 class HeldOut:
     """What frames cost when they are left out: chi2 (N,) and log density (N,) in nats, up to a
-    constant; error (N, M): in noise units; sd (M,): of the noise; readings: how many there are."""
+    constant; error (N, M): in noise units; plain (N, M): in the recording's unit; readings: how
+    many there are."""
 
     chi2: np.ndarray
     density: np.ndarray
     error: np.ndarray
-    sd: np.ndarray
+    plain: np.ndarray
     readings: int
 
     @property
     def rms(self) -> float:
         """Root mean square error of a reading, in the recording's unit."""
-        return float(np.sqrt(((self.error * self.sd) ** 2).sum() / max(self.readings, 1)))
+        return float(np.sqrt((self.plain**2).sum() / max(self.readings, 1)))
 
     @property
     def chi2_per_dof(self) -> float:
@@ -74,10 +112,10 @@ def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
     """Every frame predicted from the folds (N,) it does not belong to, or every channel from folds
     (1, M), to first order about the fit; the coordinates' own uncertainty is in the density."""
     size = len(fit.theta)
-    residual, sd, part = fit.residual, fit.problem.whitening.sd, fit.slopes.full
-    if fold.ndim == 2:
+    residual, part, by_channel = fit.residual, fit.slopes.full, fold.ndim == 2
+    if by_channel:
         turned = np.swapaxes(fit.jacobian, 1, 2)
-        residual, sd, fold, part = residual.T, sd[:, None], fold[0], lambda rows: turned[:, rows]
+        residual, fold, part = residual.T, fold[0], lambda rows: turned[:, rows]
     total = fit.information + np.diag(fit.prior)
     density, chi2 = np.zeros(len(residual)), np.zeros(len(residual))
     errors = np.zeros_like(residual)
@@ -97,5 +135,14 @@ def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
         density[rows] = -0.5 * (
             chi2[rows] - (slope * solved).sum(axis=1) + np.linalg.slogdet(gram)[1]
         )
-    readings = int(fit.problem.whitening.mask.sum())
-    return HeldOut(chi2, density, errors, sd, readings)
+    whitening = fit.problem.whitening
+    plain = whitening.undone(errors.T if by_channel else errors)
+    return HeldOut(chi2, density, errors, plain, int(whitening.mask.sum()))
+
+
+def put_aside(fit: Fit, recorded: np.ndarray, whitening: Whitening) -> HeldOut:
+    """What a fit predicts for readings (N, M) that it has not seen, in their own covariance."""
+    plain = np.where(whitening.mask, recorded - fit.voltage(), 0.0)
+    error = whitening(plain)
+    chi2 = (error**2).sum(axis=1)
+    return HeldOut(chi2, -0.5 * chi2, error, plain, whitening.size)

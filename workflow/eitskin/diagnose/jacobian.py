@@ -4,7 +4,8 @@ A gain or an offset of every channel has as many coordinates as channels, each o
 own channel alone: together they take one column's room, and one column's time.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -57,6 +58,14 @@ class Jacobian:
         for block in self.blocks:
             found[block.coordinates, :, block.channels] = block.column[rows][:, block.channels].T
         return found
+
+    def mapped(self, of: Callable[[np.ndarray], np.ndarray], by_channel: bool) -> "Jacobian":
+        """Every coordinate's column mapped by a linear function of columns (K, N, M); by_channel:
+        whether that keeps each channel's own."""
+        if by_channel:
+            blocks = [replace(b, column=of(b.column[None])[0]) for b in self.blocks]
+            return Jacobian(of(self.columns), blocks)
+        return Jacobian(of(self.full()))
 
     def put(self, coordinates: np.ndarray, own: np.ndarray, values: np.ndarray) -> None:
         """Columns of coordinates (S,): of values (N, M) the channels that are each one's own, own

@@ -27,9 +27,11 @@ def result(found: Diagnosis, name: str) -> dict:
     """diagnosis.json of a diagnosis, as an object."""
     before, after = found.before, found.after
     entries = [_entry(found, i) for i in range(len(after.effects))]
-    reading_dof = 1.0 / after.held_out.readings + 1.0 / max(found.noise.dof, 1.0)
-    excess = (after.held_out.chi2_per_dof - 1.0) / np.sqrt(2.0 * reading_dof)
-    mask = found.search.problem.whitening.mask
+    judged = found.judged
+    held = {"before": judged.by(before.fit), "after": judged.by(after.fit)}
+    white = {"before": judged.by_white(before.fit), "after": judged.by_white(after.fit)}
+    reading_dof = 1.0 / held["after"].readings + 1.0 / max(found.noise.dof, 1.0)
+    excess = (held["after"].chi2_per_dof - 1.0) / np.sqrt(2.0 * reading_dof)
     left = found.other
     return {
         "format": "eit-diagnosis",
@@ -51,11 +53,10 @@ def result(found: Diagnosis, name: str) -> dict:
         "unobservable": unobservable(found),
         "fit": {
             "held_out": {
-                "frames": int(mask.any(axis=1).sum()),
-                "chi2_per_dof_before": before.held_out.chi2_per_dof,
-                "chi2_per_dof_after": after.held_out.chi2_per_dof,
-                "rms_before_V": before.held_out.rms,
-                "rms_after_V": after.held_out.rms,
+                "frames": int(judged.white.mask.any(axis=1).sum()),
+                **{f"chi2_per_dof_{when}": one.chi2_per_dof for when, one in held.items()},
+                **{f"white_chi2_per_dof_{when}": one.chi2_per_dof for when, one in white.items()},
+                **{f"rms_{when}_V": one.rms for when, one in held.items()},
             }
         },
     }
@@ -78,14 +79,14 @@ def _entry(found: Diagnosis, index: int) -> dict:
     less = search.less(state, index)
     named = found.gaps[index]
     alternatives = [g.rival for g in named if g.gap < CONFUSED]
-    before, after = found.before.held_out, state.held_out
+    judged = found.judged
+    before, after = judged.by(found.before.fit), judged.by(state.fit)
+    left = judged.by(less.fit)
     rivals = search.trials.get(tuple(c.key for c in less.effects), [])
     outside = [r for r in rivals if r.effects[-1].name != candidate.name]
-    best = max([less, *outside], key=lambda s: s.held_out.density.sum())
-    gain, error = after.gain(best.held_out)
-    share = (less.held_out.chi2.sum() - after.chi2.sum()) / max(
-        before.chi2.sum() - before.readings, 1e-300
-    )
+    gain, error = min(search.gain(state, rival) for rival in [less, *outside])
+    beyond = before.chi2.sum() - before.readings
+    share = (left.chi2.sum() - after.chi2.sum()) / max(beyond, 1e-300)
     entry = {
         "name": candidate.name,
         "alternatives": alternatives,
@@ -160,7 +161,8 @@ def _write_evidence(found: Diagnosis, folder: Path) -> None:
             noise_source=np.array(found.noise.source),
             noise_dof=np.array(float(found.noise.dof)),
             channels=found.recorded.channels,
-            held_out=found.search.fold if found.search.fold.ndim == 1 else np.zeros(len(mask), int),
+            held_out=found.aside.all(axis=1).astype(int),
+            held_out_channels=found.aside.all(axis=0),
             press=problem.model.press,
             recorded_V=problem.recorded,
             before_V=before.voltage(),
@@ -195,7 +197,7 @@ def _rivals(found: Diagnosis) -> pd.DataFrame:
         gap = {g.rival: g.gap for g in found.gaps[index]}
         snr = found.gaps[index][0].snr if found.gaps[index] else np.nan
         for name, rival in [("nothing", less), *best.items()]:
-            difference, _ = rival.held_out.gain(state.held_out)
+            difference = -search.gain(state, rival)[0]
             rows.append(
                 {
                     "effect": candidate.name,

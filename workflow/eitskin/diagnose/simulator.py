@@ -2,6 +2,7 @@
 
 import math
 from collections import OrderedDict
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -101,6 +102,16 @@ class RecordingSimulator:
                 if item.name == "current_A":
                     self.believed = replace(self.believed, current_A=start)
                 return
+
+    def displaced(self, steps: dict[str, np.ndarray]) -> "RecordingSimulator":
+        """The same simulator, states moved by steps (N,) of their columns where touched."""
+        moved = copy(self)
+        moved._sensed = OrderedDict()
+        own = {
+            key: self.states[key] + np.where(self.touched, step, 0.0) for key, step in steps.items()
+        }
+        moved.states = self.states.assign(**own)
+        return moved
 
     @staticmethod
     def _median(voltage: np.ndarray) -> float:

@@ -148,21 +148,25 @@ class Tangents:
         if key not in self._apart:
             if len(self._apart) >= KEPT:
                 self._apart.pop(next(iter(self._apart)))
-            raw = raw.astype(float)
+            raw = self._whitened(raw)
             change = self.away(raw)
             self._apart[key] = change if change @ change > LEAST * (raw @ raw) else None
         return self._apart[key]
 
     def _raw(self, candidate: Candidate, index: int) -> np.ndarray | None:
-        """(N M,) whitened, kept in single precision; None where nothing changes."""
+        """(N M,) in the recording's unit, kept in single precision; None where nothing changes."""
         key = (*candidate.key, index)
         if key not in self._columns:
             try:
-                change = self.problem.whitening(self._change(candidate, index)).ravel()
+                change = self._change(candidate, index).ravel()
             except InputError:
                 change = None
             self._columns[key] = _kept(change)
         return self._columns[key]
+
+    def _whitened(self, raw: np.ndarray) -> np.ndarray:
+        change = raw.astype(float).reshape(self.voltage.shape)
+        return self.problem.whitening(change).ravel()
 
     def _own_channels(self, candidate: Candidate) -> np.ndarray | None:
         others = [setting.effect for setting in self.chosen]
@@ -176,9 +180,8 @@ class Tangents:
             return
         moved = candidate.setting(np.full(candidate.size, STEP))
         change = self._difference(self.knobs, [*self.chosen, moved])
-        whitened = self.problem.whitening(change / STEP)
         for key, mask in zip(keys, own, strict=True):
-            self._columns[key] = _kept((whitened * mask).ravel())
+            self._columns[key] = _kept((change / STEP * mask).ravel())
 
     def _change(self, candidate: Candidate, index: int) -> np.ndarray:
         """(N, M): derivative of the readings by one coordinate."""

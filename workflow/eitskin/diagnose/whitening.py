@@ -1,6 +1,13 @@
-"""Residuals in units of their noise, numerical error and shared baselines in the covariance."""
+"""Residuals in units of their noise: white noise, numerical error, shared baselines, rig errors.
 
-from dataclasses import dataclass
+The covariance is built from within: noise correlated in time, channel by channel (AR(1)); what
+each channel has of its own over the frames; what each frame has of its own over the channels; and
+what whole presses, or the whole recording, have together. Each is of low rank in what is already
+whitened, so that its inverse root is cheap (Woodbury 1950).
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -10,17 +17,88 @@ COHERENT = 1e-5
 
 
 @dataclass(frozen=True)
+class RigErrors:
+    """What a rig adds, as columns in the recording's unit that stand for one sd each.
+
+    channel (R, N, M): of every channel, independent from channel to channel; frame (K, N, M): of
+    every frame, independent from frame to frame; whole (Q, N, M): of all readings together.
+    """
+
+    channel: np.ndarray
+    frame: np.ndarray
+    whole: np.ndarray
+
+
+class _LowRank:
+    """(I + U U^T)^(-1/2) and its relatives, for columns U (K, N, M) that act on every channel
+    ("channel"), on every frame ("frame") or on all readings at once ("whole")."""
+
+    def __init__(self, columns: np.ndarray, each: str):
+        self.each, self.shape = each, columns.shape[1:]
+        blocks = self._blocks(columns).transpose(0, 2, 1)
+        length, turn = np.linalg.eigh(blocks.transpose(0, 2, 1) @ blocks)
+        self.length = np.maximum(length, 0.0)
+        scale = np.where(self.length > 0.0, self.length, 1.0) ** -0.5
+        self.units = blocks @ (turn * scale[:, None, :])
+
+    def _blocks(self, values: np.ndarray) -> np.ndarray:
+        """(B, C, D) of (C, N, M): B independent blocks of D readings."""
+        if self.each == "channel":
+            return values.transpose(2, 0, 1)
+        if self.each == "frame":
+            return values.transpose(1, 0, 2)
+        return values.reshape(1, len(values), -1)
+
+    def _back(self, blocks: np.ndarray) -> np.ndarray:
+        if self.each == "channel":
+            return blocks.transpose(1, 2, 0)
+        if self.each == "frame":
+            return blocks.transpose(1, 0, 2)
+        return blocks.reshape(-1, *self.shape)
+
+    def apply(self, values: np.ndarray, more: np.ndarray) -> np.ndarray:
+        """(..., N, M): values, and `more` (B, K) times their parts along the units."""
+        blocks = self._blocks(values.reshape(-1, *self.shape))
+        moved = ((blocks @ self.units) * more[:, None, :]) @ self.units.transpose(0, 2, 1)
+        return values + self._back(moved).reshape(values.shape)
+
+    @cached_property
+    def root(self) -> np.ndarray:
+        """(B, K), for `apply`: the inverse root."""
+        return 1.0 / np.sqrt(1.0 + self.length) - 1.0
+
+    @cached_property
+    def precision(self) -> np.ndarray:
+        """(B, K), for `apply`: the inverse."""
+        return -self.length / (1.0 + self.length)
+
+    @cached_property
+    def unroot(self) -> np.ndarray:
+        """(B, K), for `apply`: the root."""
+        return np.sqrt(1.0 + self.length) - 1.0
+
+    @cached_property
+    def log_determinant(self) -> float:
+        """Of I + U U^T."""
+        return float(np.log1p(self.length).sum())
+
+
+@dataclass(frozen=True)
 class Whitening:
     """Square root of the inverse covariance of readings (N, M), applied.
 
-    Every channel's covariance over the frames is sd^2 (I + rho 1 1^T): independent noise and one
-    constant error, the same in all frames, whose rho is infinite where the values are differences
-    from one baseline. mask (N, M): readings that are there; sd (M,); rho (M,).
+    Every channel has noise of sd (M,), with the `correlation` of AR(1) from one frame to the next,
+    and one constant error, the same in all frames, of variance rho sd^2; rho (M,) is infinite
+    where the values are differences from one baseline. mask (N, M): readings that are there.
+    errors: what a rig adds. Those of a frame count as independent from frame to frame in what is
+    whitened in time already, and apart from what channels have of their own.
     """
 
     mask: np.ndarray
     sd: np.ndarray
     rho: np.ndarray
+    correlation: float = 0.0
+    errors: RigErrors | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, voltage: np.ndarray, sd: np.ndarray, difference: bool, error: np.ndarray):
@@ -33,10 +111,127 @@ class Whitening:
         """Number of readings, less those that a free constant takes."""
         return int(self.mask.sum() - np.isinf(self.rho).sum())
 
+    @property
+    def by_channel(self) -> bool:
+        """Whether what is whitened stays within its channel."""
+        return self.errors is None or not (len(self.errors.frame) or len(self.errors.whole))
+
+    @property
+    def parts(self) -> list[_LowRank]:
+        """What is of low rank, in the order in which it is taken out, the constant first."""
+        return self._parts
+
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """(..., N, M) whitened, 0 where lost."""
+        found = self._filtered(values)
+        for part in self._parts:
+            found = part.apply(found, part.root)
+        return np.where(self.mask, found, 0.0)
+
+    def back(self, whitened: np.ndarray) -> np.ndarray:
+        """(..., N, M): the transpose of whitening, applied; of what is whitened, the inverse
+        covariance times what it was."""
+        found = whitened
+        for part in reversed(self._parts):
+            found = part.apply(found, part.root)
+        return self._filtered_back(found)
+
+    def undone(self, whitened: np.ndarray) -> np.ndarray:
+        """(..., N, M) as they were before they were whitened, 0 where lost; a constant that is
+        free stays taken out."""
+        found = whitened
+        for part in reversed(self._parts):
+            found = part.apply(found, part.unroot)
+        if self.correlation:
+            previous, share, scale = self._chain
+            found = found / scale
+            channel = np.arange(found.shape[-1])
+            for row in range(1, found.shape[-2]):
+                found[..., row, :] += share[row] * found[..., previous[row], channel]
+        return np.where(self.mask, found, 0.0) * self.sd
+
+    def channel_lengths(self, column: np.ndarray) -> np.ndarray:
+        """(M,): squared whitened length of what column (N, M) is in each channel alone."""
+        found = self._filtered(column)
+        for part in (p for p in self._parts if p.each == "channel"):
+            found = part.apply(found, part.root)
+        total, frame = (found**2).sum(axis=0), None
+        for part in (p for p in self._parts if p.each != "channel"):
+            if part.each == "frame":
+                frame = part
+                taken = np.einsum("nmk,nk->nm", part.units**2, -part.precision)
+                total = total - (found**2 * taken).sum(axis=0)
+                continue
+            units = part.units[0].T.reshape(-1, *part.shape)
+            if frame is not None:
+                units = frame.apply(units, frame.root)
+            along = np.einsum("qnm,nm->qm", units, found)
+            total = total + part.precision[0] @ along**2
+        return np.maximum(total, 0.0)
+
+    @cached_property
+    def log_determinant(self) -> float:
+        """Of the covariance over that of the noise's variances alone; free constants aside."""
+        total = sum(part.log_determinant for part in self._parts[self._free :])
+        return total - 2.0 * float(np.log(self._chain[2]).sum()) if self.correlation else total
+
+    @property
+    def _free(self) -> int:
+        return int(np.isinf(self.rho).any())
+
+    @cached_property
+    def _chain(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(N, M) each: the frame of a channel's reading before, what of it the next one repeats,
+        and one over the sd of what is new."""
+        rows = np.arange(len(self.mask))[:, None]
+        there = np.maximum.accumulate(np.where(self.mask, rows, -1), axis=0)
+        previous = np.vstack([np.full((1, self.mask.shape[1]), -1), there[:-1]])
+        share = np.where(
+            self.mask & (previous >= 0), self.correlation ** (rows - previous).astype(float), 0.0
+        )
+        return np.maximum(previous, 0), share, 1.0 / np.sqrt(1.0 - share**2)
+
+    def _filtered(self, values: np.ndarray) -> np.ndarray:
         scaled = np.where(self.mask, values, 0.0) / self.sd
-        count = np.maximum(self.mask.sum(axis=0), 1)
-        part = 1.0 - 1.0 / np.sqrt(1.0 + self.rho * count)
-        mean = scaled.sum(axis=-2, keepdims=True) / count
-        return scaled - self.mask * (part * mean)
+        if not self.correlation:
+            return scaled
+        previous, share, scale = self._chain
+        return (scaled - share * scaled[..., previous, np.arange(scaled.shape[-1])]) * scale
+
+    def _filtered_back(self, values: np.ndarray) -> np.ndarray:
+        values = np.where(self.mask, values, 0.0)
+        if self.correlation:
+            previous, share, scale = self._chain
+            values = values * scale
+            rows, channels = np.nonzero(share)
+            later = share[rows, channels] * values[..., rows, channels]
+            values[..., previous[rows, channels], channels] -= later
+        return np.where(self.mask, values, 0.0) / self.sd
+
+    @cached_property
+    def _parts(self) -> list[_LowRank]:
+        constant = np.where(np.isinf(self.rho), 1.0, np.sqrt(self.rho)) * self.sd
+        found = [
+            _LowRank(self._filtered(np.broadcast_to(constant, (1, *self.mask.shape))), "channel")
+        ]
+        if np.isinf(self.rho).any():
+            found[0].length = np.where(np.isinf(self.rho)[:, None], np.inf, found[0].length)
+            # What is taken out for good does not come back.
+            found[0].precision = found[0].root = np.full(found[0].length.shape, -1.0)
+            found[0].unroot = np.zeros(found[0].length.shape)
+        if self.errors is None:
+            return found
+        if len(self.errors.channel):
+            columns = self._filtered(self.errors.channel)
+            found.append(_LowRank(found[0].apply(columns, found[0].root), "channel"))
+        if len(self.errors.frame):
+            # White errors, after the filter for noise of this correlation.
+            louder = np.sqrt((1.0 + self.correlation**2) / (1.0 - self.correlation**2))
+            columns = np.where(self.mask, self.errors.frame, 0.0) / self.sd * louder
+            found.append(_LowRank(columns, "frame"))
+        if len(self.errors.whole):
+            columns = self._filtered(self.errors.whole)
+            for part in found:
+                columns = part.apply(columns, part.root)
+            found.append(_LowRank(columns, "whole"))
+        return found

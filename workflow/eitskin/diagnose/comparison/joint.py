@@ -295,8 +295,12 @@ class Joint:
         own = [p.fit.problem.whitening for p in parts]
         mask = np.concatenate([w.mask for w in own])
         # Every part has its own noise: of all together there is none in volts.
-        none = np.full(mask.shape[1], np.nan)
-        self.whitening = SimpleNamespace(mask=mask, size=sum(w.size for w in own), sd=none)
+        self.whitening = SimpleNamespace(
+            mask=mask,
+            size=sum(w.size for w in own),
+            by_channel=True,
+            undone=lambda values: np.full_like(values, np.nan),
+        )
 
     def residual(self, theta: np.ndarray, effects: list) -> np.ndarray:
         """(N, M) whitened residuals of all parts at joint coordinates (P,)."""

@@ -54,11 +54,11 @@ def _sums(tangents: Tangents, dense: Candidate) -> tuple[np.ndarray, np.ndarray]
     parameter = next(iter(dense.effect.parameters.values()))
     whitening = tangents.problem.whitening
     shape = tangents.voltage.shape
-    column = whitening(dense.scales.of(parameter) * dense.effect.slope(tangents.voltage))
-    residual = tangents.residual.reshape(shape)
-    fitted = tangents.fitted.reshape(-1, *shape)
+    column = dense.scales.of(parameter) * dense.effect.slope(tangents.voltage)
+    slope = (column * whitening.back(tangents.residual.reshape(shape))).sum(axis=0)
+    fitted = whitening.back(tangents.fitted.reshape(-1, *shape))
     shared = np.einsum("pnm,nm->pm", fitted, column)
-    information = (column**2).sum(axis=0) - (shared**2).sum(axis=0)
+    information = whitening.channel_lengths(column) - (shared**2).sum(axis=0)
     for block in tangents.blocks:
-        information = information - (column * block).sum(axis=0) ** 2
-    return (column * residual).sum(axis=0), np.maximum(information, 0.0)
+        information = information - (whitening(column) * block).sum(axis=0) ** 2
+    return slope, np.maximum(information, 0.0)

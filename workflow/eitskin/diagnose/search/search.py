@@ -16,8 +16,17 @@ import numpy as np
 from scipy.special import chdtrc
 
 from eitskin.diagnose.candidates import Candidate, without_site
-from eitskin.diagnose.fit import MOST_ROUNDS, RENEWALS, Fit, Problem, fit
+from eitskin.diagnose.fit import (
+    MOST_ROUNDS,
+    RENEWALS,
+    Fit,
+    Problem,
+    fit,
+    stepped,
+    whitened_anew,
+)
 from eitskin.diagnose.held_out import HeldOut, held_out
+from eitskin.diagnose.rig import Rig
 from eitskin.diagnose.search import channels, tones
 from eitskin.diagnose.search.screen import (
     AMPLITUDES,
@@ -34,8 +43,11 @@ from eitskin.errors import InputError
 from eitskin.physics.solver import Spent
 
 SIGNIFICANT = 1e-3
+WORTH_TRYING = 0.2  # global p-value of the best score, under which trials are fitted: the rig's
+# errors may have taken to themselves, until they are learned again, what is an effect's
 STANDARD_ERRORS = 2.0
 MOST_EFFECTS = 5
+LEARNED = 2  # times that sizes of rig errors and a fit follow each other
 LEAST_EVIDENCE = 3.0  # nats by which an effect, or a further site of one, must raise the evidence
 LEAD = 1.0  # nats by which another name in an effect's place must be better
 WITHIN = 20.0  # nats of linear evidence below the best, or this share of its gain ...
@@ -54,12 +66,15 @@ RACE = 10.0  # nats behind the best trial at which another is given up
 
 @dataclass
 class State:
-    """A set of effects fitted, with what it predicts for frames left out."""
+    """A set of effects fitted, with the sizes of the rig's errors beside it, and what it predicts
+    for frames left out; log_likelihood: marginal, in nats, the same constant for all sets."""
 
     fit: Fit
     fold: np.ndarray
+    log_likelihood: float
     log_evidence: float
     p_values: dict[tuple, float] = field(default_factory=dict)
+    sizes: dict[str, float] = field(default_factory=dict)
 
     @cached_property
     def held_out(self) -> HeldOut:
@@ -84,9 +99,10 @@ class State:
 
 @dataclass
 class Search:
-    """One recording's search. `path`: what was done, a row a step; report: called with words;
-    share: of all that a diagnosis may solve, with which this ends; catalogue_p: the global p-value
-    of the best candidate that did not enter."""
+    """One recording's search. problem: with noise alone in its covariance; rig: what a rig may add,
+    None: nothing. `path`: what was done, a row a step; report: called with words; share: of all
+    that a diagnosis may solve, with which this ends; catalogue_p: the global p-value of the best
+    candidate that did not enter."""
 
     problem: Problem
     candidates: list[Candidate]
@@ -94,6 +110,8 @@ class Search:
     seed: int
     report: Callable[[str], None]
     share: float = 1.0
+    rigged: bool = False
+    rig: Rig | None = None
     catalogue_p: float = 1.0
     rival_evidence: float = -np.inf
     path: list[dict] = field(default_factory=list)
@@ -113,25 +131,54 @@ class Search:
         """Whether the search has taken so long that it ends with what it has."""
         return self.problem.model.near.spent > self.most_solved
 
-    def state(self, fitted: Fit, p_values: dict | None = None) -> State:
-        """A fit with its evidence and held-out density."""
-        return State(fitted, self.fold, set_evidence(fitted), dict(p_values or {}))
+    def state(
+        self, fitted: Fit, p_values: dict | None = None, sizes: dict[str, float] | None = None
+    ) -> State:
+        """A fit with its evidence and held-out density; sizes: those of the rig's errors that it
+        has, from which they are learned."""
+        sizes, prior = dict(sizes or {}), 0.0
+        if self.rig is not None:
+            for _ in range(LEARNED):
+                sizes, _ = self.rig.learned(fitted.misfit, sizes)
+                problem = replace(self.problem, whitening=self.rig.whitening(sizes))
+                fitted = stepped(whitened_anew(fitted, problem))
+            prior = self.rig.log_prior(sizes)
+        whitening = fitted.problem.whitening
+        likelihood = prior - 0.5 * (fitted.chi2 + whitening.log_determinant)
+        evidence = likelihood + occam(fitted)
+        return State(fitted, self.fold, likelihood, evidence, dict(p_values or {}), sizes)
+
+    def under(self, sizes: dict[str, float]) -> Problem:
+        """The problem with rig errors of these sizes."""
+        if self.rig is None:
+            return self.problem
+        return replace(self.problem, whitening=self.rig.whitening(sizes))
 
     def calibrated(self) -> State:
         """The owner's beliefs with their calibrations fitted, no effect."""
         start = np.zeros(len(self.problem.model.calibrations))
         best = fit(self.problem, [], start, polish=True)
+        if self.rigged and self.rig is None:
+            self.rig = Rig.about(best, self.problem.whitening)
         return self.state(best)
+
+    def settled(self, state: State) -> State:
+        """A state whose rig is seen about its own fit, with its sizes learned once more."""
+        if self.rig is None:
+            return state
+        self.rig = Rig.about(state.fit, self.problem.whitening)
+        fitted = fit(self.under(state.sizes), state.effects, state.fit.theta, polish=True)
+        return self.state(fitted, state.p_values, state.sizes)
 
     def run(self, start: State | None = None) -> tuple[State, State]:
         """The state before and the state found; start: what was found on fewer frames."""
         before = state = self.calibrated()
-        self._step("calibrate", None, state, None)
+        self.step("calibrate", None, state)
         if start is not None and start.effects:
             known = fit(self.problem, start.effects, start.fit.theta, polish=True)
             state = self.state(known, start.p_values)
             if state.log_evidence > before.log_evidence:
-                self._step("start", None, state, None)
+                self.step("start", None, state)
                 return before, self._explained(self._drop(state))
             state = before
         while (plain := self._gross(state)) is not None:
@@ -143,7 +190,7 @@ class Search:
         # What is unfinished has not lost to it.
         won = free is not None and free.log_evidence > found.log_evidence
         if won and not self.spent:
-            self._step("swap", free.effects[-1], free, None)
+            self.step("swap", free.effects[-1], free)
             self.rival_evidence = -np.inf
             found = self._explained(self._drop(free))
         return before, found
@@ -151,7 +198,7 @@ class Search:
     def cut_short(self, state: State) -> None:
         """Puts on the path that as much was solved as may be, and that this is what there is."""
         self.report("as many skins are solved as may be: what was not tried by then stays untried")
-        self._step(CUT_SHORT, None, state, None)
+        self.step(CUT_SHORT, None, state)
 
     def _explained(self, state: State) -> State:
         """What grows from `state` and stands."""
@@ -236,7 +283,7 @@ class Search:
         tangents = self.linearised(state)
         taken = {c.key for c in state.effects}
         # So far off with effects in it, a set wants more than any few channels.
-        hopeless = bool(state.effects) and _per_dof(state) > GROSS
+        hopeless = bool(state.effects) and self.fold.ndim == 1 and self._misfit(state) > GROSS
         found = []
         for candidate in self.candidates:
             if candidate.key in taken:
@@ -291,7 +338,7 @@ class Search:
         Such a fault leads the calibrations astray, and what is linear about them: each is tried
         with the beliefs as they are, one common factor free.
         """
-        if _per_dof(state) < GROSS:
+        if self._misfit(state) < GROSS:
             return None
         recorded = self.problem.whitening(self.problem.recorded)
         start = np.zeros(len(self.problem.model.calibrations))
@@ -317,7 +364,7 @@ class Search:
         if found.log_evidence < state.log_evidence + LEAST_EVIDENCE:
             return None
         found.p_values = dict.fromkeys((c.key for c in effects), 1.0 / (NULL_DRAWS + 1.0))
-        self._step("add", faults[best], found, 1.0 / (NULL_DRAWS + 1.0))
+        self.step("add", faults[best], found, 1.0 / (NULL_DRAWS + 1.0))
         return found
 
     def _add(self, state: State) -> State | None:
@@ -327,21 +374,30 @@ class Search:
             return None
         p_value = self.catalogue_p = self.null.p_value(min(s.p_value for s in scores))
         self.report(
-            f"{len(state.effects)} effects, chi2/dof {_per_dof(state):.3f}: best score "
+            f"{len(state.effects)} effects, chi2/dof {per_dof(state):.3f}: best score "
             f"{scores[0].candidate.name}, p = {p_value:.2g}"
         )
-        if p_value >= SIGNIFICANT or self.spent:
+        if p_value >= WORTH_TRYING or self.spent:
             return None
         for trial in self.tried(state, scores):
-            gain, error = trial.held_out.gain(state.held_out)
             if trial.log_evidence < state.log_evidence + LEAST_EVIDENCE:
                 break
-            if gain > STANDARD_ERRORS * error:
+            own = self.own_p_value(trial, state)
+            self.catalogue_p = min(self.catalogue_p, own)
+            gain, error = self.gain(trial, state)
+            if own < SIGNIFICANT and gain > STANDARD_ERRORS * error:
                 entered = {c.key for c in trial.effects} - set(state.p_values)
-                trial.p_values = {**state.p_values, **dict.fromkeys(entered, p_value)}
-                self._step("add", trial.effects[-1], trial, p_value)
+                trial.p_values = {**state.p_values, **dict.fromkeys(entered, own)}
+                self.step("add", trial.effects[-1], trial, own)
                 return trial
         return None
+
+    def own_p_value(self, trial: State, state: State) -> float:
+        """Global p-value of what a trial has beyond a state: its likelihood ratio's (Wilks 1938),
+        the sizes of the rig's errors learned for both, over all that is looked at."""
+        gain = 2.0 * (trial.log_likelihood - state.log_likelihood)
+        size = max(len(trial.fit.theta) - len(state.fit.theta), 1)
+        return self.null.p_value(float(chdtrc(size, max(gain, 0.0))))
 
     def tried(
         self,
@@ -360,7 +416,7 @@ class Search:
                     break
                 if known is not None and candidate.key == known.key:
                     continue
-                trial = self.with_effect(state, candidate, 2.0 * (RACE - best))
+                trial = self.with_effect(state, candidate, self._cost(state, best - RACE))
                 if trial is not None:
                     found.append(trial)
                     best = max(best, trial.log_evidence)
@@ -410,50 +466,49 @@ class Search:
     def _fitted(self, effects, start, jacobian, state: State, enough: float) -> State | None:
         try:
             with self.problem.model.near.within(self.most_solved):
-                fitted = fit(self.problem, effects, start, jacobian, enough=enough)
-                if discrete(effects[-1]) or (jacobian is not None and _per_dof(state) > GROSS):
+                problem = state.fit.problem
+                fitted = fit(problem, effects, start, jacobian, enough=enough)
+                if discrete(effects[-1]) or (jacobian is not None and self._misfit(state) > GROSS):
                     knobs = len(self.problem.model.calibrations)
                     afresh = np.r_[np.zeros(knobs), start[knobs:]]
-                    again = fit(self.problem, effects, afresh, enough=enough)
+                    again = fit(problem, effects, afresh, enough=enough)
                     fitted = min(fitted, again, key=lambda f: f.chi2)
-                return self.state(fitted, state.p_values)
+                return self.state(fitted, state.p_values, state.sizes)
         except (InputError, np.linalg.LinAlgError, Spent):
             return None
 
-    def without(self, state: State, index: int, enough: float = np.inf) -> State:
+    def without(self, state: State, index: int) -> State:
         """`state` less one effect, the rest fitted anew, from the beliefs where no skin has the
-        rest alone; enough: as of `fit`."""
+        rest alone."""
         place = state.fit.place(index)
         effects = [c for i, c in enumerate(state.effects) if i != index]
         theta = np.delete(state.fit.theta, np.arange(place.start, place.stop))
         jacobian = np.delete(state.fit.jacobian, np.arange(place.start, place.stop), axis=0)
         try:
-            fitted = fit(self.problem, effects, theta, jacobian, enough=enough)
+            fitted = fit(state.fit.problem, effects, theta, jacobian)
         except InputError:
-            fitted = fit(self.problem, effects, np.zeros_like(theta), enough=enough)
-        return self.state(fitted, state.p_values)
+            fitted = fit(state.fit.problem, effects, np.zeros_like(theta))
+        return self.state(fitted, state.p_values, state.sizes)
 
     def _drop(self, state: State) -> State:
         """Effects that no longer earn their place, taken out one by one; the rest polished."""
         dropped = True
         while dropped and len(state.effects) > 1:
             dropped = False
-            # What the rest costs for its freedom can only add to chi squared.
-            enough = 2.0 * (LEAST_EVIDENCE - state.log_evidence)
             for index in range(len(state.effects) - 1):
-                less = self.without(state, index, enough)
+                less = self.without(state, index)
                 if less.log_evidence > state.log_evidence - LEAST_EVIDENCE:
-                    self._step("drop", state.effects[index], less, None)
+                    self.step("drop", state.effects[index], less)
                     state, dropped = less, True
                     break
         state = self._trim(state)
-        return self.state(self._polished(state.fit), state.p_values)
+        return self.state(self._polished(state.fit), state.p_values, state.sizes)
 
     def _polished(self, found: Fit) -> Fit:
         """A fit at its optimum, with a fresh Jacobian; near it, where no more may be solved."""
         renewals = RENEWALS if self.spent else MOST_ROUNDS
         start = found.theta, found.jacobian
-        return fit(self.problem, found.effects, *start, polish=True, renewals=renewals)
+        return fit(found.problem, found.effects, *start, polish=True, renewals=renewals)
 
     def _trim(self, state: State) -> State:
         """Sites of sparse effects that do not earn their place, taken out one by one."""
@@ -470,10 +525,10 @@ class Search:
                 theta = np.delete(state.fit.theta, place.start + weakest)
                 jacobian = np.delete(state.fit.jacobian, place.start + weakest, axis=0)
                 try:
-                    fitted = fit(self.problem, effects, theta, jacobian)
+                    fitted = fit(state.fit.problem, effects, theta, jacobian)
                 except InputError:
                     break
-                trial = self.state(fitted, dict(state.p_values))
+                trial = self.state(fitted, state.p_values, state.sizes)
                 if trial.log_evidence <= state.log_evidence - LEAST_EVIDENCE:
                     break
                 trial.p_values[fewer.key] = state.p_values.get(effect.key, 1.0)
@@ -500,7 +555,7 @@ class Search:
                     entered = {c.key for c in better.effects} - set(state.p_values)
                     p = state.p_values.get(effect.key, 1.0)
                     better.p_values = {**state.p_values, **dict.fromkeys(entered, p)}
-                    self._step("swap", better.effects[-1], better, p)
+                    self.step("swap", better.effects[-1], better, p)
                     state = self._grow(self._drop(better))
                     break
             else:
@@ -512,11 +567,32 @@ class Search:
         where the set was met."""
         key = tuple(c.key for i, c in enumerate(state.effects) if i != index)
         if key in self.tangents:
-            return self.state(self.tangents[key].fit, state.p_values)
+            return self.state(self.tangents[key].fit, state.p_values, state.sizes)
         less = self.without(state, index)
-        return less if self.spent else self.state(self._polished(less.fit), state.p_values)
+        if self.spent:
+            return less
+        return self.state(self._polished(less.fit), less.p_values, less.sizes)
 
-    def _step(self, action: str, effect: Candidate | None, state: State, p: float | None) -> None:
+    def _cost(self, state: State, log_evidence: float) -> float:
+        """What a fit may cost at most in the covariance of `state`, for a log evidence."""
+        return -2.0 * (log_evidence - state.log_likelihood) + state.fit.chi2
+
+    def _misfit(self, state: State) -> float:
+        """Chi squared over its degrees of freedom against noise alone."""
+        whitening = self.problem.whitening
+        left = whitening(state.fit.problem.whitening.undone(state.fit.residual))
+        return float((left**2).sum()) / max(whitening.size - len(state.fit.theta), 1)
+
+    def gain(self, trial: State, state: State) -> tuple[float, float]:
+        """Log density of held-out frames above another state's, and its standard error, both in
+        the trial's covariance."""
+        same = held_out(whitened_anew(state.fit, trial.fit.problem), self.fold)
+        return trial.held_out.gain(same)
+
+    def step(
+        self, action: str, effect: Candidate | None, state: State, p: float | None = None
+    ) -> None:
+        """Puts on the path what was done with an effect, and the state by then."""
         self.path.append(
             {
                 "step": len(self.path),
@@ -544,7 +620,7 @@ def _of_channels(candidate: Candidate) -> bool:
     return candidate.kind == "channels"
 
 
-def _per_dof(state: State) -> float:
+def per_dof(state: State) -> float:
     return state.fit.chi2 / max(state.fit.problem.whitening.size - len(state.fit.theta), 1)
 
 
@@ -600,23 +676,24 @@ def _form(candidate: Candidate) -> tuple[str, bool]:
     return candidate.scope, candidate.scope == "sparse" and len(candidate.sites) > 1
 
 
-def set_evidence(fitted: Fit) -> float:
-    """Laplace's log evidence of a set, up to a constant: fit, Occam factors, prior over names and
-    sites. Each effect's coordinates have a normal prior about 0 with the best sd of AMPLITUDES.
+def occam(fitted: Fit) -> float:
+    """What Laplace's log evidence of a set has beyond its log likelihood: Occam factors, prior over
+    names and sites. Each effect's coordinates have a normal prior about 0 with the best sd of
+    AMPLITUDES.
     """
     covariance = fitted.covariance
-    total = -0.5 * fitted.chi2
+    total = 0.0
     for index, effect in enumerate(fitted.effects):
         place = fitted.place(index)
         total -= math.log(effect.looks) + math.log(len(EFFECTS))
         if effect.size:
             information = np.linalg.inv(covariance[place, place])
             value = fitted.theta[place]
-            total += max(_occam(value, information, a) for a in AMPLITUDES)
+            total += max(_one_occam(value, information, a) for a in AMPLITUDES)
             total -= np.log(len(AMPLITUDES))
     return float(total)
 
 
-def _occam(value: np.ndarray, information: np.ndarray, amplitude: float) -> float:
+def _one_occam(value: np.ndarray, information: np.ndarray, amplitude: float) -> float:
     spread = np.eye(len(value)) + amplitude**2 * information
     return float(-0.5 * (value @ value) / amplitude**2 - 0.5 * np.linalg.slogdet(spread)[1])

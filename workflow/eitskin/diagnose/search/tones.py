@@ -20,7 +20,7 @@ def score(tangents: Tangents, effect: Effect, skin, scales) -> screen.Score | No
     if not model.frame_s:
         return None
     frequency, looks = strongest(
-        tangents.residual.reshape(tangents.voltage.shape) / tangents.problem.whitening.sd,
+        tangents.problem.whitening.back(tangents.residual.reshape(tangents.voltage.shape)),
         model.states["time_s"].to_numpy(),
         model.frame_s,
     )

@@ -1,0 +1,308 @@
+"""What every rig adds and nobody wants named: sizes learned from the recording.
+
+A component is an error of known form and unknown size: an amplitude of the source that jitters, a
+robot that misses, a load cell that wanders. Its columns are what one unit of it does to the
+readings, about a fit. The sizes are those of the greatest marginal likelihood under half-normal
+priors in bench units (Fisher scoring: Harville, JASA 72, 1977); a component that the recording does
+not ask for has size 0. They are learned again for every set of effects: an error that is alike in
+all presses is an effect's, one that differs from press to press is the rig's.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import nnls
+
+from eitskin.diagnose.fit import Fit
+from eitskin.diagnose.whitening import RigErrors, Whitening
+from eitskin.errors import InputError
+
+STEP_MM = 0.05  # of a place, inwards
+STEP_FORCE = 0.02  # of a force, downwards; of the largest upwards, where it is less than that
+WALKS = 12  # sine waves of a random walk (Karhunen-Loeve)
+CHANNEL_WALKS = 6  # of a channel's own
+ROUNDS = 4
+MOST = 3.0  # times the prior's sd: more is no ordinary rig
+HARDLY = 0.5  # nats that a component must be worth
+SETTLED = 0.05  # nats, by which another round may still raise the likelihood
+LEAST_TOUCHES, LEAST_PRESSES = 6, 3  # fewer show no scatter
+
+
+@dataclass(frozen=True)
+class Component:
+    """One kind of error: the unit of its size; scale: sd of its half-normal prior, of the median
+    |v| where `reading`; each: what has an error of its own. A discrepancy is no rig's error: it
+    stands for physics without a name, and never enters a verdict's chi squared."""
+
+    name: str
+    unit: str
+    scale: float
+    each: str
+    reading: bool = False
+    discrepancy: bool = False
+
+
+COMPONENTS = {
+    one.name: one
+    for one in (
+        Component("amplitude-per-frame", "1", 2e-3, "frame"),
+        Component("common-noise", "V", 2e-3, "frame", reading=True),
+        Component("place-per-frame", "mm", 1.0, "frame"),
+        Component("force-per-frame", "N", 0.1, "frame"),
+        Component("place-per-press", "mm", 1.0, "whole"),
+        Component("force-per-press", "1", 0.1, "whole"),
+        Component("gain-walk", "1", 1e-2, "whole"),
+        Component("force-zero-walk", "N", 0.2, "whole"),
+        Component("channel-drift", "V", 2e-3, "channel", reading=True),
+        Component("quadrature", "1", 2e-3, "channel"),
+        Component("static-discrepancy", "1", 2e-2, "channel", discrepancy=True),
+        Component("touch-discrepancy", "1", 0.2, "channel", discrepancy=True),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Components about a fit: columns (K, N, M) of one unit each, by name; `plain`: the covariance
+    without them; scales: the priors' sd, in the columns' units."""
+
+    plain: Whitening
+    columns: dict[str, np.ndarray]
+    scales: dict[str, float]
+
+    @classmethod
+    def about(cls, fit: Fit, plain: Whitening) -> "Rig":
+        """The components that a recording can have, about a fit."""
+        model, voltage = fit.problem.model, fit.voltage()
+        median = float(np.median(np.abs(voltage[plain.mask])))
+        columns = dict(_columns(fit, voltage, median))
+        scales = {
+            name: COMPONENTS[name].scale * (median if COMPONENTS[name].reading else 1.0)
+            for name in columns
+        }
+        # What the recording has no scatter of is taken for granted.
+        return cls(plain, {k: np.where(plain.mask, v, 0.0) for k, v in columns.items()}, scales)
+
+    def whitening(self, sizes: Mapping[str, float], discrepancy: bool = True) -> Whitening:
+        """The covariance with components of these sizes."""
+        parts = {"channel": [], "frame": [], "whole": []}
+        for name, size in sizes.items():
+            one = COMPONENTS[name]
+            if size > 0.0 and (discrepancy or not one.discrepancy):
+                parts[one.each].append(size * self.columns[name])
+        empty = np.zeros((0, *self.plain.mask.shape))
+        if not any(parts.values()):
+            return self.plain
+        found = {k: np.concatenate([empty, *v]) for k, v in parts.items()}
+        return replace(self.plain, errors=RigErrors(**found))
+
+    def log_prior(self, sizes: Mapping[str, float]) -> float:
+        """Log density of sizes, above that of none."""
+        return -0.5 * sum((size / self.scales[name]) ** 2 for name, size in sizes.items())
+
+    def log_likelihood(self, sizes: Mapping[str, float], residual: np.ndarray) -> float:
+        """Log density of a residual (N, M) in the recording's unit, with the prior of the sizes,
+        up to a constant that is the same for all sizes."""
+        whitening = self.whitening(sizes)
+        chi2 = float((whitening(residual) ** 2).sum())
+        return -0.5 * (chi2 + whitening.log_determinant) + self.log_prior(sizes)
+
+    def learned(
+        self, residual: np.ndarray, start: Mapping[str, float], rounds: int = ROUNDS
+    ) -> tuple[dict[str, float], float]:
+        """Sizes of the greatest likelihood of a residual (N, M), from a start, and that likelihood."""
+        sizes = {name: float(start.get(name, 0.0)) for name in self.columns}
+        best = self.log_likelihood(sizes, residual)
+        for _ in range(rounds):
+            target = self._scored(sizes, residual)
+            share, moved, found = 1.0, sizes, best
+            while share > 0.05:
+                trial = {
+                    k: float(np.sqrt((1.0 - share) * sizes[k] ** 2 + share * target[k] ** 2))
+                    for k in sizes
+                }
+                found = self.log_likelihood(trial, residual)
+                if found > best:
+                    moved = trial
+                    break
+                share *= 0.3
+            if moved is sizes:
+                break
+            gained, sizes, best = found - best, moved, found
+            if gained < SETTLED:
+                break
+        return self._plain(sizes, best, residual)
+
+    def _plain(
+        self, sizes: dict[str, float], best: float, residual: np.ndarray
+    ) -> tuple[dict[str, float], float]:
+        """Sizes less those that the residual hardly asks for."""
+        for name in sorted(sizes, key=lambda k: sizes[k] / self.scales[k]):
+            if sizes[name] > 0.0:
+                without = {**sizes, name: 0.0}
+                found = self.log_likelihood(without, residual)
+                if found > best - HARDLY:
+                    sizes, best = without, found
+        return sizes, best
+
+    def _scored(self, sizes: Mapping[str, float], residual: np.ndarray) -> dict[str, float]:
+        """The sizes that Fisher scoring goes to from `sizes`."""
+        scored = _Scored(self, sizes, residual)
+        slope, information, names = scored.slope, scored.information, list(self.columns)
+        unit = np.array([self.scales[name] ** 2 for name in names])
+        slope, information = slope * unit - 0.5, information * np.outer(unit, unit)
+        start = np.array([sizes[name] ** 2 for name in names]) / unit
+        information += np.diag(1e-9 * np.diag(information) + 1e-12)
+        root = np.linalg.cholesky(information).T
+        target = np.linalg.solve(root.T, information @ start + slope)
+        variance = np.minimum(nnls(root, target)[0], MOST**2) * unit
+        return dict(zip(names, np.sqrt(variance).tolist(), strict=True))
+
+
+class _Scored:
+    """Score (C,) and expected information (C, C) of the components' variances."""
+
+    def __init__(self, rig: Rig, sizes: Mapping[str, float], residual: np.ndarray):
+        whitening = rig.whitening(sizes)
+        precise = whitening.back(whitening(residual))
+        names = list(rig.columns)
+        own = {n: self._white(whitening, n, rig.columns[n]) for n in names}
+        count = len(names)
+        slope, self.information = np.zeros(count), np.zeros((count, count))
+        for i, name in enumerate(names):
+            one, columns = COMPONENTS[name], rig.columns[name]
+            along = columns * precise
+            if one.each == "whole":
+                along = along.sum(axis=(1, 2))
+            else:
+                along = along.sum(axis=2 if one.each == "frame" else 1)
+            slope[i] = 0.5 * ((along**2).sum() - self._trace(whitening, name, own[name]))
+            for j in range(i + 1):
+                shared = _shared(own[names[j]], COMPONENTS[names[j]].each, own[name], one.each)
+                self.information[i, j] = self.information[j, i] = 0.5 * shared
+        self.slope = slope
+
+    @staticmethod
+    def _white(whitening: Whitening, name: str, columns: np.ndarray) -> np.ndarray:
+        """Unit columns as they are when all that acts on the same readings is taken out."""
+        each = COMPONENTS[name].each
+        if each == "whole":
+            return whitening(columns)
+        alone = replace(whitening, errors=None)
+        parts = [p for p in whitening.parts[1:] if p.each == each]
+        if each == "channel":
+            found = alone(columns)
+        else:
+            louder = np.sqrt((1.0 + whitening.correlation**2) / (1.0 - whitening.correlation**2))
+            found = columns / whitening.sd * louder
+        for part in parts:
+            found = part.apply(found, part.root)
+        return found
+
+    @staticmethod
+    def _trace(whitening: Whitening, name: str, own: np.ndarray) -> float:
+        """Squared length of all unit columns, whitened."""
+        each, total = COMPONENTS[name].each, float((own**2).sum())
+        if each == "whole":
+            return total
+        for part in whitening.parts[1:]:
+            less = -part.precision
+            if part.each == "frame" and each == "channel":
+                taken = np.einsum("nmk,nk->nm", part.units**2, less)
+                total -= float((own**2 * taken).sum())
+            elif part.each == "whole":
+                units = part.units[0].T.reshape(-1, *part.shape)
+                along = np.einsum(
+                    "qnm,knm->qnk" if each == "frame" else "qnm,knm->qmk", units, own, optimize=True
+                )
+                total -= float(((along**2).sum(axis=(1, 2)) * less[0]).sum())
+        return total
+
+
+def _shared(a: np.ndarray, each_a: str, b: np.ndarray, each_b: str) -> float:
+    """Sum of the squared products of whitened unit columns (K, N, M)."""
+    if each_a == each_b == "whole":
+        return float(((a.reshape(len(a), -1) @ b.reshape(len(b), -1).T) ** 2).sum())
+    if each_a == each_b:
+        to = "knm,lnm->nkl" if each_a == "frame" else "knm,lnm->mkl"
+        return float((np.einsum(to, a, b, optimize=True) ** 2).sum())
+    if "whole" in (each_a, each_b):
+        whole, own, each = (a, b, each_b) if each_a == "whole" else (b, a, each_a)
+        to = "qnm,knm->qnk" if each == "frame" else "qnm,knm->qmk"
+        return float((np.einsum(to, whole, own, optimize=True) ** 2).sum())
+    return float(((a**2).sum(axis=0) * (b**2).sum(axis=0)).sum())
+
+
+def _columns(fit: Fit, voltage: np.ndarray, median: float):
+    """(name, columns) of what one unit of every component does."""
+    model = fit.problem.model
+    touched = model.touched & model.known
+    count, walk = len(voltage), _share(model)
+    yield "amplitude-per-frame", voltage[None]
+    yield "common-noise", np.ones((1, *voltage.shape))
+    if count >= LEAST_TOUCHES:
+        yield "gain-walk", _walk(walk, WALKS)[:, :, None] * voltage
+        wave = _walk(walk, CHANNEL_WALKS)[:, :, None]
+        yield "channel-drift", wave * np.ones(voltage.shape)
+    still = ~touched
+    level = voltage[still].mean(axis=0) if still.any() else np.zeros(voltage.shape[1])
+    if not model.difference:
+        name = "quadrature" if model.magnitude else "static-discrepancy"
+        yield name, np.broadcast_to(np.abs(level), (1, *voltage.shape))
+    if not touched.any():
+        return
+    response = np.where(touched[:, None], voltage - level, 0.0)
+    yield "touch-discrepancy", response[None]
+    moved = _moved(fit, voltage)
+    if moved is None:
+        return
+    place, force = moved
+    load = model.states["force_N"].to_numpy(float)[:, None]
+    labels = [p for p in np.unique(model.press) if p >= 0 and (touched & (model.press == p)).any()]
+    own = np.array([touched & (model.press == p) for p in labels])[:, :, None]
+    if touched.sum() >= LEAST_TOUCHES:
+        yield "place-per-frame", place
+        yield "force-per-frame", force[None]
+    if len(labels) >= LEAST_PRESSES:
+        yield "place-per-press", np.concatenate([own * place[0], own * place[1]])
+        yield "force-per-press", own * (load * force)
+        yield "force-zero-walk", _walk(walk, CHANNEL_WALKS)[:, :, None] * force
+
+
+def _moved(fit: Fit, voltage: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Derivatives (2, N, M) by the place and (N, M) by the force of each frame's touch; None where
+    the physics has none."""
+    model = fit.problem.model
+    states = model.states
+    knobs, chosen = fit.problem.split(fit.theta, fit.effects)
+    found = []
+    try:
+        for key in ("x_mm", "y_mm"):
+            inwards = np.where(states[key].to_numpy(float) > 0.0, -STEP_MM, STEP_MM)
+            there = model.displaced({key: inwards}).voltage(knobs, chosen)
+            found.append((there - voltage) / inwards[:, None])
+        force = states["force_N"].to_numpy(float)
+        step = STEP_FORCE * np.where(
+            force > STEP_FORCE * model.force_max_N, -force, model.force_max_N
+        )
+        there = model.displaced({"force_N": step}).voltage(knobs, chosen)
+    except InputError:
+        return None
+    touched = model.touched & model.known
+    place = np.where(touched[:, None], np.array(found), 0.0)
+    return place, np.where(touched[:, None], (there - voltage) / step[:, None], 0.0)
+
+
+def _share(model) -> np.ndarray:
+    """(N,): how much of the recording's time has gone."""
+    time = model.states["time_s"].to_numpy(float)
+    if not np.isfinite(time).all() or np.ptp(time) <= 0.0:
+        time = np.arange(len(time), dtype=float)
+    return (time - time[0]) / max(float(np.ptp(time)), 1e-9)
+
+
+def _walk(share: np.ndarray, count: int) -> np.ndarray:
+    """(count, N): the sine waves of a random walk from 0 whose sd is 1 at the end."""
+    rate = (np.arange(count)[:, None] + 0.5) * np.pi
+    return np.sqrt(2.0) * np.sin(rate * share) / rate
