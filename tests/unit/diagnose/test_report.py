@@ -138,7 +138,7 @@ def test_the_rig_is_told_where_it_was_found(written, rig):
     text = Page((rig / "report.html").read_text(encoding="utf-8")).text
     for sentence in rig_words.findings(RIG):
         assert re.sub(r"\s", " ", sentence) in text
-    assert "gain-walk0.200 (90 %: 0.160 to 0.250) %learned" in text
+    assert "gain-walk0.200 (90 %: 0.160 to 0.250) %the recording" in text
     assert "force-per-press2 %assumed" in text
     assert "noise and the rig's errors alone give 1." in text
     before = Page(page_of(written, "partly-explained")).text
@@ -161,10 +161,10 @@ def test_what_was_put_aside_is_told(written, rig):
     count = frames["held_out"].sum()
     assert 0 < count < len(frames)
     text = Page(page_of(written, "explained")).text
-    assert f"On {count} frames put aside, the misfit" in text
-    assert f"{count} frames put aside before anything was looked at" in text
+    assert f"On {count} frames held out, the misfit" in text
+    assert f"{count} frames were put aside before anything was looked at" in text
     text = Page(page_of(written, "untouched")).text
-    assert "26 of 208 channels put aside before anything was looked at" in text
+    assert "26 of 208 channels were put aside before anything was looked at" in text
     assert "white noise alone" not in text
     text = Page((rig / "report.html").read_text(encoding="utf-8")).text
     assert "against white noise alone" in text

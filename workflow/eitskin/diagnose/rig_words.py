@@ -8,21 +8,21 @@ PER_CENT, PLAIN = "{size:%}", "{size}"
 FINDINGS = {  # what is said of a component; its size as {size}, or as {size:%} of the whole
     "amplitude-per-frame": "All readings of a frame scatter together by {size:%} from frame to"
     " frame.",
-    "gain-walk": "The gain of all channels wanders, typically by {size:%} until the recording's"
-    " end.",
+    "gain-walk": "The gain of all channels wanders: at the recording's end it is typically off by"
+    " {size:%}.",
     "correlated-noise": "Noise lasts from one frame to the next, with a correlation of {size}.",
     "common-noise": "All channels of a frame share noise of {size}.",
-    "channel-drift": "Each channel drifts by itself, typically by {size} until the recording's"
-    " end.",
+    "channel-drift": "Each channel drifts by itself: at the recording's end it is typically off by"
+    " {size}.",
     "quantisation": "The converter rounds readings to steps of {size}.",
-    "quadrature": "The board tells magnitudes: typically {size:%} of a reading is in quadrature"
-    " and counts in.",
+    "quadrature": "The board reads magnitudes: quadrature of typically {size:%} of a reading is in"
+    " them.",
     "place-per-frame": "The robot's places scatter by {size} from frame to frame.",
     "place-per-press": "The robot's places are good to {size}, press by press.",
     "force-per-frame": "The load cell scatters by {size} from frame to frame.",
     "force-per-press": "The load cell's forces are good to {size:%}, press by press.",
-    "force-zero-walk": "The load cell's zero wanders, typically by {size} until the recording's"
-    " end.",
+    "force-zero-walk": "The load cell's zero wanders: at the recording's end it is typically off by"
+    " {size}.",
 }
 UNKNOWN = "The rig has an error called {name}, of {size}."
 ASSUMED = "; this is assumed, for the recording has nothing that shows it."

@@ -368,7 +368,8 @@ def held_out(evidence: Evidence) -> Figure:
         keys = [Line2D([], [], **dot, label="noise and rig"), Line2D([], [], **dot, **hollow)]
         figure.legend(handles=keys, loc="outside upper center", ncols=2, borderpad=0.1)
     axes.set(ylim=(-0.6, 1.6), yticks=[1, 0], yticklabels=[title for title, _ in TITLES])
-    axes.set_xlabel("held-out χ² per degree of freedom; noise alone: 1")
+    expected = "noise and rig" if white else "noise"
+    axes.set_xlabel(f"held-out χ² per degree of freedom; {expected} alone: 1")
     for tick, (_, colour) in zip(axes.get_yticklabels(), TITLES, strict=True):
         tick.set_color(colour)
     return figure

@@ -186,9 +186,9 @@ def _answer(found: Evidence) -> str:
         f"<span class='{key}'>{number(fit[f'chi2_per_dof_{key}'])}</span>"
         for key in ("before", "after")
     )
-    course = f"falls from {before} to {after}" if diagnosis["effects"] else f"is {before}"
+    course = f"goes from {before} to {after}" if diagnosis["effects"] else f"is {before}"
     parts.append(
-        f"<p>On {_put_aside(found)}, the misfit (χ² per degree of freedom) {course};"
+        f"<p>On {_put_aside(found)} held out, the misfit (χ² per degree of freedom) {course};"
         f" {_expected(found)}.</p>"
     )
     if diagnosis["other"]["probability"] >= LIKELY:
@@ -283,7 +283,7 @@ def _expected(found: Evidence) -> str:
 def _white(found: Evidence) -> str:
     """What the misfit of a frame is where nothing is missing."""
     if _learned(found):
-        return "It is that of white noise here, which alone gives 1; the rig's errors add to it."
+        return "Here it is white noise, which alone gives 1; the rig's errors come on top."
     return "Noise alone gives 1."
 
 
@@ -291,9 +291,8 @@ def _put_aside(found: Evidence) -> str:
     """What was held out, as a noun."""
     channels = found.held_out_channels
     if channels.any():
-        return f"{channels.sum()} of {len(channels)} channels put aside"
-    count = found.diagnosis["fit"]["held_out"]["frames"]
-    return f"{count} frames put aside" if found.frames["held_out"].any() else f"{count} frames"
+        return f"{channels.sum()} of {len(channels)} channels"
+    return f"{found.diagnosis['fit']['held_out']['frames']} frames"
 
 
 def _held_out(found: Evidence) -> str:
@@ -310,8 +309,8 @@ def _held_out(found: Evidence) -> str:
     lines = ["<h2>What was held out</h2>"]
     if found.frames["held_out"].any() or found.held_out_channels.any():
         lines.append(
-            f"<p>{_put_aside(found)} before anything was looked at: what was found is held against"
-            " what it was not found from.</p>"
+            f"<p>{_put_aside(found)} were put aside before anything was looked at; what was found"
+            " is held against them.</p>"
         )
     if "white_chi2_per_dof_after" in fit:
         heads.insert(2, "against white noise alone")
@@ -329,18 +328,20 @@ def _rig(found: Evidence) -> str:
         return ""
     told = rig_words.findings(noise) or ["The recording shows no error of the rig."]
     lines = ["<h2>The rig</h2>", *(f"<p>{escape(sentence)}</p>" for sentence in told)]
+    if noise.get("loud_frames") or noise.get("jumps"):
+        lines.append("<p class='quiet'>Frames are numbered from 0.</p>")
     if not noise["components"]:
         return "\n".join(lines)
     rows = [
         [
             f"<code>{escape(component['name'])}</code>",
             escape(rig_words.size(component)),
-            "learned" if component["learned"] else "assumed",
+            "the recording" if component["learned"] else "assumed",
         ]
         for component in noise["components"]
     ]
     caption = "Part of the noise that the recording is held against, not of what is missing."
-    return "\n".join([*lines, _table(["error", "size", ""], rows, caption=caption)])
+    return "\n".join([*lines, _table(["error", "size", "from"], rows, caption=caption)])
 
 
 def _other(found: Evidence) -> str:
