@@ -48,9 +48,9 @@ def findings(noise: dict) -> list[str]:
         found.append(f"{_frames(loud)} {are} louder than the others and {were} left out.")
     if spikes and spikes["readings"]:
         count, share = spikes["readings"], quantity(100.0 * spikes["share"], "%", 2)
-        said = "reading ({}) stands out alone and was" if count == 1 else ""
-        said = said or "readings ({}) stand out alone and were"
-        found.append(f"{count} {said.format(share)} left out.")
+        many = "readings", "stand out alone and were"
+        noun, verb = ("reading", "stands out alone and was") if count == 1 else many
+        found.append(f"{count} {noun} ({share}) {verb} left out.")
     if jumps:
         at = _frames(jumps).lower()
         found.append(f"At {at} the readings jump: the rig did not stay the same.")
