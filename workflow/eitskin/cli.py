@@ -87,7 +87,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         predicted = None
     page.write(folder, source, SCHEMA, folder / "report.html", predicted)
     said = result.result(found, name)
-    print(words.VERDICTS[said["verdict"]])
+    print(words.headline(said))
     for effect in said["effects"]:
         print(effect["sentence"])
     print(folder / "report.html")

@@ -6,7 +6,7 @@ import json
 import pytest
 import yaml
 
-from diagnosed_skin import KINDS, SCHEMA, diagnosed
+from diagnosed_skin import KINDS, RIG, SCHEMA, diagnosed, with_rig
 from eitskin.diagnose.validation import schema, validate
 from eitskin.effects import EFFECTS, catalogue_names
 from eitskin.effects.effect import SITES
@@ -221,6 +221,66 @@ def test_two_wires_are_exchanged(valid):
     refused(swap, "electrodes")
     swap["effects"][0]["electrodes"] = [3, 7]
     validate(swap, SCHEMA, "diagnosis.json")
+
+
+@pytest.fixture(scope="module")
+def additional(tmp_path_factory):
+    """diagnosis.json with all that it may hold besides."""
+    folder = tmp_path_factory.mktemp("rig")
+    diagnosed(folder, "partly-explained")
+    with_rig(folder)
+    return json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
+
+
+def test_the_rig_may_be_told(additional):
+    validate(additional, SCHEMA, "diagnosis.json")
+    least = additional | {"noise": {"components": []}}
+    validate(least, SCHEMA, "diagnosis.json")
+    at = ("noise", "components", 0)
+    correlation = dict(RIG["components"][0], name="correlated-noise", unit="1")
+    validate(changed(additional, at, correlation | {"low": -0.1}), SCHEMA, "diagnosis.json")
+    validate(changed(additional, (*at, "name"), "a-tool-s-own"), SCHEMA, "diagnosis.json")
+    for key in RIG["components"][0]:
+        missing = copy.deepcopy(additional)
+        del missing["noise"]["components"][0][key]
+        refused(missing, rf"noise\.components\[0\]\.{key}: found nothing")
+    refused(changed(additional, at, correlation | {"high": 1.1}), "high: found 1.1, expected 1 or")
+
+
+PLACES = ("noise", "components", 0)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "match"),
+    [
+        (("noise", "extra"), 1, "noise.extra: found an unknown key"),
+        (("noise", "loud_frames"), [-1], "loud_frames"),
+        (("noise", "jumps"), [1.5], "jumps"),
+        (("noise", "spikes", "share"), 1.5, "share"),
+        ((*PLACES, "extra"), 1, "extra: found an unknown key"),
+        ((*PLACES, "name"), "Place", "name"),
+        ((*PLACES, "unit"), "", "unit"),
+        ((*PLACES, "low"), -0.1, "low: found -0.1, expected 0 or more"),
+        ((*PLACES, "low"), 0.45, r"noise\.components\[0\]: found sd 0\.41, .* low ≤ sd ≤ high"),
+        ((*PLACES, "high"), 0.40, "low ≤ sd ≤ high"),
+        ((*PLACES, "sd"), [0.41], "sd: found .* expected a finite number"),
+        ((*PLACES, "learned"), 1, "learned: found 1, expected true or false"),
+        ((*EFFECT, "certain"), "no", "certain: found 'no', expected true or false"),
+        (("fit", "held_out", "white_chi2_per_dof_after"), -1.0, "white_chi2_per_dof_after"),
+    ],
+)
+def test_what_is_wrong_of_the_rig_is_named(additional, path, value, match):
+    refused(changed(additional, path, value), match)
+
+
+def test_what_explains_is_certain(valid):
+    validate(changed(valid["explained"], (*EFFECT, "certain"), True), SCHEMA, "diagnosis.json")
+    refused(changed(valid["explained"], (*EFFECT, "certain"), False), "certain: found False")
+
+
+def test_white_chi2_is_told_before_and_after(additional):
+    del additional["fit"]["held_out"]["white_chi2_per_dof_before"]
+    refused(additional, "fit.held_out")
 
 
 @pytest.mark.parametrize("keys", [[], ["cubic", "limit_V"]])

@@ -10,8 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from diagnosed_skin import CHANNELS, KINDS, SCHEMA, diagnosed
+from diagnosed_skin import CHANNELS, KINDS, RIG, SCHEMA, diagnosed, with_rig
 from eitskin import plotting
+from eitskin.diagnose import rig_words
 from eitskin.diagnose.report import evidence, figures, page
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
@@ -122,6 +123,77 @@ def test_an_effect_comes_with_numbers_and_a_mend(written):
     assert "Re-seat electrode 7." in text
     assert "The 20 states of the query are predicted" in text
     assert "states of the query" not in page_of(written, "consistent")
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory):
+    """A folder whose diagnosis tells of the rig, with its report."""
+    folder, _ = diagnosed(tmp_path_factory.mktemp("rig"), "partly-explained")
+    with_rig(folder)
+    rewritten(folder)
+    return folder
+
+
+def test_the_rig_is_told_where_it_was_found(written, rig):
+    text = Page((rig / "report.html").read_text(encoding="utf-8")).text
+    for sentence in rig_words.findings(RIG):
+        assert re.sub(r"\s", " ", sentence) in text
+    assert "gain-walk0.200 (90 %: 0.160 to 0.250) %the recording" in text
+    assert "force-per-press2 %assumed" in text
+    assert "noise and the rig's errors alone give 1." in text
+    before = Page(page_of(written, "partly-explained")).text
+    assert "The rig" not in before and "rig's errors" not in before
+
+
+def test_candidates_are_not_told_as_findings(written, rig):
+    text = Page((rig / "report.html").read_text(encoding="utf-8")).text
+    assert "what is named below are candidates" in text
+    assert "1. Perhaps electrode 7 touches" in text
+    assert "contact-impedance, a candidate, electrode 7" in text
+    assert "perhaps contact-impedance: electrode 7" in (
+        (rig / "figures" / "electrodes.svg").read_text(encoding="utf-8")
+    )
+    assert "andidate" not in Page(page_of(written, "partly-explained")).text
+
+
+def test_what_was_put_aside_is_told(written, rig):
+    frames = evidence.read(written["explained"], *_rest(written["explained"])).frames
+    count = frames["held_out"].sum()
+    assert 0 < count < len(frames)
+    text = Page(page_of(written, "explained")).text
+    assert f"On {count} frames held out, the misfit" in text
+    assert f"{count} frames were put aside before anything was looked at" in text
+    text = Page(page_of(written, "untouched")).text
+    assert "26 of 208 channels were put aside before anything was looked at" in text
+    assert "white noise alone" not in text
+    text = Page((rig / "report.html").read_text(encoding="utf-8")).text
+    assert "against white noise alone" in text
+
+
+def test_hollow_dots_are_against_white_noise(written, rig):
+    for folder, factors in ((written["partly-explained"], [1, 1]), (rig, [1, 1, 3, 3])):
+        found = evidence.read(folder, *_rest(folder))
+        fit = found.diagnosis["fit"]["held_out"]
+        after, before = fit["chi2_per_dof_after"], fit["chi2_per_dof_before"]
+        dots = [
+            float(line.get_xdata()[0])
+            for line in figures.draw(found)["held_out"].axes[0].lines
+            if line.get_marker() == "o"
+        ]
+        expected = np.array(factors) * ([before, after] * 2)[: len(factors)]
+        assert sorted(dots) == pytest.approx(sorted(expected))
+
+
+def test_folders_without_channels_put_aside_are_read(tmp_path):
+    folder, _ = diagnosed(tmp_path, "consistent")
+    path = folder / "evidence" / "residuals.npz"
+    with np.load(path) as file:
+        arrays = dict(file)
+    del arrays["held_out_channels"]
+    np.savez(path, **arrays | {"held_out": np.zeros_like(arrays["held_out"])})
+    found = evidence.read(folder, *_rest(folder))
+    assert not found.held_out_channels.any() and len(found.held_out_channels) == 208
+    assert "put aside" not in Page(rewritten(folder)).text
 
 
 def test_figures_are_drawn_or_their_absence_told(written):

@@ -97,6 +97,22 @@ def test_one_site():
     )
 
 
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_a_candidate_is_said_with_a_perhaps(name):
+    for each in entries(name):
+        sure, text = (words.finding(each | {"certain": c}, EFFECTS[name]) for c in (True, False))
+        assert sure == words.finding(each, EFFECTS[name])
+        assert text == f"Perhaps {sure[0].lower()}{sure[1:]}"
+
+
+def test_the_headline_is_the_verdict_s_unless_candidates_are_named():
+    for verdict, text in words.VERDICTS.items():
+        effects = [] if verdict in ("consistent", "unexplained") else [{}, {"certain": True}]
+        assert words.headline({"verdict": verdict, "effects": effects}) == text
+    said = words.headline({"verdict": "partly-explained", "effects": [{"certain": False}]})
+    assert "candidates" in said and said not in words.VERDICTS.values()
+
+
 def test_two_sites_in_their_order():
     text = said("drive-gain", "drives", 2, "sparse", gain=([1.1, 0.9], [1.0, 0.8], [1.2, 1.0]))
     assert text == (

@@ -76,8 +76,8 @@ def _values(effect: Effect) -> dict:
 def validate(result: dict, schema_path: str | Path, file: str | Path) -> None:
     """Raise InputError, with `file` as its place, unless `result` is a diagnosis.
 
-    Beyond the schema: an interval holds its value, a list has one number a site, and an effect is
-    no alternative to itself.
+    Beyond the schema: an interval holds its value, or of the noise its `sd`; a list has one number
+    a site, and an effect is no alternative to itself.
     """
     errors = sorted(
         Validator(schema(schema_path)).iter_errors(result), key=lambda error: len(error.path)
@@ -90,6 +90,8 @@ def validate(result: dict, schema_path: str | Path, file: str | Path) -> None:
         raise InputError(file, named, found, expected)
     for key, estimate in result["calibration"].items():
         _check_estimate(estimate, file, f"calibration.{key}")
+    for k, component in enumerate(result.get("noise", {}).get("components", [])):
+        _check_estimate(component, file, f"noise.components[{k}]", "sd")
     for k, effect in enumerate(result["effects"]):
         if effect["name"] in effect["alternatives"]:
             place = f"effects[{k}].alternatives"
@@ -103,11 +105,12 @@ def validate(result: dict, schema_path: str | Path, file: str | Path) -> None:
                 raise InputError(file, place, f"{size} values", f"one a site ({sites})")
 
 
-def _check_estimate(estimate: dict, file: str | Path, place: str) -> None:
-    low, value, high = (np.asarray(estimate[key], float) for key in ("low", "value", "high"))
+def _check_estimate(estimate: dict, file: str | Path, place: str, at: str = "value") -> None:
+    """at: the key of what lies within the interval."""
+    low, value, high = (np.asarray(estimate[key], float) for key in ("low", at, "high"))
     if not low.shape == value.shape == high.shape:
         found = f"shapes {low.shape}, {value.shape}, {high.shape}"
-        raise InputError(file, place, found, "low, value and high of one shape")
+        raise InputError(file, place, found, f"low, {at} and high of one shape")
     if not ((low <= value) & (value <= high)).all():
-        found = f"value {estimate['value']}, low {estimate['low']}, high {estimate['high']}"
-        raise InputError(file, place, found, "low ≤ value ≤ high")
+        found = f"{at} {estimate[at]}, low {estimate['low']}, high {estimate['high']}"
+        raise InputError(file, place, found, f"low ≤ {at} ≤ high")

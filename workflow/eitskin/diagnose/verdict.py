@@ -6,6 +6,11 @@ ACCEPTABLE_P = 0.01  # of the held-out chi2, above which the fit is accepted
 LIKELY = 0.5  # probability of something outside the catalogue, from which on it counts
 
 
+def acceptable(held_out_p: float) -> bool:
+    """Whether a fit is, by the probability of a held-out chi2 at least as large as its own."""
+    return held_out_p > ACCEPTABLE_P
+
+
 def verdict(effects: Sequence, held_out_p: float, other_probability: float) -> str:
     """consistent, explained, partly-explained or unexplained.
 
@@ -19,6 +24,6 @@ def verdict(effects: Sequence, held_out_p: float, other_probability: float) -> s
     likely = other_probability >= LIKELY
     if not effects:
         return "unexplained" if likely else "consistent"
-    if likely or held_out_p <= ACCEPTABLE_P:
+    if likely or not acceptable(held_out_p):
         return "partly-explained"
     return "explained"

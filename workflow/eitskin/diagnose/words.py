@@ -38,6 +38,11 @@ VERDICTS = {
     " of it.",
     "unexplained": "The simulation leaves something out for which there is no name here.",
 }
+CANDIDATES = (
+    "The simulation leaves something out; what is named below are candidates, for the fit as a"
+    " whole is not acceptable."
+)
+UNITS = {"V": "V", "ohm": "Ω", "arbitrary": "arbitrary units"}  # of readings
 
 
 def sites(item: dict) -> str:
@@ -59,8 +64,22 @@ def where(effect: dict) -> str:
     return sites(effect) or everywhere
 
 
+def certain(entry: dict) -> bool:
+    """Whether an effect of diagnosis.json is a finding; else it is a candidate, for the fit as a
+    whole is not acceptable."""
+    return entry.get("certain", True)
+
+
+def headline(diagnosis: dict) -> str:
+    """The verdict of diagnosis.json in a sentence."""
+    if all(certain(effect) for effect in diagnosis["effects"]):
+        return VERDICTS[diagnosis["verdict"]]
+    return CANDIDATES
+
+
 def finding(entry: dict, effect: Effect) -> str:
-    """An effect of diagnosis.json in a sentence: its `finding`, sites and values filled in."""
+    """An effect of diagnosis.json in a sentence: its `finding`, sites and values filled in; of a
+    candidate, with a perhaps."""
     given = entry["parameters"]
     text = effect.finding_at({key: estimate["value"] for key, estimate in given.items()})
 
@@ -77,6 +96,8 @@ def finding(entry: dict, effect: Effect) -> str:
         return _estimate(given[key], effect.parameters[key].whole, form == "%")
 
     text = GAP.sub(fill, PART.sub(part, text))
+    if not certain(entry):
+        return f"Perhaps {text[0].lower()}{text[1:]}"
     return f"{text[0].upper()}{text[1:]}"
 
 

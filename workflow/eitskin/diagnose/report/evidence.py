@@ -61,8 +61,9 @@ class Evidence:
 
     diagnosis: diagnosis.json; before, after (N, M): recording minus simulation in noise units, NaN
     where lost; noise_V (M,), noise_dof, noise_source: the noise and how it was found; channels
-    (M, 4); frames: held_out (fold), time_s, touch, x_mm, y_mm (of the skin), force_N, probe_mm,
-    press, one row a frame; tables by name, columns as in TABLES, NaN or "" where there is none;
+    (M, 4); frames: held_out (put aside before anything was looked at), time_s, touch, x_mm, y_mm
+    (of the skin), force_N, probe_mm, press, one row a frame; held_out_channels (M,): channels put
+    aside in place of frames; tables by name, columns as in TABLES, NaN or "" where there is none;
     experiment: sentence and pairs; predicted: time_s and the median std_V and |v| of a query, or
     None; recording: the recording diagnosed; hashes: SHA-256 by file name.
     """
@@ -75,6 +76,7 @@ class Evidence:
     noise_source: str
     channels: np.ndarray
     frames: pd.DataFrame
+    held_out_channels: np.ndarray
     tables: dict[str, pd.DataFrame]
     experiment: dict
     predicted: pd.DataFrame | None
@@ -137,13 +139,16 @@ def _residuals(path: Path) -> dict:
     with np.load(_there(path), allow_pickle=False) as file:
         arrays = {name: file[name] for name in file.files}
     shape = arrays["before"].shape if "before" in arrays else (0, 0)
+    arrays.setdefault("held_out_channels", np.zeros(shape[1], bool))
     expected = {"before": shape, "after": shape, "noise_V": shape[1:], "channels": (*shape[1:], 4)}
-    expected |= dict.fromkeys(FRAME_ARRAYS, shape[:1]) | {"noise_source": (), "noise_dof": ()}
+    expected |= {"noise_source": (), "noise_dof": (), "held_out_channels": shape[1:]}
+    expected |= dict.fromkeys(FRAME_ARRAYS, shape[:1])
     for name, size in expected.items():
         if name not in arrays:
             raise InputError(path, name, "nothing", "an array")
         if arrays[name].shape != size:
             raise InputError(path, name, f"shape {arrays[name].shape}", f"{size}")
+    frames = pd.DataFrame({name: arrays[name] for name in FRAME_ARRAYS})
     return {
         "before": arrays["before"],
         "after": arrays["after"],
@@ -151,7 +156,8 @@ def _residuals(path: Path) -> dict:
         "noise_dof": float(arrays["noise_dof"]),
         "noise_source": str(arrays["noise_source"]),
         "channels": arrays["channels"],
-        "frames": pd.DataFrame({name: arrays[name] for name in FRAME_ARRAYS}),
+        "frames": frames.astype({"held_out": bool}),
+        "held_out_channels": arrays["held_out_channels"].astype(bool),
     }
 
 

@@ -9,12 +9,13 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.verdict import LIKELY
-from eitskin.diagnose.words import sites, where
+from eitskin.diagnose.words import certain, sites, where
 from eitskin.effects import EFFECTS
 from eitskin.physics.geometry import even_angles
 from eitskin.plotting import (
@@ -57,7 +58,10 @@ def electrodes(evidence: Evidence) -> Figure:
     diagnosis = evidence.diagnosis
     effects = list(enumerate(diagnosis["effects"], start=1))
     other = diagnosis["other"]
-    labels = [f"{k}  {effect['name']}: {where(effect)}" for k, effect in effects]
+    labels = [
+        f"{k}  {'' if certain(effect) else 'perhaps '}{effect['name']}: {where(effect)}"
+        for k, effect in effects
+    ]
     if other["probability"] >= LIKELY:
         effects.append(("?", other | {"channels": []}))
         labels.append(f"?  no name: {sites(other) or 'no single site'}")
@@ -340,12 +344,16 @@ def _binned(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def held_out(evidence: Evidence) -> Figure:
-    """Chi2 per degree of freedom of the frames held out, before and after; noise gives 1."""
+    """Chi2 per degree of freedom of what was held out, before and after; noise gives 1. Hollow:
+    against white noise alone, where that is told."""
     fit = evidence.diagnosis["fit"]["held_out"]
     values = [fit[f"chi2_per_dof_{title}"] for title, _ in TITLES]
-    figure = column(26)
+    white = [fit[key] for title, _ in TITLES if (key := f"white_chi2_per_dof_{title}") in fit]
+    figure = column(32 if white else 26)
     axes = figure.add_subplot()
     axes.axvline(1, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)))
+    for y, value, (_, colour) in zip((1, 0), white, TITLES, strict=False):
+        axes.plot(value, y, "o", color=colour, markersize=6, markerfacecolor="white")
     axes.plot(values, [1, 0], color=QUIET, linewidth=0.8, zorder=1)
     for y, value, (_, colour) in zip((1, 0), values, TITLES, strict=True):
         axes.plot(value, y, "o", color=colour, markersize=6)
@@ -353,9 +361,15 @@ def held_out(evidence: Evidence) -> Figure:
         text = number(value)
         axes.annotate(text, (value, y), color=colour, weight="bold", bbox=PLAIN, **beside)
     axes.set_xscale("log")
-    log_limits(axes.xaxis, np.array(values), power, room=1.8)
+    log_limits(axes.xaxis, np.array(values + white), power, room=1.8)
+    if white:
+        dot = {"marker": "o", "color": "#202020", "linestyle": "", "markersize": 5}
+        hollow = {"markerfacecolor": "white", "label": "white noise alone"}
+        keys = [Line2D([], [], **dot, label="noise and rig"), Line2D([], [], **dot, **hollow)]
+        figure.legend(handles=keys, loc="outside upper center", ncols=2, borderpad=0.1)
     axes.set(ylim=(-0.6, 1.6), yticks=[1, 0], yticklabels=[title for title, _ in TITLES])
-    axes.set_xlabel("held-out χ² per degree of freedom; noise alone: 1")
+    expected = "noise and rig" if white else "noise"
+    axes.set_xlabel(f"held-out χ² per degree of freedom; {expected} alone: 1")
     for tick, (_, colour) in zip(axes.get_yticklabels(), TITLES, strict=True):
         tick.set_color(colour)
     return figure

@@ -12,19 +12,19 @@ import pandas as pd
 
 from eitskin import plotting
 from eitskin.atomic import atomic_path
+from eitskin.diagnose import rig_words
 from eitskin.diagnose.classes import CONFUSED, WEAK
 from eitskin.diagnose.report import evidence, figures
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.search.search import CUT_SHORT
 from eitskin.diagnose.verdict import LIKELY
-from eitskin.diagnose.words import VERDICTS, mend, sites, where
+from eitskin.diagnose.words import UNITS, certain, headline, mend, sites, where
 from eitskin.effects.effect import SITES
 from eitskin.quantities import NONE, chance, interval, listed, number, quantity
 
 SIGNIFICANT = 0.05  # false discovery rate below which a row of the atlas counts
 MOST_ROWS = 25
 PACKAGES = ("eitskin", "numpy", "scipy", "pandas", "matplotlib")
-UNITS = {"V": "V", "ohm": "Ω", "arbitrary": "arbitrary units"}
 CAPTIONS = {
     "electrodes": "The ring of electrodes, numbered from 0. Numbers in discs mark what is named"
     " above, at its electrodes; arrows are drives, dotted lines measuring pairs.",
@@ -34,7 +34,7 @@ CAPTIONS = {
     "misfit_force": "Misfit against force. Dots are frames, lines their means.",
     "misfit_time": "Misfit against time. Dots are frames, lines their means.",
     "misfit_place": "Misfit over the skin.",
-    "held_out": "Held-out frames.",
+    "held_out": "The misfit of what was held out.",
     "rivals": "Each name taken out again, and others in its place. In brackets: the difference in"
     " held-out log predictive density to all that is named; below 0 is worse.",
     "next_experiment": "What the next experiment would tell apart. Shaded: a gap under 3, where"
@@ -50,6 +50,7 @@ p { margin: 0.4em 0; max-width: 46em; }
 .quiet, figcaption, caption { color: #595959; }
 .effect { border-left: 4px solid #8b1a6b; padding: 0.1em 0 0.1em 0.9em; margin: 1em 0; }
 .effect > p:first-of-type { font-size: 1.1em; font-weight: 600; }
+.candidate { border-left-style: dashed; }
 .before { color: #b84f00; font-weight: 600; } .after { color: #0072b2; font-weight: 600; }
 .row { display: flex; flex-wrap: wrap; gap: 1.2em; align-items: flex-start; }
 figure { margin: 0.8em 0; flex: 1 1 22em; max-width: 29em; break-inside: avoid; }
@@ -107,14 +108,13 @@ def page(found: Evidence, drawn: dict[str, str]) -> str:
         _row(shown["electrodes"], shown["residual_matrix"]),
         "<h2>Where the misfit is, and where it went</h2>",
         "<p>Misfit is χ² per reading: the mean square of recording minus simulation in units of"
-        " the noise. Noise alone gives 1. <span class='before'>Before</span>: what its owner"
+        f" the noise. {_white(found)} <span class='before'>Before</span>: what its owner"
         " believes of the skin, calibrated. <span class='after'>After</span>: with what is named"
         " above.</p>",
         _row(shown["misfit_force"], shown["misfit_time"], shown["misfit_place"]),
-        "<h2>Held-out frames</h2>",
-        "<p>Each is predicted by a fit that has not seen its block.</p>",
         _held_out(found),
         _row(shown["held_out"], shown["rivals"]),
+        _rig(found),
         _other(found),
         _next(found, shown["next_experiment"]),
         _unobservable(found),
@@ -181,17 +181,16 @@ def _answer(found: Evidence) -> str:
     """The verdict in words, each effect in words, numbers and what to do."""
     diagnosis = found.diagnosis
     fit = diagnosis["fit"]["held_out"]
-    parts = [f"<h1>{VERDICTS[diagnosis['verdict']]}</h1>"]
-    fall = (
-        f"On {fit['frames']} frames held out, the misfit (χ² per degree of freedom) falls from"
-        f" <span class='before'>{number(fit['chi2_per_dof_before'])}</span> to"
-        f" <span class='after'>{number(fit['chi2_per_dof_after'])}</span>; noise alone gives 1."
+    parts = [f"<h1>{headline(diagnosis)}</h1>"]
+    before, after = (
+        f"<span class='{key}'>{number(fit[f'chi2_per_dof_{key}'])}</span>"
+        for key in ("before", "after")
     )
-    stays = (
-        f"On {fit['frames']} frames held out, the misfit (χ² per degree of freedom) is"
-        f" <span class='before'>{number(fit['chi2_per_dof_before'])}</span>; noise alone gives 1."
+    course = f"goes from {before} to {after}" if diagnosis["effects"] else f"is {before}"
+    parts.append(
+        f"<p>On {_put_aside(found)} held out, the misfit (χ² per degree of freedom) {course};"
+        f" {_expected(found)}.</p>"
     )
-    parts.append(f"<p>{fall if diagnosis['effects'] else stays}</p>")
     if diagnosis["other"]["probability"] >= LIKELY:
         parts.append(f"<p>What has no name: {escape(diagnosis['other']['sentence'])}</p>")
     elif diagnosis["verdict"] == "partly-explained":
@@ -212,10 +211,13 @@ def _effect(k: int, effect: dict, found: Evidence) -> str:
     lines = [f"<p>{k}. {escape(effect['sentence'])}</p>"]
     place = where(effect)
     varies = "static" if effect["driver"] == "static" else f"varies with {effect['driver']}"
-    head = f"<code>{escape(effect['name'])}</code>, {escape(place)}, {escape(varies)}"
+    named = f"<code>{escape(effect['name'])}</code>"
+    sure = certain(effect)
+    head = f"{named}{'' if sure else ', a candidate'}, {escape(place)}, {escape(varies)}"
     values = [_parameter(key, each, effect) for key, each in effect["parameters"].items()]
     lines.append(f"<p>{'; '.join([head, *values])}.</p>")
-    lines.append(f"<p>At the bench: {escape(mend(effect, found.channels))}</p>")
+    bench = "At the bench" if sure else "At the bench, to try"
+    lines.append(f"<p>{bench}: {escape(mend(effect, found.channels))}</p>")
     evidence_ = effect["evidence"]
     share = f"It explains {number(100 * effect['share'])} % of the misfit on frames held out"
     gain = f"gains {number(evidence_['elpd_gain'])} ± {number(evidence_['elpd_se'], 2)} nats there"
@@ -228,7 +230,8 @@ def _effect(k: int, effect: dict, found: Evidence) -> str:
         lines.append(f"<p>The gap to the nearest other name is {gap} in noise units.</p>")
     else:
         lines.append("<p>No other name looks like it.</p>")
-    return "<div class='effect'>" + "\n".join(lines) + "</div>"
+    kind = "effect" if sure else "effect candidate"
+    return f"<div class='{kind}'>" + "\n".join(lines) + "</div>"
 
 
 def _parameter(name: str, estimate: dict, effect: dict) -> str:
@@ -265,8 +268,36 @@ def _predicted(found: Evidence) -> str:
     )
 
 
+def _learned(found: Evidence) -> bool:
+    """Whether errors of the rig are part of the noise."""
+    return bool(found.diagnosis.get("noise", {}).get("components"))
+
+
+def _expected(found: Evidence) -> str:
+    """What the misfit is where nothing is missing."""
+    if _learned(found):
+        return "noise and the rig's errors alone give 1"
+    return "noise alone gives 1"
+
+
+def _white(found: Evidence) -> str:
+    """What the misfit of a frame is where nothing is missing."""
+    if _learned(found):
+        return "Here it is white noise, which alone gives 1; the rig's errors come on top."
+    return "Noise alone gives 1."
+
+
+def _put_aside(found: Evidence) -> str:
+    """What was held out, as a noun."""
+    channels = found.held_out_channels
+    if channels.any():
+        return f"{channels.sum()} of {len(channels)} channels"
+    return f"{found.diagnosis['fit']['held_out']['frames']} frames"
+
+
 def _held_out(found: Evidence) -> str:
     fit, unit = found.diagnosis["fit"]["held_out"], _unit(found)
+    heads = ["", "χ² per degree of freedom", "rms residual"]
     rows = [
         [
             f"<span class='{key}'>{key}</span>",
@@ -275,10 +306,42 @@ def _held_out(found: Evidence) -> str:
         ]
         for key in ("before", "after")
     ]
-    heads = ["", "χ² per degree of freedom", "rms residual"]
-    folds = found.frames["held_out"].nunique()
-    caption = f"Frames: {fit['frames']}; blocks: {folds}. Noise alone gives 1."
-    return _table(heads, rows, heads[1:], caption)
+    lines = ["<h2>What was held out</h2>"]
+    if found.frames["held_out"].any() or found.held_out_channels.any():
+        lines.append(
+            f"<p>{_put_aside(found)} were put aside before anything was looked at; what was found"
+            " is held against them.</p>"
+        )
+    if "white_chi2_per_dof_after" in fit:
+        heads.insert(2, "against white noise alone")
+        for row, key in zip(rows, ("before", "after"), strict=True):
+            row.insert(2, number(fit[f"white_chi2_per_dof_{key}"]))
+    expected = _expected(found)
+    caption = f"{expected[0].upper()}{expected[1:]}."
+    return "\n".join([*lines, _table(heads, rows, heads[1:], caption)])
+
+
+def _rig(found: Evidence) -> str:
+    """What was found of the rig: a sentence each, and the sizes."""
+    noise = found.diagnosis.get("noise")
+    if noise is None:
+        return ""
+    told = rig_words.findings(noise) or ["The recording shows no error of the rig."]
+    lines = ["<h2>The rig</h2>", *(f"<p>{escape(sentence)}</p>" for sentence in told)]
+    if noise.get("loud_frames") or noise.get("jumps"):
+        lines.append("<p class='quiet'>Frames are numbered from 0.</p>")
+    if not noise["components"]:
+        return "\n".join(lines)
+    rows = [
+        [
+            f"<code>{escape(component['name'])}</code>",
+            escape(rig_words.size(component)),
+            "the recording" if component["learned"] else "assumed",
+        ]
+        for component in noise["components"]
+    ]
+    caption = "Part of the noise that the recording is held against, not of what is missing."
+    return "\n".join([*lines, _table(["error", "size", "from"], rows, caption=caption)])
 
 
 def _other(found: Evidence) -> str:

@@ -1,0 +1,83 @@
+"""The rig in words: what a recording shows of its noise, its robot and its load cell."""
+
+from eitskin.diagnose.words import UNITS
+from eitskin.quantities import interval, listed, quantity
+
+MOST_LISTED = 6  # frames; more are counted
+PER_CENT, PLAIN = "{size:%}", "{size}"
+FINDINGS = {  # what is said of a component; its size as {size}, or as {size:%} of the whole
+    "amplitude-per-frame": "All readings of a frame scatter together by {size:%} from frame to"
+    " frame.",
+    "gain-walk": "The gain of all channels wanders: at the recording's end it is typically off by"
+    " {size:%}.",
+    "correlated-noise": "Noise lasts from one frame to the next, with a correlation of {size}.",
+    "common-noise": "All channels of a frame share noise of {size}.",
+    "channel-drift": "Each channel drifts by itself: at the recording's end it is typically off by"
+    " {size}.",
+    "quantisation": "The converter rounds readings to steps of {size}.",
+    "quadrature": "The board reads magnitudes: quadrature of typically {size:%} of a reading is in"
+    " them.",
+    "place-per-frame": "The robot's places scatter by {size} from frame to frame.",
+    "place-per-press": "The robot's places are good to {size}, press by press.",
+    "force-per-frame": "The load cell scatters by {size} from frame to frame.",
+    "force-per-press": "The load cell's forces are good to {size:%}, press by press.",
+    "force-zero-walk": "The load cell's zero wanders: at the recording's end it is typically off by"
+    " {size}.",
+}
+UNKNOWN = "The rig has an error called {name}, of {size}."
+ASSUMED = "; this is assumed, for the recording has nothing that shows it."
+
+
+def finding(component: dict) -> str:
+    """A component of `noise` in diagnosis.json in a sentence: its size with its 90 % interval, or
+    that its size is assumed."""
+    text = FINDINGS.get(component["name"], UNKNOWN.replace("{name}", component["name"]))
+    shown = size(component)
+    text = text.replace(PER_CENT, shown).replace(PLAIN, shown)
+    return text if component["learned"] else f"{text.removesuffix('.')}{ASSUMED}"
+
+
+def findings(noise: dict) -> list[str]:
+    """What `noise` in diagnosis.json says, a sentence each: its components, loud frames, spikes,
+    jumps."""
+    found = [finding(component) for component in noise["components"]]
+    loud, spikes, jumps = (noise.get(key) for key in ("loud_frames", "spikes", "jumps"))
+    if loud:
+        one = len(loud) == 1
+        are, were = ("is", "was") if one else ("are", "were")
+        found.append(f"{_frames(loud)} {are} louder than the others and {were} left out.")
+    if spikes and spikes["readings"]:
+        count, share = spikes["readings"], quantity(100.0 * spikes["share"], "%", 2)
+        many = "readings", "stand out alone and were"
+        noun, verb = ("reading", "stands out alone and was") if count == 1 else many
+        found.append(f"{count} {noun} ({share}) {verb} left out.")
+    if jumps:
+        at = _frames(jumps).lower()
+        found.append(f"At {at} the readings jump: the rig did not stay the same.")
+    return found
+
+
+def size(component: dict) -> str:
+    """The size of a component in its unit, with its 90 % interval where it was learned."""
+    factor, unit = _scale(component)
+    value, low, high = (factor * component[key] for key in ("sd", "low", "high"))
+    if low == high or not component["learned"]:
+        return quantity(value, unit)
+    return interval(value, low, high, unit)
+
+
+def _scale(component: dict) -> tuple[float, str]:
+    """The factor and the unit in which a component's size is told."""
+    unit = component["unit"]
+    if unit == "1" and PER_CENT in FINDINGS.get(component["name"], ""):
+        return 100.0, "%"
+    return 1.0, UNITS.get(unit, unit)
+
+
+def _frames(frames: list[int]) -> str:
+    """`Frame 3`, `Frames 3 and 5`; of many the first, and how many more."""
+    if len(frames) == 1:
+        return f"Frame {frames[0]}"
+    more = len(frames) - MOST_LISTED
+    shown = [*frames[:MOST_LISTED], f"{more} more"] if more > 0 else frames
+    return f"Frames {listed(shown)}"
