@@ -43,7 +43,7 @@ from eitskin.errors import InputError
 from eitskin.physics.solver import Spent
 
 SIGNIFICANT = 1e-3
-WORTH_TRYING = 0.2  # global p-value of the best score, under which trials are fitted: the rig's
+WORTH_TRYING = 0.05  # global p-value of the best score, under which trials are fitted: the rig's
 # errors may have taken to themselves, until they are learned again, what is an effect's
 STANDARD_ERRORS = 2.0
 MOST_EFFECTS = 5
