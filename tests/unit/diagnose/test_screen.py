@@ -4,10 +4,20 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.stats import kstest
+from scipy.special import chdtrc
+from scipy.stats import binom, kstest
 
 from eitskin.diagnose.search import channels
-from eitskin.diagnose.search.screen import Null, log_evidence, null, score, sparse, subset
+from eitskin.diagnose.search.screen import (
+    Null,
+    best_few,
+    chance,
+    log_evidence,
+    null,
+    score,
+    sparse,
+    subset,
+)
 from eitskin.diagnose.search.search import discrete
 from eitskin.diagnose.tangents import Tangents
 from small_skin import calibrated, candidates_of, problem_of, small_recording
@@ -36,7 +46,20 @@ def columns(tangents):
 def noisy(tangents, columns, draw):
     """What score tests see of a recording without any effect."""
     residual = tangents.away(draw.normal(size=tangents.residual.size))
-    return SimpleNamespace(residual=residual, of=lambda c: columns[c.key][1])
+    return SimpleNamespace(
+        residual=residual,
+        of=lambda c: np.concatenate([columns[key][1] for key in _parts(c, columns)]),
+        problem=tangents.problem,
+        voltage=tangents.voltage,
+        fitted=tangents.fitted,
+        blocks=tangents.blocks,
+    )
+
+
+def _parts(candidate, columns):
+    if candidate.key in columns:
+        return [candidate.key]
+    return [sparse(candidate, (site,)).key for site in candidate.sites]
 
 
 def test_a_score_s_p_value_is_uniform_by_chance(tangents, columns):
@@ -58,6 +81,44 @@ def test_the_least_p_value_of_the_catalogue_is_calibrated(tangents, columns):
         found.append(nothing.p_value(min(score(seen, c).p_value for c in chosen)))
     assert kstest(found, "uniform").pvalue > 1e-3
     assert nothing.p_value(0.0) == pytest.approx(1 / (1 + len(nothing.least)))
+
+
+def test_the_choice_of_the_best_few_sites_counts(tangents, columns):
+    """Tested as if they had been given, channels would surprise by chance far too often."""
+    drives = next(c for c, _ in columns.values() if (c.name, c.scope) == ("drive-gain", "dense"))
+    single = next(c for c in CATALOGUE if c.name == "channel-gain")
+    draw = np.random.default_rng(5)
+    several = []
+    for _ in range(400):
+        seen = noisy(tangents, columns, draw)
+        of_channels = channels.scores(seen, single)[2:-1]
+        several.append([best_few(seen, drives), *(of_channels or [None])])
+    few_drives, few_channels = np.transpose(several)
+    often = binom.ppf(0.999, len(several), 0.05)
+    assert sum(s.p_value < 0.05 for s in few_drives if s) <= often
+    assert sum(s.p_value < 0.05 for s in few_channels if s) <= often
+    assert sum(chance(s.gain, s.dof) < 0.05 for s in few_channels if s) > 5 * often
+
+
+def test_chance_of_the_best_of_several_choices():
+    assert chance(9.0, 1) == chdtrc(1, 9.0)
+    assert chance(9.0, 1, 100) == pytest.approx(1 - (1 - chdtrc(1, 9.0)) ** 100)
+    assert chance(200.0, 1, 100) == pytest.approx(100 * chdtrc(1, 200.0))
+    assert chance(-3.0, 1, 100) == 1.0
+
+
+def test_a_channel_that_is_fitted_already_has_nothing_to_gain(tangents):
+    dense = next(c for c in CATALOGUE if c.name == "channel-gain")
+    own = tangents.of(sparse(dense, (5,)))[0]
+    seen = SimpleNamespace(
+        residual=tangents.residual - (tangents.residual @ own) * own / (own @ own),
+        problem=tangents.problem,
+        voltage=tangents.voltage,
+        fitted=np.concatenate([tangents.fitted, [own / np.linalg.norm(own)]]),
+        blocks=tangents.blocks,
+    )
+    every = channels.scores(seen, dense)[-1]
+    assert every.dof == 39 and np.isfinite(every.gain)
 
 
 def test_further_looks_count():

@@ -4,14 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from calibration.trial import true_gaps
-from eitskin.diagnose import diagnosis, result
+from eitskin.data.recording import Recording
+from eitskin.diagnose import diagnosis, result, tangents
 from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.corrected import items
 from eitskin.diagnose.fit import fit
 from eitskin.diagnose.search import search
-from eitskin.diagnose.search.screen import score
+from eitskin.diagnose.search.screen import NULL_DRAWS, score
 from eitskin.diagnose.search.search import Search, State
 from eitskin.diagnose.tangents import Tangents
 from eitskin.errors import InputError
@@ -24,6 +26,7 @@ from small_skin import (
     small_recording,
     voltage,
 )
+from witness import cases
 
 CONTACT = {"name": "contact-impedance", "electrodes": [3], "parameters": {"ratio": 1.7}}
 SWAP = {"name": "electrode-swap", "electrodes": [1, 5], "parameters": {}}
@@ -88,6 +91,8 @@ def test_swapped_wires_are_found_beside_another_fault():
     assert set(found) == {"electrode-swap", "multiplexer-memory"}
     assert found["electrode-swap"]["electrodes"] == [1, 5]
     assert found["multiplexer-memory"]["parameters"]["mu"]["value"] == pytest.approx(0.03, abs=2e-3)
+    surest = pytest.approx(1 / (1 + NULL_DRAWS))
+    assert found["electrode-swap"]["evidence"]["p_value"] == surest
 
 
 @pytest.mark.long
@@ -136,12 +141,72 @@ def p_values(recorded, residual, *names, sites=None):
     """Score tests' p-values of candidates about the calibrated fit of a recording whose whitened
     misfit is exchanged for `residual` of it."""
     problem, scales = problem_of(recorded, NOISE)
-    tangents = Tangents(calibrated(problem))
-    tangents.residual = tangents.away(residual(tangents.fit.residual).ravel())
+    seen = Tangents(calibrated(problem))
+    seen.residual = seen.away(residual(seen.fit.residual).ravel())
     every = candidates_of(recorded, problem, scales)
-    return [
-        score(tangents, c).p_value for c in every if c.name in names and c.sites in (sites, None)
+    return [score(seen, c).p_value for c in every if c.name in names and c.sites in (sites, None)]
+
+
+def chance_p_values(search, draws):
+    """(draws,): global p-values of the best candidates where a recording's misfit is white noise,
+    seen from one fit."""
+    state = search.calibrated()
+    seen = search.linearised(state)
+    draw = np.random.default_rng(7)
+    found = []
+    for _ in range(draws):
+        seen.residual = seen.away(draw.normal(size=seen.residual.size))
+        search.scored.clear()
+        least = min(s.p_value for s in search.scores(state))
+        found.append(search.global_p(least))
+    return np.array(found)
+
+
+def seldom(p, level=0.05, margin=1.5):
+    """Whether p-values lie below a level no more often than `margin` times it, but for luck of one
+    in a thousand."""
+    return (p < level).sum() <= binom.ppf(0.999, len(p), margin * level)
+
+
+def test_chance_seldom_gives_a_small_global_p_value():
+    names = ("contact-impedance", "ground-leak", "channel-gain", "offset", "electrode-swap")
+    recorded = small_recording(noise=NOISE, places=1)
+    problem, scales = problem_of(recorded, NOISE)
+    few = [c for c in candidates_of(recorded, problem, scales) if c.name in names]
+    one = Search(problem, few, np.zeros(len(recorded.frames), int), 1, lambda line: None)
+    assert seldom(chance_p_values(one, 150))
+
+
+@pytest.mark.long
+def test_chance_seldom_gives_a_small_global_p_value_in_the_whole_catalogue(monkeypatch):
+    monkeypatch.setattr(tangents, "KEPT", 10_000)
+    p = []
+    for seed in (1, 2, 3):
+        case = cases.draw("null", seed)
+        recorded = Recording(case.states, case.voltage, None, None, dict(case.metadata))
+        p.append(chance_p_values(diagnosis.begun(recorded, 1)[1], 100))
+    assert seldom(np.concatenate(p))
+
+
+def test_an_effect_has_the_p_value_of_its_own_score():
+    faint = {**CONTACT, "parameters": {"ratio": 1.25}}
+    _, one = diagnosis.begun(small_recording(faint, noise=NOISE, places=4), 1)
+    state = one.calibrated()
+    scores = one.scores(state)
+    trials = one.tried(state, scores)
+    p = {t.effects[-1].key: t.p_values[t.effects[-1].key] for t in trials}
+    assert p == {s.candidate.key: one.global_p(s.p_value) for s in scores if s.candidate.key in p}
+    assert min(p.values()) < search.SIGNIFICANT < max(p.values())
+
+
+def test_a_trial_whose_own_score_chance_gives_does_not_enter(contact, monkeypatch):
+    found, before = contact[1].search, contact[1].before
+    trials = [
+        replace(t, p_values={t.effects[-1].key: search.SIGNIFICANT})
+        for t in found.tried(before, found.scores(before))
     ]
+    monkeypatch.setattr(Search, "tried", lambda self, state, scores: trials)
+    assert replace(found)._add(before) is None
 
 
 def test_shuffled_times_take_the_evidence_of_a_drift():
@@ -170,9 +235,9 @@ def test_turned_electrode_labels_turn_the_answer(contact):
     one.voltage = recorded.voltage[still].copy()
     one.voltage[:, at] = recorded.voltage[still]
     problem, scales = problem_of(one, NOISE)
-    tangents = Tangents(calibrated(problem))
+    seen = Tangents(calibrated(problem))
     own = [c for c in candidates_of(one, problem, scales) if c.name == "contact-impedance"]
-    gains = {c.sites[0]: score(tangents, c).gain for c in own if c.scope == "sparse"}
+    gains = {c.sites[0]: score(seen, c).gain for c in own if c.scope == "sparse"}
     assert max(gains, key=gains.get) == 5
 
 

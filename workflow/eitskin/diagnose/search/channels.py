@@ -1,7 +1,6 @@
 """Single channels' gains and offsets: as many candidates as channels, screened all at once."""
 
 import numpy as np
-from scipy.special import chdtrc
 
 from eitskin.diagnose.candidates import Candidate, log_ways
 from eitskin.diagnose.search.screen import (
@@ -9,10 +8,11 @@ from eitskin.diagnose.search.screen import (
     MOST_SITES,
     Score,
     best_amplitude,
+    choices,
     evidence_along,
     sparse,
 )
-from eitskin.diagnose.tangents import Tangents
+from eitskin.diagnose.tangents import LEAST, Tangents
 
 
 def scores(tangents: Tangents, dense: Candidate) -> list[Score]:
@@ -22,13 +22,15 @@ def scores(tangents: Tangents, dense: Candidate) -> list[Score]:
     memory already found; the fit that follows is exact.
     """
     slope, information = _sums(tangents, dense)
-    gain = slope**2 / np.maximum(information, 1e-300)
+    free = information > 0
+    gain = np.divide(slope**2, information, out=np.zeros_like(slope), where=free)
     evidence = best_amplitude([evidence_along(slope, information, a) for a in AMPLITUDES])
     order = np.argsort(-evidence)
     count = len(slope)
     found = []
     for k in order[:2]:
-        found.append(_score(sparse(dense, (int(dense.sites[k]),)), gain[k], 1, evidence[k]))
+        alone = sparse(dense, (int(dense.sites[k]),))
+        found.append(Score(alone, float(gain[k]), 1, float(evidence[k] - np.log(alone.looks))))
     best, chosen = -np.inf, []
     for size in range(2, MOST_SITES + 1):
         total = evidence[order[:size]].sum()
@@ -36,21 +38,22 @@ def scores(tangents: Tangents, dense: Candidate) -> list[Score]:
             break
         best, chosen = total - log_ways(count, size), order[:size]
     if len(chosen):
-        sites = tuple(sorted(int(dense.sites[k]) for k in chosen))
-        found.append(_score(sparse(dense, sites), gain[chosen].sum(), len(chosen), best, 0.0))
+        few = sparse(dense, tuple(sorted(int(dense.sites[k]) for k in chosen)))
+        total = float(gain[chosen].sum())
+        found.append(Score(few, total, len(chosen), float(best), choices(few)))
     together = best_amplitude([evidence_along(slope, information, a).sum() for a in AMPLITUDES])
-    found.append(_score(dense, gain.sum(), count, together, 0.0))
+    found.append(Score(dense, float(gain.sum()), max(1, int(free.sum())), float(together)))
     return found
 
 
-def _score(candidate, gain, dof, evidence, ways: float | None = None) -> Score:
-    ways = np.log(candidate.looks) if ways is None else ways
-    p = float(chdtrc(dof, gain))
-    return Score(candidate, float(gain), int(dof), p, float(evidence - ways))
+def looks(dense: Candidate) -> int:
+    """How many independent looks `scores` takes at most: each channel, the best few, all."""
+    return len(dense.sites) + 2
 
 
 def _sums(tangents: Tangents, dense: Candidate) -> tuple[np.ndarray, np.ndarray]:
-    """Slope (M,) and information (M,) of each channel's own column, the fitted projected out."""
+    """Slope (M,) and information (M,) of each channel's own column, the fitted projected out; 0
+    where the channel's is a fitted one."""
     parameter = next(iter(dense.effect.parameters.values()))
     whitening = tangents.problem.whitening
     shape = tangents.voltage.shape
@@ -58,7 +61,9 @@ def _sums(tangents: Tangents, dense: Candidate) -> tuple[np.ndarray, np.ndarray]
     slope = (column * whitening.back(tangents.residual.reshape(shape))).sum(axis=0)
     fitted = whitening.back(tangents.fitted.reshape(-1, *shape))
     shared = np.einsum("pnm,nm->pm", fitted, column)
-    information = whitening.channel_lengths(column) - (shared**2).sum(axis=0)
+    length = whitening.channel_lengths(column)
+    information = length - (shared**2).sum(axis=0)
     for block in tangents.blocks:
         information = information - (whitening(column) * block).sum(axis=0) ** 2
-    return slope, np.maximum(information, 0.0)
+    there = information > LEAST * length
+    return np.where(there, slope, 0.0), np.where(there, information, 0.0)

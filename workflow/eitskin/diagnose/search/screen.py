@@ -13,6 +13,7 @@ NULL_DRAWS = 20_000
 BATCH = 4_000
 AMPLITUDES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # prior sd of a coordinate, the best of them taken
 MOST_SITES = 5
+SIZES = MOST_SITES - 1  # of subsets, two sites and more
 
 
 def log_evidence(slope: np.ndarray, information: np.ndarray) -> float:
@@ -45,16 +46,32 @@ def explained(columns: np.ndarray, residual: np.ndarray) -> tuple[float, int]:
     return float((slope**2 / size[kept]).sum()), int(kept.sum())
 
 
+def chance(gain: float, dof: int, choices: int = 1) -> float:
+    """P-value of a gain of chi squared with `dof` coordinates, the best of so many choices.
+
+    As of independent choices, which is conservative: Šidák (1967), for more coordinates than one
+    by Royen's (2014) Gaussian correlation inequality.
+    """
+    alone = float(chdtrc(dof, max(gain, 0.0)))
+    return float(-np.expm1(choices * np.log1p(-alone))) if alone < 1.0 else 1.0
+
+
 @dataclass(frozen=True)
 class Score:
-    """A candidate's score test: `gain` of chi squared and degrees of freedom, p-value, and the
-    linear log evidence with the prior over sites."""
+    """A candidate's score test: `gain` of chi squared and degrees of freedom, and the linear log
+    evidence with the prior over sites. choices: among how many it was chosen as the best, beyond
+    what a `Null` counts as looks."""
 
     candidate: Candidate
     gain: float
     dof: int
-    p_value: float
     log_evidence: float
+    choices: int = 1
+
+    @property
+    def p_value(self) -> float:
+        """P-value of this one look, by chance alone."""
+        return chance(self.gain, self.dof, self.choices)
 
 
 def score(tangents: Tangents, candidate: Candidate) -> Score | None:
@@ -65,7 +82,20 @@ def score(tangents: Tangents, candidate: Candidate) -> Score | None:
     gain, dof = explained(columns, tangents.residual)
     evidence = log_evidence(columns @ tangents.residual, columns @ columns.T)
     evidence -= np.log(candidate.looks)
-    return Score(candidate, gain, dof, float(chdtrc(dof, gain)), evidence)
+    return Score(candidate, gain, dof, evidence)
+
+
+def best_few(tangents: Tangents, dense: Candidate) -> Score | None:
+    """Score of the `subset` of a dense candidate; None where there is none."""
+    few = subset(tangents, dense)
+    one = few and score(tangents, few)
+    return one and replace(one, choices=choices(few))
+
+
+def choices(few: Candidate) -> int:
+    """Of the sites of a sparse candidate of two or more: the subsets of any size, every size
+    weighing the same."""
+    return SIZES * few.looks
 
 
 def subset(tangents: Tangents, dense: Candidate) -> Candidate | None:

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtrc
 
 from eitskin.diagnose.candidates import Candidate, without_site
 from eitskin.diagnose.fit import (
@@ -30,12 +29,12 @@ from eitskin.diagnose.rig import Rig
 from eitskin.diagnose.search import channels, tones
 from eitskin.diagnose.search.screen import (
     AMPLITUDES,
-    NULL_DRAWS,
     Null,
     Score,
+    best_few,
+    chance,
     null,
     score,
-    subset,
 )
 from eitskin.diagnose.tangents import Tangents
 from eitskin.effects import EFFECTS
@@ -241,10 +240,11 @@ class Search:
         for candidate in self.candidates:
             if _of_channels(candidate):
                 free = channels.scores(tangents, candidate)[-1]
-                if free.log_evidence > max(plain, LEAST_EVIDENCE):
+                p = self.global_p(free.p_value)
+                if free.log_evidence > max(plain, LEAST_EVIDENCE) and p < SIGNIFICANT:
                     trial = self.with_effect(state, candidate)
                     if trial is not None and trial.log_evidence > state.log_evidence:
-                        trial.p_values[candidate.key] = self.null.p_value(0.0)
+                        trial.p_values[candidate.key] = p
                         found.append(trial)
         return max(found, key=lambda s: s.log_evidence, default=None)
 
@@ -300,18 +300,32 @@ class Search:
             else:
                 found.append(score(tangents, candidate))
                 if candidate.scope == "dense":
-                    few = subset(tangents, candidate)
-                    found.append(few and score(tangents, few))
+                    found.append(best_few(tangents, candidate))
         found = [s for s in found if s is not None]
-        if self.null is None:
-            linear = [
-                c for c in self.candidates if not (_of_channels(c) or discrete(c) or c.effect.tone)
-            ]
-            free = sum(discrete(c) for c in self.candidates)
-            free += 2 * len(self.problem.whitening.sd)
-            self.report("drawing recordings in which nothing is missing")
-            self.null = null(tangents, linear, free, self.seed)
+        self._draw_null(tangents)
         return sorted(found, key=lambda s: -s.log_evidence)
+
+    def _draw_null(self, tangents: Tangents) -> None:
+        """`null`, once: score tests of single candidates are drawn; those of channels, of discrete
+        candidates and tones, and of the best few of each dense one are counted."""
+        if self.null is not None:
+            return
+        linear, free = [], 0
+        for candidate in self.candidates:
+            if _of_channels(candidate):
+                free += channels.looks(candidate)
+            elif discrete(candidate) or candidate.effect.tone:
+                free += 1
+            else:
+                linear.append(candidate)
+                free += candidate.scope == "dense"
+        self.report("drawing recordings in which nothing is missing")
+        self.null = null(tangents, linear, free, self.seed)
+
+    def global_p(self, local: float) -> float:
+        """How often chance alone gives one look's p-value of `local` or less, over all that is
+        looked at."""
+        return self.null.p_value(local)
 
     def _tried(self, tangents: Tangents, candidate: Candidate) -> Score | None:
         """A candidate without tangents, by trying it; the calibrations follow to first order. One
@@ -329,8 +343,7 @@ class Search:
         gain = 2.0 * along - length
         if candidate.size and along > 0:
             gain = along**2 / length
-        p = float(chdtrc(1, along**2 / length)) if gain > 0 else 1.0
-        return Score(candidate, gain, 1, p, 0.5 * gain - np.log(candidate.looks))
+        return Score(candidate, gain, 1, 0.5 * gain - np.log(candidate.looks))
 
     def _gross(self, state: State) -> State | None:
         """`state` with one gross fault of the wiring, None where none is plain to see.
@@ -363,8 +376,12 @@ class Search:
         found = self.state(fit(self.problem, effects, np.r_[start, np.zeros(size)], polish=True))
         if found.log_evidence < state.log_evidence + LEAST_EVIDENCE:
             return None
-        found.p_values = dict.fromkeys((c.key for c in effects), 1.0 / (NULL_DRAWS + 1.0))
-        self.step("add", faults[best], found, 1.0 / (NULL_DRAWS + 1.0))
+        self._draw_null(self.linearised(found))
+        gain = 2.0 * (found.log_likelihood - state.log_likelihood)
+        p = self.global_p(chance(gain, 1 + faults[best].size))
+        found = self.settled(found)
+        found.p_values = {**state.p_values, faults[best].key: p}
+        self.step("add", faults[best], found, p)
         return found
 
     def _add(self, state: State) -> State | None:
@@ -372,7 +389,7 @@ class Search:
         scores = self.scores(state)
         if not scores:
             return None
-        p_value = self.catalogue_p = self.null.p_value(min(s.p_value for s in scores))
+        p_value = self.catalogue_p = self.global_p(min(s.p_value for s in scores))
         self.report(
             f"{len(state.effects)} effects, chi2/dof {per_dof(state):.3f}: best score "
             f"{scores[0].candidate.name}, p = {p_value:.2g}"
@@ -382,22 +399,24 @@ class Search:
         for trial in self.tried(state, scores):
             if trial.log_evidence < state.log_evidence + LEAST_EVIDENCE:
                 break
-            own = self.own_p_value(trial, state)
-            self.catalogue_p = min(self.catalogue_p, own)
+            new = _new(state, trial)
+            p = trial.p_values[new.key]
+            self.catalogue_p = min(self.catalogue_p, p)
+            if p >= SIGNIFICANT:
+                continue
             gain, error = self.gain(trial, state)
-            if own < SIGNIFICANT and gain > STANDARD_ERRORS * error:
-                entered = {c.key for c in trial.effects} - set(state.p_values)
-                trial.p_values = {**state.p_values, **dict.fromkeys(entered, own)}
-                self.step("add", trial.effects[-1], trial, own)
+            if gain > STANDARD_ERRORS * error:
+                trial.p_values = {**state.p_values, new.key: p}
+                self.step("add", new, trial, p)
                 return trial
         return None
 
-    def own_p_value(self, trial: State, state: State) -> float:
+    def _own_p(self, score: Score, state: State, trial: State) -> float:
         """Global p-value of what a trial has beyond a state: its likelihood ratio's (Wilks 1938),
-        the sizes of the rig's errors learned for both, over all that is looked at."""
+        the sizes of the rig's errors learned for both."""
         gain = 2.0 * (trial.log_likelihood - state.log_likelihood)
-        size = max(len(trial.fit.theta) - len(state.fit.theta), 1)
-        return self.null.p_value(float(chdtrc(size, max(gain, 0.0))))
+        dof = max(score.dof, len(trial.fit.theta) - len(state.fit.theta))
+        return self.global_p(replace(score, gain=max(gain, 0.0), dof=dof).p_value)
 
     def tried(
         self,
@@ -406,18 +425,20 @@ class Search:
         known: Candidate | None = None,
         best: float = -np.inf,
     ) -> list[State]:
-        """States with one more effect, the best of every name fitted, best first; but for one that
-        is `known` to have the log evidence `best`."""
+        """States with one more effect, each with the global p-value of its own score, the best of
+        every name fitted, best first; but for one that is `known` to have the log evidence `best`.
+        """
         key = state.key
         if key not in self.trials:
             found: list[State] = []
-            for candidate in shortlist(scores):
+            for s in shortlist(scores):
                 if self.spent:
                     break
-                if known is not None and candidate.key == known.key:
+                if known is not None and s.candidate.key == known.key:
                     continue
-                trial = self.with_effect(state, candidate, self._cost(state, best - RACE))
+                trial = self.with_effect(state, s.candidate, self._cost(state, best - RACE))
                 if trial is not None:
+                    trial.p_values[_new(state, trial).key] = self._own_p(s, state, trial)
                     found.append(trial)
                     best = max(best, trial.log_evidence)
             found.sort(key=lambda s: -s.log_evidence)
@@ -552,10 +573,10 @@ class Search:
                 )
                 better = next(ahead, None)
                 if better is not None:
-                    entered = {c.key for c in better.effects} - set(state.p_values)
-                    p = state.p_values.get(effect.key, 1.0)
-                    better.p_values = {**state.p_values, **dict.fromkeys(entered, p)}
-                    self.step("swap", better.effects[-1], better, p)
+                    new = _new(less, better)
+                    p = better.p_values[new.key]
+                    better.p_values = {**state.p_values, new.key: p}
+                    self.step("swap", new, better, p)
                     state = self._grow(self._drop(better))
                     break
             else:
@@ -642,10 +663,16 @@ def _joined(a: Candidate, b: Candidate) -> Candidate | None:
     )
 
 
-def shortlist(scores: list[Score]) -> list[Candidate]:
-    """Candidates worth a nonlinear fit: of every name the best of each form, of slow ones the
-    best alone, names in order of evidence; those far from the best only while little else explains
-    as much."""
+def _new(state: State, trial: State) -> Candidate:
+    """What a trial has that the state it came from has not."""
+    (new,) = (c for c in trial.effects if c.key not in {own.key for own in state.effects})
+    return new
+
+
+def shortlist(scores: list[Score]) -> list[Score]:
+    """Scores of candidates worth a nonlinear fit: of every name the best of each form, of slow ones
+    the best alone, names in order of evidence; those far from the best only while little else
+    explains as much."""
     if not scores:
         return []
     top, gain = scores[0].log_evidence, max(s.gain for s in scores)
@@ -663,8 +690,8 @@ def shortlist(scores: list[Score]) -> list[Candidate]:
             # What shows at large readings alone weighs little in a tangent.
             tried = EFFECTS[name].driver == "amplitude" and s.gain > 0
             if near or tried:
-                chosen.append(s.candidate)
-    return sorted(chosen, key=lambda c: c.size > FEW)
+                chosen.append(s)
+    return sorted(chosen, key=lambda s: s.candidate.size > FEW)
 
 
 def _slow(candidate: Candidate) -> bool:

@@ -28,8 +28,7 @@ def score(tangents: Tangents, effect: Effect, skin, scales) -> screen.Score | No
     candidate = Candidate(effect, None, None, "", start, skin, scales, looks)
     if len(tangents.of(candidate)) < 2:
         return None
-    one = screen.score(tangents, candidate)
-    return replace(one, p_value=float(-np.expm1(looks * np.log1p(-one.p_value))))
+    return replace(screen.score(tangents, candidate), choices=looks)
 
 
 def strongest(weighted: np.ndarray, time_s: np.ndarray, frame_s: float) -> tuple[float, int]:
