@@ -237,9 +237,9 @@ def stepped(fitted: Fit) -> Fit:
 
 
 def whitened_anew(fitted: Fit, problem: Problem) -> Fit:
-    """A fit's residual and slopes under the covariance of another problem of the same readings."""
+    """A fit's residual in another problem of the same readings, its slopes under that covariance."""
     old, new = fitted.problem.whitening, problem.whitening
-    residual = new(problem.recorded - fitted.voltage())
+    residual = problem.residual(fitted.theta, fitted.effects)
     slopes = fitted.slopes.mapped(lambda columns: new(old.undone(columns)), new.by_channel)
     return Fit(problem, fitted.effects, fitted.theta, residual, slopes)
 

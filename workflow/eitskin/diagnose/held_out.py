@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eitskin.data.recording import Recording, presses
-from eitskin.diagnose.fit import Fit, Problem, fit, inverse_root
+from eitskin.diagnose.fit import Fit, inverse_root
 from eitskin.diagnose.whitening import Whitening
 from eitskin.physics.protocol import reciprocal_channels
 

@@ -8,25 +8,28 @@ not ask for has size 0. They are learned again for every set of effects: an erro
 all presses is an effect's, one that differs from press to press is the rig's.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import nnls
 
 from eitskin.diagnose.fit import Fit
+from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.whitening import RigErrors, Whitening
 from eitskin.errors import InputError
 
 STEP_MM = 0.05  # of a place, inwards
 STEP_FORCE = 0.02  # of a force, downwards; of the largest upwards, where it is less than that
 WALKS = 12  # sine waves of a random walk (Karhunen-Loeve)
-CHANNEL_WALKS = 6  # of a channel's own
+SLOW_WALKS = 6  # of a channel's own, or of a force's zero
 ROUNDS = 4
 MOST = 3.0  # times the prior's sd: more is no ordinary rig
 HARDLY = 0.5  # nats that a component must be worth
 SETTLED = 0.05  # nats, by which another round may still raise the likelihood
-LEAST_TOUCHES, LEAST_PRESSES = 6, 3  # fewer show no scatter
+LEAST_FRAMES, LEAST_PRESSES = 6, 3  # fewer show no scatter
+# Sizes up to which readings follow a stray in proportion.
+STRAIGHT = {"place-per-frame": 0.1, "place-per-press": 0.1, "force-per-press": 0.03}
 
 
 @dataclass(frozen=True)
@@ -65,24 +68,32 @@ COMPONENTS = {
 @dataclass(frozen=True)
 class Rig:
     """Components about a fit: columns (K, N, M) of one unit each, by name; `plain`: the covariance
-    without them; scales: the priors' sd, in the columns' units."""
+    without them; scales: the priors' sd, in the columns' units. tangents (N, M): derivatives by
+    columns of the states; courses: for each column of some components, along which of these the
+    frames (N,) stray by its unit."""
 
     plain: Whitening
     columns: dict[str, np.ndarray]
     scales: dict[str, float]
+    tangents: dict[str, np.ndarray]
+    courses: dict[str, list[tuple[str, np.ndarray]]]
 
     @classmethod
     def about(cls, fit: Fit, plain: Whitening) -> "Rig":
         """The components that a recording can have, about a fit."""
-        model, voltage = fit.problem.model, fit.voltage()
+        voltage = fit.voltage()
         median = float(np.median(np.abs(voltage[plain.mask])))
-        columns = dict(_columns(fit, voltage, median))
+        tangents = _tangents(fit, voltage)
+        courses = _courses(fit.problem.model) if tangents else {}
+        columns = dict(_columns(fit.problem.model, voltage))
+        for name, own in courses.items():
+            columns[name] = np.array([course[:, None] * tangents[key] for key, course in own])
         scales = {
             name: COMPONENTS[name].scale * (median if COMPONENTS[name].reading else 1.0)
             for name in columns
         }
-        # What the recording has no scatter of is taken for granted.
-        return cls(plain, {k: np.where(plain.mask, v, 0.0) for k, v in columns.items()}, scales)
+        columns = {k: np.where(plain.mask, v, 0.0) for k, v in columns.items()}
+        return cls(plain, columns, scales, tangents, courses)
 
     def whitening(self, sizes: Mapping[str, float], discrepancy: bool = True) -> Whitening:
         """The covariance with components of these sizes."""
@@ -107,6 +118,28 @@ class Rig:
         whitening = self.whitening(sizes)
         chi2 = float((whitening(residual) ** 2).sum())
         return -0.5 * (chi2 + whitening.log_determinant) + self.log_prior(sizes)
+
+    def strays(self, sizes: Mapping[str, float], residual: np.ndarray) -> dict[str, np.ndarray]:
+        """By how much the places (mm) and forces (N) of the frames are off, (N,) each, by their
+        columns of the states: what is to be expected, given a residual (N, M). Empty where errors
+        are so small that readings follow them in proportion."""
+        if all(sizes.get(name, 0.0) < most for name, most in STRAIGHT.items()):
+            return {}
+        whitening = self.whitening(sizes)
+        precise = whitening.back(whitening(residual))
+        found = {key: np.zeros(len(residual)) for key in self.tangents}
+        for name, courses in self.courses.items():
+            if sizes.get(name, 0.0) > 0.0:
+                along = sizes[name] ** 2 * (self.columns[name] * precise).sum(axis=2)
+                if COMPONENTS[name].each == "whole":
+                    along = along.sum(axis=1)
+                for (key, course), size in zip(courses, along, strict=True):
+                    found[key] += size * course
+        return found
+
+    def followed(self, strays: Mapping[str, np.ndarray]) -> np.ndarray:
+        """(N, M): what strays (N,) change in the readings, in proportion."""
+        return sum(step[:, None] * self.tangents[key] for key, step in strays.items())
 
     def learned(
         self, residual: np.ndarray, start: Mapping[str, float], rounds: int = ROUNDS
@@ -234,75 +267,70 @@ def _shared(a: np.ndarray, each_a: str, b: np.ndarray, each_b: str) -> float:
     return float(((a**2).sum(axis=0) * (b**2).sum(axis=0)).sum())
 
 
-def _columns(fit: Fit, voltage: np.ndarray, median: float):
-    """(name, columns) of what one unit of every component does."""
-    model = fit.problem.model
-    touched = model.touched & model.known
-    count, walk = len(voltage), _share(model)
+def _columns(model: RecordingSimulator, voltage: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    """(name, columns) of what one unit of every component of the readings does."""
     yield "amplitude-per-frame", voltage[None]
     yield "common-noise", np.ones((1, *voltage.shape))
-    if count >= LEAST_TOUCHES:
-        yield "gain-walk", _walk(walk, WALKS)[:, :, None] * voltage
-        wave = _walk(walk, CHANNEL_WALKS)[:, :, None]
-        yield "channel-drift", wave * np.ones(voltage.shape)
-    still = ~touched
-    level = voltage[still].mean(axis=0) if still.any() else np.zeros(voltage.shape[1])
+    if len(voltage) >= LEAST_FRAMES:
+        yield "gain-walk", _walk(model, WALKS)[:, :, None] * voltage
+        yield "channel-drift", _walk(model, SLOW_WALKS)[:, :, None] * np.ones(voltage.shape)
+    touched = model.touched & model.known
+    level = np.zeros(voltage.shape[1])
     if not model.difference:
+        still = voltage if touched.all() else voltage[~touched]
+        level = still.mean(axis=0)
         name = "quadrature" if model.magnitude else "static-discrepancy"
         yield name, np.broadcast_to(np.abs(level), (1, *voltage.shape))
-    if not touched.any():
-        return
-    response = np.where(touched[:, None], voltage - level, 0.0)
-    yield "touch-discrepancy", response[None]
-    moved = _moved(fit, voltage)
-    if moved is None:
-        return
-    place, force = moved
-    load = model.states["force_N"].to_numpy(float)[:, None]
-    labels = [p for p in np.unique(model.press) if p >= 0 and (touched & (model.press == p)).any()]
-    own = np.array([touched & (model.press == p) for p in labels])[:, :, None]
-    if touched.sum() >= LEAST_TOUCHES:
-        yield "place-per-frame", place
-        yield "force-per-frame", force[None]
-    if len(labels) >= LEAST_PRESSES:
-        yield "place-per-press", np.concatenate([own * place[0], own * place[1]])
-        yield "force-per-press", own * (load * force)
-        yield "force-zero-walk", _walk(walk, CHANNEL_WALKS)[:, :, None] * force
+    if touched.any():
+        yield "touch-discrepancy", np.where(touched[:, None], voltage - level, 0.0)[None]
 
 
-def _moved(fit: Fit, voltage: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Derivatives (2, N, M) by the place and (N, M) by the force of each frame's touch; None where
-    the physics has none."""
-    model = fit.problem.model
-    states = model.states
-    knobs, chosen = fit.problem.split(fit.theta, fit.effects)
-    found = []
-    try:
-        for key in ("x_mm", "y_mm"):
-            inwards = np.where(states[key].to_numpy(float) > 0.0, -STEP_MM, STEP_MM)
-            there = model.displaced({key: inwards}).voltage(knobs, chosen)
-            found.append((there - voltage) / inwards[:, None])
-        force = states["force_N"].to_numpy(float)
-        step = STEP_FORCE * np.where(
-            force > STEP_FORCE * model.force_max_N, -force, model.force_max_N
-        )
-        there = model.displaced({"force_N": step}).voltage(knobs, chosen)
-    except InputError:
-        return None
+def _courses(model: RecordingSimulator) -> dict[str, list[tuple[str, np.ndarray]]]:
+    """Along which column of the states, and how much in every frame (N,), touches stray by one unit
+    of every column of a component."""
     touched = model.touched & model.known
-    place = np.where(touched[:, None], np.array(found), 0.0)
-    return place, np.where(touched[:, None], (there - voltage) / step[:, None], 0.0)
+    own = [touched & (model.press == p) for p in np.unique(model.press[touched]) if p >= 0]
+    every, load = touched.astype(float), model.states["force_N"].to_numpy(float)
+    found = {}
+    if touched.sum() >= LEAST_FRAMES:
+        found["place-per-frame"] = [("x_mm", every), ("y_mm", every)]
+        found["force-per-frame"] = [("force_N", every)]
+    if len(own) >= LEAST_PRESSES:
+        found["place-per-press"] = [(k, rows * 1.0) for k in ("x_mm", "y_mm") for rows in own]
+        found["force-per-press"] = [("force_N", rows * load) for rows in own]
+        found["force-zero-walk"] = [("force_N", wave * every) for wave in _walk(model, SLOW_WALKS)]
+    return found
 
 
-def _share(model) -> np.ndarray:
-    """(N,): how much of the recording's time has gone."""
+def _tangents(fit: Fit, voltage: np.ndarray) -> dict[str, np.ndarray]:
+    """Derivatives (N, M) of readings by place and force of each frame's touch; none where nobody
+    touches or the physics has none."""
+    model = fit.problem.model
+    touched = model.touched & model.known
+    knobs, chosen = fit.problem.split(fit.theta, fit.effects)
+    if not touched.any():
+        return {}
+    force, most = model.states["force_N"].to_numpy(float), model.force_max_N
+    steps = {
+        key: np.where(model.states[key].to_numpy(float) > 0.0, -STEP_MM, STEP_MM)
+        for key in ("x_mm", "y_mm")
+    }
+    steps["force_N"] = STEP_FORCE * np.where(force > STEP_FORCE * most, -force, most)
+    found = {}
+    for key, step in steps.items():
+        try:
+            there = model.displaced({key: step}).voltage(knobs, chosen)
+        except InputError:
+            return {}
+        found[key] = np.where(touched[:, None], (there - voltage) / step[:, None], 0.0)
+    return found
+
+
+def _walk(model: RecordingSimulator, count: int) -> np.ndarray:
+    """(count, N): the sine waves of a random walk over the recording, from 0, of sd 1 at its end."""
     time = model.states["time_s"].to_numpy(float)
     if not np.isfinite(time).all() or np.ptp(time) <= 0.0:
         time = np.arange(len(time), dtype=float)
-    return (time - time[0]) / max(float(np.ptp(time)), 1e-9)
-
-
-def _walk(share: np.ndarray, count: int) -> np.ndarray:
-    """(count, N): the sine waves of a random walk from 0 whose sd is 1 at the end."""
+    share = (time - time[0]) / max(float(np.ptp(time)), 1e-9)
     rate = (np.arange(count)[:, None] + 0.5) * np.pi
     return np.sqrt(2.0) * np.sin(rate * share) / rate

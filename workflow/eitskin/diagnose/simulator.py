@@ -87,6 +87,7 @@ class RecordingSimulator:
             (base.believed, base.calibrations) if base else _beliefs(recorded)
         )
         self._sensed: OrderedDict[tuple, Sensed] = OrderedDict()
+        self._moved = b""
         self.near = near or SolvedSkins()
         if base is None:
             self._start_factor(recorded)
@@ -104,13 +105,13 @@ class RecordingSimulator:
                 return
 
     def displaced(self, steps: dict[str, np.ndarray]) -> "RecordingSimulator":
-        """The same simulator, states moved by steps (N,) of their columns where touched."""
+        """The same simulator, states moved by steps (N,) of their columns where touched; no force is
+        negative."""
         moved = copy(self)
-        moved._sensed = OrderedDict()
-        own = {
-            key: self.states[key] + np.where(self.touched, step, 0.0) for key, step in steps.items()
-        }
+        own = {key: self.states[key] + np.where(self.touched, s, 0.0) for key, s in steps.items()}
         moved.states = self.states.assign(**own)
+        moved.states["force_N"] = moved.states["force_N"].clip(lower=0.0)
+        moved._moved = moved.states[["x_mm", "y_mm", "force_N"]].to_numpy().tobytes()
         return moved
 
     @staticmethod
@@ -166,7 +167,13 @@ class RecordingSimulator:
         accuracy: str,
     ) -> Sensed:
         stages = [s for stage in ("touch", "skin", "clock") for s in of_stage(chosen, stage)]
-        key = (touched, accuracy, *np.asarray(coordinates).tolist(), *map(_key, stages))
+        key = (
+            self._moved,
+            touched,
+            accuracy,
+            *np.asarray(coordinates).tolist(),
+            *map(_key, stages),
+        )
         if key in self._sensed:
             self._sensed.move_to_end(key)
             return self._sensed[key]

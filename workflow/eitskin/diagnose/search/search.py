@@ -46,6 +46,7 @@ WORTH_TRYING = 0.05  # global p-value of the best score, under which trials are 
 # errors may have taken to themselves, until they are learned again, what is an effect's
 STANDARD_ERRORS = 2.0
 MOST_EFFECTS = 5
+HALVED = 4  # times that the way to where a touch seems to be is tried, each half of the last
 LEARNED = 2  # times that sizes of rig errors and a fit follow each other
 LEAST_EVIDENCE = 3.0  # nats by which an effect, or a further site of one, must raise the evidence
 LEAD = 1.0  # nats by which another name in an effect's place must be better
@@ -135,23 +136,67 @@ class Search:
     ) -> State:
         """A fit with its evidence and held-out density; sizes: those of the rig's errors that it
         has, from which they are learned."""
-        sizes, prior = dict(sizes or {}), 0.0
-        if self.rig is not None:
+        sizes, prior, rig = dict(sizes or {}), 0.0, self.rig
+        if rig is not None:
             for _ in range(LEARNED):
-                sizes, _ = self.rig.learned(fitted.misfit, sizes)
-                problem = replace(self.problem, whitening=self.rig.whitening(sizes))
-                fitted = stepped(whitened_anew(fitted, problem))
-            prior = self.rig.log_prior(sizes)
+                fitted, sizes, rig = self._learned(fitted, sizes, rig)
+            prior = rig.log_prior(sizes)
         whitening = fitted.problem.whitening
         likelihood = prior - 0.5 * (fitted.chi2 + whitening.log_determinant)
         evidence = likelihood + occam(fitted)
         return State(fitted, self.fold, likelihood, evidence, dict(p_values or {}), sizes)
 
-    def under(self, sizes: dict[str, float]) -> Problem:
-        """The problem with rig errors of these sizes."""
-        if self.rig is None:
-            return self.problem
-        return replace(self.problem, whitening=self.rig.whitening(sizes))
+    def _learned(
+        self, fitted: Fit, sizes: dict[str, float], rig: Rig
+    ) -> tuple[Fit, dict[str, float], Rig]:
+        """A fit with the sizes of the rig's errors learned from it. Where touches are far from
+        where they are said to be, the readings are taken to follow in proportion from where they
+        seem to be (Lindstrom, Bates, Biometrics 46, 1990)."""
+        sizes, _ = rig.learned(fitted.misfit, sizes)
+        problem, strays = self.problem, rig.strays(sizes, fitted.misfit)
+        if strays:
+            there = self._strayed(fitted, strays)
+            moved = {k: there.model.states[k] - problem.model.states[k] for k in strays}
+            moved = {k: np.nan_to_num(step.to_numpy(float)) for k, step in moved.items()}
+            rig = Rig.about(replace(fitted, problem=there), problem.whitening)
+            problem = replace(there, recorded=problem.recorded + rig.followed(moved))
+        problem = replace(problem, whitening=rig.whitening(sizes))
+        return stepped(whitened_anew(fitted, problem)), sizes, rig
+
+    def _strayed(self, fitted: Fit, strays: dict[str, np.ndarray]) -> Problem:
+        """The problem with touches where they seem to be: by all of their strays (N,) in mm and N
+        where that brings the frame's readings nearer than the fit has them, else by less."""
+        plain = self.problem
+        now = fitted.problem.model.states
+        found, left, share = fitted.problem.model, None, 1.0
+        settings = plain.split(fitted.theta, fitted.effects)
+        for _ in range(HALVED):
+            steps = {
+                k: share * (plain.model.states[k] + s - now[k]).to_numpy(float)
+                for k, s in strays.items()
+            }
+            steps = {k: np.nan_to_num(s) for k, s in steps.items()}
+            if left is None:
+                left = self._frame_misfit(found.voltage(*settings))
+                worse = np.ones(len(left), bool)
+            try:
+                trial = found.displaced({k: np.where(worse, s, 0.0) for k, s in steps.items()})
+                farther = self._frame_misfit(trial.voltage(*settings)) > left
+            except InputError:
+                share *= 0.5
+                continue
+            better = worse & ~farther
+            found = found.displaced({k: np.where(better, s, 0.0) for k, s in steps.items()})
+            worse, share = worse & farther, 0.5 * share
+            if not worse.any():
+                break
+        return replace(plain, model=found)
+
+    def _frame_misfit(self, voltage: np.ndarray) -> np.ndarray:
+        """(N,): chi squared of every frame against noise alone."""
+        whitening = self.problem.whitening
+        left = np.where(whitening.mask, self.problem.recorded - voltage, 0.0) / whitening.sd
+        return (left**2).sum(axis=1)
 
     def calibrated(self) -> State:
         """The owner's beliefs with their calibrations fitted, no effect."""
@@ -166,7 +211,7 @@ class Search:
         if self.rig is None:
             return state
         self.rig = Rig.about(state.fit, self.problem.whitening)
-        fitted = fit(self.under(state.sizes), state.effects, state.fit.theta, polish=True)
+        fitted = fit(state.fit.problem, state.effects, state.fit.theta, polish=True)
         return self.state(fitted, state.p_values, state.sizes)
 
     def run(self, start: State | None = None) -> tuple[State, State]:
