@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
+from scipy.stats import norm
 
 from eitskin.data.recording import Recording
 from eitskin.diagnose.atlas import atlas
@@ -27,13 +28,15 @@ from eitskin.physics.geometry import Geometry
 
 FIRST_FRAMES = 120  # on which the search begins, where there are twice as many
 FIRST_SHARE = 2 / 3  # of what may be solved, that the search on these may take
+FORM = 0.1  # of a rig error, by which readings may differ from its tangents
 FORCES = np.linspace(1.0, 0.0, 11)  # of a query's largest, up to which predictions are tried
 
 
 @dataclass(frozen=True)
 class Diagnosis:
     """What was found of one recording, and the search that found it. aside (N, M): readings that
-    the search has not seen; judged: by which it is judged; sizes: of the rig's errors."""
+    the search has not seen; judged: by which it is judged; rig: its errors, as of `Rig.findings`.
+    """
 
     recorded: Recording
     search: Search
@@ -42,7 +45,7 @@ class Diagnosis:
     after: State
     aside: np.ndarray
     judged: "Judged"
-    sizes: dict[str, float]
+    rig: list[dict]
     atlas_before: pd.DataFrame
     atlas_after: pd.DataFrame
     gaps: list[list[Gap]]
@@ -66,6 +69,14 @@ class Judged:
     def by_white(self, fit: Fit) -> HeldOut:
         """What a fit predicts for them, against noise alone."""
         return put_aside(fit, self.recorded, self.white)
+
+    def p_value(self, fit: Fit, noise_dof: float) -> float:
+        """How probable a chi squared at least as large is, if the fit is right. noise_dof: degrees
+        of freedom of the noise's scale; rig errors are known to FORM of their size."""
+        rigged, white = self.by(fit), self.by_white(fit)
+        variance = 2.0 / rigged.readings + 2.0 / max(noise_dof, 1.0)
+        variance += (FORM**2 * max(white.chi2_per_dof - rigged.chi2_per_dof, 0.0)) ** 2
+        return float(norm.sf((rigged.chi2_per_dof - 1.0) / np.sqrt(variance)))
 
     def gain(self, fit: Fit, other: Fit) -> tuple[float, float]:
         """Log density of a fit above another's, and its standard error."""
@@ -96,7 +107,8 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
         start, cut_short = first.run()[1], first.spent
         report(f"then on {len(recorded.frames)}")
     before, after = search.run(start)
-    after, judged = _earned(search, after, recorded, noise, kept)
+    after, judged = _earned(search, search.settled(after), recorded, noise, kept)
+    rig = Rig.about(after.fit, search.problem.whitening)
     report("comparing with every other name")
     found = [gaps(search, after, i) for i in range(len(after.effects))]
     if search.spent or cut_short:
@@ -111,7 +123,7 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
         after,
         kept,
         judged,
-        after.sizes,
+        rig.findings(after.sizes, after.fit.misfit, recorded.metadata["unit"]),
         _atlas(recorded, noise, before.fit),
         atlas_after,
         found,

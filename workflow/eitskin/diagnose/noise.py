@@ -43,6 +43,8 @@ class Noise:
     dof: float
     source: str
     rounding: float = 0.0
+    loud_frames: tuple[int, ...] = ()
+    spikes: int = 0
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from scipy.stats import norm
 
 from eitskin.atomic import atomic_path
 from eitskin.data import recording
@@ -18,28 +17,35 @@ from eitskin.diagnose.diagnosis import Diagnosis, predict
 from eitskin.diagnose.estimates import calibration, estimates
 from eitskin.diagnose.experiment import propose
 from eitskin.diagnose.gaps import OBSERVABLE
-from eitskin.diagnose.verdict import verdict
+from eitskin.diagnose.verdict import acceptable, verdict
 from eitskin.effects import EFFECTS, catalogue_names
 from eitskin.errors import InputError
 
 
 def result(found: Diagnosis, name: str) -> dict:
     """diagnosis.json of a diagnosis, as an object."""
-    before, after = found.before, found.after
-    entries = [_entry(found, i) for i in range(len(after.effects))]
-    judged = found.judged
-    held = {"before": judged.by(before.fit), "after": judged.by(after.fit)}
-    white = {"before": judged.by_white(before.fit), "after": judged.by_white(after.fit)}
-    reading_dof = 1.0 / held["after"].readings + 1.0 / max(found.noise.dof, 1.0)
-    excess = (held["after"].chi2_per_dof - 1.0) / np.sqrt(2.0 * reading_dof)
-    left = found.other
+    fits = {"before": found.before.fit, "after": found.after.fit}
+    judged, noise, left = found.judged, found.noise, found.other
+    held = {when: judged.by(fit) for when, fit in fits.items()}
+    white = {when: judged.by_white(fit) for when, fit in fits.items()}
+    p = judged.p_value(found.after.fit, noise.dof)
+    entries = [_entry(found, i, acceptable(p)) for i in range(len(found.after.effects))]
     return {
         "format": "eit-diagnosis",
         "version": 1,
         "recording": name,
-        "verdict": verdict(entries, float(norm.sf(excess)), left.probability),
-        "calibration": calibration(after.fit),
-        "noise_V": float(np.median(found.noise.sd)),
+        "verdict": verdict(entries, p, left.probability),
+        "calibration": calibration(found.after.fit),
+        "noise_V": float(np.median(noise.sd)),
+        "noise": {
+            "components": found.rig,
+            "loud_frames": [int(frame) for frame in noise.loud_frames],
+            "jumps": [],
+            "spikes": {
+                "readings": noise.spikes,
+                "share": noise.spikes / found.recorded.voltage.size,
+            },
+        },
         "effects": entries,
         "other": {
             "probability": left.probability,
@@ -72,7 +78,7 @@ def unobservable(found: Diagnosis) -> list[str]:
     )
 
 
-def _entry(found: Diagnosis, index: int) -> dict:
+def _entry(found: Diagnosis, index: int, certain: bool) -> dict:
     """One effect of diagnosis.json."""
     state, search = found.after, found.search
     candidate = state.effects[index]
@@ -97,6 +103,7 @@ def _entry(found: Diagnosis, index: int) -> dict:
         "share": float(share),
         "evidence": {"elpd_gain": gain, "elpd_se": error, "p_value": state.p_value(candidate)},
         "gap": named[0].gap if named else None,
+        "certain": certain,
     }
     if candidate.kind is not None and candidate.scope != "common":
         entry[candidate.kind] = [int(site) for site in candidate.sites]

@@ -24,6 +24,8 @@ STEP_FORCE = 0.02  # of a force, downwards; of the largest upwards, where it is 
 WALKS = 12  # sine waves of a random walk (Karhunen-Loeve)
 SLOW_WALKS = 6  # of a channel's own, or of a force's zero
 ROUNDS = 4
+WITHIN = 1.6449  # sd: 90 % of a normal distribution
+MOST_SPREAD = 2.0  # sd of the logarithm of a variance that an interval tells
 MOST = 3.0  # times the prior's sd: more is no ordinary rig
 HARDLY = 0.5  # nats that a component must be worth
 SETTLED = 0.05  # nats, by which another round may still raise the likelihood
@@ -167,6 +169,30 @@ class Rig:
                 break
         return self._plain(sizes, best, residual)
 
+    def findings(self, sizes: Mapping[str, float], residual: np.ndarray, unit: str) -> list[dict]:
+        """Errors that a rig has, as diagnosis.json says them: name, unit, sd with its 90 % interval
+        and whether it was learned; residual (N, M) in the recording's `unit`."""
+        found, rho = [], self.plain.correlation
+        if rho:
+            # Of a coefficient from so many steps (Bartlett 1946).
+            spread = WITHIN * np.sqrt((1.0 - rho**2) / self.plain.mask.sum())
+            found.append(_finding("correlated-noise", "1", rho, rho - spread, rho + spread))
+        names = [name for name in self.columns if sizes.get(name, 0.0) > 0.0]
+        if not names:
+            return found
+        information = _Scored(self, sizes, residual, names).information
+        variance = np.diag(np.linalg.pinv(information))
+        for name, own in zip(names, variance, strict=True):
+            one, size = COMPONENTS[name], sizes[name]
+            # Of the logarithm, by that of the variance.
+            factor = np.exp(WITHIN * 0.5 * min(np.sqrt(max(own, 0.0)) / size**2, MOST_SPREAD))
+            low, high = size / factor, size * factor
+            if name == "quadrature":
+                low, size, high = (np.sqrt(np.sqrt(2.0) * value) for value in (low, size, high))
+            if not one.discrepancy:
+                found.append(_finding(name, unit if one.reading else one.unit, size, low, high))
+        return found
+
     def _plain(
         self, sizes: dict[str, float], best: float, residual: np.ndarray
     ) -> tuple[dict[str, float], float]:
@@ -181,8 +207,9 @@ class Rig:
 
     def _scored(self, sizes: Mapping[str, float], residual: np.ndarray) -> dict[str, float]:
         """The sizes that Fisher scoring goes to from `sizes`."""
-        scored = _Scored(self, sizes, residual)
-        slope, information, names = scored.slope, scored.information, list(self.columns)
+        names = list(self.columns)
+        scored = _Scored(self, sizes, residual, names)
+        slope, information = scored.slope, scored.information
         unit = np.array([self.scales[name] ** 2 for name in names])
         slope, information = slope * unit - 0.5, information * np.outer(unit, unit)
         start = np.array([sizes[name] ** 2 for name in names]) / unit
@@ -193,13 +220,19 @@ class Rig:
         return dict(zip(names, np.sqrt(variance).tolist(), strict=True))
 
 
+def _finding(name: str, unit: str, size: float, low: float, high: float) -> dict:
+    values = {"sd": float(size), "low": float(low), "high": float(high)}
+    return {"name": name, "unit": unit, **values, "learned": True}
+
+
 class _Scored:
     """Score (C,) and expected information (C, C) of the components' variances."""
 
-    def __init__(self, rig: Rig, sizes: Mapping[str, float], residual: np.ndarray):
+    def __init__(
+        self, rig: Rig, sizes: Mapping[str, float], residual: np.ndarray, names: list[str]
+    ):
         whitening = rig.whitening(sizes)
         precise = whitening.back(whitening(residual))
-        names = list(rig.columns)
         own = {n: self._white(whitening, n, rig.columns[n]) for n in names}
         count = len(names)
         slope, self.information = np.zeros(count), np.zeros((count, count))
