@@ -1,0 +1,388 @@
+"""How steady the noise of a recording is, once a first fit has told what the skin does.
+
+What simulated readings do over the frames, their courses, and a constant are where physics that is
+missing and faults of the instrument mostly show; what residuals have beside these is noise. Its
+correlation in time, its drift and its size are those of greatest restricted likelihood (Patterson
+& Thompson, Biometrika 58, 1971) in the odd half of reciprocity, which no skin moves. A channel's
+own noise is what its residual shares with its odd part.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cholesky, qr, solve_triangular
+from scipy.optimize import minimize, minimize_scalar
+from scipy.special import expit, logit
+from scipy.stats import chi2, f
+
+from eitskin.data.recording import Recording
+from eitskin.diagnose.noise import (
+    ALPHA,
+    FLOOR,
+    MOST_LOST,
+    ROUNDING,
+    Noise,
+    converter_step,
+    parity,
+    rank_above_noise,
+)
+from eitskin.diagnose.strays import loud_frames, spiked, spread
+
+WRONG = 0.05  # of a course, by which a reading may be off
+SHOWN = 0.5  # of the noise in one course, that so much must be to matter
+LEAST_LEFT = 8  # frames beside the courses, or contrasts, fewer of which tell nothing
+CORRELATIONS = (0.02, 0.3, 0.6, 0.8, 0.9, 0.95, 0.98, 0.995)
+DRIFTS = (0.05, 0.2, 0.5, 1.0, 2.0, 5.0, 20.0, 100.0)
+CLOSE = 0.02  # of logit and logarithm, to which the two are found
+QUIETEST = 1e-3  # of the law's variance, below which no channel's is told
+NOTHING = 1e-2  # of the noise: residuals below it hold none
+
+
+@dataclass(frozen=True)
+class _Left:
+    """Values (N, C) whitened in time beside the courses, their sums of squares (C,), degrees of
+    freedom (C,) and what the logarithm of the likelihood's determinants comes to; filled (N, C):
+    the values with the lost ones as the others have them."""
+
+    white: np.ndarray
+    squares: np.ndarray
+    dof: np.ndarray
+    determinant: float
+    filled: np.ndarray
+
+    @property
+    def deviance(self) -> float:
+        """-2 log restricted likelihood, each column's scale at its best."""
+        size = self.squares / self.dof
+        return float(np.sum(self.dof * np.log(np.maximum(size, 1e-300))) + self.determinant)
+
+
+@dataclass(frozen=True)
+class _Time:
+    """Frames that are kept: rows (N,), share (N,) of the time gone, courses (N, K)."""
+
+    rows: np.ndarray
+    share: np.ndarray
+    courses: np.ndarray
+
+    def left(self, steadiness: tuple[float, float], values: np.ndarray, modes=None) -> _Left:
+        """Of values (N, C), NaN where lost, under (correlation, drift); modes (C, R): directions
+        over the columns that are taken out."""
+        rho, drift = steadiness
+        cover = drift**2 * np.minimum.outer(self.share, self.share)
+        cover += (
+            rho ** np.abs(np.subtract.outer(self.rows, self.rows)) if rho else np.eye(len(cover))
+        )
+        root = cholesky(cover, lower=True)
+        lost = np.isnan(values)
+        filled = np.where(lost, 0.0, values)
+        basis, upper = qr(solve_triangular(root, self.courses, lower=True), mode="economic")
+        white = _beside(basis, solve_triangular(root, filled, lower=True))
+        one = 2.0 * (np.log(np.diag(root)).sum() + np.log(np.abs(np.diag(upper))).sum())
+        determinant = one * (values.shape[1] - (0 if modes is None else modes.shape[1]))
+        dof = np.full(values.shape[1], float(len(values) - self.courses.shape[1]))
+        if lost.any():
+            whitener = _beside(basis, solve_triangular(root, np.eye(len(root)), lower=True))
+            for k in np.flatnonzero(lost.any(axis=0)):
+                gone = np.flatnonzero(lost[:, k])
+                span, upper = np.linalg.qr(whitener[:, gone])
+                along = span.T @ white[:, k]
+                filled[gone, k] = -np.linalg.lstsq(upper, along)[0]
+                white[:, k] -= span @ along
+                determinant += 2.0 * np.log(np.abs(np.diag(upper))).sum()
+                dof[k] -= len(gone)
+        if modes is not None:
+            white -= (white @ modes) @ modes.T
+            dof *= 1.0 - np.sum(modes**2, axis=1)
+        return _Left(white, np.sum(white**2, axis=0), dof, determinant, filled)
+
+
+@dataclass(frozen=True)
+class _Channels:
+    """Combinations (M, P), orthonormal, of readings in units of `unit` (M,) that hold noise alone.
+
+    odd, even: the halves of reciprocity; where that ties few channels, `odd` is empty and what
+    simulated readings do over the channels, `common` (M, G), is what the combinations leave out.
+    """
+
+    own: np.ndarray
+    unit: np.ndarray
+    odd: np.ndarray
+    even: np.ndarray
+    common: np.ndarray
+
+    @classmethod
+    def of(cls, channels: np.ndarray, signed: bool, sd: np.ndarray, patterns: np.ndarray):
+        """Of channels (M, 4), noise sd (M,) and patterns (M, G) over channels in units of it."""
+        common = np.linalg.qr(np.column_stack([1.0 / sd, patterns]))[0]
+        odd, even = parity(channels, signed)
+        if odd.shape[1] >= LEAST_LEFT:
+            return cls(odd, np.ones(len(sd)), odd, even, common)
+        own = np.linalg.qr(common, mode="complete")[0][:, common.shape[1] :]
+        return cls(own, sd, np.empty((len(sd), 0)), np.eye(len(sd)), common)
+
+    def variance(self, sd: np.ndarray) -> np.ndarray:
+        """(P,) of the combinations, of channels' noise sd (M,)."""
+        return (self.own**2).T @ (sd / self.unit) ** 2
+
+    def values(self, residual: np.ndarray) -> np.ndarray:
+        """(N, P) of residuals (N, M), NaN where lost."""
+        lost = np.isnan(residual)
+        if self.odd.shape[1]:
+            values = np.where(lost, 0.0, residual) @ self.odd
+            values[(lost.astype(float) @ (self.odd != 0.0)) > 0.0] = np.nan
+            return values
+        rows, filled = np.arange(len(residual)), residual / self.unit
+        for k in np.flatnonzero(lost.any(axis=0)):
+            there = ~lost[:, k]
+            filled[:, k] = np.interp(rows, rows[there], filled[there, k])
+        return filled @ self.own
+
+
+def refine(recording: Recording, noise: Noise, simulated: np.ndarray) -> Noise:
+    """The noise of a recording, `noise` by the recording alone, with what residuals tell of its
+    correlation, its drift, its channels, loud frames and spikes.
+
+    simulated (N, M): noise-free readings of a first fit, NaN in frames that cannot be simulated.
+    What is not significant stays as it was; so does all where too few frames or channels are left.
+    """
+    residual = recording.voltage - simulated
+    gone = ~np.isfinite(residual)
+    kept = np.flatnonzero(gone.mean(axis=1) <= MOST_LOST)
+    usable = np.flatnonzero(gone[kept].mean(axis=0) <= MOST_LOST) if len(kept) else kept
+    if len(kept) < 2 * LEAST_LEFT or len(usable) < 2 * LEAST_LEFT:
+        return noise
+    kept = kept[gone[np.ix_(kept, usable)].mean(axis=1) <= MOST_LOST]
+    left = residual[np.ix_(kept, usable)]
+    signed = recording.metadata["voltage"] == "signed"
+    shown = simulated[np.ix_(kept, usable)] / noise.sd[usable]
+    law = noise.sd[usable]
+    channels = _Channels.of(recording.channels[usable], signed, law, np.empty((len(law), 0)))
+    values = channels.values(left)
+    level = np.median(
+        spread(values - np.nanmedian(values, axis=0)) / np.sqrt(channels.variance(law))
+    )
+    if level < NOTHING:
+        return noise
+    courses, patterns = _modes(shown / min(level, 1.0))
+    channels = _Channels.of(recording.channels[usable], signed, law, patterns)
+    loud = loud_frames(channels.values(left), courses)
+    courses = np.linalg.qr(courses[~loud])[0]
+    left, rows = left[~loud], kept[~loud]
+    struck = spiked(left / channels.unit, channels.odd, channels.even, courses)
+    left = np.where(struck, np.nan, left)
+    time = _Time(rows, _share(recording)[rows], courses)
+    if len(rows) - courses.shape[1] < LEAST_LEFT:
+        return noise
+    found = _Found.of(time, channels, left, law)
+    lost = np.zeros(residual.shape, bool)
+    lost[kept[loud]] = True
+    lost[np.ix_(rows, usable)] = struck
+    strays = bool(loud.any() or struck.any())
+    uneven = found.uneven
+    if not (strays or any(found.steadiness) or uneven or found.differs(noise.dof)):
+        return noise
+    sd = noise.sd * np.sqrt(found.level)
+    sd[usable] = found.sd
+    sd = np.maximum(sd, FLOOR * np.nanmedian(np.abs(recording.voltage)))
+    sd = np.maximum(sd, ROUNDING * converter_step(recording.voltage))
+    correlation, drift = found.steadiness
+    loud_rows = tuple(int(row) for row in kept[loud])
+    said = [noise.source]
+    if correlation:
+        said.append(f"correlated from frame to frame, {correlation:.2g}")
+    if drift:
+        said.append(f"each channel drifts, by {drift:.2g} of its noise to the end")
+    if uneven:
+        said.append("each channel has a noise of its own")
+    if loud_rows:
+        said.append(f"{len(loud_rows)} loud frames put aside")
+    if struck.any():
+        said.append(f"{struck.sum()} spikes put aside")
+    return replace(
+        noise,
+        sd=sd,
+        dof=found.dof,
+        source="; ".join(said),
+        correlation=correlation,
+        drift=drift,
+        lost=lost if strays else None,
+        loud_frames=loud_rows,
+        spikes=int(struck.sum()),
+    )
+
+
+@dataclass(frozen=True)
+class _Found:
+    """steadiness: (correlation, drift); level: overall variance over the law's; sd (M,) of the
+    channels; uneven: whether they differ from the law; dof of the level."""
+
+    steadiness: tuple[float, float]
+    level: float
+    sd: np.ndarray
+    uneven: bool
+    dof: float
+
+    @classmethod
+    def of(cls, time: _Time, channels: _Channels, residual: np.ndarray, law: np.ndarray):
+        """Of residuals (N, M), NaN where lost, and the channels' noise sd (M,) by the law."""
+        values = channels.values(residual) / np.sqrt(channels.variance(law))
+        own = np.isnan(values).mean(axis=0) <= MOST_LOST
+        channels = replace(channels, own=channels.own[:, own])
+        steadiness, left = _steadiness(time, values[:, own])
+        size = np.sqrt(left.squares / left.dof)
+        modes = _coherent(left.white / size, len(time.rows) - time.courses.shape[1])
+        if modes.shape[1]:
+            steadiness, left = _steadiness(time, left.filled / size, modes)
+            left = replace(left, squares=left.squares * size**2)
+        level = float(left.squares.sum() / left.dof.sum())
+        predicted = channels.variance(law)
+        sd, uneven = _own(time, channels, residual, steadiness, level, law, size, modes)
+        ratio = left.squares * predicted / channels.variance(sd)
+        sd = sd * np.sqrt(ratio.sum() / left.dof.sum())
+        return cls(steadiness, level, sd, uneven, float(left.dof.sum()))
+
+    def differs(self, dof: float) -> bool:
+        """Whether the level is another than that of a law with so many degrees of freedom."""
+        tails = f.cdf(self.level, self.dof, dof), f.sf(self.level, self.dof, dof)
+        return 2.0 * min(tails) < ALPHA
+
+
+def _steadiness(time: _Time, values: np.ndarray, modes=None) -> tuple[tuple[float, float], _Left]:
+    """(correlation, drift) of values (N, C), each 0 unless the likelihood asks for it, and what is
+    left by them."""
+
+    def deviance(at: np.ndarray) -> float:
+        return time.left((expit(at[0]), np.exp(at[1])), values, modes).deviance
+
+    none = time.left((0.0, 0.0), values, modes)
+    alone = []
+    for index, grid in enumerate((logit(CORRELATIONS), np.log(DRIFTS))):
+
+        def single(x: float, index=index) -> float:
+            return deviance(np.where(np.arange(2) == index, x, -np.inf))
+
+        tried = [single(x) for x in grid]
+        best = int(np.argmin(tried))
+        within = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+        found = minimize_scalar(single, bounds=within, method="bounded", options={"xatol": CLOSE})
+        alone.append((found.fun, np.where(np.arange(2) == index, found.x, -np.inf)))
+    asked = [one for one in alone if chi2.sf(none.deviance - one[0], 1) < ALPHA]
+    if not asked:
+        return (0.0, 0.0), none
+    least, at = min(asked, key=lambda one: one[0])
+    start = np.array([alone[0][1][0], alone[1][1][1]])
+    bounds = [(grid[0], grid[-1]) for grid in (logit(CORRELATIONS), np.log(DRIFTS))]
+    both = minimize(
+        deviance,
+        start,
+        method="Nelder-Mead",
+        bounds=bounds,
+        options={"xatol": CLOSE, "fatol": 0.1, "initial_simplex": _simplex(start, bounds)},
+    )
+    if chi2.sf(least - both.fun, 1) < ALPHA:
+        at = both.x
+    steadiness = float(expit(at[0])), float(np.exp(at[1]))
+    return steadiness, time.left(steadiness, values, modes)
+
+
+def _simplex(start: np.ndarray, bounds: list[tuple[float, float]]) -> np.ndarray:
+    """(3, 2) corners about a start, a step of 1 towards the farther bound."""
+    steps = [
+        1.0 if high - x > x - low else -1.0 for x, (low, high) in zip(start, bounds, strict=True)
+    ]
+    return start + np.vstack([np.zeros(2), np.diag(steps)])
+
+
+def _coherent(white: np.ndarray, rows: int) -> np.ndarray:
+    """(C, R) directions over the columns of (N, C), of a rank of `rows`, that are no noise."""
+    _, sizes, right = np.linalg.svd(white, full_matrices=False)
+    return right[: rank_above_noise(sizes, (rows, white.shape[1]))].T
+
+
+def _own(
+    time: _Time,
+    channels: _Channels,
+    residual: np.ndarray,
+    steadiness: tuple[float, float],
+    level: float,
+    law: np.ndarray,
+    size: np.ndarray,
+    modes: np.ndarray,
+) -> tuple[np.ndarray, bool]:
+    """Noise sd (M,) of each channel, and whether they differ from the law (M,) at a level.
+
+    A channel's variance is what its residual shares with the part of it that the combinations
+    hold, on average nothing but noise; where the rest holds no more than noise either, it is all of
+    it. Logarithms are drawn to the law's as far as they scatter no more than by chance.
+    """
+    left = time.left(steadiness, residual / channels.unit)
+    unit_law = law / channels.unit
+    scale = np.sqrt(channels.variance(law)) * size
+    kept = channels.own / scale
+    to_held = (kept - kept @ modes @ modes.T) * scale @ channels.own.T
+    to_all = np.eye(len(law)) - channels.common @ channels.common.T * (unit_law / unit_law[:, None])
+    held, whole = left.white @ to_held, left.white @ to_all
+
+    def expected(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        return unit_law**2 @ (one * other)
+
+    def per_dof(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        return np.sum(one * other, axis=0) / left.dof
+
+    rest, room = whole - held, np.sum(expected(to_all - to_held, to_all - to_held) / unit_law**2)
+    ratio = np.sum(per_dof(rest, rest) / unit_law**2) / max(room, 1.0) / level
+    # Uneven channels scatter as fewer ones would.
+    fewer = np.mean(size**2) ** 2 / np.mean(size**4) * np.median(left.dof)
+    if f.sf(ratio, room * fewer, len(size) * fewer) > ALPHA:
+        share = per_dof(whole, whole) / expected(to_all, to_all)
+        scatter = 2.0 / left.dof
+    else:
+        told = expected(to_held, to_all) > QUIETEST * unit_law**2
+        shared = np.where(told, per_dof(held, whole), np.nan)
+        share = shared / expected(to_held, to_all)
+        product = per_dof(held, held) * per_dof(whole, whole)
+        scatter = (
+            1.0 + product / np.maximum(shared, QUIETEST * unit_law**2 * level) ** 2
+        ) / left.dof
+        share, scatter = np.where(told, share, level), np.where(told, scatter, np.inf)
+    log = np.log(np.maximum(share / level, QUIETEST))
+    shrunk = _shrunk(log, scatter)
+    return law * np.sqrt(level * np.exp(shrunk)), bool(shrunk.any())
+
+
+def _shrunk(values: np.ndarray, scatter: np.ndarray) -> np.ndarray:
+    """(M,) values of known scatter (variance), drawn to their mean as far as that of the true ones
+    asks for (DerSimonian & Laird, Control. Clin. Trials 7, 1986); 0 where chance makes them."""
+    weight = 1.0 / scatter
+    mean = weight @ values / weight.sum()
+    heterogeneity = weight @ (values - mean) ** 2
+    if chi2.sf(heterogeneity, len(values) - 1) > ALPHA:
+        return np.zeros(len(values))
+    room = weight.sum() - np.sum(weight**2) / weight.sum()
+    true = max(heterogeneity - len(values) + 1, 0.0) / room
+    weight = 1.0 / (scatter + true)
+    mean = weight @ values / weight.sum()
+    return mean + true * weight * (values - mean)
+
+
+def _modes(shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Courses (N, 1 + K), a constant first, and patterns (M, 1 + K), the mean first, of simulated
+    readings (N, M) in units of their noise: those of which a small share would show in it."""
+    mean = shown.mean(axis=0)
+    left, sizes, right = np.linalg.svd(shown - mean, full_matrices=False)
+    count = int(np.sum(WRONG * sizes > SHOWN * np.sqrt(shown.shape[1])))
+    count = min(count, len(shown) // 2 - 1)
+    constant = np.full(len(shown), len(shown) ** -0.5)
+    return np.column_stack([constant, left[:, :count]]), np.column_stack([mean, right[:count].T])
+
+
+def _beside(basis: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (N, C) less what they have in an orthonormal basis (N, K)."""
+    return values - basis @ (basis.T @ values)
+
+
+def _share(recording: Recording) -> np.ndarray:
+    """(N,): how much of the recording's time has gone."""
+    time = recording.frames["time_s"].to_numpy(float)
+    return (time - time[0]) / max(float(np.ptp(time)), 1e-9)

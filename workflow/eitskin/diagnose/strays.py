@@ -1,0 +1,120 @@
+"""Readings that are none: loud frames, in which every channel shouts, and single spikes.
+
+Both are told from what is left of residuals beside the courses that skin and instrument take: the
+worst first, each time with what is left anew, and scales by medians, which strays do not move.
+"""
+
+import numpy as np
+
+MAD = 0.6745  # median absolute deviation of a normal variate, in sd
+LOUD = 4.0  # times the typical size of a frame
+MOST_LOUD = 0.1  # of the frames
+SPIKE = 6.0  # sd
+MOST_SPIKES = 0.02  # of the readings
+ALONE = 0.5  # of a spike, that its neighbours in time must stay below
+BESIDE = 0.5  # of the largest in a group of channels, from which another is a spike as well
+FREE = 0.02  # least share of a reading that the courses leave; one with less is not judged
+
+
+def loud_frames(values: np.ndarray, courses: np.ndarray) -> np.ndarray:
+    """(N,) bool: frames of values (N, C), NaN where lost, that are several times as large as the
+    typical one beside the courses (N, K), orthonormal. None where more than a tenth would be."""
+    count = len(values)
+    scale = spread(values - np.nanmedian(values, axis=0))
+    scaled = np.where(np.isfinite(values), values, 0.0) / scale
+    lost = np.isnan(values)
+    quiet = np.ones(count, bool)
+    while True:
+        basis = np.linalg.qr(courses[quiet])[0]
+        free = 1.0 - np.sum(basis**2, axis=1)
+        left = scaled[quiet] - basis @ (basis.T @ scaled[quiet])
+        left[lost[quiet]] = np.nan
+        size = np.full(count, np.nan)
+        with np.errstate(invalid="ignore"):
+            median = np.nanmedian(np.abs(left), axis=1) / np.sqrt(np.maximum(free, FREE))
+        size[quiet] = np.where(free > FREE, median, np.nan)
+        worst = int(np.nanargmax(size))
+        if not size[worst] > LOUD * np.nanmedian(size):
+            return ~quiet
+        quiet[worst] = False
+        if np.sum(~quiet) > MOST_LOUD * count:
+            return np.zeros(count, bool)
+
+
+def spikes(values: np.ndarray, courses: np.ndarray) -> np.ndarray:
+    """(N, C) bool: values (N, C), NaN where lost, that stand far above what is left of their column
+    and of their frame beside the courses (N, K), orthonormal, and those next in time do not."""
+    hat = np.eye(len(values)) - courses @ courses.T
+    lost = np.isnan(values)
+    filled = np.where(lost, 0.0, values)
+    aside = lost.copy()
+    left = np.empty_like(values)
+    free = np.empty_like(values)
+    for k in range(values.shape[1]):
+        left[:, k], free[:, k] = _beside(hat, filled[:, k], aside[:, k])
+    scale = spread(np.where(lost, np.nan, left))
+    loudness = spread((np.where(lost, np.nan, left) / scale).T)[:, None]
+    scale = scale * np.maximum(1.0, loudness)
+    changed = range(values.shape[1])
+    while len(changed):
+        height = np.where(aside | (free < FREE), 0.0, np.abs(left)) / scale
+        worst = np.argmax(height, axis=0)
+        changed = [k for k in changed if height[worst[k], k] > SPIKE]
+        for k in changed:
+            aside[worst[k], k] = True
+            left[:, k], free[:, k] = _beside(hat, filled[:, k], aside[:, k])
+    found = aside & ~lost
+    size = np.abs(left)
+    size[lost] = 0.0
+    beside = np.zeros_like(size)
+    beside[1:] = size[:-1]
+    beside[:-1] = np.maximum(beside[:-1], size[1:])
+    return found & (beside < ALONE * size)
+
+
+def spiked(values: np.ndarray, odd: np.ndarray, even: np.ndarray, courses: np.ndarray):
+    """(N, M) bool: readings that are spikes, of residuals (N, M), NaN where lost.
+
+    odd (M, P), even (M, M - P): as `parity` gives them; the spikes show in the odd half, to which
+    no misfit of the skin's physics gets, and the channels that it ties tell whose they are. Without
+    an odd half they show in the channels. None where too many readings look like spikes.
+    """
+    if odd.shape[1] == 0:
+        found = spikes(values, courses)
+    else:
+        lost = np.isnan(values)
+        filled = np.where(lost, 0.0, values)
+        contrasts = filled @ odd
+        contrasts[(lost.astype(float) @ (odd != 0.0)) > 0] = np.nan
+        left = filled - courses @ (courses.T @ filled)
+        found = np.zeros(values.shape, bool)
+        label = np.argmax(np.abs(even), axis=1)
+        sign = np.sign(even[np.arange(len(even)), label])
+        for n, p in np.argwhere(spikes(contrasts, courses)):
+            group = np.flatnonzero(label == label[np.argmax(odd[:, p] != 0.0)])
+            signed = sign[group] * left[n, group]
+            # Two channels differ from their mean alike: then the smaller one is the one at rest.
+            away = np.abs(signed - (np.median(signed) if len(group) > 2 else 0.0))
+            found[n, group[away > BESIDE * away.max()]] = True
+        found &= ~lost
+    return found if found.mean() <= MOST_SPIKES else np.zeros_like(found)
+
+
+def _beside(hat: np.ndarray, values: np.ndarray, aside: np.ndarray):
+    """(N,) what values (N,) have beside the courses that those not set aside take, in units of what
+    the courses leave free, which is the other (N,). hat (N, N): the courses' complement."""
+    left, free = hat @ values, np.diag(hat).copy()
+    rows = np.flatnonzero(aside)
+    if len(rows):
+        own = hat[np.ix_(rows, rows)] + 1e-9 * np.eye(len(rows))
+        away = np.linalg.solve(own, np.column_stack([left[rows], hat[rows]]))
+        left = left - hat[:, rows] @ away[:, 0]
+        free = free - np.sum(hat[:, rows] * away[:, 1:].T, axis=1)
+        left[rows], free[rows] = away[:, 0], 1.0
+    return left / np.sqrt(np.maximum(free, FREE)), free
+
+
+def spread(values: np.ndarray) -> np.ndarray:
+    """(C,): sd of each column of (N, C) by its median, never 0."""
+    size = np.nanmedian(np.abs(values), axis=0) / MAD
+    return np.maximum(size, 1e-9 * np.nanmax(size))
