@@ -35,6 +35,7 @@ CORRELATIONS = (0.02, 0.3, 0.6, 0.8, 0.9, 0.95, 0.98, 0.995)
 DRIFTS = (0.05, 0.2, 0.5, 1.0, 2.0, 5.0, 20.0, 100.0)
 CLOSE = 0.02  # of logit and logarithm, to which the two are found
 QUIETEST = 1e-3  # of the law's variance, below which no channel's is told
+SURE = 3.0  # sd, from which a misfit is taken as it is found
 NOTHING = 1e-2  # of the noise: residuals below it hold none
 
 
@@ -237,7 +238,9 @@ class _Found:
             left = replace(left, squares=left.squares * size**2)
         level = float(left.squares.sum() / left.dof.sum())
         predicted = channels.variance(law)
-        sd, uneven = _own(time, channels, residual, steadiness, level, law, size, modes)
+        scale = (np.sqrt(predicted) * size)[:, None]
+        coherent = (channels.own / scale.T) @ modes @ modes.T @ (scale * channels.own.T)
+        sd, uneven = _own(time, channels, residual, steadiness, level, law, coherent)
         ratio = left.squares * predicted / channels.variance(sd)
         sd = sd * np.sqrt(ratio.sum() / left.dof.sum())
         return cls(steadiness, level, sd, uneven, float(left.dof.sum()))
@@ -307,47 +310,45 @@ def _own(
     steadiness: tuple[float, float],
     level: float,
     law: np.ndarray,
-    size: np.ndarray,
-    modes: np.ndarray,
+    coherent: np.ndarray,
 ) -> tuple[np.ndarray, bool]:
     """Noise sd (M,) of each channel, and whether they differ from the law (M,) at a level.
 
-    A channel's variance is what its residual shares with the part of it that the combinations
-    hold, on average nothing but noise; where the rest holds no more than noise either, it is all of
-    it. Logarithms are drawn to the law's as far as they scatter no more than by chance.
+    coherent (M, M): takes of residuals what is coherent in their combinations. What channels that
+    reciprocity ties have in common is misfit: no part of the variance of each, as far as it is
+    there at all. Logarithms are drawn together as far as they scatter no more than by chance.
     """
     left = time.left(steadiness, residual / channels.unit)
-    unit_law = law / channels.unit
-    scale = np.sqrt(channels.variance(law)) * size
-    kept = channels.own / scale
-    to_held = (kept - kept @ modes @ modes.T) * scale @ channels.own.T
-    to_all = np.eye(len(law)) - channels.common @ channels.common.T * (unit_law / unit_law[:, None])
-    held, whole = left.white @ to_held, left.white @ to_all
-
-    def expected(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        return unit_law**2 @ (one * other)
+    variance = level * (law / channels.unit) ** 2
+    taken = np.eye(len(law)) - coherent
+    if not channels.odd.shape[1]:
+        taken = taken @ channels.own @ channels.own.T
+    whole = left.white @ taken
+    others = channels.even @ channels.even.T
+    others -= np.diag(np.diag(others))
+    total = np.abs(others).sum(axis=0)
+    tied = total > 0.0
+    others = others / np.where(tied, total, 1.0)
+    beside = whole @ others
 
     def per_dof(one: np.ndarray, other: np.ndarray) -> np.ndarray:
         return np.sum(one * other, axis=0) / left.dof
 
-    rest, room = whole - held, np.sum(expected(to_all - to_held, to_all - to_held) / unit_law**2)
-    ratio = np.sum(per_dof(rest, rest) / unit_law**2) / max(room, 1.0) / level
-    # Uneven channels scatter as fewer ones would.
-    fewer = np.mean(size**2) ** 2 / np.mean(size**4) * np.median(left.dof)
-    if f.sf(ratio, room * fewer, len(size) * fewer) > ALPHA:
-        share = per_dof(whole, whole) / expected(to_all, to_all)
-        scatter = 2.0 / left.dof
-    else:
-        told = expected(to_held, to_all) > QUIETEST * unit_law**2
-        shared = np.where(told, per_dof(held, whole), np.nan)
-        share = shared / expected(to_held, to_all)
-        product = per_dof(held, held) * per_dof(whole, whole)
-        scatter = (
-            1.0 + product / np.maximum(shared, QUIETEST * unit_law**2 * level) ** 2
-        ) / left.dof
-        share, scatter = np.where(told, share, level), np.where(told, scatter, np.inf)
-    log = np.log(np.maximum(share / level, QUIETEST))
-    shrunk = _shrunk(log, scatter)
+    square = per_dof(whole, whole) / (variance @ taken**2)
+    product = (per_dof(whole, beside) - variance @ (taken * (taken @ others))) / variance
+    scatter = (square * per_dof(beside, beside) / variance + product**2) / left.dof
+    once = np.where(
+        tied, np.max(np.abs(others), axis=0) / (1.0 + np.max(np.abs(others), axis=0)), 0.0
+    )
+    weight = once / np.where(tied, scatter, 1.0)
+    excess = weight @ product**2
+    misfit = np.zeros(len(law))
+    if excess and chi2.sf(excess, once.sum()) < ALPHA:
+        wide = (excess - once.sum()) / weight.sum()
+        misfit = np.where(tied, wide / (wide + scatter), 0.0)
+        misfit[product > SURE * np.sqrt(scatter)] = 1.0
+    share = np.maximum(square - np.maximum(misfit * product, 0.0), QUIETEST)
+    shrunk = _shrunk(np.log(share), 2.0 / left.dof + misfit * scatter / share**2)
     return law * np.sqrt(level * np.exp(shrunk)), bool(shrunk.any())
 
 

@@ -11,7 +11,6 @@ LOUD = 4.0  # times the typical size of a frame
 MOST_LOUD = 0.1  # of the frames
 SPIKE = 6.0  # sd
 MOST_SPIKES = 0.02  # of the readings
-ALONE = 0.5  # of a spike, that its neighbours in time must stay below
 BESIDE = 0.5  # of the largest in a group of channels, from which another is a spike as well
 FREE = 0.02  # least share of a reading that the courses leave; one with less is not judged
 
@@ -43,7 +42,7 @@ def loud_frames(values: np.ndarray, courses: np.ndarray) -> np.ndarray:
 
 def spikes(values: np.ndarray, courses: np.ndarray) -> np.ndarray:
     """(N, C) bool: values (N, C), NaN where lost, that stand far above what is left of their column
-    and of their frame beside the courses (N, K), orthonormal, and those next in time do not."""
+    and of their frame beside the courses (N, K), orthonormal; no more than two in a row."""
     hat = np.eye(len(values)) - courses @ courses.T
     lost = np.isnan(values)
     filled = np.where(lost, 0.0, values)
@@ -64,12 +63,10 @@ def spikes(values: np.ndarray, courses: np.ndarray) -> np.ndarray:
             aside[worst[k], k] = True
             left[:, k], free[:, k] = _beside(hat, filled[:, k], aside[:, k])
     found = aside & ~lost
-    size = np.abs(left)
-    size[lost] = 0.0
-    beside = np.zeros_like(size)
-    beside[1:] = size[:-1]
-    beside[:-1] = np.maximum(beside[:-1], size[1:])
-    return found & (beside < ALONE * size)
+    run = found[:-2] & found[1:-1] & found[2:]
+    for shift in range(3):
+        found[shift : len(found) - 2 + shift] &= ~run
+    return found
 
 
 def spiked(values: np.ndarray, odd: np.ndarray, even: np.ndarray, courses: np.ndarray):
