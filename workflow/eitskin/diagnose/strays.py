@@ -51,16 +51,18 @@ def spikes(values: np.ndarray, courses: np.ndarray) -> np.ndarray:
     free = np.empty_like(values)
     for k in range(values.shape[1]):
         left[:, k], free[:, k] = _beside(hat, filled[:, k], aside[:, k])
-    scale = spread(np.where(lost, np.nan, left))
-    loudness = spread((np.where(lost, np.nan, left) / scale).T)[:, None]
-    scale = scale * np.maximum(1.0, loudness)
-    changed = range(values.shape[1])
+    there = np.where(lost, np.nan, left)
+    loudness = np.maximum(1.0, spread((there / spread(there)).T))[:, None]
+    changed = np.arange(values.shape[1])
     while len(changed):
-        height = np.where(aside | (free < FREE), 0.0, np.abs(left)) / scale
+        there = np.where(aside[:, changed], np.nan, left[:, changed])
+        height = np.abs(there) / (loudness * spread(there))
+        height[np.isnan(height) | (free[:, changed] < FREE)] = 0.0
         worst = np.argmax(height, axis=0)
-        changed = [k for k in changed if height[worst[k], k] > SPIKE]
+        high = height[worst, np.arange(len(changed))] > SPIKE
+        changed, worst = changed[high], worst[high]
+        aside[worst, changed] = True
         for k in changed:
-            aside[worst[k], k] = True
             left[:, k], free[:, k] = _beside(hat, filled[:, k], aside[:, k])
     found = aside & ~lost
     run = found[:-2] & found[1:-1] & found[2:]
@@ -72,9 +74,9 @@ def spikes(values: np.ndarray, courses: np.ndarray) -> np.ndarray:
 def spiked(values: np.ndarray, odd: np.ndarray, even: np.ndarray, courses: np.ndarray):
     """(N, M) bool: readings that are spikes, of residuals (N, M), NaN where lost.
 
-    odd (M, P), even (M, M - P): as `parity` gives them; the spikes show in the odd half, to which
-    no misfit of the skin's physics gets, and the channels that it ties tell whose they are. Without
-    an odd half they show in the channels. None where too many readings look like spikes.
+    odd (M, P), even (M, M - P): as `parity` gives them; spikes show in the odd half, to which no
+    misfit of the skin's physics gets, and the channels that it ties tell whose they are. Without an
+    odd half they show in the channels. None where too many readings look like spikes.
     """
     if odd.shape[1] == 0:
         found = spikes(values, courses)
@@ -83,16 +85,25 @@ def spiked(values: np.ndarray, odd: np.ndarray, even: np.ndarray, courses: np.nd
         filled = np.where(lost, 0.0, values)
         contrasts = filled @ odd
         contrasts[(lost.astype(float) @ (odd != 0.0)) > 0] = np.nan
-        left = filled - courses @ (courses.T @ filled)
-        found = np.zeros(values.shape, bool)
+        suspect = spikes(contrasts, courses)
+        hat = np.eye(len(values)) - courses @ courses.T
         label = np.argmax(np.abs(even), axis=1)
         sign = np.sign(even[np.arange(len(even)), label])
-        for n, p in np.argwhere(spikes(contrasts, courses)):
-            group = np.flatnonzero(label == label[np.argmax(odd[:, p] != 0.0)])
-            signed = sign[group] * left[n, group]
+        found = np.zeros(values.shape, bool)
+        for one in np.unique(label[(odd[:, suspect.any(axis=0)] != 0.0).any(axis=1)]):
+            group = np.flatnonzero(label == one)
+            rows = suspect[:, (odd[group] != 0.0).any(axis=0)].any(axis=1)
+            left = [_beside(hat, filled[:, k], rows | lost[:, k])[0][rows] for k in group]
+            signed = np.array(left).T * sign[group]
             # Two channels differ from their mean alike: then the smaller one is the one at rest.
-            away = np.abs(signed - (np.median(signed) if len(group) > 2 else 0.0))
-            found[n, group[away > BESIDE * away.max()]] = True
+            middle = np.median(signed, axis=1, keepdims=True) if len(group) > 2 else 0.0
+            away = signed - middle
+            struck = np.abs(away) > BESIDE * np.abs(away).max(axis=1, keepdims=True)
+            # What is in both with opposite signs is no spike but how they differ.
+            one_sign = (away > 0.0).any(axis=1, where=struck) != (away < 0.0).any(
+                axis=1, where=struck
+            )
+            found[np.ix_(rows, group)] = struck & one_sign[:, None]
         found &= ~lost
     return found if found.mean() <= MOST_SPIKES else np.zeros_like(found)
 
