@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cholesky, qr, solve_triangular
+from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize, minimize_scalar
 from scipy.special import expit, logit
 from scipy.stats import chi2, f
@@ -30,6 +31,7 @@ from eitskin.diagnose.strays import loud_frames, spiked, spread
 
 WRONG = 0.05  # of a course, by which a reading may be off
 SHOWN = 0.5  # of the noise in one course, that so much must be to matter
+ROUNDS = 3  # in which uneven channels show how to look past what they share
 LEAST_LEFT = 8  # frames beside the courses, or contrasts, fewer of which tell nothing
 CORRELATIONS = (0.02, 0.3, 0.6, 0.8, 0.9, 0.95, 0.98, 0.995)
 DRIFTS = (0.05, 0.2, 0.5, 1.0, 2.0, 5.0, 20.0, 100.0)
@@ -83,15 +85,17 @@ class _Time:
         determinant = one * (values.shape[1] - (0 if modes is None else modes.shape[1]))
         dof = np.full(values.shape[1], float(len(values) - self.courses.shape[1]))
         if lost.any():
-            whitener = _beside(basis, solve_triangular(root, np.eye(len(root)), lower=True))
+            inverse = np.tril(dpotri(root, lower=1)[0])
+            back = solve_triangular(root, basis, lower=True, trans="T")
+            precision = inverse + np.tril(inverse, -1).T - back @ back.T
+            pull = solve_triangular(root, white, lower=True, trans="T")
             for k in np.flatnonzero(lost.any(axis=0)):
                 gone = np.flatnonzero(lost[:, k])
-                span, upper = np.linalg.qr(whitener[:, gone])
-                along = span.T @ white[:, k]
-                filled[gone, k] = -np.linalg.lstsq(upper, along)[0]
-                white[:, k] -= span @ along
-                determinant += 2.0 * np.log(np.abs(np.diag(upper))).sum()
+                own = precision[np.ix_(gone, gone)]
+                filled[gone, k] = -np.linalg.solve(own, pull[gone, k])
+                determinant += np.linalg.slogdet(own)[1]
                 dof[k] -= len(gone)
+            white = _beside(basis, solve_triangular(root, filled, lower=True))
         if modes is not None:
             white -= (white @ modes) @ modes.T
             dof *= 1.0 - np.sum(modes**2, axis=1)
@@ -102,25 +106,32 @@ class _Time:
 class _Channels:
     """Combinations (M, P), orthonormal, of readings in units of `unit` (M,) that hold noise alone.
 
-    odd, even: the halves of reciprocity; where that ties few channels, `odd` is empty and what
-    simulated readings do over the channels, `common` (M, G), is what the combinations leave out.
+    odd, even: the halves of reciprocity; where that ties few channels, `odd` is empty and the
+    combinations are beside what simulated readings do over the channels.
     """
 
     own: np.ndarray
     unit: np.ndarray
     odd: np.ndarray
     even: np.ndarray
-    common: np.ndarray
 
     @classmethod
-    def of(cls, channels: np.ndarray, signed: bool, sd: np.ndarray, patterns: np.ndarray):
-        """Of channels (M, 4), noise sd (M,) and patterns (M, G) over channels in units of it."""
-        common = np.linalg.qr(np.column_stack([1.0 / sd, patterns]))[0]
-        odd, even = parity(channels, signed)
+    def of(cls, halves: tuple, lost: np.ndarray, sd: np.ndarray, patterns: np.ndarray):
+        """Of odd and even half, lost readings (N, M), noise sd (M,) and patterns (M, G) over
+        channels in units of it."""
+        odd, even = halves
+        gone = (lost.astype(float) @ (odd != 0.0) > 0.0).mean(axis=0)
+        odd = odd[:, gone <= MOST_LOST]
         if odd.shape[1] >= LEAST_LEFT:
-            return cls(odd, np.ones(len(sd)), odd, even, common)
+            return cls(odd, np.ones(len(sd)), odd, even)
+        common = np.column_stack([1.0 / sd, patterns])
         own = np.linalg.qr(common, mode="complete")[0][:, common.shape[1] :]
-        return cls(own, sd, np.empty((len(sd), 0)), np.eye(len(sd)), common)
+        return cls(own, sd, np.empty((len(sd), 0)), np.eye(len(sd)))
+
+    @property
+    def paired(self) -> bool:
+        """Whether reciprocity tells of the noise."""
+        return self.odd.shape[1] > 0
 
     def variance(self, sd: np.ndarray) -> np.ndarray:
         """(P,) of the combinations, of channels' noise sd (M,)."""
@@ -129,7 +140,7 @@ class _Channels:
     def values(self, residual: np.ndarray) -> np.ndarray:
         """(N, P) of residuals (N, M), NaN where lost."""
         lost = np.isnan(residual)
-        if self.odd.shape[1]:
+        if self.paired:
             values = np.where(lost, 0.0, residual) @ self.odd
             values[(lost.astype(float) @ (self.odd != 0.0)) > 0.0] = np.nan
             return values
@@ -148,69 +159,70 @@ def refine(recording: Recording, noise: Noise, simulated: np.ndarray) -> Noise:
     What is not significant stays as it was; so does all where too few frames or channels are left.
     """
     residual = recording.voltage - simulated
-    gone = ~np.isfinite(residual)
-    kept = np.flatnonzero(gone.mean(axis=1) <= MOST_LOST)
-    usable = np.flatnonzero(gone[kept].mean(axis=0) <= MOST_LOST) if len(kept) else kept
-    if len(kept) < 2 * LEAST_LEFT or len(usable) < 2 * LEAST_LEFT:
+    rows, usable = _kept(~np.isfinite(residual))
+    if min(len(rows), len(usable)) < 2 * LEAST_LEFT:
         return noise
-    kept = kept[gone[np.ix_(kept, usable)].mean(axis=1) <= MOST_LOST]
-    left = residual[np.ix_(kept, usable)]
-    signed = recording.metadata["voltage"] == "signed"
-    shown = simulated[np.ix_(kept, usable)] / noise.sd[usable]
-    law = noise.sd[usable]
-    channels = _Channels.of(recording.channels[usable], signed, law, np.empty((len(law), 0)))
-    values = channels.values(left)
-    level = np.median(
-        spread(values - np.nanmedian(values, axis=0)) / np.sqrt(channels.variance(law))
-    )
+    left, law = residual[np.ix_(rows, usable)], noise.sd[usable]
+    shown = simulated[np.ix_(rows, usable)]
+    halves = parity(recording.channels[usable], recording.metadata["voltage"] == "signed")
+    level = np.median(spread((left - np.nanmedian(left, axis=0)) / law))
     if level < NOTHING:
         return noise
-    courses, patterns = _modes(shown / min(level, 1.0))
-    channels = _Channels.of(recording.channels[usable], signed, law, patterns)
-    loud = loud_frames(channels.values(left), courses)
-    courses = np.linalg.qr(courses[~loud])[0]
-    left, rows = left[~loud], kept[~loud]
-    struck = spiked(left / channels.unit, channels.odd, channels.even, courses)
-    left = np.where(struck, np.nan, left)
-    time = _Time(rows, _share(recording)[rows], courses)
-    if len(rows) - courses.shape[1] < LEAST_LEFT:
+    courses, patterns = _modes(shown / (min(level, 1.0) * law))
+    channels = _Channels.of(halves, np.isnan(left), law, patterns)
+    loud = loud_frames(channels.values(left) if channels.paired else left, courses)
+    quiet, courses = rows[~loud], np.linalg.qr(courses[~loud])[0]
+    if len(quiet) - courses.shape[1] < LEAST_LEFT:
         return noise
+    struck = spiked(left[~loud], channels.odd, channels.even, courses)
+    left = np.where(struck, np.nan, left[~loud])
+    time = _Time(quiet, _share(recording)[quiet], courses)
     found = _Found.of(time, channels, left, law)
-    lost = np.zeros(residual.shape, bool)
-    lost[kept[loud]] = True
-    lost[np.ix_(rows, usable)] = struck
+    for _ in range(0 if channels.paired else ROUNDS):
+        if found.uneven:
+            patterns = _modes(shown[~loud] / found.sd)[1]
+            channels = _Channels.of(halves, np.isnan(left), found.sd, patterns)
+            found = _Found.of(time, channels, left, found.sd)
     strays = bool(loud.any() or struck.any())
-    uneven = found.uneven
+    uneven = bool(np.ptp(found.sd / law) > 1e-9 * np.max(found.sd / law))
     if not (strays or any(found.steadiness) or uneven or found.differs(noise.dof)):
         return noise
-    sd = noise.sd * np.sqrt(found.level)
+    sd = noise.sd * np.sqrt(np.mean((found.sd / law) ** 2))
     sd[usable] = found.sd
     sd = np.maximum(sd, FLOOR * np.nanmedian(np.abs(recording.voltage)))
     sd = np.maximum(sd, ROUNDING * converter_step(recording.voltage))
+    lost = np.zeros(residual.shape, bool)
+    lost[rows[loud]] = True
+    lost[np.ix_(quiet, usable)] = struck
     correlation, drift = found.steadiness
-    loud_rows = tuple(int(row) for row in kept[loud])
-    said = [noise.source]
-    if correlation:
-        said.append(f"correlated from frame to frame, {correlation:.2g}")
-    if drift:
-        said.append(f"each channel drifts, by {drift:.2g} of its noise to the end")
-    if uneven:
-        said.append("each channel has a noise of its own")
-    if loud_rows:
-        said.append(f"{len(loud_rows)} loud frames put aside")
-    if struck.any():
-        said.append(f"{struck.sum()} spikes put aside")
+    said = {
+        f"correlated from frame to frame, {correlation:.2g}": correlation,
+        f"each channel drifts, by {drift:.2g} of its noise to the end": drift,
+        "each channel has its own": uneven,
+        f"loud frames put aside: {loud.sum()}": loud.any(),
+        f"spikes put aside: {struck.sum()}": struck.any(),
+    }
     return replace(
         noise,
         sd=sd,
         dof=found.dof,
-        source="; ".join(said),
+        source="; ".join([noise.source, *(words for words, so in said.items() if so)]),
         correlation=correlation,
         drift=drift,
         lost=lost if strays else None,
-        loud_frames=loud_rows,
+        loud_frames=tuple(rows[loud].tolist()),
         spikes=int(struck.sum()),
     )
+
+
+def _kept(lost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of (N, M) that are not mostly lost."""
+    rows = np.flatnonzero(lost.mean(axis=1) <= MOST_LOST)
+    if len(rows) == 0:
+        return rows, rows
+    columns = np.flatnonzero(lost[rows].mean(axis=0) <= MOST_LOST)
+    rows = rows[lost[np.ix_(rows, columns)].mean(axis=1) <= MOST_LOST] if len(columns) else columns
+    return rows, columns
 
 
 @dataclass(frozen=True)
@@ -321,7 +333,7 @@ def _own(
     left = time.left(steadiness, residual / channels.unit)
     variance = level * (law / channels.unit) ** 2
     taken = np.eye(len(law)) - coherent
-    if not channels.odd.shape[1]:
+    if not channels.paired:
         taken = taken @ channels.own @ channels.own.T
     whole = left.white @ taken
     others = channels.even @ channels.even.T

@@ -10,6 +10,8 @@ MAD = 0.6745  # median absolute deviation of a normal variate, in sd
 LOUD = 4.0  # times the typical size of a frame
 MOST_LOUD = 0.1  # of the frames
 SPIKE = 6.0  # sd
+ALONE = 5.0  # times the largest of its frame that is none, of a spike that misfit might be
+MOST_TOGETHER = 3  # such spikes, in one frame
 MOST_SPIKES = 0.02  # of the readings
 BESIDE = 0.5  # of the largest in a group of channels, from which another is a spike as well
 FREE = 0.02  # least share of a reading that the courses leave; one with less is not judged
@@ -22,7 +24,8 @@ def loud_frames(values: np.ndarray, courses: np.ndarray) -> np.ndarray:
     scale = spread(values - np.nanmedian(values, axis=0))
     scaled = np.where(np.isfinite(values), values, 0.0) / scale
     lost = np.isnan(values)
-    quiet = np.ones(count, bool)
+    bare = lost.all(axis=1)
+    quiet = ~bare
     while True:
         basis = np.linalg.qr(courses[quiet])[0]
         free = 1.0 - np.sum(basis**2, axis=1)
@@ -34,15 +37,18 @@ def loud_frames(values: np.ndarray, courses: np.ndarray) -> np.ndarray:
         size[quiet] = np.where(free > FREE, median, np.nan)
         worst = int(np.nanargmax(size))
         if not size[worst] > LOUD * np.nanmedian(size):
-            return ~quiet
+            return ~quiet & ~bare
         quiet[worst] = False
-        if np.sum(~quiet) > MOST_LOUD * count:
+        if np.sum(~quiet & ~bare) > MOST_LOUD * count:
             return np.zeros(count, bool)
 
 
-def spikes(values: np.ndarray, courses: np.ndarray) -> np.ndarray:
+def spikes(values: np.ndarray, courses: np.ndarray, alone: bool = False) -> np.ndarray:
     """(N, C) bool: values (N, C), NaN where lost, that stand far above what is left of their column
-    and of their frame beside the courses (N, K), orthonormal; no more than two in a row."""
+    and of their frame beside the courses (N, K), orthonormal; no more than two in a row.
+
+    alone: of what misfit might be as well, only few in a frame, far above all else there.
+    """
     hat = np.eye(len(values)) - courses @ courses.T
     lost = np.isnan(values)
     filled = np.where(lost, 0.0, values)
@@ -65,6 +71,10 @@ def spikes(values: np.ndarray, courses: np.ndarray) -> np.ndarray:
         for k in changed:
             left[:, k], free[:, k] = _beside(hat, filled[:, k], aside[:, k])
     found = aside & ~lost
+    if alone:
+        height = np.where(lost, 0.0, np.abs(left)) / spread(np.where(aside, np.nan, left))
+        others = np.where(aside, 0.0, height).max(axis=1, keepdims=True)
+        found &= (height > ALONE * others) & (found.sum(axis=1, keepdims=True) <= MOST_TOGETHER)
     run = found[:-2] & found[1:-1] & found[2:]
     for shift in range(3):
         found[shift : len(found) - 2 + shift] &= ~run
@@ -79,7 +89,7 @@ def spiked(values: np.ndarray, odd: np.ndarray, even: np.ndarray, courses: np.nd
     odd half they show in the channels. None where too many readings look like spikes.
     """
     if odd.shape[1] == 0:
-        found = spikes(values, courses)
+        found = spikes(values, courses, alone=True)
     else:
         lost = np.isnan(values)
         filled = np.where(lost, 0.0, values)
@@ -123,6 +133,7 @@ def _beside(hat: np.ndarray, values: np.ndarray, aside: np.ndarray):
 
 
 def spread(values: np.ndarray) -> np.ndarray:
-    """(C,): sd of each column of (N, C) by its median, never 0."""
+    """(C,): sd of each column of (N, C), NaN where lost, by its median, never 0."""
+    values = np.where(np.isnan(values).all(axis=0), 0.0, values)
     size = np.nanmedian(np.abs(values), axis=0) / MAD
     return np.maximum(size, 1e-9 * np.nanmax(size))
