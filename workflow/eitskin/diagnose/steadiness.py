@@ -37,6 +37,7 @@ CORRELATIONS = (0.02, 0.3, 0.6, 0.8, 0.9, 0.95, 0.98, 0.995)
 DRIFTS = (0.05, 0.2, 0.5, 1.0, 2.0, 5.0, 20.0, 100.0)
 CLOSE = 0.02  # of logit and logarithm, to which the two are found
 QUIETEST = 1e-3  # of the law's variance, below which no channel's is told
+HOPEFUL = 0.1  # p-value of one at the other's place, above which both are not fitted together
 SURE = 3.0  # sd, from which a misfit is taken as it is found
 NOTHING = 1e-2  # of the noise: residuals below it hold none
 
@@ -270,43 +271,35 @@ def _steadiness(time: _Time, values: np.ndarray, modes=None) -> tuple[tuple[floa
     def deviance(at: np.ndarray) -> float:
         return time.left((expit(at[0]), np.exp(at[1])), values, modes).deviance
 
-    none = time.left((0.0, 0.0), values, modes)
-    alone = []
-    for index, grid in enumerate((logit(CORRELATIONS), np.log(DRIFTS))):
+    grids = logit(CORRELATIONS), np.log(DRIFTS)
 
-        def single(x: float, index=index) -> float:
-            return deviance(np.where(np.arange(2) == index, x, -np.inf))
+    def along(index: int, at: np.ndarray) -> tuple[float, np.ndarray]:
+        def moved(x: float) -> np.ndarray:
+            return np.where(np.arange(2) == index, x, at)
 
-        tried = [single(x) for x in grid]
-        best = int(np.argmin(tried))
+        grid = grids[index]
+        best = int(np.argmin([deviance(moved(x)) for x in grid]))
         within = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-        found = minimize_scalar(single, bounds=within, method="bounded", options={"xatol": CLOSE})
-        alone.append((found.fun, np.where(np.arange(2) == index, found.x, -np.inf)))
-    asked = [one for one in alone if chi2.sf(none.deviance - one[0], 1) < ALPHA]
-    if not asked:
+        found = minimize_scalar(
+            lambda x: deviance(moved(x)), bounds=within, method="bounded", options={"xatol": CLOSE}
+        )
+        return found.fun, moved(found.x)
+
+    none = time.left((0.0, 0.0), values, modes)
+    alone = [along(index, np.full(2, -np.inf)) for index in range(2)]
+    index = int(np.argmin([least for least, _ in alone]))
+    least, at = alone[index]
+    if chi2.sf(none.deviance - least, 1) > ALPHA:
         return (0.0, 0.0), none
-    least, at = min(asked, key=lambda one: one[0])
-    start = np.array([alone[0][1][0], alone[1][1][1]])
-    bounds = [(grid[0], grid[-1]) for grid in (logit(CORRELATIONS), np.log(DRIFTS))]
-    both = minimize(
-        deviance,
-        start,
-        method="Nelder-Mead",
-        bounds=bounds,
-        options={"xatol": CLOSE, "fatol": 0.1, "initial_simplex": _simplex(start, bounds)},
-    )
-    if chi2.sf(least - both.fun, 1) < ALPHA:
-        at = both.x
+    both, start = along(1 - index, at)
+    if chi2.sf(least - both, 1) < HOPEFUL:
+        bounds = [(grid[0], grid[-1]) for grid in grids]
+        options = {"xatol": CLOSE, "fatol": 0.1}
+        found = minimize(deviance, start, method="Nelder-Mead", bounds=bounds, options=options)
+        if chi2.sf(least - found.fun, 1) < ALPHA:
+            at = found.x
     steadiness = float(expit(at[0])), float(np.exp(at[1]))
     return steadiness, time.left(steadiness, values, modes)
-
-
-def _simplex(start: np.ndarray, bounds: list[tuple[float, float]]) -> np.ndarray:
-    """(3, 2) corners about a start, a step of 1 towards the farther bound."""
-    steps = [
-        1.0 if high - x > x - low else -1.0 for x, (low, high) in zip(start, bounds, strict=True)
-    ]
-    return start + np.vstack([np.zeros(2), np.diag(steps)])
 
 
 def _coherent(white: np.ndarray, rows: int) -> np.ndarray:
