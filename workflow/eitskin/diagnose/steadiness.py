@@ -4,7 +4,7 @@ What simulated readings do over the frames, their courses, and a constant are wh
 missing and faults of the instrument mostly show; what residuals have beside these is noise. Its
 correlation in time, its drift and its size are those of greatest restricted likelihood (Patterson
 & Thompson, Biometrika 58, 1971) in the odd half of reciprocity, which no skin moves. A channel's
-own noise is what its residual shares with its odd part.
+own noise is what its residual has beyond what tied channels share.
 """
 
 from dataclasses import dataclass, replace
@@ -36,10 +36,11 @@ LEAST_LEFT = 8  # frames beside the courses, or contrasts, fewer of which tell n
 CORRELATIONS = (0.02, 0.3, 0.6, 0.8, 0.9, 0.95, 0.98, 0.995)
 DRIFTS = (0.05, 0.2, 0.5, 1.0, 2.0, 5.0, 20.0, 100.0)
 CLOSE = 0.02  # of logit and logarithm, to which the two are found
-QUIETEST = 1e-3  # of the law's variance, below which no channel's is told
+QUIETEST = 1e-6  # of the law's variance, below which no channel's is told
 HOPEFUL = 0.1  # p-value of one at the other's place, above which both are not fitted together
 SURE = 3.0  # sd, from which a misfit is taken as it is found
 NOTHING = 1e-2  # of the noise: residuals below it hold none
+RIDGE = 1e-9  # of a precision's diagonal, for courses that only lost readings showed
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ class _Time:
             pull = solve_triangular(root, white, lower=True, trans="T")
             for k in np.flatnonzero(lost.any(axis=0)):
                 gone = np.flatnonzero(lost[:, k])
-                own = precision[np.ix_(gone, gone)]
+                own = precision[np.ix_(gone, gone)] * (1.0 + RIDGE * np.eye(len(gone)))
                 filled[gone, k] = -np.linalg.solve(own, pull[gone, k])
                 determinant += np.linalg.slogdet(own)[1]
                 dof[k] -= len(gone)
@@ -171,7 +172,10 @@ def refine(recording: Recording, noise: Noise, simulated: np.ndarray) -> Noise:
         return noise
     courses, patterns = _modes(shown / (min(level, 1.0) * law))
     channels = _Channels.of(halves, np.isnan(left), law, patterns)
-    loud = loud_frames(channels.values(left) if channels.paired else left, courses)
+    values = channels.values(left) / np.sqrt(channels.variance(law))
+    if np.median(spread(values)) < NOTHING:
+        return noise
+    loud = loud_frames(values if channels.paired else left, courses)
     quiet, courses = rows[~loud], np.linalg.qr(courses[~loud])[0]
     if len(quiet) - courses.shape[1] < LEAST_LEFT:
         return noise
@@ -196,18 +200,16 @@ def refine(recording: Recording, noise: Noise, simulated: np.ndarray) -> Noise:
     lost[rows[loud]] = True
     lost[np.ix_(quiet, usable)] = struck
     correlation, drift = found.steadiness
-    said = {
-        f"correlated from frame to frame, {correlation:.2g}": correlation,
-        f"each channel drifts, by {drift:.2g} of its noise to the end": drift,
-        "each channel has its own": uneven,
-        f"loud frames put aside: {loud.sum()}": loud.any(),
-        f"spikes put aside: {struck.sum()}": struck.any(),
-    }
+    said = [f"{np.median(sd / noise.sd):.3g} times as large"]
+    said += [f"correlated from frame to frame, {correlation:.2g}"] * bool(correlation)
+    said += [f"drifting by {drift:.2g} of its size to the end"] * bool(drift)
+    said += ["uneven over the channels"] * uneven
+    said += [f"{loud.sum()} loud frames and {struck.sum()} spikes put aside"] * strays
     return replace(
         noise,
         sd=sd,
         dof=found.dof,
-        source="; ".join([noise.source, *(words for words, so in said.items() if so)]),
+        source=f"{noise.source}; by the residuals of a first fit {', '.join(said)}",
         correlation=correlation,
         drift=drift,
         lost=lost if strays else None,
@@ -241,7 +243,8 @@ class _Found:
     def of(cls, time: _Time, channels: _Channels, residual: np.ndarray, law: np.ndarray):
         """Of residuals (N, M), NaN where lost, and the channels' noise sd (M,) by the law."""
         values = channels.values(residual) / np.sqrt(channels.variance(law))
-        own = np.isnan(values).mean(axis=0) <= MOST_LOST
+        size = spread(values)
+        own = (np.isnan(values).mean(axis=0) <= MOST_LOST) & (size > NOTHING * np.median(size))
         channels = replace(channels, own=channels.own[:, own])
         steadiness, left = _steadiness(time, values[:, own])
         size = np.sqrt(left.squares / left.dof)
@@ -330,7 +333,8 @@ def _own(
         taken = taken @ channels.own @ channels.own.T
     whole = left.white @ taken
     others = channels.even @ channels.even.T
-    others -= np.diag(np.diag(others))
+    alike = np.diag(others).copy()
+    np.fill_diagonal(others, 0.0)
     total = np.abs(others).sum(axis=0)
     tied = total > 0.0
     others = others / np.where(tied, total, 1.0)
@@ -342,18 +346,18 @@ def _own(
     square = per_dof(whole, whole) / (variance @ taken**2)
     product = (per_dof(whole, beside) - variance @ (taken * (taken @ others))) / variance
     scatter = (square * per_dof(beside, beside) / variance + product**2) / left.dof
-    once = np.where(
-        tied, np.max(np.abs(others), axis=0) / (1.0 + np.max(np.abs(others), axis=0)), 0.0
-    )
-    weight = once / np.where(tied, scatter, 1.0)
+    # Channels of a group say the same of its misfit: together they count once.
+    once = np.where(tied, alike, 0.0)
+    weight = once / np.where(tied, np.maximum(scatter, QUIETEST), 1.0)
     excess = weight @ product**2
     misfit = np.zeros(len(law))
-    if excess and chi2.sf(excess, once.sum()) < ALPHA:
+    if tied.any() and chi2.sf(excess, once.sum()) < ALPHA:
         wide = (excess - once.sum()) / weight.sum()
         misfit = np.where(tied, wide / (wide + scatter), 0.0)
         misfit[product > SURE * np.sqrt(scatter)] = 1.0
     share = np.maximum(square - np.maximum(misfit * product, 0.0), QUIETEST)
-    shrunk = _shrunk(np.log(share), 2.0 / left.dof + misfit * scatter / share**2)
+    uncertain = 2.0 / left.dof + misfit * scatter / share**2
+    shrunk = _shrunk(np.log(share), np.where(share > QUIETEST, uncertain, np.inf))
     return law * np.sqrt(level * np.exp(shrunk)), bool(shrunk.any())
 
 
@@ -378,7 +382,7 @@ def _modes(shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     mean = shown.mean(axis=0)
     left, sizes, right = np.linalg.svd(shown - mean, full_matrices=False)
     count = int(np.sum(WRONG * sizes > SHOWN * np.sqrt(shown.shape[1])))
-    count = min(count, len(shown) // 2 - 1)
+    count = min(count, len(shown) // 3, shown.shape[1] // 2 - LEAST_LEFT // 2)
     constant = np.full(len(shown), len(shown) ** -0.5)
     return np.column_stack([constant, left[:, :count]]), np.column_stack([mean, right[:count].T])
 
