@@ -70,6 +70,17 @@ def test_plain_noise_is_left_alone(seed, beside):
     assert found is before
 
 
+def test_an_instrument_s_faults_are_not_noise():
+    gains = 1.0 + 0.1 * np.random.default_rng(12).normal(size=len(CHANNELS))
+    assert refined(gains * simulated() + SD * white(), before := noise()) is before
+    hum = np.random.default_rng(13).normal(size=(len(CHANNELS), 2)) * SD
+    phase = 0.3 * np.arange(FRAMES)
+    hum = np.column_stack([np.sin(phase), np.cos(phase)]) @ hum.T
+    found = refined(simulated() + SD * correlated(0.6) + hum, noise(0.5 * SD))
+    assert found.correlation == pytest.approx(0.6, abs=0.04)
+    assert found.drift == 0.0
+
+
 def test_a_level_that_is_wrong_is_put_right():
     found = refined(simulated() + SD * white() + misfit(), noise(0.3 * SD))
     assert found.sd == pytest.approx(SD, rel=0.05)
