@@ -37,12 +37,19 @@ class Noise:
     freedom of its overall scale (squared); `source`: where it comes from, for a reader.
 
     rounding: sd of what rounding does alike in frames that are alike, the same in all channels.
+    correlation: of each channel's own noise from one frame (row) to the next, of which `sd` is the
+    stationary one; drift: sd at the recording's end, in units of `sd`, of a random walk of each
+    channel on its own in time. lost (N, M): readings put aside as spikes, whose number is `spikes`,
+    or in `loud_frames` (rows); None: none.
     """
 
     sd: np.ndarray
     dof: float
     source: str
     rounding: float = 0.0
+    correlation: float = 0.0
+    drift: float = 0.0
+    lost: np.ndarray | None = None
     loud_frames: tuple[int, ...] = ()
     spikes: int = 0
 
@@ -89,7 +96,7 @@ class _Seen:
             self.values @ self.even / np.sqrt(law[0] + law[1] * (self.even**2).T @ self.squared)
         )
         left, sizes, _ = np.linalg.svd(scaled - scaled.mean(axis=0), full_matrices=False)
-        rank = _rank(sizes, (len(scaled) - 1, scaled.shape[1]))
+        rank = rank_above_noise(sizes, (len(scaled) - 1, scaled.shape[1]))
         return left[:, : min(rank, (len(scaled) - 1) // 2)]
 
     def _witness(
@@ -110,7 +117,7 @@ class _Seen:
         complement = np.linalg.qr(known, mode="complete")[0][:, known.shape[1] :]
         rows = complement.T @ (values @ combinations) / scale
         left, sizes, right = np.linalg.svd(rows, full_matrices=False)
-        rank = _rank(sizes, rows.shape)
+        rank = rank_above_noise(sizes, rows.shape)
         left_over = (left[:, rank:] * sizes[rank:]) @ right[rank:] * scale
         dof = (len(rows) - rank) * (1.0 - rank / rows.shape[1]) * (1.0 - weight.T @ self.share)
         return _Witness(np.sum(left_over**2, axis=0) / dof, dof, level)
@@ -251,12 +258,12 @@ def _filled(voltage: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np
                 values = np.where(gaps, fit, values)
                 if change <= FILLED * np.sqrt(np.mean((fit - values) ** 2)):
                     break
-            if _rank(sizes, (len(values) - 1, values.shape[1])) <= rank:
+            if rank_above_noise(sizes, (len(values) - 1, values.shape[1])) <= rank:
                 break
     return usable, kept, values, gaps.mean(axis=0)
 
 
-def _rank(sizes: np.ndarray, shape: tuple[int, int]) -> int:
+def rank_above_noise(sizes: np.ndarray, shape: tuple[int, int]) -> int:
     """How many singular values, largest first, stand above those of white noise (rows, columns)
     whose sd is that at which the median of the others is the Marchenko-Pastur median."""
     rows, columns = shape
