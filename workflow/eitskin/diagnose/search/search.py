@@ -117,6 +117,7 @@ class Search:
     path: list[dict] = field(default_factory=list)
     null: Null | None = None
     tangents: dict[tuple, Tangents] = field(default_factory=dict)
+    met: dict[tuple, State] = field(default_factory=dict)
     lengths: dict[tuple, float] = field(default_factory=dict)
     scored: dict[tuple, list[Score]] = field(default_factory=dict)
     trials: dict[tuple, list[State]] = field(default_factory=dict)
@@ -311,21 +312,23 @@ class Search:
         return state
 
     def linearised(self, state: State) -> Tangents:
-        """Tangents about a state, kept."""
+        """Tangents about a state, kept until its set is fitted anew."""
         key = state.key
-        if key not in self.tangents:
+        if key not in self.met or self.met[key].fit is not state.fit:
             self.tangents[key] = Tangents(state.fit, reversed(self.tangents.values()))
+            self.met[key] = state
+            self.scored.pop(key, None)
+            self.trials.pop(key, None)
         return self.tangents[key]
 
     def scores(self, state: State) -> list[Score]:
         """Every candidate's score about a state, the best evidence first; kept."""
-        key = state.key
+        key, tangents = state.key, self.linearised(state)
         if key not in self.scored:
-            self.scored[key] = self._scores(state)
+            self.scored[key] = self._scores(state, tangents)
         return self.scored[key]
 
-    def _scores(self, state: State) -> list[Score]:
-        tangents = self.linearised(state)
+    def _scores(self, state: State, tangents: Tangents) -> list[Score]:
         taken = {c.key for c in state.effects}
         # So far off with effects in it, a set wants more than any few channels.
         hopeless = bool(state.effects) and self.fold.ndim == 1 and self._misfit(state) > GROSS
@@ -632,8 +635,8 @@ class Search:
         """`state` less one effect, polished unless no more may be solved; kept with its tangents
         where the set was met."""
         key = tuple(c.key for i, c in enumerate(state.effects) if i != index)
-        if key in self.tangents:
-            return self.state(self.tangents[key].fit, state.p_values, state.sizes)
+        if key in self.met:
+            return replace(self.met[key], p_values=dict(state.p_values))
         less = self.without(state, index)
         if self.spent:
             return less
