@@ -12,7 +12,7 @@ from eitskin.data.recording import Recording
 from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.candidates import Scales, catalogue
 from eitskin.diagnose.excerpt import excerpt
-from eitskin.diagnose.fit import Fit, Problem, difference
+from eitskin.diagnose.fit import Fit, Problem, difference, fit
 from eitskin.diagnose.gaps import Gap, gaps, strengths
 from eitskin.diagnose.held_out import HeldOut, aside, folds, put_aside
 from eitskin.diagnose.noise import Noise, estimate
@@ -20,6 +20,7 @@ from eitskin.diagnose.remainder import Other, other
 from eitskin.diagnose.rig import Rig
 from eitskin.diagnose.search.search import STANDARD_ERRORS, Search, State
 from eitskin.diagnose.simulator import RecordingSimulator
+from eitskin.diagnose.steadiness import refine
 from eitskin.diagnose.whitening import COHERENT, Whitening
 from eitskin.effects.settings import site_counts
 from eitskin.errors import InputError
@@ -100,7 +101,8 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
     noise, search, kept = begun(recorded, seed, report)
     start, cut_short = None, False
     if len(recorded.frames) >= 2 * FIRST_FRAMES:
-        seen = replace(recorded, voltage=np.where(kept, np.nan, recorded.voltage))
+        there = search.problem.whitening.mask
+        seen = replace(recorded, voltage=np.where(there, recorded.voltage, np.nan))
         problem = _few(search.problem, seen)
         report(f"first on {len(problem.recorded)} frames")
         first = _search(problem, search.candidates, recorded.channels, seed, report, FIRST_SHARE)
@@ -140,10 +142,10 @@ def begun(
     simulated."""
     kept = aside(recorded, seed)
     seen = replace(recorded, voltage=np.where(kept, np.nan, recorded.voltage))
-    noise = estimate(seen)
-    report(f"noise {np.median(noise.sd):.3g} ({noise.source})")
-    problem, scales = problem_of(seen, noise)
+    problem, scales = problem_of(seen, estimate(seen))
     model = problem.model
+    noise, problem = _steadied(recorded, seen, problem)
+    report(f"noise {np.median(noise.sd):.3g} ({noise.source})")
     candidates = catalogue(
         recorded.skin,
         model.believed,
@@ -154,6 +156,19 @@ def begun(
         timed=recorded.metadata["clock"] == "measured",
     )
     return noise, _search(problem, candidates, recorded.channels, seed, report), kept
+
+
+def _steadied(recorded: Recording, seen: Recording, problem: Problem) -> tuple[Noise, Problem]:
+    """The noise as the residuals of calibrations alone show it, in what is seen of a recording;
+    and the problem with it. Loud frames and spikes are found in the whole recording."""
+    model = problem.model
+    there = fit(problem, [], np.zeros(len(model.calibrations)), polish=True).voltage()
+    simulated = np.where(model.known[:, None], there, np.nan)
+    first = estimate(seen)
+    noise = refine(seen, first, simulated)
+    whole = refine(recorded, first, simulated)
+    noise = replace(noise, lost=whole.lost, loud_frames=whole.loud_frames, spikes=whole.spikes)
+    return noise, problem_of(seen, noise, model)[0]
 
 
 def _search(
@@ -169,10 +184,15 @@ def _search(
     return Search(problem, candidates, fold, seed, report, share, rigged=True)
 
 
-def problem_of(recorded: Recording, noise: Noise) -> tuple[Problem, Scales]:
-    """The fitting problem of a recording whose noise is known, and the sizes of its readings."""
-    model = RecordingSimulator(recorded)
+def problem_of(
+    recorded: Recording, noise: Noise, model: RecordingSimulator | None = None
+) -> tuple[Problem, Scales]:
+    """The fitting problem of a recording whose noise is known, and the sizes of its readings;
+    model: its simulator, where there is one."""
+    model = model or RecordingSimulator(recorded)
     readings = np.where(model.known[:, None], recorded.voltage, np.nan)
+    if noise.lost is not None:
+        readings[noise.lost] = np.nan
     if not np.isfinite(readings).any():
         found = f"{int(model.touched.sum())} touches of unknown force or probe and no other frame"
         raise InputError("recording", "frames", found, "untouched frames, or touches fully known")
@@ -184,6 +204,7 @@ def problem_of(recorded: Recording, noise: Noise) -> tuple[Problem, Scales]:
     error = np.abs(current * untouched_error(geometry, recorded.channels, "diagnose"))
     error = np.hypot(error, np.hypot(COHERENT * median, noise.rounding))
     whitening = Whitening.of(readings, noise.sd, model.difference, error)
+    whitening = replace(whitening, correlation=noise.correlation)
     return Problem(model, readings, whitening), Scales(median, current)
 
 
@@ -211,6 +232,8 @@ def _judged(
 ) -> Judged:
     model = search.problem.model
     readings = np.where(kept & model.known[:, None], recorded.voltage, np.nan)
+    if noise.lost is not None:
+        readings[noise.lost] = np.nan
     plain = search.problem.whitening
     white = replace(plain, mask=np.isfinite(readings))
     if not white.mask.any():
