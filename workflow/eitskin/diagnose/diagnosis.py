@@ -105,12 +105,14 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
         seen = replace(recorded, voltage=np.where(there, recorded.voltage, np.nan))
         problem = _few(search.problem, seen)
         report(f"first on {len(problem.recorded)} frames")
-        first = _search(problem, search.candidates, recorded.channels, seed, report, FIRST_SHARE)
+        first = _search(
+            problem, search.candidates, recorded.channels, seed, report, noise.rounding, FIRST_SHARE
+        )
         start, cut_short = first.run()[1], first.spent
         report(f"then on {len(recorded.frames)}")
     before, after = search.run(start)
     after, judged = _earned(search, search.settled(after), recorded, noise, kept)
-    rig = Rig.about(after.fit, search.problem.whitening)
+    rig = Rig.about(after.fit, search.problem.whitening, noise.rounding)
     report("comparing with every other name")
     found = [gaps(search, after, i) for i in range(len(after.effects))]
     if search.spent or cut_short:
@@ -155,7 +157,11 @@ def begun(
         floating=not model.sink_grounded,
         timed=recorded.metadata["clock"] == "measured",
     )
-    return noise, _search(problem, candidates, recorded.channels, seed, report), kept
+    return (
+        noise,
+        _search(problem, candidates, recorded.channels, seed, report, noise.rounding),
+        kept,
+    )
 
 
 def _steadied(recorded: Recording, seen: Recording, problem: Problem) -> tuple[Noise, Problem]:
@@ -177,11 +183,12 @@ def _search(
     channels: np.ndarray,
     seed: int,
     report: Callable[[str], None],
+    rounding: float,
     share: float = 1.0,
 ) -> Search:
     model = problem.model
     fold = folds(model.touched & model.known, model.press, channels, seed)
-    return Search(problem, candidates, fold, seed, report, share, rigged=True)
+    return Search(problem, candidates, fold, seed, report, share, rigged=True, rounding=rounding)
 
 
 def problem_of(
@@ -239,7 +246,7 @@ def _judged(
     if not white.mask.any():
         # Nothing could be put aside: what was seen has to do.
         readings, white = search.problem.recorded, plain
-    rigged = Rig.about(state.fit, white).whitening(state.sizes, discrepancy=False)
+    rigged = Rig.about(state.fit, white, search.rounding).whitening(state.sizes, discrepancy=False)
     return Judged(readings, white, rigged)
 
 

@@ -26,6 +26,9 @@ SLOW_WALKS = 6  # of a channel's own, or of a force's zero
 ROUNDS = 4
 WITHIN = 1.6449  # sd: 90 % of a normal distribution
 MOST_SPREAD = 2.0  # sd of the logarithm of a variance that an interval tells
+# Quadrature adds its square, whose tail is exponential: a channel is told from the others by as
+# much as outweighs that.
+TAIL = 2.5
 MOST = 3.0  # times the prior's sd: more is no ordinary rig
 HARDLY = 0.5  # nats that a component must be worth
 SETTLED = 0.05  # nats, by which another round may still raise the likelihood
@@ -59,6 +62,7 @@ COMPONENTS = {
         Component("force-per-press", "1", 0.1, "whole"),
         Component("gain-walk", "1", 1e-2, "whole"),
         Component("force-zero-walk", "N", 0.2, "whole"),
+        Component("quantisation", "V", 1.0, "whole", reading=True),
         Component("channel-drift", "V", 2e-3, "channel", reading=True),
         Component("quadrature", "1", 2e-3, "channel"),
         Component("static-discrepancy", "1", 2e-2, "channel", discrepancy=True),
@@ -81,13 +85,13 @@ class Rig:
     courses: dict[str, list[tuple[str, np.ndarray]]]
 
     @classmethod
-    def about(cls, fit: Fit, plain: Whitening) -> "Rig":
-        """The components that a recording can have, about a fit."""
+    def about(cls, fit: Fit, plain: Whitening, rounding: float) -> "Rig":
+        """The components that a recording can have, about a fit; rounding: as of `Noise`."""
         voltage = fit.voltage()
         median = float(np.median(np.abs(voltage[plain.mask])))
         tangents = _tangents(fit, voltage)
         courses = _courses(fit.problem.model) if tangents else {}
-        columns = dict(_columns(fit.problem.model, voltage))
+        columns = dict(_columns(fit.problem.model, voltage, rounding))
         for name, own in courses.items():
             columns[name] = np.array([course[:, None] * tangents[key] for key, course in own])
         scales = {
@@ -97,13 +101,16 @@ class Rig:
         columns = {k: np.where(plain.mask, v, 0.0) for k, v in columns.items()}
         return cls(plain, columns, scales, tangents, courses)
 
-    def whitening(self, sizes: Mapping[str, float], discrepancy: bool = True) -> Whitening:
-        """The covariance with components of these sizes."""
+    def whitening(
+        self, sizes: Mapping[str, float], discrepancy: bool = True, tail: float = 1.0
+    ) -> Whitening:
+        """The covariance with components of these sizes, quadrature's `tail` times as wide."""
         parts = {"channel": [], "frame": [], "whole": []}
         for name, size in sizes.items():
             one = COMPONENTS[name]
             if size > 0.0 and (discrepancy or not one.discrepancy):
-                parts[one.each].append(size * self.columns[name])
+                wide = tail if name == "quadrature" else 1.0
+                parts[one.each].append(wide * size * self.columns[name])
         empty = np.zeros((0, *self.plain.mask.shape))
         if not any(parts.values()):
             return self.plain
@@ -300,7 +307,9 @@ def _shared(a: np.ndarray, each_a: str, b: np.ndarray, each_b: str) -> float:
     return float(((a**2).sum(axis=0) * (b**2).sum(axis=0)).sum())
 
 
-def _columns(model: RecordingSimulator, voltage: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+def _columns(
+    model: RecordingSimulator, voltage: np.ndarray, rounding: float
+) -> Iterator[tuple[str, np.ndarray]]:
     """(name, columns) of what one unit of every component of the readings does."""
     yield "amplitude-per-frame", voltage[None]
     yield "common-noise", np.ones((1, *voltage.shape))
@@ -314,8 +323,22 @@ def _columns(model: RecordingSimulator, voltage: np.ndarray) -> Iterator[tuple[s
         level = still.mean(axis=0)
         name = "quadrature" if model.magnitude else "static-discrepancy"
         yield name, np.broadcast_to(np.abs(level), (1, *voltage.shape))
+        if rounding:
+            yield (
+                "quantisation",
+                np.array([own * np.ones(voltage.shape) for own in _alike(level, rounding)]),
+            )
     if touched.any():
         yield "touch-discrepancy", np.where(touched[:, None], voltage - level, 0.0)[None]
+
+
+def _alike(level: np.ndarray, rounding: float) -> Iterator[np.ndarray]:
+    """(M,) masks of channels that rounding moves together: untouched levels (M,) that follow one
+    another by less than it does."""
+    order = np.argsort(level)
+    label = np.cumsum(np.diff(level[order], prepend=level[order[0]]) > rounding)
+    for one in range(label[-1] + 1):
+        yield np.isin(np.arange(len(level)), order[label == one])
 
 
 def _courses(model: RecordingSimulator) -> dict[str, list[tuple[str, np.ndarray]]]:

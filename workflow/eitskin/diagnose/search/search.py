@@ -25,7 +25,7 @@ from eitskin.diagnose.fit import (
     whitened_anew,
 )
 from eitskin.diagnose.held_out import HeldOut, held_out
-from eitskin.diagnose.rig import Rig
+from eitskin.diagnose.rig import TAIL, Rig
 from eitskin.diagnose.search import channels, tones
 from eitskin.diagnose.search.screen import (
     AMPLITUDES,
@@ -99,8 +99,8 @@ class State:
 
 @dataclass
 class Search:
-    """One recording's search. problem: with noise alone in its covariance; rig: what a rig may add,
-    None: nothing. `path`: what was done, a row a step; report: called with words; share: of all
+    """One recording's search. problem: with noise alone in its covariance; rigged: whether a
+    rig may add to it, rounding: as of `Noise`; rig: what it may add. `path`: what was done, a row a step; report: called with words; share: of all
     that a diagnosis may solve, with which this ends; catalogue_p: the global p-value of the best
     candidate that did not enter."""
 
@@ -111,6 +111,7 @@ class Search:
     report: Callable[[str], None]
     share: float = 1.0
     rigged: bool = False
+    rounding: float = 0.0
     rig: Rig | None = None
     catalogue_p: float = 1.0
     rival_evidence: float = -np.inf
@@ -159,9 +160,9 @@ class Search:
             there = self._strayed(fitted, strays)
             moved = {k: there.model.states[k] - problem.model.states[k] for k in strays}
             moved = {k: np.nan_to_num(step.to_numpy(float)) for k, step in moved.items()}
-            rig = Rig.about(replace(fitted, problem=there), problem.whitening)
+            rig = Rig.about(replace(fitted, problem=there), problem.whitening, self.rounding)
             problem = replace(there, recorded=problem.recorded + rig.followed(moved))
-        problem = replace(problem, whitening=rig.whitening(sizes))
+        problem = replace(problem, whitening=rig.whitening(sizes, tail=TAIL))
         return stepped(whitened_anew(fitted, problem)), sizes, rig
 
     def _strayed(self, fitted: Fit, strays: dict[str, np.ndarray]) -> Problem:
@@ -204,14 +205,14 @@ class Search:
         start = np.zeros(len(self.problem.model.calibrations))
         best = fit(self.problem, [], start, polish=True)
         if self.rigged and self.rig is None:
-            self.rig = Rig.about(best, self.problem.whitening)
+            self.rig = Rig.about(best, self.problem.whitening, self.rounding)
         return self.state(best)
 
     def settled(self, state: State) -> State:
         """A state whose rig is seen about its own fit, with its sizes learned once more."""
         if self.rig is None:
             return state
-        self.rig = Rig.about(state.fit, self.problem.whitening)
+        self.rig = Rig.about(state.fit, self.problem.whitening, self.rounding)
         fitted = fit(state.fit.problem, state.effects, state.fit.theta, polish=True)
         return self.state(fitted, state.p_values, state.sizes)
 
