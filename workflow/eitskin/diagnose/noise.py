@@ -160,8 +160,10 @@ def estimate(recording: Recording) -> Noise:
     source += "; it grows with the reading" if law[1] > 0 else "; alike in all channels"
     step = converter_step(voltage)
     alike = rounding_alike(step, float(np.median(sd)))
-    if (sd < ROUNDING * step).any():
-        sd = np.maximum(sd, ROUNDING * step)
+    # Frames at rest do not show what rounding does to them all alike; touched ones have it.
+    whole = np.maximum(np.hypot(sd, alike) if told == ["repeats"] else sd, ROUNDING * step)
+    if (whole > sd).any():
+        sd = whole
         source += f"; raised to that of rounding to steps of {step:.3g}"
     floor = FLOOR * size
     if (sd < floor).any():
