@@ -53,7 +53,19 @@ def named(recording: Recording, *wanted: tuple[str, tuple[int, ...] | None, str]
     after = search.state(fit(problem, found, start, polish=True))
     empty = pd.DataFrame()
     return Diagnosis(
-        recording, search, noise, before, after, empty, empty, [[] for _ in found], {}, None
+        recorded=recording,
+        search=search,
+        noise=noise,
+        before=before,
+        after=after,
+        aside=np.zeros(recording.voltage.shape, bool),
+        judged=None,
+        rig=[],
+        atlas_before=empty,
+        atlas_after=empty,
+        gaps=[[] for _ in found],
+        strengths={},
+        other=None,
     )
 
 

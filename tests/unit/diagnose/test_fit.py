@@ -115,7 +115,7 @@ def linear(seed, frames, channels, size):
     problem = SimpleNamespace(
         model=SimpleNamespace(calibrations=[None] * size),
         whitening=SimpleNamespace(
-            mask=np.ones((frames, channels), bool), sd=np.full(channels, 3.0)
+            mask=np.ones((frames, channels), bool), undone=lambda values: 3.0 * values
         ),
     )
     flat = slopes.reshape(size, -1)
