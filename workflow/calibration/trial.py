@@ -40,7 +40,7 @@ def trial(kind: str, seed: int) -> dict:
     plain, _ = diagnosis.predict(found, query, found.before)
     error = voltage - case.query_clean
     rmse = {"rmse_V": rms(error), "rmse_before_V": rms(plain - case.query_clean)}
-    misfit = case.voltage - found.before.fit.voltage()
+    misfit = case.voltage - found.search.as_reported(found.before.fit)
     learned = black_box.corrections(case.states, misfit, found.noise.sd, case.query, seed)
     for name, added in learned.items():
         rmse[f"rmse_{name}_V"] = rms(plain + added - case.query_clean)

@@ -303,7 +303,7 @@ def equation_9(search: Search, fitted: Fit) -> Fit:
     own = {c.name: c for c in search.candidates if c.scope in ("", "dense")}
     effects = [ellipse, *(own[name] for name in EQUATION_9[1:] if name in own)]
     start = np.r_[fitted.theta, np.zeros(sum(c.size for c in effects))]
-    return fit(search.problem, effects, start)
+    return fit(fitted.problem, effects, start)
 
 
 def compare(recorded: Recording, query: Recording, seed: int) -> tuple[dict, dict]:
@@ -326,7 +326,8 @@ def compare(recorded: Recording, query: Recording, seed: int) -> tuple[dict, dic
         predicted[name] = plain + (values @ made.asked[chosen]).reshape(plain.shape)
     perturbed = equation_9(search, before)
     predicted["equation-9"] = simulator(perturbed, recorded, query)(perturbed.theta)
-    misfit = np.where(search.problem.whitening.mask, recorded.voltage - before.voltage(), np.nan)
+    misfit = recorded.voltage - search.as_reported(before)
+    misfit = np.where(search.problem.whitening.mask, misfit, np.nan)
     states = [r.frames.assign(contact=presses(r)) for r in (recorded, query)]
     learned = black_box.corrections(states[0], misfit, noise.sd, states[1], seed)
     return said, predicted | {name: plain + added for name, added in learned.items()}

@@ -171,9 +171,9 @@ def _write_evidence(found: Diagnosis, folder: Path) -> None:
             held_out=found.aside.all(axis=1).astype(int),
             held_out_channels=found.aside.all(axis=0),
             press=problem.model.press,
-            recorded_V=problem.recorded,
-            before_V=before.voltage(),
-            after_V=after.voltage(),
+            recorded_V=found.search.problem.recorded,
+            before_V=found.search.as_reported(before),
+            after_V=found.search.as_reported(after),
             **{
                 key: frames[key].to_numpy(bool if key == "touch" else float)
                 for key in ("time_s", "touch", "x_mm", "y_mm", "force_N", "probe_mm")

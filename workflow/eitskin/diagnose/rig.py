@@ -32,7 +32,8 @@ TAIL = 2.5
 MOST = 3.0  # times the prior's sd: more is no ordinary rig
 HARDLY = 0.5  # nats that a component must be worth
 SETTLED = 0.05  # nats, by which another round may still raise the likelihood
-LEAST_FRAMES, LEAST_PRESSES = 6, 3  # fewer show no scatter
+LEAST_FRAMES = 6  # of touches, fewer of which show no scatter
+LEAST_PRESSES = 3
 # Sizes up to which readings follow a stray in proportion.
 STRAIGHT = {"place-per-frame": 0.1, "place-per-press": 0.1, "force-per-press": 0.03}
 
@@ -76,13 +77,15 @@ class Rig:
     """Components about a fit: columns (K, N, M) of one unit each, by name; `plain`: the covariance
     without them; scales: the priors' sd, in the columns' units. tangents (N, M): derivatives by
     columns of the states; courses: for each column of some components, along which of these the
-    frames (N,) stray by its unit."""
+    frames (N,) stray by its unit. assumed: components of which the recording shows no scatter: they
+    have the size of the prior's sd."""
 
     plain: Whitening
     columns: dict[str, np.ndarray]
     scales: dict[str, float]
     tangents: dict[str, np.ndarray]
     courses: dict[str, list[tuple[str, np.ndarray]]]
+    assumed: frozenset[str]
 
     @classmethod
     def about(cls, fit: Fit, plain: Whitening, rounding: float) -> "Rig":
@@ -99,7 +102,9 @@ class Rig:
             for name in columns
         }
         columns = {k: np.where(plain.mask, v, 0.0) for k, v in columns.items()}
-        return cls(plain, columns, scales, tangents, courses)
+        few = len(courses.get("force-per-press", ())) < LEAST_PRESSES
+        assumed = frozenset(n for n in courses if few and COMPONENTS[n].each == "whole")
+        return cls(plain, columns, scales, tangents, courses, assumed)
 
     def whitening(
         self, sizes: Mapping[str, float], discrepancy: bool = True, tail: float = 1.0
@@ -155,9 +160,11 @@ class Rig:
     ) -> tuple[dict[str, float], float]:
         """Sizes of the greatest likelihood of a residual (N, M), from a start, and that likelihood."""
         sizes = {name: float(start.get(name, 0.0)) for name in self.columns}
+        sizes |= {name: self.scales[name] for name in self.assumed}
         best = self.log_likelihood(sizes, residual)
         for _ in range(rounds):
             target = self._scored(sizes, residual)
+            target |= {name: self.scales[name] for name in self.assumed}
             share, moved, found = 1.0, sizes, best
             while share > 0.05:
                 trial = {
@@ -196,8 +203,12 @@ class Rig:
             low, high = size / factor, size * factor
             if name == "quadrature":
                 low, size, high = (np.sqrt(np.sqrt(2.0) * value) for value in (low, size, high))
+            if name in self.assumed:
+                low = high = size
             if not one.discrepancy:
-                found.append(_finding(name, unit if one.reading else one.unit, size, low, high))
+                own_unit = unit if one.reading else one.unit
+                told = name not in self.assumed
+                found.append(_finding(name, own_unit, size, low, high, told))
         return found
 
     def _plain(
@@ -205,7 +216,7 @@ class Rig:
     ) -> tuple[dict[str, float], float]:
         """Sizes less those that the residual hardly asks for."""
         for name in sorted(sizes, key=lambda k: sizes[k] / self.scales[k]):
-            if sizes[name] > 0.0:
+            if sizes[name] > 0.0 and name not in self.assumed:
                 without = {**sizes, name: 0.0}
                 found = self.log_likelihood(without, residual)
                 if found > best - HARDLY:
@@ -223,13 +234,16 @@ class Rig:
         information += np.diag(1e-9 * np.diag(information) + 1e-12)
         root = np.linalg.cholesky(information).T
         target = np.linalg.solve(root.T, information @ start + slope)
-        variance = np.minimum(nnls(root, target)[0], MOST**2) * unit
+        most = [np.inf if COMPONENTS[name].discrepancy else MOST**2 for name in names]
+        variance = np.minimum(nnls(root, target)[0], most) * unit
         return dict(zip(names, np.sqrt(variance).tolist(), strict=True))
 
 
-def _finding(name: str, unit: str, size: float, low: float, high: float) -> dict:
+def _finding(
+    name: str, unit: str, size: float, low: float, high: float, learned: bool = True
+) -> dict:
     values = {"sd": float(size), "low": float(low), "high": float(high)}
-    return {"name": name, "unit": unit, **values, "learned": True}
+    return {"name": name, "unit": unit, **values, "learned": learned}
 
 
 class _Scored:
@@ -351,7 +365,7 @@ def _courses(model: RecordingSimulator) -> dict[str, list[tuple[str, np.ndarray]
     if touched.sum() >= LEAST_FRAMES:
         found["place-per-frame"] = [("x_mm", every), ("y_mm", every)]
         found["force-per-frame"] = [("force_N", every)]
-    if len(own) >= LEAST_PRESSES:
+    if own:
         found["place-per-press"] = [(k, rows * 1.0) for k in ("x_mm", "y_mm") for rows in own]
         found["force-per-press"] = [("force_N", rows * load) for rows in own]
         found["force-zero-walk"] = [("force_N", wave * every) for wave in _walk(model, SLOW_WALKS)]

@@ -208,6 +208,10 @@ class Search:
             self.rig = Rig.about(best, self.problem.whitening, self.rounding)
         return self.state(best)
 
+    def as_reported(self, fitted: Fit) -> np.ndarray:
+        """(N, M): what a fit has for the touches where they are said to be."""
+        return self.problem.model.voltage(*self.problem.split(fitted.theta, fitted.effects))
+
     def settled(self, state: State) -> State:
         """A state whose rig is seen about its own fit, with its sizes learned once more."""
         if self.rig is None:
