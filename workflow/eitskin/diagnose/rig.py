@@ -59,8 +59,8 @@ COMPONENTS = {
         Component("common-noise", "V", 2e-3, "frame", reading=True),
         Component("place-per-frame", "mm", 1.0, "frame"),
         Component("force-per-frame", "N", 0.1, "frame"),
-        Component("place-per-press", "mm", 1.0, "whole"),
-        Component("force-per-press", "1", 0.1, "whole"),
+        Component("place-per-press", "mm", 1.0, "press"),
+        Component("force-per-press", "1", 0.1, "press"),
         Component("gain-walk", "1", 1e-2, "whole"),
         Component("force-zero-walk", "N", 0.2, "whole"),
         Component("quantisation", "V", 1.0, "whole", reading=True),
@@ -77,7 +77,8 @@ class Rig:
     """Components about a fit: columns (K, N, M) of one unit each, by name; `plain`: the covariance
     without them; scales: the priors' sd, in the columns' units. tangents (N, M): derivatives by
     columns of the states; courses: for each column of some components, along which of these the
-    frames (N,) stray by its unit. assumed: components of which the recording shows no scatter: they
+    frames (N,) stray by its unit. label (N,): the press that a touch is of,
+    -1 none. assumed: components of which the recording shows no scatter: they
     have the size of the prior's sd."""
 
     plain: Whitening
@@ -85,6 +86,7 @@ class Rig:
     scales: dict[str, float]
     tangents: dict[str, np.ndarray]
     courses: dict[str, list[tuple[str, np.ndarray]]]
+    label: np.ndarray
     assumed: frozenset[str]
 
     @classmethod
@@ -102,15 +104,18 @@ class Rig:
             for name in columns
         }
         columns = {k: np.where(plain.mask, v, 0.0) for k, v in columns.items()}
-        few = len(courses.get("force-per-press", ())) < LEAST_PRESSES
-        assumed = frozenset(n for n in courses if few and COMPONENTS[n].each == "whole")
-        return cls(plain, columns, scales, tangents, courses, assumed)
+        model = fit.problem.model
+        label = np.where(model.touched & model.known, model.press, -1)
+        few = len(np.unique(label[label >= 0])) < LEAST_PRESSES
+        own = ("place-per-press", "force-per-press", "force-zero-walk")
+        assumed = frozenset(name for name in own if few and name in columns)
+        return cls(plain, columns, scales, tangents, courses, label, assumed)
 
     def whitening(
         self, sizes: Mapping[str, float], discrepancy: bool = True, tail: float = 1.0
     ) -> Whitening:
         """The covariance with components of these sizes, quadrature's `tail` times as wide."""
-        parts = {"channel": [], "frame": [], "whole": []}
+        parts = {"channel": [], "frame": [], "whole": [], "press": []}
         for name, size in sizes.items():
             one = COMPONENTS[name]
             if size > 0.0 and (discrepancy or not one.discrepancy):
@@ -120,7 +125,7 @@ class Rig:
         if not any(parts.values()):
             return self.plain
         found = {k: np.concatenate([empty, *v]) for k, v in parts.items()}
-        return replace(self.plain, errors=RigErrors(**found))
+        return replace(self.plain, errors=RigErrors(**found, label=self.label))
 
     def log_prior(self, sizes: Mapping[str, float]) -> float:
         """Log density of sizes, above that of none."""
@@ -147,6 +152,9 @@ class Rig:
                 along = sizes[name] ** 2 * (self.columns[name] * precise).sum(axis=2)
                 if COMPONENTS[name].each == "whole":
                     along = along.sum(axis=1)
+                elif COMPONENTS[name].each == "press":
+                    same = (self.label[:, None] == self.label) & (self.label >= 0)
+                    along = along @ same
                 for (key, course), size in zip(courses, along, strict=True):
                     found[key] += size * course
         return found
@@ -254,19 +262,17 @@ class _Scored:
     ):
         whitening = rig.whitening(sizes)
         precise = whitening.back(whitening(residual))
+        of_press = (np.unique(rig.label[rig.label >= 0])[:, None] == rig.label).astype(float)
         own = {n: self._white(whitening, n, rig.columns[n]) for n in names}
         count = len(names)
         slope, self.information = np.zeros(count), np.zeros((count, count))
         for i, name in enumerate(names):
-            one, columns = COMPONENTS[name], rig.columns[name]
-            along = columns * precise
-            if one.each == "whole":
-                along = along.sum(axis=(1, 2))
-            else:
-                along = along.sum(axis=2 if one.each == "frame" else 1)
-            slope[i] = 0.5 * ((along**2).sum() - self._trace(whitening, name, own[name]))
+            each = COMPONENTS[name].each
+            along = _summed(rig.columns[name] * precise, each, of_press)
+            slope[i] = 0.5 * ((along**2).sum() - _trace(whitening, each, own[name], of_press))
             for j in range(i + 1):
-                shared = _shared(own[names[j]], COMPONENTS[names[j]].each, own[name], one.each)
+                other = COMPONENTS[names[j]].each
+                shared = _shared(own[names[j]], other, own[name], each, of_press)
                 self.information[i, j] = self.information[j, i] = 0.5 * shared
         self.slope = slope
 
@@ -276,49 +282,73 @@ class _Scored:
         each = COMPONENTS[name].each
         if each == "whole":
             return whitening(columns)
-        alone = replace(whitening, errors=None)
-        parts = [p for p in whitening.parts[1:] if p.each == each]
-        if each == "channel":
-            found = alone(columns)
+        parts = whitening.parts[1:]
+        if each == "frame":
+            square = whitening.correlation**2
+            found = columns / whitening.sd * np.sqrt((1.0 + square) / (1.0 - square))
         else:
-            louder = np.sqrt((1.0 + whitening.correlation**2) / (1.0 - whitening.correlation**2))
-            found = columns / whitening.sd * louder
+            found = replace(whitening, errors=None)(columns)
         for part in parts:
-            found = part.apply(found, part.root)
+            if part.each == each or (each == "press" and part.each == "frame"):
+                found = part.apply(found, part.root)
         return found
 
-    @staticmethod
-    def _trace(whitening: Whitening, name: str, own: np.ndarray) -> float:
-        """Squared length of all unit columns, whitened."""
-        each, total = COMPONENTS[name].each, float((own**2).sum())
-        if each == "whole":
-            return total
-        for part in whitening.parts[1:]:
-            less = -part.precision
-            if part.each == "frame" and each == "channel":
-                taken = np.einsum("nmk,nk->nm", part.units**2, less)
-                total -= float((own**2 * taken).sum())
+
+def _summed(products: np.ndarray, each: str, of_press: np.ndarray) -> np.ndarray:
+    """(K, ...) sums of products (K, N, M) over what one error of a component acts on."""
+    if each == "whole":
+        return products.sum(axis=(1, 2))
+    if each == "channel":
+        return products.sum(axis=1)
+    rows = products.sum(axis=2)
+    return rows if each == "frame" else rows @ of_press.T
+
+
+def _trace(whitening: Whitening, each: str, own: np.ndarray, of_press: np.ndarray) -> float:
+    """Squared length of all unit columns, whitened: own (K, N, M) less what the parts have that
+    come after what they act on."""
+    order = ("channel", "frame", "press", "whole")
+    total = float((own**2).sum())
+    for part in whitening.parts[1:]:
+        if order.index(part.each) <= order.index(each):
+            continue
+        less = -part.precision
+        if part.each == "whole":
+            less = np.broadcast_to(less[0], (1, *less[0].shape))
+        for k, unit in enumerate(part.columns):
+            along = own * unit
+            if part.each == "frame":
+                total -= float((along**2 * less[:, [k]]).sum())
             elif part.each == "whole":
-                units = part.units[0].T.reshape(-1, *part.shape)
-                along = np.einsum(
-                    "qnm,knm->qnk" if each == "frame" else "qnm,knm->qmk", units, own, optimize=True
-                )
-                total -= float(((along**2).sum(axis=(1, 2)) * less[0]).sum())
-        return total
+                total -= float((_summed(along, each, of_press) ** 2).sum() * less[0, k])
+            elif each == "frame":
+                rows = (along.sum(axis=2) ** 2).sum(axis=0)
+                total -= float(less[:, k] @ (of_press @ rows))
+            else:
+                pressed = np.einsum("bn,knm->kbm", of_press, along, optimize=True)
+                total -= float(np.einsum("b,kbm->", less[:, k], pressed**2))
+    return total
 
 
-def _shared(a: np.ndarray, each_a: str, b: np.ndarray, each_b: str) -> float:
+def _shared(a: np.ndarray, each_a: str, b: np.ndarray, each_b: str, of_press: np.ndarray) -> float:
     """Sum of the squared products of whitened unit columns (K, N, M)."""
-    if each_a == each_b == "whole":
+    order = ("channel", "frame", "press", "whole")
+    if order.index(each_a) > order.index(each_b):
+        a, each_a, b, each_b = b, each_b, a, each_a
+    if each_a == "whole":
         return float(((a.reshape(len(a), -1) @ b.reshape(len(b), -1).T) ** 2).sum())
-    if each_a == each_b:
-        to = "knm,lnm->nkl" if each_a == "frame" else "knm,lnm->mkl"
-        return float((np.einsum(to, a, b, optimize=True) ** 2).sum())
-    if "whole" in (each_a, each_b):
-        whole, own, each = (a, b, each_b) if each_a == "whole" else (b, a, each_a)
-        to = "qnm,knm->qnk" if each == "frame" else "qnm,knm->qmk"
-        return float((np.einsum(to, whole, own, optimize=True) ** 2).sum())
-    return float(((a**2).sum(axis=0) * (b**2).sum(axis=0)).sum())
+    total = 0.0
+    for column in a:
+        products = column * b
+        if each_a == each_b or each_b == "whole":
+            found = _summed(products, each_a, of_press)
+        elif "frame" in (each_a, each_b):
+            # A frame's error meets a channel's in one reading, a press's in one frame.
+            found = products if each_a == "channel" else products.sum(axis=2)
+        else:
+            found = np.einsum("bn,knm->kbm", of_press, products, optimize=True)
+        total += float((found**2).sum())
+    return total
 
 
 def _columns(
@@ -359,15 +389,15 @@ def _courses(model: RecordingSimulator) -> dict[str, list[tuple[str, np.ndarray]
     """Along which column of the states, and how much in every frame (N,), touches stray by one unit
     of every column of a component."""
     touched = model.touched & model.known
-    own = [touched & (model.press == p) for p in np.unique(model.press[touched]) if p >= 0]
-    every, load = touched.astype(float), model.states["force_N"].to_numpy(float)
+    own, every = touched & (model.press >= 0), touched.astype(float)
+    load = np.where(touched, model.states["force_N"].to_numpy(float), 0.0)
     found = {}
     if touched.sum() >= LEAST_FRAMES:
         found["place-per-frame"] = [("x_mm", every), ("y_mm", every)]
         found["force-per-frame"] = [("force_N", every)]
-    if own:
-        found["place-per-press"] = [(k, rows * 1.0) for k in ("x_mm", "y_mm") for rows in own]
-        found["force-per-press"] = [("force_N", rows * load) for rows in own]
+    if own.any():
+        found["place-per-press"] = [("x_mm", every), ("y_mm", every)]
+        found["force-per-press"] = [("force_N", every * load)]
         found["force-zero-walk"] = [("force_N", wave * every) for wave in _walk(model, SLOW_WALKS)]
     return found
 

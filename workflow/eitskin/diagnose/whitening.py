@@ -21,20 +21,27 @@ class RigErrors:
     """What a rig adds, as columns in the recording's unit that stand for one sd each.
 
     channel (R, N, M): of every channel, independent from channel to channel; frame (K, N, M): of
-    every frame, independent from frame to frame; whole (Q, N, M): of all readings together.
+    every frame, independent from frame to frame; whole (Q, N, M): of all readings together; press
+    (P, N, M): of every press, independent from press to press, which press each frame is of, -1
+    none, in `label` (N,).
     """
 
     channel: np.ndarray
     frame: np.ndarray
     whole: np.ndarray
+    press: np.ndarray | None = None
+    label: np.ndarray | None = None
 
 
 class _LowRank:
     """(I + U U^T)^(-1/2) and its relatives, for columns U (K, N, M) that act on every channel
-    ("channel"), on every frame ("frame") or on all readings at once ("whole")."""
+    ("channel"), on every frame ("frame"), on every press ("press", of which frames are by `label`)
+    or on all readings at once ("whole")."""
 
-    def __init__(self, columns: np.ndarray, each: str):
+    def __init__(self, columns: np.ndarray, each: str, label: np.ndarray | None = None):
         self.each, self.shape = each, columns.shape[1:]
+        if each == "press":
+            self.rows = _rows(label)
         blocks = self._blocks(columns).transpose(0, 2, 1)
         length, turn = np.linalg.eigh(blocks.transpose(0, 2, 1) @ blocks)
         self.length = np.maximum(length, 0.0)
@@ -47,6 +54,10 @@ class _LowRank:
             return values.transpose(2, 0, 1)
         if self.each == "frame":
             return values.transpose(1, 0, 2)
+        if self.each == "press":
+            none = np.zeros((len(values), 1, self.shape[1]))
+            padded = np.concatenate([values, none], axis=1)[:, self.rows]
+            return padded.transpose(1, 0, 2, 3).reshape(len(self.rows), len(values), -1)
         return values.reshape(1, len(values), -1)
 
     def _back(self, blocks: np.ndarray) -> np.ndarray:
@@ -54,7 +65,17 @@ class _LowRank:
             return blocks.transpose(1, 2, 0)
         if self.each == "frame":
             return blocks.transpose(1, 0, 2)
+        if self.each == "press":
+            found = np.zeros((blocks.shape[1], self.shape[0] + 1, self.shape[1]))
+            shape = *self.rows.shape, self.shape[1]
+            found[:, self.rows] = blocks.transpose(1, 0, 2).reshape(-1, *shape)
+            return found[:, :-1]
         return blocks.reshape(-1, *self.shape)
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """(K, N, M): the units as columns, of every block its own part."""
+        return self._back(self.units.transpose(0, 2, 1))
 
     def apply(self, values: np.ndarray, more: np.ndarray) -> np.ndarray:
         """(..., N, M): values, and `more` (B, K) times their parts along the units."""
@@ -83,6 +104,15 @@ class _LowRank:
         return float(np.log1p(self.length).sum())
 
 
+def _rows(label: np.ndarray) -> np.ndarray:
+    """(B, L): the frames of every press, N where it has fewer than the longest."""
+    own = [np.flatnonzero(label == one) for one in np.unique(label[label >= 0])]
+    found = np.full((len(own), max(map(len, own))), len(label))
+    for row, frames in zip(found, own, strict=True):
+        row[: len(frames)] = frames
+    return found
+
+
 @dataclass(frozen=True)
 class Whitening:
     """Square root of the inverse covariance of readings (N, M), applied.
@@ -91,7 +121,8 @@ class Whitening:
     and one constant error, the same in all frames, of variance rho sd^2; rho (M,) is infinite
     where the values are differences from one baseline. mask (N, M): readings that are there.
     errors: what a rig adds. Those of a frame count as independent from frame to frame in what is
-    whitened in time already, and apart from what channels have of their own.
+    whitened in time already; those of a frame or a press apart from what channels have of their
+    own.
     """
 
     mask: np.ndarray
@@ -114,7 +145,10 @@ class Whitening:
     @property
     def by_channel(self) -> bool:
         """Whether what is whitened stays within its channel."""
-        return self.errors is None or not (len(self.errors.frame) or len(self.errors.whole))
+        if self.errors is None:
+            return True
+        press = 0 if self.errors.press is None else len(self.errors.press)
+        return not (len(self.errors.frame) or len(self.errors.whole) or press)
 
     @property
     def parts(self) -> list[_LowRank]:
@@ -155,18 +189,21 @@ class Whitening:
         found = self._filtered(column)
         for part in (p for p in self._parts if p.each == "channel"):
             found = part.apply(found, part.root)
-        total, frame = (found**2).sum(axis=0), None
+        total, before = (found**2).sum(axis=0), []
         for part in (p for p in self._parts if p.each != "channel"):
+            units = part.columns
+            for other in reversed(before):
+                units = other.apply(units, other.root)
+            before.append(part)
+            along = units * found
             if part.each == "frame":
-                frame = part
-                taken = np.einsum("nmk,nk->nm", part.units**2, -part.precision)
-                total = total - (found**2 * taken).sum(axis=0)
-                continue
-            units = part.units[0].T.reshape(-1, *part.shape)
-            if frame is not None:
-                units = frame.apply(units, frame.root)
-            along = np.einsum("qnm,nm->qm", units, found)
-            total = total + part.precision[0] @ along**2
+                total = total + np.einsum("nk,knm->m", part.precision, along**2)
+            elif part.each == "press":
+                none = np.zeros((len(along), 1, along.shape[2]))
+                along = np.concatenate([along, none], axis=1)[:, part.rows].sum(axis=2)
+                total = total + np.einsum("bk,kbm->m", part.precision, along**2)
+            else:
+                total = total + part.precision[0] @ along.sum(axis=1) ** 2
         return np.maximum(total, 0.0)
 
     @cached_property
@@ -229,6 +266,11 @@ class Whitening:
             louder = np.sqrt((1.0 + self.correlation**2) / (1.0 - self.correlation**2))
             columns = np.where(self.mask, self.errors.frame, 0.0) / self.sd * louder
             found.append(_LowRank(columns, "frame"))
+        if self.errors.press is not None and len(self.errors.press):
+            columns = self._filtered(self.errors.press)
+            for part in (p for p in found if p.each == "frame"):
+                columns = part.apply(columns, part.root)
+            found.append(_LowRank(columns, "press", self.errors.label))
         if len(self.errors.whole):
             columns = self._filtered(self.errors.whole)
             for part in found:
