@@ -16,14 +16,15 @@ from scipy.optimize import nnls
 
 from eitskin.diagnose.fit import Fit
 from eitskin.diagnose.simulator import RecordingSimulator
-from eitskin.diagnose.whitening import RigErrors, Whitening
+from eitskin.diagnose.whitening import ORDER, RigErrors, Whitening
 from eitskin.errors import InputError
 
 STEP_MM = 0.05  # of a place, inwards
 STEP_FORCE = 0.02  # of a force, downwards; of the largest upwards, where it is less than that
 WALKS = 12  # sine waves of a random walk (Karhunen-Loeve)
 SLOW_WALKS = 6  # of a channel's own, or of a force's zero
-ROUNDS = 4
+ROUNDS, REFITTED = 4, 2  # of Fisher scoring; where a component is taken out
+LEAST_SHARE = 0.05  # of a step of it, that is tried
 WITHIN = 1.6449  # sd: 90 % of a normal distribution
 MOST_SPREAD = 2.0  # sd of the logarithm of a variance that an interval tells
 # Quadrature adds its square, whose tail is exponential: a channel is told from the others by as
@@ -111,6 +112,11 @@ class Rig:
         assumed = frozenset(name for name in own if few and name in columns)
         return cls(plain, columns, scales, tangents, courses, label, assumed)
 
+    @property
+    def of_press(self) -> np.ndarray:
+        """(B, N): whether a frame is of a press."""
+        return (np.unique(self.label[self.label >= 0])[:, None] == self.label).astype(float)
+
     def whitening(
         self, sizes: Mapping[str, float], discrepancy: bool = True, tail: float = 1.0
     ) -> Whitening:
@@ -145,16 +151,21 @@ class Rig:
         if all(sizes.get(name, 0.0) < most for name, most in STRAIGHT.items()):
             return {}
         whitening = self.whitening(sizes)
-        precise = whitening.back(whitening(residual))
+        white = whitening(residual)
         found = {key: np.zeros(len(residual)) for key in self.tangents}
         for name, courses in self.courses.items():
             if sizes.get(name, 0.0) > 0.0:
-                along = sizes[name] ** 2 * (self.columns[name] * precise).sum(axis=2)
-                if COMPONENTS[name].each == "whole":
-                    along = along.sum(axis=1)
-                elif COMPONENTS[name].each == "press":
-                    same = (self.label[:, None] == self.label) & (self.label >= 0)
-                    along = along @ same
+                each = COMPONENTS[name].each
+                columns = whitening.entered(self.columns[name], each)
+                if each == "whole":
+                    for part in whitening.parts:
+                        columns = part.apply(columns, part.root)
+                    along = _summed(columns * white, each, self.of_press)
+                else:
+                    along = _summed(columns * whitening.left(white, each), each, self.of_press)
+                along = sizes[name] ** 2 * along
+                if each == "press":
+                    along = along @ self.of_press
                 for (key, course), size in zip(courses, along, strict=True):
                     found[key] += size * course
         return found
@@ -164,20 +175,35 @@ class Rig:
         return sum(step[:, None] * self.tangents[key] for key, step in strays.items())
 
     def learned(
-        self, residual: np.ndarray, start: Mapping[str, float], rounds: int = ROUNDS
+        self, residual: np.ndarray, start: Mapping[str, float]
     ) -> tuple[dict[str, float], float]:
-        """Sizes of the greatest likelihood of a residual (N, M), from a start, and that likelihood."""
+        """Sizes of the greatest likelihood of a residual (N, M), from a start, and that likelihood;
+        0 of what it hardly asks for."""
         sizes = {name: float(start.get(name, 0.0)) for name in self.columns}
         sizes |= {name: self.scales[name] for name in self.assumed}
+        free = [name for name in self.columns if name not in self.assumed]
+        sizes, best = self._climbed(residual, sizes, free, ROUNDS)
+        for name in sorted(free, key=lambda k: sizes[k] / self.scales[k]):
+            if sizes[name] > 0.0:
+                others = [other for other in free if other != name and sizes[other] > 0.0]
+                rounds = REFITTED if others else 0
+                without, found = self._climbed(residual, {**sizes, name: 0.0}, others, rounds)
+                if found > best - HARDLY:
+                    sizes, best = without, found
+        return sizes, best
+
+    def _climbed(
+        self, residual: np.ndarray, sizes: dict[str, float], free: list[str], rounds: int
+    ) -> tuple[dict[str, float], float]:
+        """Sizes after rounds of Fisher scoring of those that are free, and their likelihood."""
         best = self.log_likelihood(sizes, residual)
         for _ in range(rounds):
-            target = self._scored(sizes, residual)
-            target |= {name: self.scales[name] for name in self.assumed}
-            share, moved, found = 1.0, sizes, best
-            while share > 0.05:
+            target, share = self._scored(sizes, residual, free), 1.0
+            moved, found = sizes, best
+            while share > LEAST_SHARE:
                 trial = {
-                    k: float(np.sqrt((1.0 - share) * sizes[k] ** 2 + share * target[k] ** 2))
-                    for k in sizes
+                    k: float(np.sqrt((1.0 - share) * v**2 + share * target.get(k, v) ** 2))
+                    for k, v in sizes.items()
                 }
                 found = self.log_likelihood(trial, residual)
                 if found > best:
@@ -189,7 +215,7 @@ class Rig:
             gained, sizes, best = found - best, moved, found
             if gained < SETTLED:
                 break
-        return self._plain(sizes, best, residual)
+        return sizes, best
 
     def findings(self, sizes: Mapping[str, float], residual: np.ndarray, unit: str) -> list[dict]:
         """Errors that a rig has, as diagnosis.json says them: name, unit, sd with its 90 % interval
@@ -219,21 +245,10 @@ class Rig:
                 found.append(_finding(name, own_unit, size, low, high, told))
         return found
 
-    def _plain(
-        self, sizes: dict[str, float], best: float, residual: np.ndarray
-    ) -> tuple[dict[str, float], float]:
-        """Sizes less those that the residual hardly asks for."""
-        for name in sorted(sizes, key=lambda k: sizes[k] / self.scales[k]):
-            if sizes[name] > 0.0 and name not in self.assumed:
-                without = {**sizes, name: 0.0}
-                found = self.log_likelihood(without, residual)
-                if found > best - HARDLY:
-                    sizes, best = without, found
-        return sizes, best
-
-    def _scored(self, sizes: Mapping[str, float], residual: np.ndarray) -> dict[str, float]:
-        """The sizes that Fisher scoring goes to from `sizes`."""
-        names = list(self.columns)
+    def _scored(
+        self, sizes: Mapping[str, float], residual: np.ndarray, names: list[str]
+    ) -> dict[str, float]:
+        """The sizes of some components that Fisher scoring goes to from `sizes`."""
         scored = _Scored(self, sizes, residual, names)
         slope, information = scored.slope, scored.information
         unit = np.array([self.scales[name] ** 2 for name in names])
@@ -261,14 +276,17 @@ class _Scored:
         self, rig: Rig, sizes: Mapping[str, float], residual: np.ndarray, names: list[str]
     ):
         whitening = rig.whitening(sizes)
-        precise = whitening.back(whitening(residual))
-        of_press = (np.unique(rig.label[rig.label >= 0])[:, None] == rig.label).astype(float)
-        own = {n: self._white(whitening, n, rig.columns[n]) for n in names}
+        white, of_press = whitening(residual), rig.of_press
+        entered = {n: whitening.entered(rig.columns[n], COMPONENTS[n].each) for n in names}
+        own = {n: self._white(whitening, COMPONENTS[n].each, entered[n]) for n in names}
         count = len(names)
         slope, self.information = np.zeros(count), np.zeros((count, count))
         for i, name in enumerate(names):
             each = COMPONENTS[name].each
-            along = _summed(rig.columns[name] * precise, each, of_press)
+            if each == "whole":
+                along = _summed(own[name] * white, each, of_press)
+            else:
+                along = _summed(entered[name] * whitening.left(white, each), each, of_press)
             slope[i] = 0.5 * ((along**2).sum() - _trace(whitening, each, own[name], of_press))
             for j in range(i + 1):
                 other = COMPONENTS[names[j]].each
@@ -277,19 +295,11 @@ class _Scored:
         self.slope = slope
 
     @staticmethod
-    def _white(whitening: Whitening, name: str, columns: np.ndarray) -> np.ndarray:
-        """Unit columns as they are when all that acts on the same readings is taken out."""
-        each = COMPONENTS[name].each
-        if each == "whole":
-            return whitening(columns)
-        parts = whitening.parts[1:]
-        if each == "frame":
-            square = whitening.correlation**2
-            found = columns / whitening.sd * np.sqrt((1.0 + square) / (1.0 - square))
-        else:
-            found = replace(whitening, errors=None)(columns)
-        for part in parts:
-            if part.each == each or (each == "press" and part.each == "frame"):
+    def _white(whitening: Whitening, each: str, entered: np.ndarray) -> np.ndarray:
+        """Unit columns, as they entered, when all that acts on the same readings is taken out."""
+        found = entered
+        for part in whitening.parts:
+            if part.each == each or each == "whole":
                 found = part.apply(found, part.root)
         return found
 
@@ -307,33 +317,28 @@ def _summed(products: np.ndarray, each: str, of_press: np.ndarray) -> np.ndarray
 def _trace(whitening: Whitening, each: str, own: np.ndarray, of_press: np.ndarray) -> float:
     """Squared length of all unit columns, whitened: own (K, N, M) less what the parts have that
     come after what they act on."""
-    order = ("channel", "frame", "press", "whole")
     total = float((own**2).sum())
-    for part in whitening.parts[1:]:
-        if order.index(part.each) <= order.index(each):
+    for part in whitening.parts:
+        if ORDER.index(part.each) <= ORDER.index(each):
             continue
         less = -part.precision
-        if part.each == "whole":
-            less = np.broadcast_to(less[0], (1, *less[0].shape))
         for k, unit in enumerate(part.columns):
             along = own * unit
-            if part.each == "frame":
-                total -= float((along**2 * less[:, [k]]).sum())
-            elif part.each == "whole":
+            if part.each == "whole":
                 total -= float((_summed(along, each, of_press) ** 2).sum() * less[0, k])
+            elif each == "frame" and part.each == "press":
+                total -= float(less[:, k] @ (of_press @ (along.sum(axis=2) ** 2).sum(axis=0)))
             elif each == "frame":
-                rows = (along.sum(axis=2) ** 2).sum(axis=0)
-                total -= float(less[:, k] @ (of_press @ rows))
+                total -= float((along**2 * less[:, k]).sum())
             else:
                 pressed = np.einsum("bn,knm->kbm", of_press, along, optimize=True)
-                total -= float(np.einsum("b,kbm->", less[:, k], pressed**2))
+                total -= float((pressed**2 * less[:, k]).sum())
     return total
 
 
 def _shared(a: np.ndarray, each_a: str, b: np.ndarray, each_b: str, of_press: np.ndarray) -> float:
     """Sum of the squared products of whitened unit columns (K, N, M)."""
-    order = ("channel", "frame", "press", "whole")
-    if order.index(each_a) > order.index(each_b):
+    if ORDER.index(each_a) > ORDER.index(each_b):
         a, each_a, b, each_b = b, each_b, a, each_a
     if each_a == "whole":
         return float(((a.reshape(len(a), -1) @ b.reshape(len(b), -1).T) ** 2).sum())
@@ -342,9 +347,9 @@ def _shared(a: np.ndarray, each_a: str, b: np.ndarray, each_b: str, of_press: np
         products = column * b
         if each_a == each_b or each_b == "whole":
             found = _summed(products, each_a, of_press)
-        elif "frame" in (each_a, each_b):
-            # A frame's error meets a channel's in one reading, a press's in one frame.
-            found = products if each_a == "channel" else products.sum(axis=2)
+        elif each_a == "frame":
+            # It meets a channel's error in one reading, a press's in one frame.
+            found = products if each_b == "channel" else products.sum(axis=2)
         else:
             found = np.einsum("bn,knm->kbm", of_press, products, optimize=True)
         total += float((found**2).sum())

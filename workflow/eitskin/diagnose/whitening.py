@@ -1,9 +1,10 @@
 """Residuals in units of their noise: white noise, numerical error, shared baselines, rig errors.
 
 The covariance is built from within: noise correlated in time, channel by channel (AR(1)); what
-each channel has of its own over the frames; what each frame has of its own over the channels; and
-what whole presses, or the whole recording, have together. Each is of low rank in what is already
-whitened, so that its inverse root is cheap (Woodbury 1950).
+each frame has of its own over the channels; what each press has; what each channel has of its own
+over the frames; and what all readings have together. Each is of low rank in what is already
+whitened, so that its inverse root is cheap (Woodbury 1950). Frames come before channels: touches
+that are not where they are said to be weigh most, and nothing of them must be left.
 """
 
 from dataclasses import dataclass, field
@@ -31,6 +32,9 @@ class RigErrors:
     whole: np.ndarray
     press: np.ndarray | None = None
     label: np.ndarray | None = None
+
+
+ORDER = ("frame", "press", "channel", "whole")  # in which errors are taken out
 
 
 class _LowRank:
@@ -121,8 +125,7 @@ class Whitening:
     and one constant error, the same in all frames, of variance rho sd^2; rho (M,) is infinite
     where the values are differences from one baseline. mask (N, M): readings that are there.
     errors: what a rig adds. Those of a frame count as independent from frame to frame in what is
-    whitened in time already; those of a frame or a press apart from what channels have of their
-    own.
+    whitened in time already; those of a channel as they are in what frames and presses have left.
     """
 
     mask: np.ndarray
@@ -187,13 +190,12 @@ class Whitening:
     def channel_lengths(self, column: np.ndarray) -> np.ndarray:
         """(M,): squared whitened length of what column (N, M) is in each channel alone."""
         found = self._filtered(column)
-        for part in (p for p in self._parts if p.each == "channel"):
-            found = part.apply(found, part.root)
         total, before = (found**2).sum(axis=0), []
-        for part in (p for p in self._parts if p.each != "channel"):
+        for part in self._parts:
             units = part.columns
             for other in reversed(before):
-                units = other.apply(units, other.root)
+                if part.each != "channel":
+                    units = other.apply(units, other.root)
             before.append(part)
             along = units * found
             if part.each == "frame":
@@ -202,9 +204,26 @@ class Whitening:
                 none = np.zeros((len(along), 1, along.shape[2]))
                 along = np.concatenate([along, none], axis=1)[:, part.rows].sum(axis=2)
                 total = total + np.einsum("bk,kbm->m", part.precision, along**2)
+            elif part.each == "channel":
+                total = total + np.einsum("mk,km->m", part.precision, along.sum(axis=1) ** 2)
             else:
                 total = total + part.precision[0] @ along.sum(axis=1) ** 2
         return np.maximum(total, 0.0)
+
+    def entered(self, columns: np.ndarray, each: str) -> np.ndarray:
+        """(K, N, M): columns of errors as they are where these are taken out."""
+        if each == "frame":
+            # White errors, after the filter for noise of this correlation.
+            louder = np.sqrt((1.0 + self.correlation**2) / (1.0 - self.correlation**2))
+            return np.where(self.mask, columns, 0.0) / self.sd * louder
+        return self._filtered(columns)
+
+    def left(self, whitened: np.ndarray, each: str) -> np.ndarray:
+        """(..., N, M): of what is whitened, what errors as of `entered` are compared with."""
+        for part in reversed(self._parts[self._free :]):
+            if ORDER.index(part.each) >= ORDER.index(each):
+                whitened = part.apply(whitened, part.root)
+        return whitened
 
     @cached_property
     def log_determinant(self) -> float:
@@ -248,32 +267,28 @@ class Whitening:
     @cached_property
     def _parts(self) -> list[_LowRank]:
         constant = np.where(np.isinf(self.rho), 1.0, np.sqrt(self.rho)) * self.sd
-        found = [
-            _LowRank(self._filtered(np.broadcast_to(constant, (1, *self.mask.shape))), "channel")
-        ]
-        if np.isinf(self.rho).any():
-            found[0].length = np.where(np.isinf(self.rho)[:, None], np.inf, found[0].length)
+        constant = np.broadcast_to(constant, (1, *self.mask.shape))
+        own = {each: np.zeros((0, *self.mask.shape)) for each in ORDER}
+        if self.errors is not None:
+            own |= {"frame": self.errors.frame, "channel": self.errors.channel}
+            own |= {"whole": self.errors.whole}
+            if self.errors.press is not None:
+                own["press"] = self.errors.press
+        found: list[_LowRank] = []
+        if self._free:
+            found.append(_LowRank(self._filtered(constant), "channel"))
+            found[0].length = np.full(found[0].length.shape, np.inf)
             # What is taken out for good does not come back.
             found[0].precision = found[0].root = np.full(found[0].length.shape, -1.0)
             found[0].unroot = np.zeros(found[0].length.shape)
-        if self.errors is None:
-            return found
-        if len(self.errors.channel):
-            columns = self._filtered(self.errors.channel)
-            found.append(_LowRank(found[0].apply(columns, found[0].root), "channel"))
-        if len(self.errors.frame):
-            # White errors, after the filter for noise of this correlation.
-            louder = np.sqrt((1.0 + self.correlation**2) / (1.0 - self.correlation**2))
-            columns = np.where(self.mask, self.errors.frame, 0.0) / self.sd * louder
-            found.append(_LowRank(columns, "frame"))
-        if self.errors.press is not None and len(self.errors.press):
-            columns = self._filtered(self.errors.press)
-            for part in (p for p in found if p.each == "frame"):
-                columns = part.apply(columns, part.root)
-            found.append(_LowRank(columns, "press", self.errors.label))
-        if len(self.errors.whole):
-            columns = self._filtered(self.errors.whole)
-            for part in found:
-                columns = part.apply(columns, part.root)
-            found.append(_LowRank(columns, "whole"))
+        else:
+            own["channel"] = np.concatenate([constant, own["channel"]])
+        for each in ORDER:
+            if len(own[each]):
+                columns = self.entered(own[each], each)
+                if each == "whole":
+                    for part in found:
+                        columns = part.apply(columns, part.root)
+                label = self.errors.label if each == "press" else None
+                found.append(_LowRank(columns, each, label))
         return found
