@@ -1,10 +1,18 @@
 """Whitening against the covariance written out, and against its limit of a free constant."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eitskin.diagnose.whitening import Whitening
+from eitskin.diagnose.whitening import RigErrors, Whitening
+
+HUGE = 1e4  # sd of a constant that is as good as free
+SEEDS = st.integers(0, 10**6)
+FRAMES, CHANNELS = st.integers(2, 7), st.integers(2, 5)
+CORRELATIONS = st.sampled_from([0.0, 0.3, 0.9])
 
 
 def drawn(seed, frames, channels):
@@ -51,3 +59,125 @@ def test_values_of_several_axes_are_whitened_alike():
     whitening = Whitening.of(voltage, sd, False, error)
     many = draw.normal(size=(4, 6, 3))
     assert np.allclose(whitening(many), [whitening(one) for one in many])
+
+
+def rigged(seed, frames, channels, counts, correlation=0.0, rho=0.0):
+    """With columns of every channel, of every frame and of the whole, as many as counts says;
+    rho: None where the constant is free."""
+    voltage, sd, _, draw = drawn(seed, frames, channels)
+    plain = Whitening.of(voltage, sd, rho is None, np.sqrt(rho or 0.0) * sd)
+    errors = RigErrors(*(draw.normal(size=(count, frames, channels)) for count in counts))
+    return replace(plain, correlation=correlation, errors=errors)
+
+
+def written_out(whitening, constant):
+    """(D, D): the covariance of the D readings that are there; constant (M,): its sd."""
+    row, channel = np.nonzero(whitening.mask)
+    apart, same = np.abs(row[:, None] - row), channel[:, None] == channel
+    sd, level, errors = whitening.sd[channel], constant[channel], whitening.errors
+    found = same * (np.outer(sd, sd) * whitening.correlation**apart + np.outer(level, level))
+    everywhere = np.ones_like(same)
+    for columns, together in (
+        (errors.channel, same),
+        (errors.frame, apart == 0),
+        (errors.whole, everywhere),
+    ):
+        there = columns[:, row, channel]
+        found = found + together * (there.T @ there)
+    return found
+
+
+def written(whitening):
+    """(D, D): the whitening of the D readings that are there, as a matrix."""
+    row, channel = np.nonzero(whitening.mask)
+    units = np.zeros((len(row), *whitening.mask.shape))
+    units[np.arange(len(row)), row, channel] = 1.0
+    return whitening(units)[:, row, channel].T
+
+
+def assert_is(whitening, covariance):
+    """The whitening is a root of the inverse of this covariance, its determinant with it."""
+    matrix = written(whitening)
+    assert np.allclose(matrix.T @ matrix, np.linalg.inv(covariance), rtol=1e-7, atol=1e-9)
+    variances = np.log(whitening.sd[np.nonzero(whitening.mask)[1]] ** 2).sum()
+    expected = np.linalg.slogdet(covariance)[1] - variances
+    assert np.isclose(whitening.log_determinant, expected, rtol=1e-9, atol=1e-9)
+
+
+@given(SEEDS, FRAMES, CHANNELS, st.integers(0, 3), st.integers(0, 3))
+def test_errors_of_frames_and_of_the_whole_beside_white_noise(seed, frames, channels, own, whole):
+    whitening = rigged(seed, frames, channels, (0, own, whole))
+    assert_is(whitening, written_out(whitening, np.zeros(channels)))
+
+
+@given(SEEDS, FRAMES, CHANNELS, st.integers(0, 3), st.integers(0, 3), CORRELATIONS)
+def test_errors_of_channels_and_of_the_whole_beside_lasting_noise(
+    seed, frames, channels, own, whole, correlation
+):
+    rho = np.random.default_rng(seed).uniform(0.0, 4.0, channels)
+    whitening = rigged(seed, frames, channels, (own, 0, whole), correlation, 1.0)
+    whitening = replace(whitening, rho=rho)
+    assert_is(whitening, written_out(whitening, np.sqrt(rho) * whitening.sd))
+
+
+@given(SEEDS, FRAMES, CHANNELS, CORRELATIONS)
+def test_a_free_constant_beside_errors(seed, frames, channels, correlation):
+    whitening = rigged(seed, frames, channels, (1, 0, 2), correlation, None)
+    matrix = written(whitening)
+    nearly = written_out(whitening, np.full(channels, HUGE))
+    assert np.allclose(matrix.T @ matrix, np.linalg.inv(nearly), rtol=1e-4, atol=1e-5)
+    none = np.zeros((0, frames, channels))
+    plain = replace(whitening, errors=RigErrors(none, none, none))
+    more = (
+        np.linalg.slogdet(nearly)[1]
+        - np.linalg.slogdet(written_out(plain, np.full(channels, HUGE)))[1]
+    )
+    assert np.isclose(whitening.log_determinant - plain.log_determinant, more, atol=1e-4)
+
+
+@given(SEEDS, FRAMES, CHANNELS, CORRELATIONS, st.sampled_from([0.0, 2.0, None]))
+def test_back_undone_and_determinant_of_errors_of_all_kinds(
+    seed, frames, channels, correlation, rho
+):
+    whitening = rigged(seed, frames, channels, (1, 2, 2), correlation, rho)
+    a, b = np.random.default_rng(seed + 1).normal(size=(2, frames, channels))
+    forth = whitening(a)
+    assert np.isclose((forth * b).sum(), (a * whitening.back(b)).sum(), rtol=1e-9, atol=1e-9)
+    assert not forth[~whitening.mask].any()
+    assert not whitening.back(b)[~whitening.mask].any()
+    undone = whitening.undone(forth)
+    assert np.allclose(whitening(undone), forth, rtol=1e-7, atol=1e-9)
+    if rho is not None:
+        assert np.allclose(undone, np.where(whitening.mask, a, 0.0), rtol=1e-7, atol=1e-9)
+        matrix = written(whitening)
+        scaled = matrix * whitening.sd[np.nonzero(whitening.mask)[1]]
+        expected = -2.0 * np.linalg.slogdet(scaled)[1]
+        assert np.isclose(whitening.log_determinant, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_what_is_free_stays_taken_out_when_whitening_is_undone():
+    whitening = rigged(4, 6, 3, (0, 0, 0), 0.5, None)
+    a = np.random.default_rng(4).normal(size=(6, 3))
+    again = whitening.undone(whitening(a + np.array([1.0, 20.0, -3.0])))
+    assert np.allclose(again, whitening.undone(whitening(a)))
+    left = np.where(whitening.mask, a - again, np.nan)
+    assert np.allclose(np.nanmax(left, axis=0), np.nanmin(left, axis=0))
+
+
+@pytest.mark.parametrize("counts", [(0, 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 3), (2, 2, 2)])
+@pytest.mark.parametrize("correlation", [0.0, 0.6])
+@pytest.mark.parametrize("rho", [0.0, 2.0, None])
+def test_lengths_are_those_of_channels_whitened_one_by_one(counts, correlation, rho):
+    whitening = rigged(7, 6, 4, counts, correlation, rho)
+    column = np.random.default_rng(8).normal(size=(6, 4))
+    alone = column * np.eye(4)[:, None, :]
+    expected = (whitening(alone) ** 2).sum(axis=(1, 2))
+    assert np.allclose(whitening.channel_lengths(column), expected, rtol=1e-9)
+
+
+def test_whether_channels_stay_apart():
+    for counts, apart in (((2, 0, 0), True), ((0, 1, 0), False), ((0, 0, 1), False)):
+        whitening = rigged(9, 5, 4, counts, 0.4)
+        assert whitening.by_channel == apart
+        one = whitening(np.arange(20.0).reshape(5, 4) * [0.0, 1.0, 0.0, 0.0])
+        assert one[:, [0, 2, 3]].any() != apart

@@ -1,0 +1,172 @@
+"""What is put aside before anything is looked at, and what it says of an effect."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eitskin.data.recording import Recording, presses
+from eitskin.diagnose import diagnosis
+from eitskin.diagnose.diagnosis import Judged
+from eitskin.diagnose.fit import Fit, fit
+from eitskin.diagnose.held_out import LEAST_PRESSES, aside, put_aside
+from eitskin.diagnose.noise import Noise
+from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.whitening import RigErrors
+from eitskin.physics.protocol import reciprocal_channels
+from small_skin import CHANNELS, METADATA, candidates_of, problem_of, small_recording, states
+
+CONTRAST = {"name": "touch-contrast", "parameters": {"ratio": 1.2}}
+NOISE = 1e-3
+
+
+def rows_aside(recorded, seed):
+    """(N,): the frames that are put aside, whole."""
+    kept = aside(recorded, seed)
+    assert kept.shape == recorded.voltage.shape
+    rows = kept.any(axis=1)
+    assert np.array_equal(kept, np.repeat(rows[:, None], kept.shape[1], axis=1))
+    return rows
+
+
+@given(st.integers(0, 1000), st.integers(LEAST_PRESSES, 23))
+def test_whole_presses_are_put_aside_with_the_frames_before_them(seed, places):
+    frames = states(places, seed)
+    recorded = Recording(frames, np.ones((len(frames), len(CHANNELS))), None, None, METADATA)
+    touched, press = recorded.frames["touch"].to_numpy(bool), presses(recorded)
+    rows = rows_aside(recorded, seed)
+    chosen = np.unique(press[rows & touched])
+    assert len(chosen) == max(1, round(places / 5))
+    assert np.array_equal(rows[touched], np.isin(press, chosen)[touched])
+    assert not rows[: np.flatnonzero(touched)[0]].any()
+    for begin in np.flatnonzero(touched & ~np.r_[False, touched[:-1]])[1:]:
+        assert rows[begin - 1] == rows[begin] and not touched[begin - 1]
+    assert np.array_equal(rows, rows_aside(recorded, seed))
+
+
+def test_other_seeds_put_other_presses_aside(make_recording):
+    recorded = make_recording()
+    found = {tuple(np.flatnonzero(rows_aside(recorded, seed))) for seed in range(8)}
+    assert len(found) == 8
+    # Nobody knows what followed the frames at the end: they go with the last press.
+    rows, last = rows_aside(recorded, 0), presses(recorded).max()
+    assert rows[-1] == rows[presses(recorded) == last].any()
+
+
+@pytest.mark.parametrize("places", [0, LEAST_PRESSES - 1])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_without_presses_reciprocal_channels_are_put_aside(make_recording, places, seed):
+    recorded = make_recording(presses=places)
+    kept = aside(recorded, seed)
+    columns = kept.any(axis=0)
+    assert np.array_equal(kept, np.repeat(columns[None], len(kept), axis=0))
+    for k, other in reciprocal_channels(recorded.channels)[0]:
+        assert columns[k] == columns[other]
+    assert 0.18 < columns.mean() < 0.22
+    assert np.array_equal(kept, aside(recorded, seed))
+    assert not np.array_equal(kept, aside(recorded, seed + 1))
+
+
+def test_no_search_sees_what_is_put_aside():
+    recorded = small_recording(noise=NOISE, places=5)
+    noise, search, kept = diagnosis.begun(recorded, 3)
+    assert np.array_equal(kept, aside(recorded, 3)) and kept.any()
+    assert np.array_equal(search.problem.whitening.mask, ~kept)
+    assert np.isnan(search.problem.recorded[kept]).all()
+    # Nor does anything that it begins with depend on it.
+    other = replace(recorded, voltage=np.where(kept, 1.003 * recorded.voltage, recorded.voltage))
+    again, same, _ = diagnosis.begun(other, 3)
+    assert np.array_equal(again.sd, noise.sd)
+    assert search.calibrated().log_evidence == same.calibrated().log_evidence
+
+
+def searched(recorded, item):
+    """A search of what is seen of a recording, a state with one effect, and what is put aside."""
+    noise = Noise(np.full(len(CHANNELS), NOISE * np.median(np.abs(recorded.voltage))), 1e6, "given")
+    kept = aside(recorded, 1)
+    seen = replace(recorded, voltage=np.where(kept, np.nan, recorded.voltage))
+    problem, scales = diagnosis.problem_of(seen, noise)
+    candidates = candidates_of(seen, problem, scales)
+    effect = next(c for c in candidates if c.name == item["name"])
+    fold = np.arange(len(recorded.frames)) % 5
+    search = Search(problem, [effect], fold, 1, print)
+    state = search.state(fit(problem, [effect], np.zeros(2), polish=True))
+    return search, state, noise, kept
+
+
+@pytest.mark.parametrize("everywhere", [True, False])
+def test_an_effect_that_only_seen_presses_have_is_not_earned(everywhere):
+    recorded = small_recording(CONTRAST, noise=NOISE, places=6)
+    plain = small_recording(noise=NOISE, places=6)
+    kept = aside(recorded, 1)
+    if not everywhere:
+        recorded.voltage = np.where(kept, plain.voltage, recorded.voltage)
+    search, state, noise, kept = searched(recorded, CONTRAST)
+    ratio = state.fit.settings()[0].values["ratio"]
+    assert np.isclose(np.ravel(ratio)[0], 1.2, rtol=0.01)
+    left, judged = diagnosis._earned(search, state, recorded, noise, kept)
+    assert [c.name for c in left.effects] == (["touch-contrast"] if everywhere else [])
+    assert [row["action"] for row in search.path] == ([] if everywhere else ["not earned"])
+    gain, error = judged.gain(state.fit, search.less(state, 0).fit)
+    assert (gain > 2.0 * error) if everywhere else (gain < -2.0 * error)
+    assert np.array_equal(judged.white.mask, kept)
+
+
+@pytest.fixture(scope="module")
+def judging():
+    """A toy: a fit whose residual in what is put aside is known, white and with rig errors."""
+    recorded = small_recording(noise=NOISE, places=20)
+    problem, _ = problem_of(recorded, NOISE)
+    found = fit(problem, [], np.zeros(len(problem.model.calibrations)), polish=True)
+    kept = aside(recorded, 2)
+    white = replace(problem.whitening, mask=kept, rho=np.zeros(len(CHANNELS)))
+    none = np.zeros((0, *kept.shape))
+    common = 2.0 * white.sd.mean() * np.ones((1, *kept.shape))
+    return found, white, replace(white, errors=RigErrors(none, np.where(kept, common, 0.0), none))
+
+
+def test_what_was_put_aside_is_judged_in_its_own_covariance(judging):
+    found, white, rigged = judging
+    draw = np.random.default_rng(2)
+    noise = white.sd * draw.normal(size=white.mask.shape)
+    noise += 2.0 * white.sd.mean() * draw.choice([-1.0, 1.0], (len(noise), 1))
+    readings = np.where(white.mask, found.voltage() + noise, np.nan)
+    judged = Judged(readings, white, rigged)
+    by, by_white = judged.by(found), judged.by_white(found)
+    assert np.isclose(by_white.chi2_per_dof, ((noise / white.sd)[white.mask] ** 2).mean())
+    assert by_white.chi2_per_dof > 3.0 and 0.85 < by.chi2_per_dof < 1.15
+    assert by.readings == white.mask.sum()
+    assert np.isclose(by.rms, np.sqrt((noise[white.mask] ** 2).mean()))
+    assert not by.error[~white.mask].any() and not by.plain[~white.mask].any()
+    assert judged.p_value(found, 1e6) > 0.01
+    assert Judged(readings, white, white).p_value(found, 1e6) < 1e-6
+    # A noise that nobody knows well is no ground to refuse a fit.
+    assert Judged(readings, white, white).p_value(found, 1.0) > 1e-3
+
+
+def test_a_gain_is_that_of_the_log_density(judging):
+    found, white, rigged = judging
+    draw = np.random.default_rng(3)
+    noise = white.sd * draw.normal(size=white.mask.shape)
+    readings = np.where(white.mask, found.voltage() + noise, np.nan)
+    judged = Judged(readings, white, rigged)
+    off = Fit(found.problem, [], found.theta + 0.01, found.residual, found.slopes)
+    gain, error = judged.gain(found, off)
+    here, there = (rigged(np.where(white.mask, readings - f.voltage(), 0.0)) for f in (found, off))
+    assert np.isclose(gain, 0.5 * ((there**2).sum() - (here**2).sum()))
+    assert np.isclose(error, np.linalg.norm(here - there))
+    assert gain > 2.0 * error
+    back, _ = judged.gain(off, found)
+    assert np.isclose(back, -gain)
+
+
+def test_put_aside_leaves_out_what_was_lost(judging):
+    found, white, _ = judging
+    lost = white.mask & (np.random.default_rng(4).random(white.mask.shape) < 0.3)
+    fewer = replace(white, mask=white.mask & ~lost)
+    readings = np.where(fewer.mask, found.voltage() + white.sd, np.nan)
+    told = put_aside(found, readings, fewer)
+    assert told.readings == fewer.mask.sum()
+    assert np.isclose(told.chi2.sum(), told.readings) and np.isclose(told.chi2_per_dof, 1.0)

@@ -1,0 +1,68 @@
+"""A simulator whose touches are moved, against the recording of those touches."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eitskin.diagnose.simulator import RecordingSimulator
+from small_skin import small_recording
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """A small recording."""
+    return small_recording(places=4)
+
+
+@pytest.fixture(scope="module")
+def steps(recorded):
+    """By how much states move, in untouched frames too; the lightest touches are lifted off."""
+    draw = np.random.default_rng(3)
+    count = len(recorded.frames)
+    return {
+        "x_mm": draw.normal(size=count),
+        "y_mm": draw.normal(size=count),
+        "force_N": draw.normal(size=count) - 0.5,
+    }
+
+
+def moved(recorded, steps):
+    """The recording whose touches were there in the first place."""
+    touched = recorded.frames["touch"].to_numpy(bool)
+    own = {k: recorded.frames[k] + np.where(touched, step, 0.0) for k, step in steps.items()}
+    own["force_N"] = own["force_N"].clip(lower=0.0)
+    return replace(recorded, frames=recorded.frames.assign(**own))
+
+
+def test_displaced_touches_read_as_if_they_had_been_recorded_there(recorded, steps):
+    model, coordinates = RecordingSimulator(recorded), np.array([0.1])
+    before = model.voltage(coordinates, [])
+    found = model.displaced(steps).voltage(coordinates, [])
+    expected = RecordingSimulator(recorded, moved(recorded, steps)).voltage(coordinates, [])
+    assert np.array_equal(found, expected)
+    assert np.abs(found - before)[model.touched].max() > 1e-3 * np.abs(before).max()
+    assert np.array_equal(found[~model.touched], before[~model.touched])
+    assert np.array_equal(model.voltage(coordinates, []), before)
+
+
+def test_untouched_frames_stay_and_no_force_is_negative(recorded, steps):
+    model = RecordingSimulator(recorded)
+    states = model.displaced(steps).states
+    force = states["force_N"].to_numpy()
+    expected = model.states["force_N"].to_numpy() + steps["force_N"]
+    assert (expected[model.touched] < 0).any() and force.min() == 0.0
+    heavy = model.touched & (expected > 0)
+    assert np.allclose(force[heavy], expected[heavy])
+    assert states[~model.touched].equals(model.states[~model.touched])
+    assert np.array_equal(states["touch"], model.states["touch"])
+
+
+def test_displaced_twice_is_displaced_by_both(recorded, steps):
+    model, coordinates = RecordingSimulator(recorded), np.zeros(1)
+    once = model.displaced({"x_mm": steps["x_mm"]})
+    twice = once.displaced({"y_mm": steps["y_mm"]}).voltage(coordinates, [])
+    both = model.displaced({k: steps[k] for k in ("x_mm", "y_mm")}).voltage(coordinates, [])
+    assert np.allclose(twice, both, rtol=1e-9)
+    assert not np.allclose(once.voltage(coordinates, []), both)
+    assert model.displaced({}).states.equals(model.states)
