@@ -182,7 +182,7 @@ class Rig:
         sizes = {name: float(start.get(name, 0.0)) for name in self.columns}
         sizes |= {name: self.scales[name] for name in self.assumed}
         free = [name for name in self.columns if name not in self.assumed]
-        sizes, best = self._climbed(residual, sizes, free, ROUNDS)
+        sizes, best = self._climbed(residual, sizes, free, ROUNDS if free else 0)
         for name in sorted(free, key=lambda k: sizes[k] / self.scales[k]):
             if sizes[name] > 0.0:
                 others = [other for other in free if other != name and sizes[other] > 0.0]
@@ -228,12 +228,13 @@ class Rig:
         names = [name for name in self.columns if sizes.get(name, 0.0) > 0.0]
         if not names:
             return found
-        information = _Scored(self, sizes, residual, names).information
+        square = np.array([sizes[name] ** 2 for name in names])
+        information = _Scored(self, sizes, residual, names).information * np.outer(square, square)
+        # Of the variances' logarithms.
         variance = np.diag(np.linalg.pinv(information))
         for name, own in zip(names, variance, strict=True):
             one, size = COMPONENTS[name], sizes[name]
-            # Of the logarithm, by that of the variance.
-            factor = np.exp(WITHIN * 0.5 * min(np.sqrt(max(own, 0.0)) / size**2, MOST_SPREAD))
+            factor = np.exp(WITHIN * 0.5 * min(np.sqrt(max(own, 0.0)), MOST_SPREAD))
             low, high = size / factor, size * factor
             if name == "quadrature":
                 low, size, high = (np.sqrt(np.sqrt(2.0) * value) for value in (low, size, high))

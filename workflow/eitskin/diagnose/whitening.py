@@ -34,6 +34,7 @@ class RigErrors:
     label: np.ndarray | None = None
 
 
+TOGETHER = 16  # columns that are whitened at once
 ORDER = ("frame", "press", "channel", "whole")  # in which errors are taken out
 
 
@@ -189,26 +190,15 @@ class Whitening:
 
     def channel_lengths(self, column: np.ndarray) -> np.ndarray:
         """(M,): squared whitened length of what column (N, M) is in each channel alone."""
-        found = self._filtered(column)
-        total, before = (found**2).sum(axis=0), []
-        for part in self._parts:
-            units = part.columns
-            for other in reversed(before):
-                if part.each != "channel":
-                    units = other.apply(units, other.root)
-            before.append(part)
-            along = units * found
-            if part.each == "frame":
-                total = total + np.einsum("nk,knm->m", part.precision, along**2)
-            elif part.each == "press":
-                none = np.zeros((len(along), 1, along.shape[2]))
-                along = np.concatenate([along, none], axis=1)[:, part.rows].sum(axis=2)
-                total = total + np.einsum("bk,kbm->m", part.precision, along**2)
-            elif part.each == "channel":
-                total = total + np.einsum("mk,km->m", part.precision, along.sum(axis=1) ** 2)
-            else:
-                total = total + part.precision[0] @ along.sum(axis=1) ** 2
-        return np.maximum(total, 0.0)
+        if self.by_channel:
+            return (self(column) ** 2).sum(axis=0)
+        found = np.empty(column.shape[1])
+        for start in range(0, len(found), TOGETHER):
+            at = np.arange(start, min(start + TOGETHER, len(found)))
+            alone = np.zeros((len(at), *column.shape))
+            alone[np.arange(len(at)), :, at] = column[:, at].T
+            found[at] = (self(alone) ** 2).sum(axis=(1, 2))
+        return found
 
     def entered(self, columns: np.ndarray, each: str) -> np.ndarray:
         """(K, N, M): columns of errors as they are where these are taken out."""

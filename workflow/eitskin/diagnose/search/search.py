@@ -42,8 +42,9 @@ from eitskin.errors import InputError
 from eitskin.physics.solver import Spent
 
 SIGNIFICANT = 1e-3
-WORTH_TRYING = 0.05  # global p-value of the best score, under which trials are fitted: the rig's
-# errors may have taken to themselves, until they are learned again, what is an effect's
+# Trials are fitted where the best score has this global p-value, or this log evidence: until they
+# are learned again, rig errors have taken to themselves what is an effect's in every press.
+WORTH_TRYING, HOPE = 0.05, 1.0
 STANDARD_ERRORS = 2.0
 MOST_EFFECTS = 5
 HALVED = 4  # times that the way to where a touch seems to be is tried, each half of the last
@@ -447,7 +448,8 @@ class Search:
             f"{len(state.effects)} effects, chi2/dof {per_dof(state):.3f}: best score "
             f"{scores[0].candidate.name}, p = {p_value:.2g}"
         )
-        if p_value >= WORTH_TRYING or self.spent:
+        hope = p_value < WORTH_TRYING or scores[0].log_evidence > HOPE
+        if not hope or self.spent:
             return None
         for trial in self.tried(state, scores):
             if trial.log_evidence < state.log_evidence + LEAST_EVIDENCE:
