@@ -236,6 +236,13 @@ def stepped(fitted: Fit) -> Fit:
     return moved if moved.cost < fitted.cost else fitted
 
 
+def refreshed(fitted: Fit) -> Fit:
+    """A fit with its slopes found anew where it is."""
+    problem, effects = fitted.problem, fitted.effects
+    slopes = _slopes(problem, fitted.theta, effects, fitted.residual)
+    return Fit(problem, effects, fitted.theta, fitted.residual, slopes)
+
+
 def whitened_anew(fitted: Fit, problem: Problem) -> Fit:
     """A fit's residual in another problem of the same readings, its slopes under that covariance."""
     old, new = fitted.problem.whitening, problem.whitening

@@ -21,11 +21,12 @@ from eitskin.diagnose.fit import (
     Fit,
     Problem,
     fit,
+    refreshed,
     stepped,
     whitened_anew,
 )
 from eitskin.diagnose.held_out import HeldOut, held_out
-from eitskin.diagnose.rig import TAIL, Rig
+from eitskin.diagnose.rig import COMPONENTS, TAIL, Rig
 from eitskin.diagnose.search import channels, tones
 from eitskin.diagnose.search.screen import (
     AMPLITUDES,
@@ -42,9 +43,9 @@ from eitskin.errors import InputError
 from eitskin.physics.solver import Spent
 
 SIGNIFICANT = 1e-3
-# Trials are fitted where the best score has this global p-value, or this log evidence: until they
-# are learned again, rig errors have taken to themselves what is an effect's in every press.
+# Trials are fitted where the best score has this global p-value, or this log evidence ...
 WORTH_TRYING, HOPE = 0.05, 1.0
+COMPETING = 4  # ... and of names that rig errors may have taken to themselves so many
 STANDARD_ERRORS = 2.0
 MOST_EFFECTS = 5
 HALVED = 4  # times that the way to where a touch seems to be is tried, each half of the last
@@ -122,6 +123,7 @@ class Search:
     met: dict[tuple, State] = field(default_factory=dict)
     lengths: dict[tuple, float] = field(default_factory=dict)
     scored: dict[tuple, list[Score]] = field(default_factory=dict)
+    competing: dict[tuple, list[Score]] = field(default_factory=dict)
     trials: dict[tuple, list[State]] = field(default_factory=dict)
 
     @property
@@ -321,10 +323,12 @@ class Search:
         """Tangents about a state, kept until its set is fitted anew."""
         key = state.key
         if key not in self.met or self.met[key].fit is not state.fit:
-            self.tangents[key] = Tangents(state.fit, reversed(self.tangents.values()))
+            strayed = state.fit.problem.model is not self.problem.model
+            fitted = refreshed(state.fit) if strayed else state.fit
+            self.tangents[key] = Tangents(fitted, reversed(self.tangents.values()))
             self.met[key] = state
-            self.scored.pop(key, None)
-            self.trials.pop(key, None)
+            for kept in (self.scored, self.trials, self.competing):
+                kept.pop(key, None)
         return self.tangents[key]
 
     def scores(self, state: State) -> list[Score]:
@@ -448,15 +452,13 @@ class Search:
             f"{len(state.effects)} effects, chi2/dof {per_dof(state):.3f}: best score "
             f"{scores[0].candidate.name}, p = {p_value:.2g}"
         )
-        hope = p_value < WORTH_TRYING or scores[0].log_evidence > HOPE
-        if not hope or self.spent:
+        if self.spent:
             return None
         for trial in self.tried(state, scores):
             if trial.log_evidence < state.log_evidence + LEAST_EVIDENCE:
                 break
             new = _new(state, trial)
             p = trial.p_values[new.key]
-            self.catalogue_p = min(self.catalogue_p, p)
             if p >= SIGNIFICANT:
                 continue
             gain, error = self.gain(trial, state)
@@ -465,6 +467,39 @@ class Search:
                 self.step("add", new, trial, p)
                 return trial
         return None
+
+    def _hopeful(self, scores: list[Score]) -> bool:
+        """Whether the best score is surprising enough for trials to be worth their fits."""
+        p = self.global_p(min(s.p_value for s in scores))
+        return p < WORTH_TRYING or scores[0].log_evidence > HOPE
+
+    def _competing(self, state: State) -> list[Score]:
+        """The best scores of names that would be significant if the misfit that the rig's errors
+        have taken to themselves were open: until they are learned again, what is alike in all
+        presses is theirs too."""
+        key = state.key
+        if key not in self.competing:
+            self.competing[key] = self._competed(state)
+        return self.competing[key]
+
+    def _competed(self, state: State) -> list[Score]:
+        taken = {n: s for n, s in state.sizes.items() if s > 0.0 and not COMPONENTS[n].discrepancy}
+        if not taken:
+            return []
+        here = self.linearised(state)
+        plain = replace(state.fit.problem, whitening=self.problem.whitening)
+        tangents = Tangents(whitened_anew(here.fit, plain), [here])
+        there = {c.key for c in state.effects}
+        found: dict[str, Score] = {}
+        for candidate in self.candidates:
+            plainly = not (_of_channels(candidate) or discrete(candidate) or candidate.effect.tone)
+            if plainly and candidate.scope != "dense" and candidate.key not in there:
+                one = score(tangents, candidate)
+                best = found.get(candidate.name)
+                if one is not None and (best is None or one.log_evidence > best.log_evidence):
+                    found[candidate.name] = one
+        ranked = sorted(found.values(), key=lambda s: -s.log_evidence)
+        return [s for s in ranked[:COMPETING] if self.global_p(s.p_value) < SIGNIFICANT]
 
     def _own_p(self, score: Score, state: State, trial: State) -> float:
         """Global p-value of what a trial has beyond a state: its likelihood ratio's (Wilks 1938),
@@ -486,7 +521,10 @@ class Search:
         key = state.key
         if key not in self.trials:
             found: list[State] = []
-            for s in shortlist(scores):
+            listed = shortlist(scores) if self._hopeful(scores) else []
+            known_names = {s.candidate.name for s in listed}
+            competing = [s for s in self._competing(state) if s.candidate.name not in known_names]
+            for s in [*listed, *competing]:
                 if self.spent:
                     break
                 if known is not None and s.candidate.key == known.key:
