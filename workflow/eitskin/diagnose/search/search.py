@@ -45,7 +45,7 @@ from eitskin.physics.solver import Spent
 SIGNIFICANT = 1e-3
 # Trials are fitted where the best score has this global p-value, or this log evidence ...
 WORTH_TRYING, HOPE = 0.05, 1.0
-COMPETING = 4  # ... and of names that rig errors may have taken to themselves so many
+COMPETING = 2  # ... and so many of the names that an error of the rig may have taken to itself
 STANDARD_ERRORS = 2.0
 MOST_EFFECTS = 5
 HALVED = 4  # times that the way to where a touch seems to be is tried, each half of the last
@@ -68,7 +68,7 @@ RACE = 10.0  # nats behind the best trial at which another is given up
 
 @dataclass
 class State:
-    """A set of effects fitted, with the sizes of the rig's errors beside it, and what it predicts
+    """A set of effects fitted, with the rig's errors beside it and their sizes, and what it predicts
     for frames left out; log_likelihood: marginal, in nats, the same constant for all sets."""
 
     fit: Fit
@@ -77,6 +77,7 @@ class State:
     log_evidence: float
     p_values: dict[tuple, float] = field(default_factory=dict)
     sizes: dict[str, float] = field(default_factory=dict)
+    rig: Rig | None = field(default=None, repr=False)
 
     @cached_property
     def held_out(self) -> HeldOut:
@@ -149,7 +150,7 @@ class Search:
         whitening = fitted.problem.whitening
         likelihood = prior - 0.5 * (fitted.chi2 + whitening.log_determinant)
         evidence = likelihood + occam(fitted)
-        return State(fitted, self.fold, likelihood, evidence, dict(p_values or {}), sizes)
+        return State(fitted, self.fold, likelihood, evidence, dict(p_values or {}), sizes, rig)
 
     def _learned(
         self, fitted: Fit, sizes: dict[str, float], rig: Rig
@@ -474,31 +475,34 @@ class Search:
         return p < WORTH_TRYING or scores[0].log_evidence > HOPE
 
     def _competing(self, state: State) -> list[Score]:
-        """The best scores of names that would be significant if the misfit that the rig's errors
-        have taken to themselves were open: until they are learned again, what is alike in all
-        presses is theirs too."""
-        key = state.key
+        """The best scores of names that would be significant if what one of the rig's errors has
+        taken to itself were open: until sizes are learned again, what is alike in all presses is
+        the rig's too."""
+        key, here = state.key, self.linearised(state)
         if key not in self.competing:
-            self.competing[key] = self._competed(state)
+            found: dict[str, Score] = {}
+            for name in state.sizes:
+                if state.sizes[name] > 0.0 and not COMPONENTS[name].discrepancy:
+                    for one in self._without_component(state, name, here):
+                        found.setdefault(one.candidate.name, one)
+            self.competing[key] = list(found.values())
         return self.competing[key]
 
-    def _competed(self, state: State) -> list[Score]:
-        taken = {n: s for n, s in state.sizes.items() if s > 0.0 and not COMPONENTS[n].discrepancy}
-        if not taken:
-            return []
-        here = self.linearised(state)
-        plain = replace(state.fit.problem, whitening=self.problem.whitening)
-        tangents = Tangents(whitened_anew(here.fit, plain), [here])
+    def _without_component(self, state: State, name: str, here: Tangents) -> list[Score]:
+        """The best scores of COMPETING names where a component is none of the covariance."""
+        whitening = state.rig.whitening({**state.sizes, name: 0.0}, tail=TAIL)
+        problem = replace(here.fit.problem, whitening=whitening)
+        tangents = Tangents(whitened_anew(here.fit, problem), [here])
         there = {c.key for c in state.effects}
-        found: dict[str, Score] = {}
+        best: dict[str, Score] = {}
         for candidate in self.candidates:
             plainly = not (_of_channels(candidate) or discrete(candidate) or candidate.effect.tone)
             if plainly and candidate.scope != "dense" and candidate.key not in there:
                 one = score(tangents, candidate)
-                best = found.get(candidate.name)
-                if one is not None and (best is None or one.log_evidence > best.log_evidence):
-                    found[candidate.name] = one
-        ranked = sorted(found.values(), key=lambda s: -s.log_evidence)
+                rival = best.get(candidate.name)
+                if one is not None and (rival is None or one.log_evidence > rival.log_evidence):
+                    best[candidate.name] = one
+        ranked = sorted(best.values(), key=lambda s: -s.log_evidence)
         return [s for s in ranked[:COMPETING] if self.global_p(s.p_value) < SIGNIFICANT]
 
     def _own_p(self, score: Score, state: State, trial: State) -> float:
