@@ -34,7 +34,7 @@ MIXED = {
 }
 STALLED = "scores of kinds together are no derivatives of the likelihood: no maximum is reached"
 FEW = "rounds are too few for a way from above"
-LOST = "frames are taken out before presses: presses have what frames have in common"
+LOST = "beside errors of presses and of channels, common noise is mostly not found"
 DRAWS = 120
 
 

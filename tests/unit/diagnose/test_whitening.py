@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from eitskin.diagnose.whitening import TOGETHER, RigErrors, Whitening
 
-LEAK = "the filter of lasting noise takes a press's error for that of the press before"
+LEAK = "in lasting noise a press's error reaches the frame after it, of another press or of none"
 HUGE = 1e4  # sd of a constant that is as good as free
 SEEDS = st.integers(0, 10**6)
 FRAMES, CHANNELS = st.integers(2, 7), st.integers(2, 5)
