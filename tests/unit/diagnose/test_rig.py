@@ -14,7 +14,7 @@ from eitskin.diagnose.rig import COMPONENTS, HARDLY, MOST, STRAIGHT, Rig, _Score
 from eitskin.diagnose.whitening import Whitening
 from small_skin import calibrated, problem_of, small_recording
 
-FRAMES, CHANNELS, PRESSES = 40, 30, 20
+FRAMES, CHANNELS, PRESSES = 44, 30, 20
 SIZES = {
     "amplitude-per-frame": 6e-4,
     "common-noise": 4e-4,
@@ -23,11 +23,18 @@ SIZES = {
     "channel-drift": 6e-4,
     "touch-discrepancy": 0.08,
 }
-BY_CHANNEL = ["channel-drift", "touch-discrepancy", "place-per-press", "force-per-press"]
-BY_FRAME = ["amplitude-per-frame", "common-noise", "place-per-press", "force-per-press"]
-SETS = pytest.mark.parametrize("names", [BY_CHANNEL, BY_FRAME], ids=["channel", "frame"])
-APART = "errors of channels and of frames together: the score is no derivative of the likelihood"
-TINY = "pinv drops what is small beside a variance of far smaller unit: low = high"
+WALK = {"gain-walk": 3e-3}  # of the whole
+FRAME, PRESS, CHANNEL = (list(SIZES)[k : k + 2] for k in (0, 2, 4))
+EACH = pytest.mark.parametrize("names", [FRAME, PRESS, CHANNEL], ids=["frame", "press", "channel"])
+MIXED = {
+    "frame-press": FRAME + PRESS,
+    "press-channel": PRESS + CHANNEL,
+    "frame-channel": FRAME + CHANNEL,
+    "all": FRAME + PRESS + CHANNEL,
+}
+STALLED = "scores of kinds together are no derivatives of the likelihood: no maximum is reached"
+FEW = "rounds are too few for a way from above"
+LOST = "beside errors of presses and of channels, common noise is mostly not found"
 DRAWS = 120
 
 
@@ -36,30 +43,33 @@ def clock(frames):
     return SimpleNamespace(states=pd.DataFrame({"time_s": np.linspace(3.0, 10.0, frames)}))
 
 
-def made(names=tuple(SIZES), seed=0, correlation=0.0, lost=0.1):
-    """A rig by hand: readings of about 1, twenty presses, noise of about 3e-4."""
+def made(names=tuple(SIZES), seed=0, correlation=0.0, lost=0.1, assumed=()):
+    """A rig by hand: readings of about 1, noise of about 3e-4; four frames of no press, then twenty
+    presses of one to three frames."""
     draw = np.random.default_rng([seed, 1])
     shape = FRAMES, CHANNELS
     voltage = np.exp(0.5 * draw.normal(size=CHANNELS)) * np.ones(shape)
-    press = np.repeat(np.arange(PRESSES), FRAMES // PRESSES)
-    own = press == np.arange(PRESSES)[:, None]
-    place, force = 1e-3 * draw.normal(size=(2, PRESSES, *shape)), 2e-2 * draw.normal(size=shape)
+    label = np.repeat(np.arange(-1, PRESSES), [4, *(PRESSES // 4 * [1, 2, 3, 2])])
+    place, force = 1e-3 * draw.normal(size=(2, *shape)), 2e-2 * draw.normal(size=(1, *shape))
+    place[:, label < 0], force[:, label < 0] = 0.0, 0.0
     columns = {
         "amplitude-per-frame": voltage[None],
         "common-noise": np.ones((1, *shape)),
-        "place-per-press": np.concatenate([own[:, :, None] * p for p in place]),
-        "force-per-press": own[:, :, None] * force,
+        "place-per-press": place,
+        "force-per-press": force,
         "channel-drift": _walk(clock(FRAMES), 6)[:, :, None] * np.ones(shape),
         "touch-discrepancy": 1e-2 * draw.normal(size=(1, *shape)),
         "quadrature": voltage[None],
+        "gain-walk": _walk(clock(FRAMES), 12)[:, :, None] * voltage,
     }
     mask = draw.random(shape) >= lost
     sd = 3e-4 * draw.uniform(0.7, 1.4, CHANNELS)
     plain = Whitening(mask, sd, np.zeros(CHANNELS), correlation)
     columns = {name: np.where(mask, columns[name], 0.0) for name in names}
     scales = {name: COMPONENTS[name].scale for name in names}
-    courses = {"place-per-press": [("x_mm", rows * 1.0) for rows in own]}
-    return Rig(plain, columns, scales, {"x_mm": place[0].sum(axis=0)}, courses)
+    courses = {"place-per-press": [("x_mm", np.ones(FRAMES)), ("y_mm", np.ones(FRAMES))]}
+    tangents = {"x_mm": place[0], "y_mm": place[1]}
+    return Rig(plain, columns, scales, tangents, courses, label, frozenset(assumed))
 
 
 def drawn(rig, sizes, draw):
@@ -67,8 +77,12 @@ def drawn(rig, sizes, draw):
     found = rig.plain.sd * draw.normal(size=rig.plain.mask.shape)
     for name, size in sizes.items():
         columns, each = rig.columns[name], COMPONENTS[name].each
-        own = {"channel": (1, CHANNELS), "frame": (FRAMES, 1), "whole": (1, 1)}[each]
-        found = found + size * (columns * draw.normal(size=(len(columns), *own))).sum(axis=0)
+        own = {"channel": (1, CHANNELS), "frame": (FRAMES, 1), "whole": (1, 1)}
+        own["press"] = PRESSES, 1
+        number = draw.normal(size=(len(columns), *own[each]))
+        if each == "press":
+            number = number[:, rig.label] * (rig.label >= 0)[:, None]
+        found = found + size * (columns * number).sum(axis=0)
     return np.where(rig.plain.mask, found, 0.0)
 
 
@@ -82,7 +96,7 @@ def test_one_size_is_found_among_many(name, seed):
     assert max(others) < 0.1
 
 
-@SETS
+@EACH
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_sizes_are_found_together(names, seed):
     rig, truth = made(names, seed), {name: SIZES[name] for name in names}
@@ -93,14 +107,92 @@ def test_sizes_are_found_together(names, seed):
         assert 1 / 1.5 < sizes[name] / size < 1.5
 
 
-@pytest.mark.xfail(reason=APART, strict=True)
-def test_sizes_of_channels_and_frames_are_found_together():
-    rig = made(seed=7)
-    residual = drawn(rig, SIZES, np.random.default_rng(7))
-    sizes, best = rig.learned(residual, {})
-    assert best > rig.log_likelihood(SIZES, residual) - 0.5
-    for name, size in SIZES.items():
-        assert 1 / 1.5 < sizes[name] / size < 1.5
+@pytest.mark.parametrize(
+    "kinds",
+    [
+        "frame-press",
+        pytest.param("press-channel", marks=pytest.mark.xfail(reason=STALLED, strict=True)),
+        "frame-channel",
+        "all",
+    ],
+)
+def test_sizes_of_kinds_together_are_as_likely_as_the_truth(kinds):
+    truth, above = {name: SIZES[name] for name in MIXED[kinds]}, []
+    for seed in range(1, 9):
+        rig = made(list(truth), seed)
+        residual = drawn(rig, truth, np.random.default_rng(seed))
+        above.append(rig.learned(residual, {})[1] - rig.log_likelihood(truth, residual))
+    assert np.median(above) > -3.0
+
+
+@pytest.mark.xfail(reason=STALLED, strict=True)
+@pytest.mark.parametrize("kinds", MIXED)
+def test_no_size_of_kinds_together_is_far_from_its_best(kinds):
+    truth, more = {name: SIZES[name] for name in MIXED[kinds]}, []
+    for seed in range(1, 9):
+        rig = made(list(truth), seed)
+        residual = drawn(rig, truth, np.random.default_rng(seed))
+        sizes, best = rig.learned(residual, {})
+        moved = ({**sizes, name: k * sizes[name]} for name in sizes for k in (0.7, 0.85, 1.2, 1.4))
+        more.append(max(rig.log_likelihood(one, residual) for one in moved) - best)
+    assert np.median(more) < 3.0
+
+
+def kept(kinds):
+    """(C,): the median of the sizes that are found, of those of the truth, by name."""
+    truth, found = {name: SIZES[name] for name in MIXED[kinds]}, []
+    for seed in range(1, 9):
+        rig = made(list(truth), seed)
+        sizes, _ = rig.learned(drawn(rig, truth, np.random.default_rng(seed)), {})
+        found.append([sizes[name] / size for name, size in truth.items()])
+    return dict(zip(truth, np.median(found, axis=0), strict=True))
+
+
+@pytest.mark.parametrize("kinds", MIXED)
+def test_sizes_of_kinds_together_are_about_those_of_the_truth(kinds):
+    found = kept(kinds)
+    if kinds == "all":
+        found.pop("common-noise")
+    assert all(1 / 1.5 < share < 1.5 for share in found.values())
+
+
+@pytest.mark.xfail(reason=LOST, strict=True)
+def test_common_noise_is_not_lost_beside_all_kinds():
+    assert kept("all")["common-noise"] > 0.5
+
+
+def test_an_error_of_one_press_is_found():
+    for size, name, at in ((3.0, "place-per-press", 7), (0.4, "force-per-press", 2)):
+        rig = made(PRESS)
+        residual = drawn(rig, {}, np.random.default_rng(4))
+        one = size * rig.columns[name][0] * (rig.label == at)[:, None]
+        sizes, best = rig.learned(residual + one, {})
+        assert best > rig.log_likelihood({}, residual + one) + 10.0
+        assert max(sizes, key=lambda key: sizes[key] / rig.scales[key]) == name
+        # One of twenty has it all.
+        assert 0.7 < sizes[name] / (size / np.sqrt(PRESSES)) < 1.6
+        if name == "place-per-press":
+            strays = rig.strays(sizes, residual + one)["x_mm"]
+            assert np.allclose(strays[rig.label == at], size, rtol=0.2)
+            assert np.abs(strays[rig.label != at]).max() < 0.25 * size
+            assert not strays[rig.label < 0].any()
+
+
+def test_what_is_assumed_has_the_size_of_the_prior():
+    rig = made(assumed=PRESS)
+    truth = {name: rig.scales[name] if name in PRESS else 0.0 for name in SIZES}
+    residual = drawn(rig, truth, np.random.default_rng(5))
+    sizes, best = rig.learned(residual, {name: 0.3 * rig.scales[name] for name in SIZES})
+    assert all(sizes[name] == rig.scales[name] for name in PRESS)
+    assert np.isclose(best, rig.log_likelihood(sizes, residual))
+    found = {one["name"]: one for one in rig.findings({**SIZES, **sizes}, residual, "V")}
+    for name, one in found.items():
+        assert one["learned"] is (name not in PRESS)
+        assert (one["low"] == one["sd"] == one["high"]) is (name in PRESS)
+    # Also where nothing else is there to be learned, and where nothing asks for it.
+    alone = made(PRESS, assumed=PRESS)
+    sizes, _ = alone.learned(drawn(alone, {}, np.random.default_rng(5)), {})
+    assert sizes == alone.scales
 
 
 def test_what_is_not_there_has_no_size():
@@ -121,37 +213,66 @@ def test_what_is_not_there_has_no_size():
 def test_no_size_beyond_what_a_rig_can_have(name):
     rig = made()
     large = 20.0 * rig.scales[name]
-    sizes, _ = rig.learned(drawn(rig, {name: large}, np.random.default_rng(5)), {}, rounds=12)
-    assert 0.9 * MOST < sizes[name] / rig.scales[name] < MOST + 1e-9
+    residual = drawn(rig, {name: large}, np.random.default_rng(5))
+    size = rig.learned(residual, {})[0][name] / rig.scales[name]
+    if COMPONENTS[name].discrepancy:  # which stands for all that has no name
+        assert 3.0 * MOST < size < 1.5 * 20.0
+    else:
+        assert 0.9 * MOST < size < MOST + 1e-9
 
 
-@SETS
-def test_a_start_does_not_matter(names):
+def assert_no_start_matters(names, start):
     rig = made(names)
     residual = drawn(rig, {name: SIZES[name] for name in names}, np.random.default_rng(6))
-    far = {name: 2.0 * scale for name, scale in rig.scales.items()}
-    from_none, from_far = (rig.learned(residual, start, 12)[0] for start in ({}, far))
+    from_none, from_far = (rig.learned(residual, own)[0] for own in ({}, start))
     assert all(np.isclose(from_none[name], from_far[name], rtol=0.1) for name in names)
 
 
-def test_the_likelihood_is_that_of_a_normal_distribution():
-    names = ["common-noise", "place-per-press"]
-    rig = made(names)
-    residual = drawn(rig, {name: SIZES[name] for name in names}, np.random.default_rng(7))
+@EACH
+@pytest.mark.parametrize("share", [0.3, 3.0])
+def test_a_start_does_not_matter(names, share):
+    assert_no_start_matters(names, {name: share * SIZES[name] for name in names})
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        pytest.param(FRAME, marks=pytest.mark.xfail(reason=FEW, strict=True)),
+        pytest.param(PRESS, marks=pytest.mark.xfail(reason=FEW, strict=True)),
+        CHANNEL,
+    ],
+    ids=["frame", "press", "channel"],
+)
+def test_a_far_start_does_not_matter(names):
+    assert_no_start_matters(names, {name: 2.0 * COMPONENTS[name].scale for name in names})
+
+
+@EACH
+def test_the_likelihood_is_that_of_a_normal_distribution(names):
+    truth = {name: SIZES[name] for name in names} | WALK
+    rig = made(truth)
+    residual = drawn(rig, truth, np.random.default_rng(7))
     there = rig.plain.mask.ravel()
-    frame = np.repeat(np.arange(FRAMES), CHANNELS)[there]
+    frame, channel = (own.ravel()[there] for own in np.indices((FRAMES, CHANNELS)))
+    label = rig.label[frame]
+    together = {
+        "frame": frame[:, None] == frame,
+        "channel": channel[:, None] == channel,
+        "press": (label[:, None] == label) & (label >= 0),
+        "whole": 1.0,
+    }
 
     def density(sizes):
-        columns = rig.columns["place-per-press"].reshape(2 * PRESSES, -1)[:, there]
-        covariance = np.diag(np.tile(rig.plain.sd**2, FRAMES)[there])
-        covariance += sizes["common-noise"] ** 2 * (frame[:, None] == frame)
-        covariance += sizes["place-per-press"] ** 2 * columns.T @ columns
+        covariance = np.diag(rig.plain.sd[channel] ** 2)
+        for name, size in sizes.items():
+            columns = rig.columns[name].reshape(-1, there.size)[:, there]
+            covariance += size**2 * together[COMPONENTS[name].each] * (columns.T @ columns)
         values = residual.ravel()[there]
-        prior = sum((sizes[name] / rig.scales[name]) ** 2 for name in names)
+        prior = sum((size / rig.scales[name]) ** 2 for name, size in sizes.items())
         log_det = np.linalg.slogdet(covariance)[1]
         return -0.5 * (values @ np.linalg.solve(covariance, values) + log_det + prior)
 
-    some, more = ({n: k * SIZES[n] for n in names} for k in (0.5, 1.3))
+    some, more = ({n: k * size for n, size in truth.items()} for k in (0.5, 1.3))
     expected = density(some) - density(more)
     found = rig.log_likelihood(some, residual) - rig.log_likelihood(more, residual)
     assert np.isclose(found, expected, rtol=1e-8)
@@ -170,35 +291,37 @@ def slope_by_differences(rig, sizes, residual, name):
     return (likelihood(ahead) - likelihood(behind)) / (2.0 * step)
 
 
-@SETS
-def test_scores_are_derivatives_of_the_likelihood(names):
-    rig, sizes = made(names), {name: SIZES[name] for name in names}
-    residual = drawn(
-        rig, {name: 1.3 * size for name, size in sizes.items()}, np.random.default_rng(8)
-    )
+def assert_slopes(rig, sizes, names, seed):
+    """Scores of these components are derivatives of the likelihood, where a residual is larger."""
+    larger = {name: 1.3 * size for name, size in sizes.items()}
+    residual = drawn(rig, larger, np.random.default_rng(seed))
     slope = _Scored(rig, sizes, residual, names).slope
     expected = [slope_by_differences(rig, sizes, residual, name) for name in names]
     assert np.allclose(slope, expected, rtol=1e-4)
 
 
-@pytest.mark.xfail(reason=APART, strict=True)
-def test_scores_of_channels_and_frames_are_derivatives_of_the_likelihood():
-    rig, names = made(), list(SIZES)
-    residual = drawn(rig, SIZES, np.random.default_rng(8))
-    slope = _Scored(rig, SIZES, residual, names).slope
-    expected = [slope_by_differences(rig, SIZES, residual, name) for name in names]
-    assert np.allclose(slope, expected, rtol=0.1)
+@EACH
+def test_scores_are_derivatives_of_the_likelihood(names):
+    sizes = {name: SIZES[name] for name in names} | WALK
+    assert_slopes(made(names), {name: SIZES[name] for name in names}, names, 8)
+    assert_slopes(made(sizes), sizes, list(sizes), 8)
 
 
-def test_scores_of_channels_in_lasting_noise_are_derivatives_of_the_likelihood():
-    rig, sizes = made(BY_CHANNEL, correlation=0.7), {name: SIZES[name] for name in BY_CHANNEL}
-    residual = drawn(rig, sizes, np.random.default_rng(9))
-    slope = _Scored(rig, sizes, residual, BY_CHANNEL).slope
-    expected = [slope_by_differences(rig, sizes, residual, name) for name in BY_CHANNEL]
-    assert np.allclose(slope, expected, rtol=1e-4)
+@EACH
+def test_scores_in_lasting_noise_are_derivatives_of_the_likelihood(names):
+    sizes = {name: SIZES[name] for name in names} | WALK
+    assert_slopes(made(sizes, correlation=0.7), sizes, list(sizes), 9)
 
 
-@SETS
+@pytest.mark.parametrize("correlation", [0.0, 0.7])
+@pytest.mark.parametrize("kinds", MIXED)
+def test_scores_of_what_is_taken_out_last_are_derivatives_of_the_likelihood(kinds, correlation):
+    sizes = {name: SIZES[name] for name in MIXED[kinds]} | WALK
+    last = [*(PRESS if kinds == "frame-press" else CHANNEL), *WALK]
+    assert_slopes(made(sizes, correlation=correlation), sizes, last, 8)
+
+
+@EACH
 def test_information_is_the_mean_of_squared_scores(names):
     rig, sizes = made(names), {name: SIZES[name] for name in names}
     draw = np.random.default_rng(10)
@@ -213,12 +336,12 @@ def test_information_is_the_mean_of_squared_scores(names):
     assert np.abs(found - information / np.outer(scale, scale)).mean() < 0.15
 
 
-@SETS
+@EACH
 def test_intervals_hold_the_truth(names):
     rig, draw = made(names), np.random.default_rng(11)
     truth = {name: SIZES[name] for name in names}
     held, named = [], [name for name in names if not COMPONENTS[name].discrepancy]
-    for _ in range(DRAWS // 3):
+    for _ in range(DRAWS):
         residual = drawn(rig, truth, draw)
         sizes, _ = rig.learned(residual, {})
         findings = {f["name"]: f for f in rig.findings(sizes, residual, "V")}
@@ -229,12 +352,12 @@ def test_intervals_hold_the_truth(names):
     assert 0.82 < np.mean(held) < 0.97
 
 
-@pytest.mark.xfail(reason=TINY, strict=True)
 def test_intervals_do_not_depend_on_the_units_of_others():
-    names = ["common-noise", "place-per-press"]
+    names = FRAME[::-1]
     rig = made(names)
     sizes = {name: SIZES[name] for name in names}
     residual = drawn(rig, sizes, np.random.default_rng(14))
+    # As much as from V to mm: a size of one far smaller unit.
     small = replace(rig, columns={**rig.columns, "common-noise": 1e3 * rig.columns["common-noise"]})
     _, expected = rig.findings(sizes, residual, "V")
     _, found = small.findings({**sizes, "common-noise": 1e-3 * SIZES[names[0]]}, residual, "V")
@@ -267,22 +390,24 @@ def test_findings_are_those_of_the_contract():
     assert known == set(rig_words.FINDINGS)
 
 
-def test_strays_are_what_is_to_be_expected():
-    names = ["place-per-press", "common-noise"]
-    rig = made(names)
-    rig = replace(rig, columns={**rig.columns, names[0]: rig.columns[names[0]][:PRESSES]})
-    sizes = {name: SIZES[name] for name in names}
+@pytest.mark.parametrize("others", [[], ["common-noise"]], ids=["alone", "beside-frames"])
+def test_strays_are_what_is_to_be_expected(others):
+    name = "place-per-press"
+    rig = made([name, *others])
+    sizes = {one: SIZES[one] for one in [name, *others]}
     residual = drawn(rig, sizes, np.random.default_rng(13))
-    # The mean of unit normal numbers that the residual tells of, beside what else is in it.
-    other = rig.whitening({"common-noise": sizes["common-noise"]})
-    columns = other(sizes[names[0]] * rig.columns[names[0]]).reshape(PRESSES, -1)
-    told = columns @ columns.T + np.eye(PRESSES)
-    mean = np.linalg.solve(told, columns @ other(residual).ravel())
-    expected = sizes[names[0]] * np.repeat(mean, FRAMES // PRESSES)
+    # The mean of unit normal numbers that the residual tells of, in what frames have left.
+    own = (rig.label == np.arange(PRESSES)[:, None])[:, None, :, None]
+    columns = (own * rig.plain(sizes[name] * rig.columns[name])).reshape(2 * PRESSES, -1)
+    left = rig.whitening({one: sizes[one] for one in others})(residual).ravel()
+    mean = np.linalg.solve(columns @ columns.T + np.eye(2 * PRESSES), columns @ left)
+    expected = sizes[name] * np.append(mean.reshape(PRESSES, 2), np.zeros((1, 2)), axis=0)
     strays = rig.strays(sizes, residual)
-    assert np.allclose(strays["x_mm"], expected, rtol=1e-8)
-    assert np.allclose(rig.followed(strays), expected[:, None] * rig.tangents["x_mm"])
-    straight = {**sizes, names[0]: 0.99 * STRAIGHT[names[0]]}
+    for key, along in zip(("x_mm", "y_mm"), expected[rig.label].T, strict=True):
+        assert np.allclose(strays[key], along, rtol=1e-8)
+    followed = sum(strays[key][:, None] * rig.tangents[key] for key in ("x_mm", "y_mm"))
+    assert np.allclose(rig.followed(strays), followed)
+    straight = {**sizes, name: 0.99 * STRAIGHT[name]}
     assert rig.strays(straight, residual) == {}
 
 
@@ -312,17 +437,20 @@ def test_columns_about_a_fit_are_what_one_unit_does(small):
     model, there = problem.model, fitted.voltage()
     rig = Rig.about(fitted, problem.whitening, 0.0)
     force = model.states["force_N"].to_numpy()
-    second = model.touched & (model.press == np.unique(model.press[model.touched])[1])
+    second = rig.label == np.unique(model.press[model.touched])[1]
+    assert second.any() and (rig.label == np.where(model.touched, model.press, -1)).all()
     share = 1e-2
     for name, column, step, tolerance in (
-        ("force-per-press", 1, {"force_N": share * force * second}, 0.03),
-        ("place-per-press", 1, {"x_mm": share * second}, 0.03),
-        ("place-per-press", 5, {"y_mm": share * second}, 0.03),
+        ("force-per-press", 0, {"force_N": share * force * second}, 0.03),
+        ("place-per-press", 0, {"x_mm": share * second}, 0.03),
+        ("place-per-press", 1, {"y_mm": share * second}, 0.03),
         ("place-per-frame", 0, {"x_mm": share * model.touched}, 0.03),
         ("force-per-frame", 0, {"force_N": share * model.touched}, 0.03),
     ):
         moved = model.displaced(step).voltage(fitted.theta, [])
         change, expected = (moved - there) / share, rig.columns[name][column]
+        if COMPONENTS[name].each == "press":
+            expected = expected * second[:, None]
         assert np.linalg.norm(expected - change) < tolerance * np.linalg.norm(change)
     assert np.allclose(rig.columns["amplitude-per-frame"], there)
     level = there[~model.touched].mean(axis=0)
@@ -346,15 +474,13 @@ def test_components_are_those_that_a_recording_can_have(small):
     assert set(rounded.columns) == set(rig.columns) | {"quantisation"}
     few, _ = problem_of(small_recording(places=2))
     found = Rig.about(calibrated(few), few.whitening, 0.0)
-    assert set(rig.columns) - set(found.columns) == {
-        "place-per-press",
-        "force-per-press",
-        "force-zero-walk",
-    }
+    assert set(found.columns) == set(rig.columns) and rig.assumed == frozenset()
+    assert found.assumed == {"place-per-press", "force-per-press", "force-zero-walk"}
     recorded = small_recording(places=4)
     touched = recorded.frames["touch"].to_numpy(bool)
     frames = recorded.frames[~touched].reset_index(drop=True)
     alone, _ = problem_of(replace(recorded, frames=frames, voltage=recorded.voltage[~touched]))
     found = Rig.about(calibrated(alone), alone.whitening, 0.0)
     assert set(found.columns) == always | {"static-discrepancy"}
-    assert found.tangents == {}
+    assert found.tangents == {} and found.assumed == frozenset()
+    assert (found.label == -1).all()

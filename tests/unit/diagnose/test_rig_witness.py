@@ -12,8 +12,6 @@ from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis, result
 from witness import cases
 
-GATE = "no trial is fitted: the rig took the effect, and a score cannot exceed presses by then"
-TINY = "the interval of the size is none, beside one of far smaller unit"
 OF_MEDIAN = ("common-noise", "channel-drift")  # sizes that the witness tells over the median |v|
 
 
@@ -56,7 +54,7 @@ def test_sizes_of_a_rig_are_found(kind):
     "kind",
     [
         "force-per-press",
-        pytest.param("place-per-press", marks=pytest.mark.xfail(reason=TINY, strict=True)),
+        "place-per-press",
         "gain-walk",
         "channel-drift",
     ],
@@ -72,20 +70,16 @@ def test_a_rig_error_gets_no_name(kind):
     assert told["sd"] == found.after.sizes[name] and told["low"] < size < told["high"]
 
 
-def gated(*values):
-    return pytest.param(*values, marks=pytest.mark.xfail(reason=GATE, strict=True))
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "seed", "component"),
     [
-        gated("touch-contrast", 5, "force-per-press"),  # SNR 24, 1.25 times the contrast
+        ("touch-contrast", 5, "force-per-press"),  # SNR 24, 1.25 times the contrast
         ("contact-law", 2, "force-per-press"),  # SNR 58
-        gated("contact-law", 4, "force-per-press"),  # SNR 16, an exponent of 0.94
+        ("contact-law", 4, "force-per-press"),  # SNR 16, an exponent of 0.94
         ("hysteresis", 1, "force-per-press"),  # gap 14
-        gated("registration", 4, "place-per-press"),  # SNR 42, 0.23 deg
-        gated("conductivity-drift", 4, "gain-walk"),  # SNR 44
+        ("registration", 4, "place-per-press"),  # SNR 42, 0.23 deg
+        ("conductivity-drift", 4, "gain-walk"),  # SNR 44
         ("contact-drift", 6, "channel-drift"),  # gap 26
     ],
 )
