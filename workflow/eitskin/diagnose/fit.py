@@ -223,7 +223,7 @@ def fit(
 
 
 def stepped(fitted: Fit) -> Fit:
-    """A fit after one step of Gauss and Newton, itself where that does not help; the slopes stay."""
+    """A fit after a step of Gauss and Newton, itself where that does not help; the slopes stay."""
     problem, prior = fitted.problem, fitted.prior
     slope = fitted.slopes.against(fitted.residual) - prior * fitted.theta
     root = fitted.root
@@ -244,7 +244,7 @@ def refreshed(fitted: Fit) -> Fit:
 
 
 def whitened_anew(fitted: Fit, problem: Problem) -> Fit:
-    """A fit's residual in another problem of the same readings, its slopes under that covariance."""
+    """A fit's residual in another problem of the same readings, its slopes in that covariance."""
     old, new = fitted.problem.whitening, problem.whitening
     residual = problem.residual(fitted.theta, fitted.effects)
     slopes = fitted.slopes.mapped(lambda columns: new(old.undone(columns)), new.by_channel)

@@ -78,6 +78,7 @@ class State:
     p_values: dict[tuple, float] = field(default_factory=dict)
     sizes: dict[str, float] = field(default_factory=dict)
     rig: Rig | None = field(default=None, repr=False)
+    score: Score | None = None
 
     @cached_property
     def held_out(self) -> HeldOut:
@@ -463,11 +464,20 @@ class Search:
             if p >= SIGNIFICANT:
                 continue
             gain, error = self.gain(trial, state)
-            if gain > STANDARD_ERRORS * error:
+            if gain > STANDARD_ERRORS * error and self._needed(trial, new):
                 trial.p_values = {**state.p_values, new.key: p}
                 self.step("add", new, trial, p)
                 return trial
         return None
+
+    def _needed(self, trial: State, new: Candidate) -> bool:
+        """Whether a trial is better than without its new effect, where touches were followed: on
+        its way to where they seem to be it may have found what the state before had not."""
+        if trial.fit.problem.model is self.problem.model:
+            return True
+        less = self.without(trial, trial.effects.index(new))
+        p = self._own_p(trial.score, less, trial)
+        return p < SIGNIFICANT and trial.log_evidence > less.log_evidence + LEAST_EVIDENCE
 
     def _hopeful(self, scores: list[Score]) -> bool:
         """Whether the best score is surprising enough for trials to be worth their fits."""
@@ -535,6 +545,7 @@ class Search:
                     continue
                 trial = self.with_effect(state, s.candidate, self._cost(state, best - RACE))
                 if trial is not None:
+                    trial.score = s
                     trial.p_values[_new(state, trial).key] = self._own_p(s, state, trial)
                     found.append(trial)
                     best = max(best, trial.log_evidence)
