@@ -433,7 +433,7 @@ def _tangents(fit: Fit, voltage: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _walk(model: RecordingSimulator, count: int) -> np.ndarray:
-    """(count, N): the sine waves of a random walk over the recording, from 0, of sd 1 at its end."""
+    """(count, N): the sine waves of a random walk over the recording from 0, of sd 1 at its end."""
     time = model.states["time_s"].to_numpy(float)
     if not np.isfinite(time).all() or np.ptp(time) <= 0.0:
         time = np.arange(len(time), dtype=float)

@@ -105,8 +105,8 @@ class RecordingSimulator:
                 return
 
     def displaced(self, steps: dict[str, np.ndarray]) -> "RecordingSimulator":
-        """The same simulator, states moved by steps (N,) of their columns where touched; no force is
-        negative."""
+        """The same simulator, states moved by steps (N,) of their columns where touched; no force
+        is negative."""
         moved = copy(self)
         own = {key: self.states[key] + np.where(self.touched, s, 0.0) for key, s in steps.items()}
         moved.states = self.states.assign(**own)

@@ -68,8 +68,9 @@ RACE = 10.0  # nats behind the best trial at which another is given up
 
 @dataclass
 class State:
-    """A set of effects fitted, with the rig's errors beside it and their sizes, and what it predicts
-    for frames left out; log_likelihood: marginal, in nats, the same constant for all sets."""
+    """A set of effects fitted, with the rig's errors beside it and their sizes, and what it
+    predicts for frames left out. log_likelihood: marginal, in nats, the same constant for all sets;
+    score: of the effect that came last, where it is a trial."""
 
     fit: Fit
     fold: np.ndarray
@@ -103,10 +104,10 @@ class State:
 
 @dataclass
 class Search:
-    """One recording's search. problem: with noise alone in its covariance; rigged: whether a
-    rig may add to it, rounding: as of `Noise`; rig: what it may add. `path`: what was done, a row a step; report: called with words; share: of all
-    that a diagnosis may solve, with which this ends; catalogue_p: the global p-value of the best
-    candidate that did not enter."""
+    """One recording's search. problem: with noise alone in its covariance; rigged: whether a rig
+    may add to it, rounding: as of `Noise`; rig: what it may add. `path`: what was done, a row a
+    step; report: called with words; share: of all that a diagnosis may solve, with which this ends;
+    catalogue_p: the global p-value of the best candidate that did not enter."""
 
     problem: Problem
     candidates: list[Candidate]
