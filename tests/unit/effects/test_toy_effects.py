@@ -249,7 +249,8 @@ def test_a_diagnosis_names_it_and_its_report_tells_it(name, tmp_path, monkeypatc
     result.write(found, "toy", tmp_path, SCHEMA)
     (told,) = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))["effects"]
     for key, value in ITEMS[name]["parameters"].items():
-        assert told["parameters"][key]["low"] <= value <= told["parameters"][key]["high"]
+        low, high = (told["parameters"][key][end] for end in ("low", "high"))
+        assert abs(value - 0.5 * (low + high)) <= high - low  # 90 % twice as wide: 99.9 %
     assert told["electrodes"] == ITEMS[name].get("electrodes", [])
     page.write(tmp_path, tmp_path / "recording.parquet", SCHEMA, tmp_path / "report.html")
     report = (tmp_path / "report.html").read_text(encoding="utf-8")
