@@ -302,7 +302,7 @@ def test_free_gains_lose_unless_they_are_there(contact):
     assert free_gains(found).log_evidence < found.after.log_evidence - 10
     gain = 1 + 0.02 * np.random.default_rng(3).normal(size=len(CHANNELS))
     planted = {"name": "channel-gain", "parameters": {"gain": gain.tolist()}}
-    recorded = small_recording(planted, noise=NOISE, places=1)
+    recorded = small_recording(planted, noise=NOISE, places=5)
     said = result.result(diagnosis.diagnose(recorded), "gains")
     assert [(e["name"], e["scope"]) for e in said["effects"]] == [("channel-gain", "dense")]
     estimate = said["effects"][0]["parameters"]["gain"]

@@ -117,7 +117,7 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
     found = [gaps(search, after, i) for i in range(len(after.effects))]
     if search.spent or cut_short:
         search.cut_short(after)
-    atlas_after = _atlas(recorded, noise, after.fit)
+    atlas_after = _atlas(recorded, noise, _named(search, after))
     left = other(atlas_after, search.catalogue_p)
     return Diagnosis(
         recorded,
@@ -128,7 +128,7 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
         kept,
         judged,
         rig.findings(after.sizes, after.fit.misfit, recorded.metadata["unit"]),
-        _atlas(recorded, noise, before.fit),
+        _atlas(recorded, noise, _named(search, before)),
         atlas_after,
         found,
         strengths(search, after),
@@ -256,6 +256,14 @@ def _few(problem: Problem, recorded: Recording) -> Problem:
     model = RecordingSimulator(recorded, few, problem.model.near)
     readings = np.where(model.known[:, None], few.voltage, np.nan)
     return Problem(model, readings, replace(problem.whitening, mask=np.isfinite(readings)))
+
+
+def _named(search: Search, state: State) -> Fit:
+    """A state's fit as it is where nothing without a name is in its covariance."""
+    named = search.named(state, state.fit)
+    if named is state.fit:
+        return named
+    return fit(named.problem, named.effects, named.theta, named.jacobian, polish=True)
 
 
 def _atlas(recorded: Recording, noise: Noise, fit: Fit) -> pd.DataFrame:

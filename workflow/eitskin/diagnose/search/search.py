@@ -218,6 +218,14 @@ class Search:
         """(N, M): what a fit has for the touches where they are said to be."""
         return self.problem.model.voltage(*self.problem.split(fitted.theta, fitted.effects))
 
+    def named(self, state: State, fitted: Fit) -> Fit:
+        """A fit of a state without a discrepancy in its covariance."""
+        kept = {n: s for n, s in state.sizes.items() if not COMPONENTS[n].discrepancy}
+        if state.rig is None or sum(kept.values()) == sum(state.sizes.values()):
+            return fitted
+        whitening = state.rig.whitening(kept, tail=TAIL)
+        return whitened_anew(fitted, replace(fitted.problem, whitening=whitening))
+
     def settled(self, state: State) -> State:
         """A state whose rig is seen about its own fit, with its sizes learned once more."""
         if self.rig is None:
@@ -292,7 +300,9 @@ class Search:
         if self.fold.ndim == 2:
             return None
         plain = max((s.log_evidence for s in self.scores(state)), default=0.0)
-        tangents = self.linearised(state)
+        here = self.linearised(state)
+        # A discrepancy would take all of it to itself, until sizes are learned again.
+        tangents = Tangents(self.named(state, here.fit), [here])
         found = []
         for candidate in self.candidates:
             if _of_channels(candidate):
