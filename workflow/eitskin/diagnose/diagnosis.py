@@ -112,6 +112,8 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
         report(f"then on {len(recorded.frames)}")
     before, after = search.run(start)
     after, judged = _earned(search, search.settled(after), recorded, noise, kept)
+    if not after.effects:
+        before = after
     rig = Rig.about(after.fit, search.problem.whitening, noise.rounding)
     report("comparing with every other name")
     found = [gaps(search, after, i) for i in range(len(after.effects))]
