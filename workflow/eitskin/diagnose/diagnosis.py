@@ -146,9 +146,10 @@ def begun(
     simulated."""
     kept = aside(recorded, seed)
     seen = replace(recorded, voltage=np.where(kept, np.nan, recorded.voltage))
-    problem, scales = problem_of(seen, estimate(seen))
+    first = estimate(seen)
+    problem, scales = problem_of(seen, first)
     model = problem.model
-    noise, problem = _steadied(recorded, seen, problem)
+    noise, problem = _steadied(recorded, seen, first, problem)
     report(f"noise {np.median(noise.sd):.3g} ({noise.source})")
     candidates = catalogue(
         recorded.skin,
@@ -166,13 +167,15 @@ def begun(
     )
 
 
-def _steadied(recorded: Recording, seen: Recording, problem: Problem) -> tuple[Noise, Problem]:
+def _steadied(
+    recorded: Recording, seen: Recording, first: Noise, problem: Problem
+) -> tuple[Noise, Problem]:
     """The noise as the residuals of calibrations alone show it, in what is seen of a recording;
-    and the problem with it. Loud frames and spikes are found in the whole recording."""
+    and the problem with it; first: the noise by the recording alone. Loud frames and spikes are
+    found in the whole recording."""
     model = problem.model
     there = fit(problem, [], np.zeros(len(model.calibrations)), polish=True).voltage()
     simulated = np.where(model.known[:, None], there, np.nan)
-    first = estimate(seen)
     noise = refine(seen, first, simulated)
     whole = refine(recorded, first, simulated)
     noise = replace(noise, lost=whole.lost, loud_frames=whole.loud_frames, spikes=whole.spikes)

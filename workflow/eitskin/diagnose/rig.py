@@ -156,13 +156,12 @@ class Rig:
         for name, courses in self.courses.items():
             if sizes.get(name, 0.0) > 0.0:
                 each = COMPONENTS[name].each
-                columns = whitening.entered(self.columns[name], each)
                 if each == "whole":
-                    for part in whitening.parts:
-                        columns = part.apply(columns, part.root)
-                    along = _summed(columns * white, each, self.of_press)
+                    products = whitening(self.columns[name]) * white
                 else:
-                    along = _summed(columns * whitening.left(white, each), each, self.of_press)
+                    columns = whitening.entered(self.columns[name], each)
+                    products = columns * whitening.left(white, each)
+                along = _summed(products, each, self.of_press)
                 along = sizes[name] ** 2 * along
                 if each == "press":
                     along = along @ self.of_press

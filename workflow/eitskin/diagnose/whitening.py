@@ -154,15 +154,10 @@ class Whitening:
         press = 0 if self.errors.press is None else len(self.errors.press)
         return not (len(self.errors.frame) or len(self.errors.whole) or press)
 
-    @property
-    def parts(self) -> list[_LowRank]:
-        """What is of low rank, in the order in which it is taken out, the constant first."""
-        return self._parts
-
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """(..., N, M) whitened, 0 where lost."""
         found = self._filtered(values)
-        for part in self._parts:
+        for part in self.parts:
             found = part.apply(found, part.root)
         return np.where(self.mask, found, 0.0)
 
@@ -170,7 +165,7 @@ class Whitening:
         """(..., N, M): the transpose of whitening, applied; of what is whitened, the inverse
         covariance times what it was."""
         found = whitened
-        for part in reversed(self._parts):
+        for part in reversed(self.parts):
             found = part.apply(found, part.root)
         return self._filtered_back(found)
 
@@ -178,7 +173,7 @@ class Whitening:
         """(..., N, M) as they were before they were whitened, 0 where lost; a constant that is
         free stays taken out."""
         found = whitened
-        for part in reversed(self._parts):
+        for part in reversed(self.parts):
             found = part.apply(found, part.unroot)
         if self.correlation:
             previous, share, scale = self._chain
@@ -210,7 +205,7 @@ class Whitening:
 
     def left(self, whitened: np.ndarray, each: str) -> np.ndarray:
         """(..., N, M): of what is whitened, what errors as of `entered` are compared with."""
-        for part in reversed(self._parts[self._free :]):
+        for part in reversed(self.parts[self._free :]):
             if ORDER.index(part.each) >= ORDER.index(each):
                 whitened = part.apply(whitened, part.root)
         return whitened
@@ -218,7 +213,7 @@ class Whitening:
     @cached_property
     def log_determinant(self) -> float:
         """Of the covariance over that of the noise's variances alone; free constants aside."""
-        total = sum(part.log_determinant for part in self._parts[self._free :])
+        total = sum(part.log_determinant for part in self.parts[self._free :])
         return total - 2.0 * float(np.log(self._chain[2]).sum()) if self.correlation else total
 
     @property
@@ -255,7 +250,8 @@ class Whitening:
         return np.where(self.mask, values, 0.0) / self.sd
 
     @cached_property
-    def _parts(self) -> list[_LowRank]:
+    def parts(self) -> list[_LowRank]:
+        """What is of low rank, in the order in which it is taken out, a free constant first."""
         constant = np.where(np.isinf(self.rho), 1.0, np.sqrt(self.rho)) * self.sd
         constant = np.broadcast_to(constant, (1, *self.mask.shape))
         own = {each: np.zeros((0, *self.mask.shape)) for each in ORDER}
