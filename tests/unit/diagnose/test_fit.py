@@ -113,6 +113,7 @@ def linear(seed, frames, channels, size):
         size=(frames, channels)
     )
     problem = SimpleNamespace(
+        residual=lambda theta, effects: recorded - np.tensordot(theta, slopes, 1),
         model=SimpleNamespace(calibrations=[None] * size),
         whitening=SimpleNamespace(
             mask=np.ones((frames, channels), bool), undone=lambda values: 3.0 * values

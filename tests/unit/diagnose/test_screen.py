@@ -53,6 +53,7 @@ def noisy(tangents, columns, draw):
         voltage=tangents.voltage,
         fitted=tangents.fitted,
         blocks=tangents.blocks,
+        count=tangents.count,
     )
 
 
@@ -116,6 +117,7 @@ def test_a_channel_that_is_fitted_already_has_nothing_to_gain(tangents):
         voltage=tangents.voltage,
         fitted=np.concatenate([tangents.fitted, [own / np.linalg.norm(own)]]),
         blocks=tangents.blocks,
+        count=tangents.count,
     )
     every = channels.scores(seen, dense)[-1]
     assert every.dof == 39 and np.isfinite(every.gain)
@@ -147,7 +149,7 @@ def test_a_subset_is_found(tangents):
     dense = next(c for c in CATALOGUE if c.name == "contact-impedance" and c.scope == "dense")
     own = tangents.of(dense)
     residual = 20.0 * (own[2] / np.linalg.norm(own[2]) - own[6] / np.linalg.norm(own[6]))
-    seen = SimpleNamespace(residual=residual, of=tangents.of)
+    seen = SimpleNamespace(residual=residual, of=tangents.of, count=tangents.count)
     assert subset(seen, dense).sites == (2, 6)
 
 

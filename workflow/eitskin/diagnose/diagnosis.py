@@ -223,16 +223,20 @@ def problem_of(
 def _earned(
     search: Search, state: State, recorded: Recording, noise: Noise, kept: np.ndarray
 ) -> tuple[State, Judged]:
-    """A state less the effects that do not earn their place on readings (N, M) that were put aside:
-    one value by any gain, many of their own by two standard errors."""
+    """A state less the effects that do not earn their place: on folds of what the search saw by two
+    standard errors; on readings (N, M) that were put aside one value by any gain, many of their own
+    by two standard errors."""
     while True:
         judged = _judged(search, state, recorded, noise, kept)
         weakest, least = None, 0.0
         for index, effect in enumerate(state.effects):
-            gain, error = judged.gain(state.fit, search.less(state, index).fit)
+            less = search.less(state, index)
+            gain, error = judged.gain(state.fit, less.fit)
             free = STANDARD_ERRORS * error if effect.scope == "dense" else 0.0
-            if gain - free < least:
-                weakest, least = index, gain - free
+            folds_gain, folds_error = search.gain(state, less)
+            worth = min(gain - free, folds_gain - STANDARD_ERRORS * folds_error)
+            if worth < least:
+                weakest, least = index, worth
         if weakest is None:
             return state, judged
         search.step("not earned", state.effects[weakest], state)

@@ -19,6 +19,7 @@ ENOUGH = 0.02  # of chi squared, where a fit ends at its optimum; intervals are 
 NEARLY = 0.2  # where it need not
 ROUGH = 3e-5  # of the misfit: where much is missing, less is enough
 RENEWALS = 1  # of the Jacobian, in a fit that need not end at its optimum
+FARTHEST = 3.0  # a coordinate's step
 HOPE = 2.0  # times the decrease that a linear model promises
 WIDE = 30.0  # sd of an effect's coordinate while it is fitted: a guard, no opinion
 ROUNDING = 1e-14  # of a precision's eigenvalues beside its diagonal
@@ -196,7 +197,7 @@ def fit(
             slopes = _slopes(problem, theta, effects, residual)
             fresh, failed, renewals = True, 0, renewals - 1
             continue
-        step = np.clip(step, -3.0, 3.0)
+        step = np.clip(step, -FARTHEST, FARTHEST)
         try:
             moved = problem.residual(theta + step, effects)
         except InputError:
@@ -227,7 +228,7 @@ def stepped(fitted: Fit) -> Fit:
     problem, prior = fitted.problem, fitted.prior
     slope = fitted.slopes.against(fitted.residual) - prior * fitted.theta
     root = fitted.root
-    step = np.clip(root @ (root.T @ slope), -3.0, 3.0)
+    step = np.clip(root @ (root.T @ slope), -FARTHEST, FARTHEST)
     try:
         residual = problem.residual(fitted.theta + step, fitted.effects)
     except InputError:

@@ -9,13 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from eitskin.data.recording import Recording, presses
-from eitskin.diagnose.fit import Fit, inverse_root
+from eitskin.diagnose.fit import ENOUGH, FARTHEST, Fit, inverse_root
 from eitskin.diagnose.whitening import Whitening
+from eitskin.errors import InputError
 from eitskin.physics.protocol import reciprocal_channels
 
 FOLDS = 5
 ASIDE = 5  # one of so many is put aside
 LEAST_PRESSES = 4  # with fewer, channels are put aside
+REFITS = 6  # steps of a fit without a fold, at most
 
 
 def aside(recorded: Recording, seed: int) -> np.ndarray:
@@ -110,22 +112,21 @@ class HeldOut:
 
 def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
     """Every frame predicted from the folds (N,) it does not belong to, or every channel from folds
-    (1, M), to first order about the fit; the coordinates' own uncertainty is in the density."""
-    size = len(fit.theta)
-    residual, part, by_channel = fit.residual, fit.slopes.full, fold.ndim == 2
-    if by_channel:
-        turned = np.swapaxes(fit.jacobian, 1, 2)
-        residual, fold, part = residual.T, fold[0], lambda rows: turned[:, rows]
+    (1, M), the fit made anew for each; the coordinates' own uncertainty is in the density, to first
+    order."""
+    size, by_channel = len(fit.theta), fold.ndim == 2
+    turned = np.swapaxes(fit.jacobian, 1, 2) if by_channel else None
+    label = fold[0] if by_channel else fold
     total = fit.information + np.diag(fit.prior)
-    density, chi2 = np.zeros(len(residual)), np.zeros(len(residual))
-    errors = np.zeros_like(residual)
-    for b in np.unique(fold):
-        rows = fold == b
-        jacobian = part(rows)
+    density, chi2 = np.zeros(len(label)), np.zeros(len(label))
+    errors = np.zeros_like(fit.residual.T if by_channel else fit.residual)
+    for b in np.unique(label):
+        rows = label == b
+        jacobian = turned[:, rows] if by_channel else fit.slopes.full(rows)
         own = jacobian.reshape(size, -1)
         root = inverse_root(total - own @ own.T + 1e-12 * np.diag(np.diag(total)))
-        moved = root @ (root.T @ (own @ residual[rows].ravel()))
-        error = residual[rows] + np.tensordot(moved, jacobian, 1)
+        left = _refitted(fit, rows[None] if by_channel else rows[:, None], root)
+        error = (left.T if by_channel else left)[rows]
         spread = jacobian.transpose(1, 2, 0) @ root
         chi2[rows] = (error**2).sum(axis=1)
         errors[rows] = error
@@ -138,6 +139,27 @@ def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
     whitening = fit.problem.whitening
     plain = whitening.undone(errors.T if by_channel else errors)
     return HeldOut(chi2, density, errors, plain, int(whitening.mask.sum()))
+
+
+def _refitted(fit: Fit, out: np.ndarray, root: np.ndarray) -> np.ndarray:
+    """(N, M): the residual of a fit to all but `out`, (N, 1) or (1, M), by Gauss and Newton's steps
+    with the whole fit's slopes; root (P, P): of its coordinates' covariance without `out`."""
+    theta, left, prior = fit.theta, fit.residual, fit.prior
+    cost = float((np.where(out, 0.0, left) ** 2).sum() + prior @ theta**2)
+    for _ in range(REFITS):
+        slope = fit.slopes.against(np.where(out, 0.0, left)) - prior * theta
+        step = np.clip(root @ (root.T @ slope), -FARTHEST, FARTHEST)
+        if step @ slope < ENOUGH:
+            break
+        try:
+            moved = fit.problem.residual(theta + step, fit.effects)
+        except InputError:
+            break
+        there = float((np.where(out, 0.0, moved) ** 2).sum() + prior @ (theta + step) ** 2)
+        if there >= cost:
+            break
+        theta, left, cost = theta + step, moved, there
+    return left
 
 
 def put_aside(fit: Fit, recorded: np.ndarray, whitening: Whitening) -> HeldOut:

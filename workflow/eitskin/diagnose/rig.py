@@ -23,7 +23,7 @@ STEP_MM = 0.05  # of a place, inwards
 STEP_FORCE = 0.02  # of a force, downwards; of the largest upwards, where it is less than that
 WALKS = 12  # sine waves of a random walk (Karhunen-Loeve)
 SLOW_WALKS = 6  # of a channel's own, or of a force's zero
-ROUNDS, REFITTED = 4, 2  # of Fisher scoring; where a component is taken out
+ROUNDS, REFITTED = 8, 2  # of Fisher scoring; where a component is taken out
 LEAST_SHARE = 0.05  # of a step of it, that is tried
 WITHIN = 1.6449  # sd: 90 % of a normal distribution
 MOST_SPREAD = 2.0  # sd of the logarithm of a variance that an interval tells
@@ -32,6 +32,8 @@ MOST_SPREAD = 2.0  # sd of the logarithm of a variance that an interval tells
 TAIL = 2.5
 MOST = 3.0  # times the prior's sd: more is no ordinary rig
 HARDLY = 0.5  # nats that a component must be worth
+PLAINLY = 4.0  # nats, by the quadratic of its scoring, from which it is not tried without ...
+SAME = 1.25  # ... nor where its size is what it was, within this factor
 SETTLED = 0.05  # nats, by which another round may still raise the likelihood
 LEAST_FRAMES = 6  # of touches, fewer of which show no scatter
 LEAST_PRESSES = 3
@@ -181,39 +183,53 @@ class Rig:
         sizes = {name: float(start.get(name, 0.0)) for name in self.columns}
         sizes |= {name: self.scales[name] for name in self.assumed}
         free = [name for name in self.columns if name not in self.assumed]
-        sizes, best = self._climbed(residual, sizes, free, ROUNDS if free else 0)
+        sizes, best, worth = self._climbed(residual, sizes, free, ROUNDS if free else 0)
         for name in sorted(free, key=lambda k: sizes[k] / self.scales[k]):
-            if sizes[name] > 0.0:
-                others = [other for other in free if other != name and sizes[other] > 0.0]
-                rounds = REFITTED if others else 0
-                without, found = self._climbed(residual, {**sizes, name: 0.0}, others, rounds)
+            same = sizes[name] < SAME * start.get(name, 0.0) < SAME**2 * sizes[name]
+            if sizes[name] > 0.0 and worth.get(name, 0.0) < PLAINLY and not same:
+                without = {**sizes, name: 0.0}
+                others = [other for other in free if without[other] > 0.0]
+                found = self.log_likelihood(without, residual)
+                if found <= best - HARDLY and others:
+                    without, found, _ = self._climbed(residual, without, others, REFITTED)
                 if found > best - HARDLY:
                     sizes, best = without, found
+        left = [name for name in free if sizes[name] > 0.0]
+        sizes, best, _ = self._climbed(residual, sizes, left, REFITTED if left else 0)
         return sizes, best
 
     def _climbed(
         self, residual: np.ndarray, sizes: dict[str, float], free: list[str], rounds: int
-    ) -> tuple[dict[str, float], float]:
-        """Sizes after rounds of Fisher scoring of those that are free, and their likelihood."""
-        best = self.log_likelihood(sizes, residual)
+    ) -> tuple[dict[str, float], float, dict[str, float]]:
+        """Sizes after rounds of Fisher scoring of those that are free, their likelihood, and what
+        each is worth, as of `_scored`."""
+        best, worth = self.log_likelihood(sizes, residual), {}
         for _ in range(rounds):
-            target, share = self._scored(sizes, residual, free), 1.0
-            moved, found = sizes, best
-            while share > LEAST_SHARE:
-                trial = {
-                    k: float(np.sqrt((1.0 - share) * v**2 + share * target.get(k, v) ** 2))
-                    for k, v in sizes.items()
-                }
-                found = self.log_likelihood(trial, residual)
-                if found > best:
-                    moved = trial
-                    break
-                share *= 0.3
-            if moved is sizes:
+            target, worth = self._scored(sizes, residual, free)
+            before = best
+            sizes, best = self._nearer(residual, sizes, best, target)
+            if best - before < SETTLED:
                 break
-            gained, sizes, best = found - best, moved, found
-            if gained < SETTLED:
-                break
+        return sizes, best, worth
+
+    def _nearer(
+        self,
+        residual: np.ndarray,
+        sizes: dict[str, float],
+        best: float,
+        target: Mapping[str, float],
+    ) -> tuple[dict[str, float], float]:
+        """Sizes as far on their way to others as the likelihood rises above `best`, and it."""
+        share = 1.0
+        while share > LEAST_SHARE:
+            moved = {
+                k: float(np.sqrt((1.0 - share) * sizes[k] ** 2 + share * v**2))
+                for k, v in target.items()
+            }
+            found = self.log_likelihood({**sizes, **moved}, residual)
+            if found > best:
+                return {**sizes, **moved}, found
+            share *= 0.3
         return sizes, best
 
     def findings(self, sizes: Mapping[str, float], residual: np.ndarray, unit: str) -> list[dict]:
@@ -247,8 +263,10 @@ class Rig:
 
     def _scored(
         self, sizes: Mapping[str, float], residual: np.ndarray, names: list[str]
-    ) -> dict[str, float]:
-        """The sizes of some components that Fisher scoring goes to from `sizes`."""
+    ) -> tuple[dict[str, float], dict[str, float]]:
+        """The sizes of some components that Fisher scoring goes to from `sizes`, and how many nats
+        each of those above 0 is worth there, to second order in its variance: at least, for the
+        likelihood falls more steeply towards 0."""
         scored = _Scored(self, sizes, residual, names)
         slope, information = scored.slope, scored.information
         unit = np.array([self.scales[name] ** 2 for name in names])
@@ -258,8 +276,11 @@ class Rig:
         root = np.linalg.cholesky(information).T
         target = np.linalg.solve(root.T, information @ start + slope)
         most = [np.inf if COMPONENTS[name].discrepancy else MOST**2 for name in names]
-        variance = np.minimum(nnls(root, target)[0], most) * unit
-        return dict(zip(names, np.sqrt(variance).tolist(), strict=True))
+        found = np.minimum(nnls(root, target)[0], most)
+        there = np.flatnonzero(found)
+        spread = np.diag(np.linalg.inv(information[np.ix_(there, there)]))
+        worth = {names[i]: float(0.5 * found[i] ** 2 / own) for i, own in zip(there, spread)}
+        return dict(zip(names, np.sqrt(found * unit).tolist(), strict=True)), worth
 
 
 def _finding(

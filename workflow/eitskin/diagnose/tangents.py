@@ -6,7 +6,7 @@ moment has it is, to first order, their columns times its law, frame by frame. A
 difference of the simulator.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -98,7 +98,22 @@ class Tangents:
     def each(self, candidate: Candidate) -> list[np.ndarray | None]:
         """(N M,) of every linear coordinate, of a site each where there are several; None of those
         that change nothing."""
-        singles = self._singles(candidate)
+        return self._each(candidate, self._column)
+
+    def count(self, candidate: Candidate) -> int:
+        """How many columns `each` has of a candidate."""
+        if candidate.sites is None or self._together(candidate):
+            return int(candidate.linear.sum())
+        return 1 if candidate.scope == "common" else len(candidate.sites)
+
+    def along(self, candidate: Candidate, weights: np.ndarray) -> np.ndarray:
+        """(count,): products of weights (N M,) with what each coordinate changes in the readings,
+        neither whitened nor projected."""
+        raw = self._each(candidate, self.source._raw)
+        return np.array([0.0 if column is None else column @ weights for column in raw])
+
+    def _each(self, candidate: Candidate, column: Callable) -> list[np.ndarray | None]:
+        singles = self._singles(candidate, column)
         if candidate.scope != "common":
             return singles
         per_key = len(singles) // len(candidate.sites)
@@ -127,13 +142,13 @@ class Tangents:
             return None
         return self.away(self.problem.whitening(moved - self.voltage).ravel())
 
-    def _singles(self, candidate: Candidate) -> list[np.ndarray | None]:
+    def _singles(self, candidate: Candidate, column: Callable) -> list[np.ndarray | None]:
         """One column a coordinate; of a candidate with sites, one a site."""
         if candidate.sites is None or self._together(candidate):
-            return [self._column(candidate, i) for i in np.flatnonzero(candidate.linear)]
+            return [column(candidate, i) for i in np.flatnonzero(candidate.linear)]
         if len(candidate.sites) > 1:
             self.source._split(candidate)
-        return [self._column(_alone(candidate, site), 0) for site in candidate.sites]
+        return [column(_alone(candidate, site), 0) for site in candidate.sites]
 
     @staticmethod
     def _together(candidate: Candidate) -> bool:

@@ -1,6 +1,6 @@
 """Score tests of every candidate, and how surprising the best of so many would be by chance."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -60,13 +60,14 @@ def chance(gain: float, dof: int, choices: int = 1) -> float:
 class Score:
     """A candidate's score test: `gain` of chi squared and degrees of freedom, and the linear log
     evidence with the prior over sites. choices: among how many it was chosen as the best, beyond
-    what a `Null` counts as looks."""
+    what a `Null` counts as looks; information (k, k): of the coordinates, where each has some."""
 
     candidate: Candidate
     gain: float
     dof: int
     log_evidence: float
     choices: int = 1
+    information: np.ndarray | None = field(default=None, repr=False)
 
     @property
     def p_value(self) -> float:
@@ -80,9 +81,11 @@ def score(tangents: Tangents, candidate: Candidate) -> Score | None:
     if not len(columns):
         return None
     gain, dof = explained(columns, tangents.residual)
-    evidence = log_evidence(columns @ tangents.residual, columns @ columns.T)
+    information = columns @ columns.T
+    evidence = log_evidence(columns @ tangents.residual, information)
     evidence -= np.log(candidate.looks)
-    return Score(candidate, gain, dof, evidence)
+    every = information if len(columns) == tangents.count(candidate) else None
+    return Score(candidate, gain, dof, evidence, information=every)
 
 
 def best_few(tangents: Tangents, dense: Candidate) -> Score | None:

@@ -26,7 +26,7 @@ from eitskin.diagnose.fit import (
     whitened_anew,
 )
 from eitskin.diagnose.held_out import HeldOut, held_out
-from eitskin.diagnose.rig import COMPONENTS, TAIL, Rig
+from eitskin.diagnose.rig import COMPONENTS, SETTLED, TAIL, Rig
 from eitskin.diagnose.search import channels, tones
 from eitskin.diagnose.search.screen import (
     AMPLITUDES,
@@ -126,7 +126,6 @@ class Search:
     met: dict[tuple, State] = field(default_factory=dict)
     lengths: dict[tuple, float] = field(default_factory=dict)
     scored: dict[tuple, list[Score]] = field(default_factory=dict)
-    competing: dict[tuple, list[Score]] = field(default_factory=dict)
     trials: dict[tuple, list[State]] = field(default_factory=dict)
 
     @property
@@ -147,7 +146,9 @@ class Search:
         sizes, prior, rig = dict(sizes or {}), 0.0, self.rig
         if rig is not None:
             for _ in range(LEARNED):
-                fitted, sizes, rig = self._learned(fitted, sizes, rig)
+                fitted, sizes, rig, gained = self._learned(fitted, sizes, rig)
+                if gained < SETTLED:
+                    break
             prior = rig.log_prior(sizes)
         whitening = fitted.problem.whitening
         likelihood = prior - 0.5 * (fitted.chi2 + whitening.log_determinant)
@@ -156,10 +157,11 @@ class Search:
 
     def _learned(
         self, fitted: Fit, sizes: dict[str, float], rig: Rig
-    ) -> tuple[Fit, dict[str, float], Rig]:
-        """A fit with the sizes of the rig's errors learned from it. Where touches are far from
-        where they are said to be, the readings are taken to follow in proportion from where they
-        seem to be (Lindstrom, Bates, Biometrics 46, 1990)."""
+    ) -> tuple[Fit, dict[str, float], Rig, float]:
+        """A fit with the sizes of the rig's errors learned from it, and by how many nats it moved
+        on for them. Where touches are far from where they are said to be, the readings are taken to
+        follow in proportion from where they seem to be (Lindstrom, Bates, Biometrics 46, 1990);
+        these are never done moving."""
         sizes, _ = rig.learned(fitted.misfit, sizes)
         problem, strays = self.problem, rig.strays(sizes, fitted.misfit)
         if strays:
@@ -169,7 +171,10 @@ class Search:
             rig = Rig.about(replace(fitted, problem=there), problem.whitening, self.rounding)
             problem = replace(there, recorded=problem.recorded + rig.followed(moved))
         problem = replace(problem, whitening=rig.whitening(sizes, tail=TAIL))
-        return stepped(whitened_anew(fitted, problem)), sizes, rig
+        here = whitened_anew(fitted, problem)
+        moved = stepped(here)
+        gained = np.inf if strays else 0.5 * (here.cost - moved.cost)
+        return moved, sizes, rig, gained
 
     def _strayed(self, fitted: Fit, strays: dict[str, np.ndarray]) -> Problem:
         """The problem with touches where they seem to be: by all of their strays (N,) in mm and N
@@ -340,7 +345,7 @@ class Search:
             fitted = refreshed(state.fit) if strayed else state.fit
             self.tangents[key] = Tangents(fitted, reversed(self.tangents.values()))
             self.met[key] = state
-            for kept in (self.scored, self.trials, self.competing):
+            for kept in (self.scored, self.trials):
                 kept.pop(key, None)
         return self.tangents[key]
 
@@ -474,8 +479,7 @@ class Search:
             p = trial.p_values[new.key]
             if p >= SIGNIFICANT:
                 continue
-            gain, error = self.gain(trial, state)
-            if gain > STANDARD_ERRORS * error and self._needed(trial, new):
+            if self.predicts(trial, state) and self._needed(trial, new):
                 trial.p_values = {**state.p_values, new.key: p}
                 self.step("add", new, trial, p)
                 return trial
@@ -495,36 +499,37 @@ class Search:
         p = self.global_p(min(s.p_value for s in scores))
         return p < WORTH_TRYING or scores[0].log_evidence > HOPE
 
-    def _competing(self, state: State) -> list[Score]:
+    def _competing(self, state: State, known: set[str]) -> list[Score]:
         """The best scores of names that would be significant if what one of the rig's errors has
-        taken to itself were open: until sizes are learned again, what is alike in all presses is
-        the rig's too."""
-        key, here = state.key, self.linearised(state)
-        if key not in self.competing:
-            found: dict[str, Score] = {}
-            for name in state.sizes:
-                if state.sizes[name] > 0.0 and not COMPONENTS[name].discrepancy:
-                    for one in self._without_component(state, name, here):
-                        found.setdefault(one.candidate.name, one)
-            self.competing[key] = list(found.values())
-        return self.competing[key]
+        taken to itself were open, but for `known` ones: until sizes are learned again, what is
+        alike in all presses is the rig's too."""
+        found: dict[str, Score] = {}
+        for name in state.sizes:
+            if state.sizes[name] > 0.0 and not COMPONENTS[name].discrepancy:
+                for one in self._without_component(state, name, known):
+                    found.setdefault(one.candidate.name, one)
+        return list(found.values())
 
-    def _without_component(self, state: State, name: str, here: Tangents) -> list[Score]:
-        """The best scores of COMPETING names where a component is none of the covariance."""
+    def _without_component(self, state: State, name: str, known: set[str]) -> list[Score]:
+        """The best scores of COMPETING names where a component is none of the covariance. Without
+        it a candidate's information is no less, so that the score with it bounds that without."""
+        here = self.linearised(state)
         whitening = state.rig.whitening({**state.sizes, name: 0.0}, tail=TAIL)
         problem = replace(here.fit.problem, whitening=whitening)
         tangents = Tangents(whitened_anew(here.fit, problem), [here])
-        there = {c.key for c in state.effects}
-        best: dict[str, Score] = {}
-        for candidate in self.candidates:
-            plainly = not (_of_channels(candidate) or discrete(candidate) or candidate.effect.tone)
-            if plainly and candidate.scope != "dense" and candidate.key not in there:
-                one = score(tangents, candidate)
-                rival = best.get(candidate.name)
-                if one is not None and (rival is None or one.log_evidence > rival.log_evidence):
-                    best[candidate.name] = one
-        ranked = sorted(best.values(), key=lambda s: -s.log_evidence)
-        return [s for s in ranked[:COMPETING] if self.global_p(s.p_value) < SIGNIFICANT]
+        weights = whitening.back(tangents.residual.reshape(tangents.voltage.shape)).ravel()
+        most: dict[str, tuple[float, Candidate]] = {}
+        for one in self.scores(state):
+            own = one.candidate
+            if own.name in known or own.scope == "dense" or one.information is None:
+                continue
+            slope = tangents.along(own, weights)
+            p = chance(float(slope @ np.linalg.pinv(one.information) @ slope), one.dof)
+            if self.global_p(p) < SIGNIFICANT and p < most.get(own.name, (1.0, own))[0]:
+                most[own.name] = p, own
+        found = [score(tangents, own) for _, own in most.values()]
+        found = [s for s in found if s is not None and self.global_p(s.p_value) < SIGNIFICANT]
+        return sorted(found, key=lambda s: -s.log_evidence)[:COMPETING]
 
     def _own_p(self, score: Score, state: State, trial: State) -> float:
         """Global p-value of what a trial has beyond a state: its likelihood ratio's (Wilks 1938),
@@ -547,8 +552,7 @@ class Search:
         if key not in self.trials:
             found: list[State] = []
             listed = shortlist(scores) if self._hopeful(scores) else []
-            known_names = {s.candidate.name for s in listed}
-            competing = [s for s in self._competing(state) if s.candidate.name not in known_names]
+            competing = self._competing(state, {s.candidate.name for s in listed})
             for s in [*listed, *competing]:
                 if self.spent:
                     break
@@ -689,6 +693,7 @@ class Search:
                     rival
                     for rival in rivals
                     if rival.log_evidence > state.log_evidence + _lead(effect, rival.effects[-1])
+                    and self.predicts(rival, less)
                 )
                 better = next(ahead, None)
                 if better is not None:
@@ -728,6 +733,12 @@ class Search:
         the trial's covariance."""
         same = held_out(whitened_anew(state.fit, trial.fit.problem), self.fold)
         return trial.held_out.gain(same)
+
+    def predicts(self, trial: State, state: State) -> bool:
+        """Whether a trial predicts held-out frames better than another state by more than two
+        standard errors."""
+        gain, error = self.gain(trial, state)
+        return gain > STANDARD_ERRORS * error
 
     def step(
         self, action: str, effect: Candidate | None, state: State, p: float | None = None
