@@ -123,8 +123,16 @@ def test_sizes_of_kinds_together_are_as_likely_as_the_truth(kinds):
     assert np.median(above) > -3.0
 
 
-@pytest.mark.xfail(reason=STALLED, strict=True)
-@pytest.mark.parametrize("kinds", MIXED)
+@pytest.mark.parametrize(
+    "kinds",
+    [
+        "frame-press",
+        *(
+            pytest.param(kinds, marks=pytest.mark.xfail(reason=STALLED, strict=True))
+            for kinds in ("press-channel", "frame-channel", "all")
+        ),
+    ],
+)
 def test_no_size_of_kinds_together_is_far_from_its_best(kinds):
     truth, more = {name: SIZES[name] for name in MIXED[kinds]}, []
     for seed in range(1, 9):
@@ -395,8 +403,9 @@ def test_strays_are_what_is_to_be_expected(others):
     residual = drawn(rig, sizes, np.random.default_rng(13))
     # The mean of unit normal numbers that the residual tells of, in what frames have left.
     own = (rig.label == np.arange(PRESSES)[:, None])[:, None, :, None]
-    columns = (own * rig.plain(sizes[name] * rig.columns[name])).reshape(2 * PRESSES, -1)
-    left = rig.whitening({one: sizes[one] for one in others})(residual).ravel()
+    whitening = rig.whitening({one: sizes[one] for one in others})
+    columns = (own * whitening(sizes[name] * rig.columns[name])).reshape(2 * PRESSES, -1)
+    left = whitening(residual).ravel()
     mean = np.linalg.solve(columns @ columns.T + np.eye(2 * PRESSES), columns @ left)
     expected = sizes[name] * np.append(mean.reshape(PRESSES, 2), np.zeros((1, 2)), axis=0)
     strays = rig.strays(sizes, residual)

@@ -168,12 +168,18 @@ def test_errors_that_do_not_meet_are_taken_out_exactly(seed, frames, channels, w
     assert_is(whitening, written_out(whitening, np.zeros(channels)))
 
 
+@given(SEEDS, FRAMES, CHANNELS)
+def test_errors_of_frames_and_of_their_presses_are_taken_out_exactly(seed, frames, channels):
+    whitening = rigged(seed, frames, channels, (0, 2, 0, 2))
+    assert_is(whitening, written_out(whitening, np.zeros(channels)))
+
+
 @given(SEEDS, FRAMES, CHANNELS, CORRELATIONS)
-def test_frames_then_presses_then_channels(seed, frames, channels, correlation):
+def test_frames_with_their_presses_then_channels(seed, frames, channels, correlation):
     whitening = rigged(seed, frames, channels, (2, 2, 2, 2), correlation)
     errors, none = whitening.errors, np.zeros((0, frames, channels))
-    kinds = ("frame", "press", "channel")
-    alone = [replace(errors, whole=none, **{k: none for k in kinds if k != kind}) for kind in kinds]
+    touches = replace(errors, whole=none, channel=none)
+    alone = [touches, replace(errors, whole=none, frame=none, press=none)]
     plain = replace(whitening, errors=None)
     expected = plain(np.random.default_rng(seed).normal(size=(3, frames, channels)))
     values = plain.undone(expected)

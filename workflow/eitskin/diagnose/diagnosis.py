@@ -202,9 +202,7 @@ def problem_of(
     """The fitting problem of a recording whose noise is known, and the sizes of its readings;
     model: its simulator, where there is one."""
     model = model or RecordingSimulator(recorded)
-    readings = np.where(model.known[:, None], recorded.voltage, np.nan)
-    if noise.lost is not None:
-        readings[noise.lost] = np.nan
+    readings = _readings(recorded, noise, model)
     if not np.isfinite(readings).any():
         found = f"{int(model.touched.sum())} touches of unknown force or probe and no other frame"
         raise InputError("recording", "frames", found, "untouched frames, or touches fully known")
@@ -218,6 +216,13 @@ def problem_of(
     whitening = Whitening.of(readings, noise.sd, model.difference, error)
     whitening = replace(whitening, correlation=noise.correlation)
     return Problem(model, readings, whitening), Scales(median, current)
+
+
+def _readings(recorded: Recording, noise: Noise, model: RecordingSimulator) -> np.ndarray:
+    """(N, M): what can be compared with a simulation, NaN where a touch's state is not known or a
+    reading is lost."""
+    lost = np.zeros(recorded.voltage.shape, bool) if noise.lost is None else noise.lost
+    return np.where(model.known[:, None] & ~lost, recorded.voltage, np.nan)
 
 
 def _earned(
@@ -246,10 +251,7 @@ def _earned(
 def _judged(
     search: Search, state: State, recorded: Recording, noise: Noise, kept: np.ndarray
 ) -> Judged:
-    model = search.problem.model
-    readings = np.where(kept & model.known[:, None], recorded.voltage, np.nan)
-    if noise.lost is not None:
-        readings[noise.lost] = np.nan
+    readings = np.where(kept, _readings(recorded, noise, search.problem.model), np.nan)
     plain = search.problem.whitening
     white = replace(plain, mask=np.isfinite(readings))
     if not white.mask.any():

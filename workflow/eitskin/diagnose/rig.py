@@ -279,7 +279,9 @@ class Rig:
         found = np.minimum(nnls(root, target)[0], most)
         there = np.flatnonzero(found)
         spread = np.diag(np.linalg.inv(information[np.ix_(there, there)]))
-        worth = {names[i]: float(0.5 * found[i] ** 2 / own) for i, own in zip(there, spread)}
+        worth = {
+            names[i]: float(0.5 * found[i] ** 2 / own) for i, own in zip(there, spread, strict=True)
+        }
         return dict(zip(names, np.sqrt(found * unit).tolist(), strict=True)), worth
 
 

@@ -27,7 +27,7 @@ from eitskin.diagnose.noise import (
     parity,
     rank_above_noise,
 )
-from eitskin.diagnose.strays import loud_frames, spiked, spread
+from eitskin.diagnose.outliers import loud_frames, spiked, spread
 
 WRONG = 0.05  # of a course, by which a reading may be off
 SHOWN = 0.5  # of the noise in one course, that so much must be to matter

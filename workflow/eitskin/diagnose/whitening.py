@@ -197,11 +197,18 @@ class Whitening:
 
     def entered(self, columns: np.ndarray, each: str) -> np.ndarray:
         """(K, N, M): columns of errors as they are where these are taken out."""
+        return self._entered(columns, each, self.parts)
+
+    def _entered(self, columns: np.ndarray, each: str, parts: list[_LowRank]) -> np.ndarray:
         if each == "frame":
             # White errors, after the filter for noise of this correlation.
             louder = np.sqrt((1.0 + self.correlation**2) / (1.0 - self.correlation**2))
             return np.where(self.mask, columns, 0.0) / self.sd * louder
-        return self._filtered(columns)
+        found = self._filtered(columns)
+        for part in parts:
+            if each == "press" and part.each == "frame":
+                found = part.apply(found, part.root)
+        return found
 
     def left(self, whitened: np.ndarray, each: str) -> np.ndarray:
         """(..., N, M): of what is whitened, what errors as of `entered` are compared with."""
@@ -271,7 +278,7 @@ class Whitening:
             own["channel"] = np.concatenate([constant, own["channel"]])
         for each in ORDER:
             if len(own[each]):
-                columns = self.entered(own[each], each)
+                columns = self._entered(own[each], each, found)
                 if each == "whole":
                     for part in found:
                         columns = part.apply(columns, part.root)
