@@ -64,11 +64,11 @@ def rows():
 
 @pytest.mark.long
 def test_the_best_candidate_s_p_is_as_rare_as_it_says(rows):
-    """Bounds that MOST_OFTEN times as often as stated exceeds in a thousandth of the runs."""
+    """Bounds that MOST_OFTEN times as often as stated exceeds once in a thousand runs; the p of one
+    look, as if nobody had chosen the best, exceeds them."""
     table = score.p_values(rows)
     assert len(table) == 40 and not table["failed"].notna().any()
     for level in score.LEVELS:
         often = binom.ppf(0.999, len(table), score.MOST_OFTEN * level)
-        assert (table["p_value"] < level).sum() <= often
-    # Where nobody had chosen the best it would surprise all the time.
-    assert (table["p_local"] < 0.05).sum() > 30
+        below = (table[["p_value", "p_local"]] < level).sum()
+        assert below["p_value"] <= often < below["p_local"], table
