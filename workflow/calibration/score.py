@@ -1,7 +1,8 @@
 """`python -m calibration.score results/calibration/report full` scores what is there of a block.
 
 How often a diagnosis is right: false alarms, names, sites and intervals, sets of effects, physics
-outside the catalogue, prediction; every share with its interval and its number of recordings.
+outside the catalogue, prediction; every share with its interval and its number of recordings. Of a
+block of p-values: how often they are small where nothing is left out.
 """
 
 import json
@@ -13,8 +14,9 @@ import numpy as np
 import pandas as pd
 
 from calibration import judge
-from calibration.blocks import trials
+from calibration.blocks import of_p_values, trials
 from calibration.intervals import bootstrap, wilson
+from calibration.nulls import RIGS
 from calibration.trial import file_of
 from eitskin.atomic import atomic_path
 from eitskin.diagnose.verdict import LIKELY
@@ -31,6 +33,9 @@ SUMMARY = ("of", "what", "value", "low", "high", "hits", "n", "wanted", "met")
 HIDDEN = ("rmse_V", "rmse_before_V", "rmse_gp_V", "rmse_mlp_V", "chi2_per_dof", "within_90")
 RIG = ("rig_error", "n", "named", "named_low", "named_high")
 RIG = (*RIG, "flagged", "flagged_low", "flagged_high")
+LEVELS, MOST_OFTEN = (0.05, 0.01), 1.5  # of p; times as often as it says
+NULL = ("seed", "rig", "number", "p_value", "p_local", "name", "failed")
+NULL = (*NULL, "seconds", "cpu_seconds")
 EFFECT = (
     *("kind", "seed", "name", "scope", "gap", "class_size", "others_gap", "right", "declared"),
     *("called", "sited", "sites_right", "covered", "intervals"),
@@ -315,6 +320,48 @@ def _run(rows: list[dict], whole: list[dict]) -> list[dict]:
     return lines
 
 
+def p_values(rows: list[dict]) -> pd.DataFrame:
+    """One row (NULL) a recording in which nothing is left out, of trial rows of skins."""
+    made = [{"seed": row["seed"], **one} for row in rows for one in row.get("nulls", [])]
+    return pd.DataFrame(made, columns=list(NULL))
+
+
+def p_value_summary(rows: list[dict]) -> pd.DataFrame:
+    """How often the best candidate's p is below each of LEVELS (SUMMARY), of all recordings and by
+    rig; a recording that breaks off counts as one. Recordings of a skin are alike: of all, the
+    interval over skins drawn anew stands beside Wilson's."""
+    table = p_values(rows)
+    lines = []
+    for level in LEVELS:
+        below = (table["p_value"] < level) | table["failed"].notna()
+        what, wanted = f"best candidate's p below {level:g}", (-np.inf, MOST_OFTEN * level)
+        lines.append(share("every rig", what, below.sum(), len(below), wanted))
+        hits, n = (below.groupby(table["seed"]).agg(how).to_numpy() for how in ("sum", "size"))
+
+        def drawn(index: np.ndarray, hits=hits, n=n) -> float:
+            return float(hits[index].sum() / n[index].sum())
+
+        lines.append(over("every rig", f"{what}, skins drawn anew", len(n), drawn))
+    for rig in RIGS:
+        own = table[table["rig"] == rig]
+        for level in LEVELS:
+            below = (own["p_value"] < level) | own["failed"].notna()
+            lines.append(share(rig, f"best candidate's p below {level:g}", below.sum(), len(below)))
+    broken = sum("failed" in row for row in rows)
+    took = table["cpu_seconds"].to_numpy(float)
+    lines += [
+        share("the run", "skins broken off", broken, len(rows)),
+        share("the run", "recordings broken off", table["failed"].notna().sum(), len(table)),
+        over(
+            "the run",
+            "processor seconds a recording, mean",
+            len(took),
+            lambda i: float(took[i].mean()),
+        ),
+    ]
+    return pd.DataFrame(lines, columns=list(SUMMARY))
+
+
 def by_name(table: pd.DataFrame) -> pd.DataFrame:
     """Counts for every name: alone (all, and at a gap of APART), its sites and intervals there, and
     in sets."""
@@ -381,10 +428,12 @@ def markdown(lines: pd.DataFrame, rows: list[dict], planned: int, block: str, si
     versions = {row.get("code", "unknown") for row in rows}
     never = sorted(n for n, e in EFFECTS.items() if not e.composite and n not in DRAWN)
     of = f"{len(rows)} of {planned}" if len(rows) < planned else f"{planned}"
+    what = "skins recorded again and again" if of_p_values(block) else "recordings"
+    names = f"; names never drawn: {', '.join(never) or 'none'}" * (not of_p_values(block))
     head = [
-        f"`{COMMAND}` with `calibration: {{block: {block}, size: {size}}}`: {of} recordings,"
-        f" 95 % intervals; {len(versions)} version{'s' * (len(versions) != 1)} of the diagnosis;"
-        f" names never drawn: {', '.join(never) or 'none'}.",
+        f"`{COMMAND}` with `calibration: {{block: {block}, size: {size}}}`: {of} {what},"
+        f" 95 % intervals; {len(versions)} version{'s' * (len(versions) != 1)} of the diagnosis"
+        f"{names}.",
         "",
         "| recordings | what | measured | 95 % | n | wanted | met |",
         "|---|---|---|---|---|---|---|",
@@ -407,24 +456,29 @@ def number(value: float, share: bool) -> str:
 
 
 def write(folder: Path, block: str, size: str) -> None:
-    """Score the trials in folder/trials into folder: summary.csv and .md, effects.csv,
-    confusion.csv, other_calibration.csv and rig.csv."""
+    """Score the trials in folder/trials into folder: summary.md, and the .csv of
+    `blocks.tables`."""
     rows, planned = read(folder / "trials", block, size)
-    whole = [row for row in rows if "failed" not in row]
-    table, lines = effects(whole), summary(rows)
-    confused, reliable = confusion(table), reliability(rows)
-    tables = {
-        "summary": lines,
+    if of_p_values(block):
+        made = {"summary": p_value_summary(rows), "p_values": p_values(rows)}
+    else:
+        made = _diagnoses(rows)
+    for name, table in made.items():
+        with atomic_path(folder / f"{name}.csv") as path:
+            table.to_csv(path, index=False)
+    with atomic_path(folder / "summary.md") as path:
+        path.write_text(markdown(made["summary"], rows, planned, block, size), "utf-8")
+
+
+def _diagnoses(rows: list[dict]) -> dict[str, pd.DataFrame]:
+    table = effects([row for row in rows if "failed" not in row])
+    return {
+        "summary": summary(rows),
         "effects": by_name(table),
-        "confusion": confused,
-        "other_calibration": reliable,
+        "confusion": confusion(table),
+        "other_calibration": reliability(rows),
         "rig": by_rig(rows),
     }
-    for name, made in tables.items():
-        with atomic_path(folder / f"{name}.csv") as path:
-            made.to_csv(path, index=False)
-    with atomic_path(folder / "summary.md") as path:
-        path.write_text(markdown(lines, rows, planned, block, size), "utf-8")
 
 
 if __name__ == "__main__":

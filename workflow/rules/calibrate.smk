@@ -1,4 +1,4 @@
-from calibration.blocks import batches
+from calibration.blocks import batches, of_p_values, tables
 
 
 # No fingerprint: hours of work are made anew on request alone, `--forcerun trials`; the summary says
@@ -11,7 +11,7 @@ rule trials:
     benchmark:
         "benchmarks/trials/{block}/{size}-{batch}.tsv"
     wildcard_constraints:
-        block="(?:ordinary-)?(?:development|report)",
+        block="(?:ordinary-|p-values-)?(?:development|report)",
         size="quick|full",
         batch=r"\d+",
     conda:
@@ -40,12 +40,8 @@ rule score_trials:
             "results/calibration/{block}/{file}",
             block=config["calibration"]["block"],
             file=[
-                "summary.csv",
                 "summary.md",
-                "effects.csv",
-                "confusion.csv",
-                "other_calibration.csv",
-                "rig.csv",
+                *(f"{name}.csv" for name in tables(config["calibration"]["block"])),
             ],
         ),
     log:
@@ -110,4 +106,4 @@ rule calibration_figures:
 rule calibrate_diagnosis:
     input:
         rules.score_trials.output,
-        rules.calibration_figures.output,
+        [] if of_p_values(config["calibration"]["block"]) else rules.calibration_figures.output,

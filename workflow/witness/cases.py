@@ -382,12 +382,8 @@ def draw(
         "source": "simulation",
         "skin": believed.metadata(),
     }
-    query_clean = world.readings(query, effects, hidden, largest)
-    errors = _rig_errors(rig, kind, seed)
-    if rig_errors.magnitudes(errors):
-        metadata["voltage"] = "magnitude"
-        clean, query_clean = np.abs(clean), np.abs(query_clean)
-    return Case(
+    errors = _rig_errors(rig, np.random.default_rng([zlib.crc32(f"{kind}+rig".encode()), seed]))
+    plainly = Case(
         kind=whole,
         seed=seed,
         believed=believed,
@@ -398,20 +394,51 @@ def draw(
         snr_given_others=given,
         outside=other,
         metadata=metadata,
-        states=rig_errors.reported(states, errors),
+        states=states,
         clean=clean,
-        voltage=rig_errors.read(clean, errors, states, noise, rng),
+        voltage=clean,
         noise_V=noise,
         level=level,
         query=query,
-        query_clean=query_clean,
+        query_clean=world.readings(query, effects, hidden, largest),
         world=world,
-        rig=errors,
+        rig=(),
         true_states=states,
+    )
+    return _recorded(plainly, errors, rng)
+
+
+def again(case: Case, rig: str, number: int) -> Case:
+    """The same skin and frames, recorded once more at the same level of noise.
+
+    rig: what follows + in a kind, or nothing; its sizes, and the noise, are drawn anew for every
+    `number`. Raises InputError for a case that a rig with errors recorded, or an unknown rig.
+    """
+    if case.rig:
+        raise InputError("case", "kind", repr(case.kind), "one without +rig")
+    kind = f"{case.kind}+{rig}" if rig else case.kind
+    rng = np.random.default_rng([zlib.crc32(kind.encode()), case.seed, number])
+    return _recorded(replace(case, kind=kind), _rig_errors(rig, rng), rng)
+
+
+def _recorded(case: Case, errors: tuple[RigError, ...], rng: np.random.Generator) -> Case:
+    """A case as a rig with errors records its noise-free readings, the noise drawn."""
+    metadata, clean, query_clean = case.metadata, case.clean, case.query_clean
+    if rig_errors.magnitudes(errors):
+        metadata = {**metadata, "voltage": "magnitude"}
+        clean, query_clean = np.abs(clean), np.abs(query_clean)
+    return replace(
+        case,
+        metadata=metadata,
+        states=rig_errors.reported(case.true_states, errors),
+        clean=clean,
+        voltage=rig_errors.read(clean, errors, case.true_states, case.noise_V, rng),
+        query_clean=query_clean,
+        rig=errors,
     )
 
 
-def _rig_errors(rig: str, kind: str, seed: int) -> tuple[RigError, ...]:
+def _rig_errors(rig: str, rng: np.random.Generator) -> tuple[RigError, ...]:
     """What follows + in a kind: none, errors drawn, or those named; raises InputError."""
     if not rig:
         return ()
@@ -420,7 +447,6 @@ def _rig_errors(rig: str, kind: str, seed: int) -> tuple[RigError, ...]:
     if word != "rig" or (kinds and not set(kinds) <= set(USUAL)):
         expected = f"rig, or rig: and some of {', '.join(USUAL)}"
         raise InputError("case", "kind", repr(f"+{rig}"), expected)
-    rng = np.random.default_rng([zlib.crc32(f"{kind}+rig".encode()), seed])
     return tuple(rig_errors.draw(rng, kinds))
 
 

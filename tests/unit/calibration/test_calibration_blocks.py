@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from calibration.blocks import SIZES, batches, trials
+from calibration.blocks import SIZES, SKINS, batches, tables, trials
 from eitskin.errors import InputError
 from witness.cases import names_of
 from witness.outside import OUTSIDE
@@ -53,6 +53,16 @@ def test_ordinary_rigs_record_the_same_skins(size):
     assert len(shared) >= min(len(bare), len(trials("report", size))) / 3
     tuned = trials("ordinary-development", size)
     assert not {seed for _, seed in tuned} & {seed for _, seed in plan}
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_blocks_of_p_values_are_skins(size):
+    tuned, told = trials("p-values-development", size), trials("p-values-report", size)
+    assert len(set(told)) == SKINS[size] and {kind for kind, _ in told} == {"skin"}
+    assert not set(tuned) & set(told)
+    assert [one for batch in batches("p-values-report", size) for one in batch] == told
+    assert tables("p-values-report") == ("summary", "p_values")
+    assert "confusion" in tables("ordinary-report")
 
 
 def test_the_witness_knows_every_kind():

@@ -328,3 +328,47 @@ def test_nothing_to_score_is_no_success():
     table = score.summary([])
     assert (table["n"] == 0).all()
     assert table["met"].isna().all()
+
+
+def skin(seed, p_values, rig="white-noise"):
+    made = [{"rig": rig, "number": i, "p_value": p} for i, p in enumerate(p_values)]
+    return {
+        "kind": "skin",
+        "seed": seed,
+        "code": "a",
+        "nulls": [{**m, "cpu_seconds": 1.0} for m in made],
+    }
+
+
+def test_small_p_values_are_counted_by_rig_and_skin_by_skin(tmp_path):
+    rows = [skin(1, [0.2, 0.04, 0.005, 0.9]), skin(2, [0.3, 0.5], "gain-walk")]
+    rows[1]["nulls"].append({"rig": "gain-walk", "number": 2, "failed": "why", "cpu_seconds": 4.0})
+    rows.append({"kind": "skin", "seed": 3, "code": "a", "failed": "why"})
+    table = score.p_value_summary(rows)
+    every = line(table, "every rig", "best candidate's p below 0.05")
+    assert (every["hits"], every["n"], every["met"]) == (3, 7, False)
+    assert (every["low"], every["high"]) == wilson(3, 7)
+    assert every["wanted"] == "≤ 0.075"
+    assert line(table, "every rig", "best candidate's p below 0.01")["hits"] == 2
+    drawn = line(table, "every rig", "best candidate's p below 0.05, skins drawn anew")
+    assert (drawn["low"], drawn["high"], drawn["n"]) == (pytest.approx(1 / 3), 0.5, 2)
+    assert line(table, "white-noise", "best candidate's p below 0.01")["hits"] == 1
+    assert line(table, "gain-walk", "best candidate's p below 0.01")["value"] == pytest.approx(
+        1 / 3
+    )
+    assert line(table, "force", "best candidate's p below 0.05")["n"] == 0
+    assert line(table, "the run", "skins broken off")["hits"] == 1
+    for one in rows:
+        path = file_of(tmp_path / "trials", "skin", one["seed"])
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(json.dumps(one))
+    score.write(tmp_path, "p-values-development", "full")
+    names = {path.name for path in tmp_path.iterdir() if path.is_file()}
+    assert names == {"summary.csv", "summary.md", "p_values.csv"}
+    assert "3 of 40 skins" in (tmp_path / "summary.md").read_text()
+
+
+def test_no_p_values_are_no_success():
+    table = score.p_value_summary([])
+    assert (table["n"] == 0).all()
+    assert table["met"].isna().all()

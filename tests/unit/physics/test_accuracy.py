@@ -40,3 +40,12 @@ def test_the_error_falls_at_the_order_told():
     _, order = accuracy.electrode_limit(SKINS["wide, good contact"], CHANNELS)
     assert 4 < order < 7
     assert np.isnan(accuracy.electrode_limit(SKINS["complete"], CHANNELS)[1])
+
+
+def test_an_untouched_error_that_is_known_is_not_solved_again(monkeypatch):
+    skin = SKINS["points"]
+    first = accuracy.untouched_error(skin, CHANNELS, "train")
+    kept = first.copy()
+    first += 1.0
+    monkeypatch.setattr(accuracy, "Forward", None)
+    assert np.array_equal(accuracy.untouched_error(skin, CHANNELS, "train"), kept)

@@ -4,12 +4,13 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from eitskin.data import recording
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
-from witness.cases import draw, names_of, signature, write
+from witness.cases import again, draw, names_of, signature, write
 from witness.outside import OUTSIDE, Scene
 from witness.strengths import DRAWN
 from witness.world import World
@@ -31,6 +32,23 @@ def test_repeats_bit_for_bit(kind):
     assert np.array_equal(first.query_clean, again.query_clean)
     assert first.effects == again.effects and first.outside == again.outside
     assert not np.array_equal(first.voltage[:5], draw(kind, 6).voltage[:5])
+
+
+def test_recorded_again_it_is_the_same_skin(null):
+    first, same, other = (again(null, "rig:gain-walk", number) for number in (0, 0, 1))
+    assert np.array_equal(first.voltage, same.voltage) and first.rig == same.rig
+    assert first.rig[0].size != other.rig[0].size
+    assert np.array_equal(first.clean, null.clean) and first.kind == "null+rig:gain-walk"
+    pd.testing.assert_frame_equal(first.states, null.states)
+    plain = again(null, "", 0)
+    assert plain.rig == () and not np.array_equal(plain.voltage, null.voltage)
+    moved = again(null, "rig:place-per-press,quadrature", 0)
+    assert not moved.states["x_mm"].equals(null.states["x_mm"])
+    assert moved.true_states is null.true_states
+    assert moved.metadata["voltage"] == "magnitude" and (moved.clean >= 0).all()
+    assert null.metadata["voltage"] == "signed"
+    with pytest.raises(InputError, match="case: kind"):
+        again(moved, "", 0)
 
 
 def test_recording_as_promised(null):

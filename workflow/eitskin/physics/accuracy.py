@@ -17,6 +17,9 @@ from eitskin.physics.touch import TouchAccuracy
 MODES = (16, 32, 64)
 FINEST = Accuracy(MODES[-1], TouchAccuracy(40, 1e-11, 16, 2e-4), MODES[-1])
 CONTRASTS = (0.45, 9.0)
+KEPT = 4  # skins whose untouched error is known
+
+_known: dict[tuple, np.ndarray] = {}
 
 
 def electrode_limit(geometry: Geometry, channels: np.ndarray) -> tuple[np.ndarray, float]:
@@ -46,8 +49,13 @@ def untouched_error(
     geometry: Geometry, channels: np.ndarray, accuracy: str | Accuracy
 ) -> np.ndarray:
     """(M,) V per A, signed: what `accuracy` gives minus the limit, the same in every frame."""
-    limit = electrode_limit(geometry, channels)[0]
-    return Forward(geometry, accuracy).voltages(channels) - limit
+    key = (geometry.key(), np.asarray(channels).tobytes(), accuracy)
+    if key not in _known:
+        limit = electrode_limit(geometry, channels)[0]
+        while len(_known) >= KEPT:
+            _known.pop(next(iter(_known)))
+        _known[key] = Forward(geometry, accuracy).voltages(channels) - limit
+    return _known[key].copy()
 
 
 def touch_error(
