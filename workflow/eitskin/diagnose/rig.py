@@ -34,6 +34,7 @@ MOST = 3.0  # times the prior's sd: more is no ordinary rig
 HARDLY = 0.5  # nats that a component must be worth
 PLAINLY = 4.0  # nats, by the quadratic of its scoring, from which it is not tried without ...
 SAME = 1.25  # ... nor where its size is what it was, within this factor
+ROUNDING = 1e-9  # least eigenvalue of an information at a diagonal of ones
 SETTLED = 0.05  # nats, by which another round may still raise the likelihood
 LEAST_FRAMES = 6  # of touches, fewer of which show no scatter
 LEAST_PRESSES = 3
@@ -272,13 +273,14 @@ class Rig:
         unit = np.array([self.scales[name] ** 2 for name in names])
         slope, information = slope * unit - 0.5, information * np.outer(unit, unit)
         start = np.array([sizes[name] ** 2 for name in names]) / unit
-        information += np.diag(1e-9 * np.diag(information) + 1e-12)
-        root = np.linalg.cholesky(information).T
+        each = np.sqrt(np.maximum(np.diag(information), ROUNDING))
+        length, turn = np.linalg.eigh(information / np.outer(each, each))
+        root = np.sqrt(np.maximum(length, ROUNDING))[:, None] * turn.T * each
         target = np.linalg.solve(root.T, information @ start + slope)
         most = [np.inf if COMPONENTS[name].discrepancy else MOST**2 for name in names]
         found = np.minimum(nnls(root, target)[0], most)
         there = np.flatnonzero(found)
-        spread = np.diag(np.linalg.inv(information[np.ix_(there, there)]))
+        spread = np.diag(np.linalg.inv((root.T @ root)[np.ix_(there, there)]))
         worth = {
             names[i]: float(0.5 * found[i] ** 2 / own) for i, own in zip(there, spread, strict=True)
         }

@@ -63,7 +63,7 @@ class _LowRank:
             none = np.zeros((len(values), 1, self.shape[1]))
             padded = np.concatenate([values, none], axis=1)[:, self.rows]
             return padded.transpose(1, 0, 2, 3).reshape(len(self.rows), len(values), -1)
-        return values.reshape(1, len(values), -1)
+        return values.reshape(1, len(values), self.shape[0] * self.shape[1])
 
     def _back(self, blocks: np.ndarray) -> np.ndarray:
         if self.each == "channel":

@@ -8,7 +8,7 @@ own absence; at the end against every other name in its place.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -26,7 +26,7 @@ from eitskin.diagnose.fit import (
     whitened_anew,
 )
 from eitskin.diagnose.held_out import HeldOut, held_out
-from eitskin.diagnose.rig import COMPONENTS, SETTLED, TAIL, Rig
+from eitskin.diagnose.rig import COMPONENTS, SETTLED, STRAIGHT, TAIL, Rig
 from eitskin.diagnose.search import channels, tones
 from eitskin.diagnose.search.screen import (
     AMPLITUDES,
@@ -49,7 +49,7 @@ COMPETING = 2  # ... and so many of the names that an error of the rig may have 
 STANDARD_ERRORS = 2.0
 MOST_EFFECTS = 5
 HALVED = 4  # times that the way to where a touch seems to be is tried, each half of the last
-LEARNED = 2  # times that sizes of rig errors and a fit follow each other
+LEARNED = 4  # times at most that sizes of rig errors and a fit follow each other
 LEAST_EVIDENCE = 3.0  # nats by which an effect, or a further site of one, must raise the evidence
 LEAD = 1.0  # nats by which another name in an effect's place must be better
 WITHIN = 20.0  # nats of linear evidence below the best, or this share of its gain ...
@@ -139,11 +139,15 @@ class Search:
         return self.problem.model.near.spent > self.most_solved
 
     def state(
-        self, fitted: Fit, p_values: dict | None = None, sizes: dict[str, float] | None = None
+        self,
+        fitted: Fit,
+        p_values: dict | None = None,
+        sizes: dict[str, float] | None = None,
+        rig: Rig | None = None,
     ) -> State:
         """A fit with its evidence and held-out density; sizes: those of the rig's errors that it
-        has, from which they are learned."""
-        sizes, prior, rig = dict(sizes or {}), 0.0, self.rig
+        has, from which they are learned; rig: these errors about a fit like it."""
+        sizes, prior, rig = dict(sizes or {}), 0.0, rig or self.rig
         if rig is not None:
             for _ in range(LEARNED):
                 fitted, sizes, rig, gained = self._learned(fitted, sizes, rig)
@@ -160,21 +164,36 @@ class Search:
     ) -> tuple[Fit, dict[str, float], Rig, float]:
         """A fit with the sizes of the rig's errors learned from it, and by how many nats it moved
         on for them. Where touches are far from where they are said to be, the readings are taken to
-        follow in proportion from where they seem to be (Lindstrom, Bates, Biometrics 46, 1990);
-        these are never done moving."""
+        follow in proportion from where they seem to be (Lindstrom, Bates, Biometrics 46, 1990)."""
         sizes, _ = rig.learned(fitted.misfit, sizes)
-        problem, strays = self.problem, rig.strays(sizes, fitted.misfit)
-        if strays:
-            there = self._strayed(fitted, strays)
-            moved = {k: there.model.states[k] - problem.model.states[k] for k in strays}
-            moved = {k: np.nan_to_num(step.to_numpy(float)) for k, step in moved.items()}
+        problem, strays, followed = self.problem, rig.strays(sizes, fitted.misfit), False
+        if strays and self._near(fitted, strays):
+            problem = fitted.problem
+        elif strays:
+            there, followed = self._strayed(fitted, strays), True
+            moved = self._moved(there, strays)
             rig = Rig.about(replace(fitted, problem=there), problem.whitening, self.rounding)
             problem = replace(there, recorded=problem.recorded + rig.followed(moved))
         problem = replace(problem, whitening=rig.whitening(sizes, tail=TAIL))
         here = whitened_anew(fitted, problem)
         moved = stepped(here)
-        gained = np.inf if strays else 0.5 * (here.cost - moved.cost)
+        gained = np.inf if followed else 0.5 * (here.cost - moved.cost)
         return moved, sizes, rig, gained
+
+    def _moved(self, problem: Problem, columns: Iterable[str]) -> dict[str, np.ndarray]:
+        """By how much (N,) a problem has touches elsewhere than they are said to be, by columns of
+        the states."""
+        there, said = problem.model.states, self.problem.model.states
+        return {k: np.nan_to_num((there[k] - said[k]).to_numpy(float)) for k in columns}
+
+    def _near(self, fitted: Fit, strays: dict[str, np.ndarray]) -> bool:
+        """Whether a fit has touches so near to where they stray that readings follow the rest in
+        proportion."""
+        now, model = self._moved(fitted.problem, strays), self.problem.model
+        touched = model.touched & model.known
+        left = {k: np.sqrt(((s - now[k])[touched] ** 2).mean()) for k, s in strays.items()}
+        far = left["force_N"] / model.force_max_N / STRAIGHT["force-per-press"]
+        return max(far, *(left[k] / STRAIGHT["place-per-frame"] for k in ("x_mm", "y_mm"))) < 1.0
 
     def _strayed(self, fitted: Fit, strays: dict[str, np.ndarray]) -> Problem:
         """The problem with touches where they seem to be: by all of their strays (N,) in mm and N
@@ -617,7 +636,7 @@ class Search:
                     afresh = np.r_[np.zeros(knobs), start[knobs:]]
                     again = fit(problem, effects, afresh, enough=enough)
                     fitted = min(fitted, again, key=lambda f: f.chi2)
-                return self.state(fitted, state.p_values, state.sizes)
+                return self.state(fitted, state.p_values, state.sizes, state.rig)
         except (InputError, np.linalg.LinAlgError, Spent):
             return None
 
@@ -632,7 +651,7 @@ class Search:
             fitted = fit(state.fit.problem, effects, theta, jacobian)
         except InputError:
             fitted = fit(state.fit.problem, effects, np.zeros_like(theta))
-        return self.state(fitted, state.p_values, state.sizes)
+        return self.state(fitted, state.p_values, state.sizes, state.rig)
 
     def _drop(self, state: State) -> State:
         """Effects that no longer earn their place, taken out one by one; the rest polished."""
@@ -646,7 +665,7 @@ class Search:
                     state, dropped = less, True
                     break
         state = self._trim(state)
-        return self.state(self._polished(state.fit), state.p_values, state.sizes)
+        return self.state(self._polished(state.fit), state.p_values, state.sizes, state.rig)
 
     def _polished(self, found: Fit) -> Fit:
         """A fit at its optimum, with a fresh Jacobian; near it, where no more may be solved."""
@@ -672,7 +691,7 @@ class Search:
                     fitted = fit(state.fit.problem, effects, theta, jacobian)
                 except InputError:
                     break
-                trial = self.state(fitted, state.p_values, state.sizes)
+                trial = self.state(fitted, state.p_values, state.sizes, state.rig)
                 if trial.log_evidence <= state.log_evidence - LEAST_EVIDENCE:
                     break
                 trial.p_values[fewer.key] = state.p_values.get(effect.key, 1.0)
@@ -716,7 +735,7 @@ class Search:
         less = self.without(state, index)
         if self.spent:
             return less
-        return self.state(self._polished(less.fit), less.p_values, less.sizes)
+        return self.state(self._polished(less.fit), less.p_values, less.sizes, less.rig)
 
     def _cost(self, state: State, log_evidence: float) -> float:
         """What a fit may cost at most in the covariance of `state`, for a log evidence."""
