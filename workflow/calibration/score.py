@@ -376,15 +376,16 @@ def by_rig(rows: list[dict]) -> pd.DataFrame:
     return pd.DataFrame(made, columns=list(RIG))
 
 
-def markdown(lines: pd.DataFrame, rows: list[dict], planned: int, block: str, size: str) -> str:
-    """The summary as a table that says where it comes from."""
+def markdown(
+    lines: pd.DataFrame, rows: list[dict], planned: int, block: str, size: str, note: str
+) -> str:
+    """The summary as a table that says where it comes from, and a note."""
     versions = {row.get("code", "unknown") for row in rows}
-    never = sorted(n for n, e in EFFECTS.items() if not e.composite and n not in DRAWN)
     of = f"{len(rows)} of {planned}" if len(rows) < planned else f"{planned}"
     head = [
         f"`{COMMAND}` with `calibration: {{block: {block}, size: {size}}}`: {of} recordings,"
         f" 95 % intervals; {len(versions)} version{'s' * (len(versions) != 1)} of the diagnosis;"
-        f" names never drawn: {', '.join(never) or 'none'}.",
+        f" {note}.",
         "",
         "| recordings | what | measured | 95 % | n | wanted | met |",
         "|---|---|---|---|---|---|---|",
@@ -423,8 +424,10 @@ def write(folder: Path, block: str, size: str) -> None:
     for name, made in tables.items():
         with atomic_path(folder / f"{name}.csv") as path:
             made.to_csv(path, index=False)
+    never = sorted(n for n, e in EFFECTS.items() if not e.composite and n not in DRAWN)
+    note = f"names never drawn: {', '.join(never) or 'none'}"
     with atomic_path(folder / "summary.md") as path:
-        path.write_text(markdown(lines, rows, planned, block, size), "utf-8")
+        path.write_text(markdown(lines, rows, planned, block, size, note), "utf-8")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-from calibration.blocks import batches
+from calibration.blocks import batches, of_queries, tables
 
 
 # No fingerprint: hours of work are made anew on request alone, `--forcerun trials`; the summary says
@@ -11,7 +11,7 @@ rule trials:
     benchmark:
         "benchmarks/trials/{block}/{size}-{batch}.tsv"
     wildcard_constraints:
-        block="(?:ordinary-)?(?:development|report)",
+        block="(?:ordinary-|queries-)?(?:development|report)",
         size="quick|full",
         batch=r"\d+",
     conda:
@@ -39,14 +39,7 @@ rule score_trials:
         expand(
             "results/calibration/{block}/{file}",
             block=config["calibration"]["block"],
-            file=[
-                "summary.csv",
-                "summary.md",
-                "effects.csv",
-                "confusion.csv",
-                "other_calibration.csv",
-                "rig.csv",
-            ],
+            file=tables(config["calibration"]["block"]),
         ),
     log:
         "logs/score_trials.log",
@@ -110,4 +103,4 @@ rule calibration_figures:
 rule calibrate_diagnosis:
     input:
         rules.score_trials.output,
-        rules.calibration_figures.output,
+        [] if of_queries(config["calibration"]["block"]) else rules.calibration_figures.output,
