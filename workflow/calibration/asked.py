@@ -138,8 +138,15 @@ def _foreign(kind: str, seed: int) -> Asked:
 
 
 def _belief(kind: str, seed: int) -> Asked:
-    case, rng = _sound(kind, seed), _rng(kind, seed)
+    case = _sound(kind, seed)
     metadata = deepcopy(case.metadata)
+    said = mistake(_rng(kind, seed), metadata)
+    return _asked(case, said, metadata=metadata)
+
+
+def mistake(rng: np.random.Generator, metadata: dict) -> str:
+    """One or two beliefs of an owner, or how the channels are wired, put wrong in the recording's
+    metadata; in words."""
     able = [key for key in WRONG if metadata["skin"][key] is not None]
     able += list(MISTAKES)
     said = []
@@ -150,7 +157,7 @@ def _belief(kind: str, seed: int) -> Asked:
         factor = float(WRONG[key] ** rng.uniform(0.3, 1.0)) ** float(rng.choice([-1, 1]))
         metadata["skin"][key] *= factor
         said.append(f"{key} x {factor:.3g}")
-    return _asked(case, ", ".join(said), metadata=metadata)
+    return ", ".join(said)
 
 
 def _turned(rng: np.random.Generator, metadata: dict) -> str:

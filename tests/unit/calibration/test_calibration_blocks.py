@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from calibration.blocks import SIZES, batches, trials
+from calibration.blocks import QUERY_SIZES, SIZES, batches, tables, trials
 from eitskin.errors import InputError
 from witness.cases import names_of
 from witness.outside import OUTSIDE
@@ -53,6 +53,23 @@ def test_ordinary_rigs_record_the_same_skins(size):
     assert len(shared) >= min(len(bare), len(trials("report", size))) / 3
     tuned = trials("ordinary-development", size)
     assert not {seed for _, seed in tuned} & {seed for _, seed in plan}
+
+
+@pytest.mark.parametrize(("size", "number"), [("quick", 20), ("full", 200)])
+def test_queries_are_of_every_kind(size, number):
+    plan = trials("queries-report", size)
+    assert len(set(plan)) == len(plan) == number
+    assert Counter(kind for kind, _ in plan) == {
+        f"query:{kind}": count for kind, count in QUERY_SIZES[size].items()
+    }
+    assert not {s for _, s in plan} & {s for _, s in trials("queries-development", size)}
+    assert set(trials("queries-report", "quick")) <= set(trials("queries-report", "full"))
+    assert {kind for kind, _ in plan[: number // 3]} == {kind for kind, _ in plan}
+
+
+def test_a_block_of_queries_has_tables_of_its_own():
+    assert "confusion.csv" in tables("ordinary-report")
+    assert tables("queries-report") == ("summary.csv", "summary.md", "queries.csv")
 
 
 def test_the_witness_knows_every_kind():
