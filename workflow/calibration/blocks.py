@@ -19,8 +19,8 @@ SIZES = {
     "full": {"null": 150, "single": 4, "pair": 60, "triple": 40, "outside": 60},
 }
 ORDINARY_SIZES = {
-    "quick": {"null": 100, "single": 1, "pair": 12, "triple": 0, "outside": 0},
-    "full": {"null": 300, "single": 4, "pair": 40, "triple": 0, "outside": 0},
+    "quick": {"null": 100, "single": 1, "pair": 12, "triple": 0, "outside": 18},
+    "full": {"null": 300, "single": 4, "pair": 40, "triple": 0, "outside": 54},
 }
 P_VALUE_SIZES = {"quick": {"skin": 8}, "full": {"skin": 40}}  # each recorded many times
 QUERY_SIZES = {  # kinds of `asked.draw`

@@ -55,10 +55,12 @@ def test_ordinary_rigs_record_the_same_skins(size):
     assert (
         words
         == {
-            "quick": {"null": 100, "single": len(DRAWN), "pair": 12},
-            "full": {"null": 300, "single": 4 * len(DRAWN), "pair": 40},
+            "quick": {"null": 100, "single": len(DRAWN), "pair": 12, "outside": 18},
+            "full": {"null": 300, "single": 4 * len(DRAWN), "pair": 40, "outside": 54},
         }[size]
     )
+    laws = Counter(kind for kind, _ in bare if kind.startswith("outside:"))
+    assert len(laws) == len(OUTSIDE) and len(set(laws.values())) == 1
     shared = bare & set(trials("report", size))
     assert len(shared) >= min(len(bare), len(trials("report", size))) / 3
     tuned = trials("ordinary-development", size)
