@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from calibration import judge
+from calibration import judge, rig_sizes
 from calibration.blocks import trials
 from calibration.intervals import bootstrap, wilson
 from calibration.trial import file_of
@@ -408,7 +408,7 @@ def number(value: float, share: bool) -> str:
 
 def write(folder: Path, block: str, size: str) -> None:
     """Score the trials in folder/trials into folder: summary.csv and .md, effects.csv,
-    confusion.csv, other_calibration.csv and rig.csv."""
+    confusion.csv, other_calibration.csv, rig.csv and rig_sizes.csv."""
     rows, planned = read(folder / "trials", block, size)
     whole = [row for row in rows if "failed" not in row]
     table, lines = effects(whole), summary(rows)
@@ -419,6 +419,7 @@ def write(folder: Path, block: str, size: str) -> None:
         "confusion": confused,
         "other_calibration": reliable,
         "rig": by_rig(rows),
+        "rig_sizes": rig_sizes.table([one for row in whole for one in row.get("rig_sizes", [])]),
     }
     for name, made in tables.items():
         with atomic_path(folder / f"{name}.csv") as path:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration import black_box
+from calibration import black_box, rig_sizes
 from eitskin.atomic import atomic_path
 from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis, result
@@ -57,6 +57,9 @@ def trial(kind: str, seed: int) -> dict:
         "snr_given_others": case.snr_given_others,
         "outside": case.outside,
         "rig": [{"kind": error.kind, "size": error.size} for error in case.rig],
+        "rig_sizes": rig_sizes.compared(
+            case, found.search.problem.whitening.mask, found.noise, found.after
+        ),
         "snr_left": snr_left(found.after.fit, case.clean),
         "true_gaps": true_gaps(found, case.effects, case.scopes),
         "said": said,

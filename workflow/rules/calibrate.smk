@@ -46,6 +46,7 @@ rule score_trials:
                 "confusion.csv",
                 "other_calibration.csv",
                 "rig.csv",
+                "rig_sizes.csv",
             ],
         ),
     log:
