@@ -89,3 +89,19 @@ def test_an_effect_is_not_taken_for_a_rig_error(name, seed, component):
     (effect,) = result.result(found, name)["effects"]
     assert name in (effect["name"], *effect["alternatives"])
     assert found.after.sizes[component] < found.search.rig.scales[component] / 3.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "seed", "component"),
+    [
+        ("contact-law", 2, "force-per-press"),  # gap to touch-contrast 8.5
+        ("drive-gain", 3, "channel-drift"),  # gap 15
+    ],
+)
+def test_an_effect_and_its_rig_error_are_told_apart(name, seed, component):
+    case, recorded = drawn(f"single:{name}+rig:{component}", seed)
+    found = diagnosis.diagnose(recorded)
+    (effect,) = result.result(found, name)["effects"]
+    assert name in (effect["name"], *effect["alternatives"])
+    assert 1 / 1.5 < found.after.sizes[component] / size_of(case)[1] < 1.5
