@@ -29,7 +29,7 @@ QUERY_SIZES = {  # kinds of `asked.draw`
 }
 BATCH = 8
 TABLES = {  # by sort
-    "diagnoses": ("summary", "effects", "confusion", "other_calibration", "rig"),
+    "diagnoses": ("summary", "effects", "confusion", "other_calibration", "rig", "rig_sizes"),
     "p-values": ("summary", "p_values"),
     "queries": ("summary", "queries"),
 }

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from calibration import judge, p_value_score, query_score
+from calibration import judge, p_value_score, query_score, rig_sizes
 from calibration.blocks import sort_of, trials
 from calibration.intervals import wilson
 from calibration.lines import SUMMARY, line, median, over, share
@@ -385,13 +385,15 @@ def write(folder: Path, block: str, size: str) -> None:
 
 def scored(rows: list[dict]) -> tuple[dict[str, pd.DataFrame], str]:
     """The tables of `blocks.TABLES` of diagnoses, and a note."""
-    table = effects([row for row in rows if "failed" not in row])
+    whole = [row for row in rows if "failed" not in row]
+    table = effects(whole)
     made = {
         "summary": summary(rows),
         "effects": by_name(table),
         "confusion": confusion(table),
         "other_calibration": reliability(rows),
         "rig": by_rig(rows),
+        "rig_sizes": rig_sizes.table([one for row in whole for one in row.get("rig_sizes", [])]),
     }
     never = sorted(n for n, e in EFFECTS.items() if not e.composite and n not in DRAWN)
     return made, f"names never drawn: {', '.join(never) or 'none'}"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration import asked, black_box, nulls
+from calibration import asked, black_box, nulls, rig_sizes
 from calibration.harm import harm
 from eitskin.atomic import atomic_path
 from eitskin.data import importers, recording
@@ -62,6 +62,9 @@ def trial(kind: str, seed: int) -> dict:
         "snr_given_others": case.snr_given_others,
         "outside": case.outside,
         "rig": [{"kind": error.kind, "size": error.size} for error in case.rig],
+        "rig_sizes": rig_sizes.compared(
+            case, found.search.problem.whitening.mask, found.noise, found.after
+        ),
         "snr_left": snr_left(found.after.fit, case.clean),
         "true_gaps": true_gaps(found, case.effects, case.scopes),
         "said": said,

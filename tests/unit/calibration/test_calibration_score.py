@@ -302,7 +302,8 @@ def test_a_part_of_a_block_is_scored_and_says_so(tmp_path):
     figures.write(tmp_path)
     names = {path.name for path in tmp_path.iterdir() if path.is_file()}
     drawn = {f"{n}.{s}" for n in ("confusion", "other_calibration") for s in ("svg", "png", "csv")}
-    assert names == drawn | {"summary.csv", "summary.md", "effects.csv", "rig.csv"}
+    tables = {"summary.csv", "summary.md", "effects.csv", "rig.csv", "rig_sizes.csv"}
+    assert names == drawn | tables
     text = (tmp_path / "summary.md").read_text()
     there = len(list((tmp_path / "trials").iterdir()))
     whole = len(trials("development", "quick"))
