@@ -1,8 +1,8 @@
 """`python -m calibration.score results/calibration/report full` scores what is there of a block.
 
 How often a diagnosis is right: false alarms, names, sites and intervals, sets of effects, physics
-outside the catalogue, prediction; every share with its interval and its number of recordings. Of a
-block of p-values: how often they are small where nothing is left out.
+outside the catalogue, prediction; every share with its interval and its number of recordings.
+Blocks of p-values and of queries are scored by `p_value_score` and `query_score`.
 """
 
 import json
@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from calibration import judge
-from calibration.blocks import of_p_values, trials
-from calibration.intervals import bootstrap, wilson
-from calibration.nulls import RIGS
+from calibration import judge, p_value_score, query_score, rig_sizes
+from calibration.blocks import sort_of, trials
+from calibration.intervals import wilson
+from calibration.lines import SUMMARY, line, median, over, share
 from calibration.trial import file_of
 from eitskin.atomic import atomic_path
 from eitskin.diagnose.verdict import LIKELY
@@ -29,13 +29,9 @@ APART = (
 BANDS = ((3.0, 5.0), (5.0, APART), (APART, np.inf))
 BINS = 10  # of other.probability
 COMMAND = "snakemake --cores 2 calibrate_diagnosis"
-SUMMARY = ("of", "what", "value", "low", "high", "hits", "n", "wanted", "met")
 HIDDEN = ("rmse_V", "rmse_before_V", "rmse_gp_V", "rmse_mlp_V", "chi2_per_dof", "within_90")
 RIG = ("rig_error", "n", "named", "named_low", "named_high")
 RIG = (*RIG, "flagged", "flagged_low", "flagged_high")
-LEVELS, MOST_OFTEN = (0.05, 0.01), 1.5  # of p; times as often as it says
-NULL = ("seed", "rig", "number", "p_value", "p_local", "name", "failed")
-NULL = (*NULL, "seconds", "cpu_seconds")
 EFFECT = (
     *("kind", "seed", "name", "scope", "gap", "class_size", "others_gap", "right", "declared"),
     *("called", "sited", "sites_right", "covered", "intervals"),
@@ -108,44 +104,6 @@ def summary(rows: list[dict]) -> pd.DataFrame:
         _run(rows, whole),
     ]
     return pd.DataFrame([line for part in parts for line in part], columns=list(SUMMARY))
-
-
-def share(of: str, what: str, hits: int, n: int, wanted: tuple | None = None) -> dict:
-    """A line of the summary; wanted: (lowest, highest) value."""
-    low, high = wilson(int(hits), int(n))
-    value = hits / n if n else float("nan")
-    return {**line(of, what, value, low, high, n, wanted), "hits": int(hits)}
-
-
-def over(
-    of: str,
-    what: str,
-    n: int,
-    statistic: Callable[[np.ndarray], float],
-    wanted: tuple | None = None,
-) -> dict:
-    """A line of a statistic(indices) over n recordings, its interval by bootstrap."""
-    value = statistic(np.arange(n)) if n else float("nan")
-    return line(of, what, value, *bootstrap(n, statistic), n, wanted)
-
-
-def line(of, what, value, low, high, n, wanted) -> dict:
-    met = None
-    if wanted is not None and not np.isnan(value):
-        met = bool(wanted[0] <= value <= wanted[1])
-    text = "" if wanted is None else _wanted(*wanted)
-    head = {"of": of, "what": what, "value": float(value), "low": low, "high": high}
-    return {**head, "hits": None, "n": int(n), "wanted": text, "met": met}
-
-
-def _wanted(low: float, high: float) -> str:
-    if high == np.inf:
-        return f"≥ {low:g}"
-    return f"≤ {high:g}" if low == -np.inf else f"{low:g} to {high:g}"
-
-
-def median(values: np.ndarray) -> Callable[[np.ndarray], float]:
-    return lambda index: float(np.median(values[index]))
 
 
 def flagged(row: dict) -> bool:
@@ -320,48 +278,6 @@ def _run(rows: list[dict], whole: list[dict]) -> list[dict]:
     return lines
 
 
-def p_values(rows: list[dict]) -> pd.DataFrame:
-    """One row (NULL) a recording in which nothing is left out, of trial rows of skins."""
-    made = [{"seed": row["seed"], **one} for row in rows for one in row.get("nulls", [])]
-    return pd.DataFrame(made, columns=list(NULL))
-
-
-def p_value_summary(rows: list[dict]) -> pd.DataFrame:
-    """How often the best candidate's p is below each of LEVELS (SUMMARY), of all recordings and by
-    rig; a recording that breaks off counts as one. Recordings of a skin are alike: of all, the
-    interval over skins drawn anew stands beside Wilson's."""
-    table = p_values(rows)
-    lines = []
-    for level in LEVELS:
-        below = (table["p_value"] < level) | table["failed"].notna()
-        what, wanted = f"best candidate's p below {level:g}", (-np.inf, MOST_OFTEN * level)
-        lines.append(share("every rig", what, below.sum(), len(below), wanted))
-        hits, n = (below.groupby(table["seed"]).agg(how).to_numpy() for how in ("sum", "size"))
-
-        def drawn(index: np.ndarray, hits=hits, n=n) -> float:
-            return float(hits[index].sum() / n[index].sum())
-
-        lines.append(over("every rig", f"{what}, skins drawn anew", len(n), drawn))
-    for rig in RIGS:
-        own = table[table["rig"] == rig]
-        for level in LEVELS:
-            below = (own["p_value"] < level) | own["failed"].notna()
-            lines.append(share(rig, f"best candidate's p below {level:g}", below.sum(), len(below)))
-    broken = sum("failed" in row for row in rows)
-    took = table["cpu_seconds"].to_numpy(float)
-    lines += [
-        share("the run", "skins broken off", broken, len(rows)),
-        share("the run", "recordings broken off", table["failed"].notna().sum(), len(table)),
-        over(
-            "the run",
-            "processor seconds a recording, mean",
-            len(took),
-            lambda i: float(took[i].mean()),
-        ),
-    ]
-    return pd.DataFrame(lines, columns=list(SUMMARY))
-
-
 def by_name(table: pd.DataFrame) -> pd.DataFrame:
     """Counts for every name: alone (all, and at a gap of APART), its sites and intervals there, and
     in sets."""
@@ -423,28 +339,28 @@ def by_rig(rows: list[dict]) -> pd.DataFrame:
     return pd.DataFrame(made, columns=list(RIG))
 
 
-def markdown(lines: pd.DataFrame, rows: list[dict], planned: int, block: str, size: str) -> str:
-    """The summary as a table that says where it comes from."""
+def markdown(
+    lines: pd.DataFrame, rows: list[dict], planned: int, block: str, size: str, note: str
+) -> str:
+    """The summary as a table that says where it comes from, and a note."""
     versions = {row.get("code", "unknown") for row in rows}
-    never = sorted(n for n, e in EFFECTS.items() if not e.composite and n not in DRAWN)
     of = f"{len(rows)} of {planned}" if len(rows) < planned else f"{planned}"
-    what = "skins recorded again and again" if of_p_values(block) else "recordings"
-    names = f"; names never drawn: {', '.join(never) or 'none'}" * (not of_p_values(block))
+    what = "skins" if sort_of(block) == "p-values" else "recordings"
     head = [
         f"`{COMMAND}` with `calibration: {{block: {block}, size: {size}}}`: {of} {what},"
-        f" 95 % intervals; {len(versions)} version{'s' * (len(versions) != 1)} of the diagnosis"
-        f"{names}.",
+        f" 95 % intervals; {len(versions)} version{'s' * (len(versions) != 1)} of the diagnosis;"
+        f" {note}.",
         "",
         "| recordings | what | measured | 95 % | n | wanted | met |",
         "|---|---|---|---|---|---|---|",
     ]
-    for line in lines.to_dict("records"):
-        share = line["hits"] is not None and not np.isnan(line["hits"])
-        said = number(line["value"], share)
-        ends = [number(line[end], share) for end in ("low", "high")]
+    for one in lines.to_dict("records"):
+        counted = one["hits"] is not None and not np.isnan(one["hits"])
+        said = number(one["value"], counted)
+        ends = [number(one[end], counted) for end in ("low", "high")]
         ends = " to ".join(ends) if all(ends) else ""
-        met = {True: "yes", False: "**no**"}.get(line["met"], "")
-        cells = (line["of"], line["what"], said, ends, line["n"], line["wanted"], met)
+        met = {True: "yes", False: "**no**"}.get(one["met"], "")
+        cells = (one["of"], one["what"], said, ends, one["n"], one["wanted"], met)
         head.append("| " + " | ".join(map(str, cells)) + " |")
     return "\n".join(head) + "\n"
 
@@ -459,26 +375,35 @@ def write(folder: Path, block: str, size: str) -> None:
     """Score the trials in folder/trials into folder: summary.md, and the .csv of
     `blocks.tables`."""
     rows, planned = read(folder / "trials", block, size)
-    if of_p_values(block):
-        made = {"summary": p_value_summary(rows), "p_values": p_values(rows)}
-    else:
-        made = _diagnoses(rows)
+    made, note = SCORED[sort_of(block)](rows)
     for name, table in made.items():
         with atomic_path(folder / f"{name}.csv") as path:
             table.to_csv(path, index=False)
     with atomic_path(folder / "summary.md") as path:
-        path.write_text(markdown(made["summary"], rows, planned, block, size), "utf-8")
+        path.write_text(markdown(made["summary"], rows, planned, block, size, note), "utf-8")
 
 
-def _diagnoses(rows: list[dict]) -> dict[str, pd.DataFrame]:
-    table = effects([row for row in rows if "failed" not in row])
-    return {
+def scored(rows: list[dict]) -> tuple[dict[str, pd.DataFrame], str]:
+    """The tables of `blocks.TABLES` of diagnoses, and a note."""
+    whole = [row for row in rows if "failed" not in row]
+    table = effects(whole)
+    made = {
         "summary": summary(rows),
         "effects": by_name(table),
         "confusion": confusion(table),
         "other_calibration": reliability(rows),
         "rig": by_rig(rows),
+        "rig_sizes": rig_sizes.table([one for row in whole for one in row.get("rig_sizes", [])]),
     }
+    never = sorted(n for n, e in EFFECTS.items() if not e.composite and n not in DRAWN)
+    return made, f"names never drawn: {', '.join(never) or 'none'}"
+
+
+SCORED: dict[str, Callable[[list[dict]], tuple[dict[str, pd.DataFrame], str]]] = {
+    "diagnoses": scored,
+    "p-values": p_value_score.scored,
+    "queries": query_score.scored,
+}
 
 
 if __name__ == "__main__":

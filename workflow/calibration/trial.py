@@ -4,13 +4,16 @@ import json
 import math
 import time
 import traceback
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from calibration import black_box, nulls
+from calibration import asked, black_box, nulls, rig_sizes
+from calibration.harm import harm
 from eitskin.atomic import atomic_path
+from eitskin.data import importers, recording
 from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis, result
 from eitskin.diagnose.candidates import Candidate
@@ -18,10 +21,12 @@ from eitskin.diagnose.fit import Fit, fit
 from eitskin.diagnose.gaps import Gap, gaps
 from eitskin.diagnose.search.search import Search, State, gross
 from eitskin.effects import catalogue_names, modules
+from eitskin.errors import InputError
 from eitskin.fingerprint import fingerprint
 from witness import cases
 
-CODE = fingerprint("trials", modules(catalogue_names()))[:12]  # of this process
+FOUND = [*modules(catalogue_names()), *importers.modules()]
+CODE = fingerprint("trials", FOUND)[:12]  # of this process
 
 
 def trial(kind: str, seed: int) -> dict:
@@ -57,6 +62,9 @@ def trial(kind: str, seed: int) -> dict:
         "snr_given_others": case.snr_given_others,
         "outside": case.outside,
         "rig": [{"kind": error.kind, "size": error.size} for error in case.rig],
+        "rig_sizes": rig_sizes.compared(
+            case, found.search.problem.whitening.mask, found.noise, found.after
+        ),
         "snr_left": snr_left(found.after.fit, case.clean),
         "true_gaps": true_gaps(found, case.effects, case.scopes),
         "said": said,
@@ -68,9 +76,48 @@ def trial(kind: str, seed: int) -> dict:
     }
 
 
-def skin(seed: int) -> dict:
+def skin(kind: str, seed: int) -> dict:
     """The row of a skin with nothing left out, as of `nulls.trial`."""
-    return {"kind": "skin", "seed": seed, "code": CODE, **nulls.trial(seed)}
+    return {"kind": kind, "seed": seed, "code": CODE, **nulls.trial(seed)}
+
+
+def query_trial(kind: str, seed: int) -> dict:
+    """Draw a recording and its query, diagnose the recording alone, and set what is predicted of
+    the query, after and before, beside what was there.
+
+    What the tool refuses as a user would see it refused is `refused`; a real recording that is not
+    there is `absent`, with a warning: the texts.
+    """
+    head = {"kind": kind, "seed": seed, "code": CODE}
+    try:
+        drawn = asked.draw(kind, seed)
+    except FileNotFoundError as error:
+        warnings.warn(f"SKIPPED: {kind} {seed}: {error}", stacklevel=2)
+        return {**head, "absent": str(error)}
+    head["drawn"] = drawn.drawn
+    began = time.perf_counter(), time.process_time()
+    try:
+        for one in (drawn.recorded, drawn.query):
+            recording.validate(one, kind)
+        found = diagnosis.diagnose(drawn.recorded)
+        ended = time.perf_counter(), time.process_time()
+        after, _ = diagnosis.predict(found, drawn.query)
+        before, _ = diagnosis.predict(found, drawn.query, found.before)
+    except InputError as error:
+        return {**head, "seconds": time.perf_counter() - began[0], "refused": str(error)}
+    return {
+        **head,
+        "seconds": ended[0] - began[0],
+        "cpu_seconds": ended[1] - began[1],
+        "said": result.result(found, f"{kind} {seed}"),
+        "hidden": harm(after, before, drawn.there, drawn.unit),
+    }
+
+
+def row(kind: str, seed: int) -> dict:
+    """The row of a trial of any kind that `blocks.trials` has."""
+    of = {"skin": skin, "query": query_trial}
+    return of.get(kind.partition(":")[0], trial)(kind, seed)
 
 
 def rms(values: np.ndarray) -> float:
@@ -146,16 +193,21 @@ def run(trials: list[tuple[str, int]], folder: Path) -> None:
     """Every trial that has no file in `folder` yet, each written as soon as it is done.
 
     A trial that breaks off leaves {kind, seed, failed: why}, for the score to count. A row says by
-    its `code` what drew and diagnosed it; it is made again where that has changed.
+    its `code` what drew and diagnosed it; it is made again where that has changed, or where a real
+    recording was absent.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for kind, seed in trials:
         path = file_of(folder, kind, seed)
-        if not (path.exists() and json.loads(path.read_text("utf-8"))["code"] == CODE):
+        if not (path.exists() and _current(json.loads(path.read_text("utf-8")))):
             try:
-                row = skin(seed) if kind == "skin" else trial(kind, seed)
+                made = row(kind, seed)
             except Exception as error:  # whatever it is, it is a result
                 traceback.print_exc()
-                row = {"kind": kind, "seed": seed, "code": CODE, "failed": repr(error)}
+                made = {"kind": kind, "seed": seed, "code": CODE, "failed": repr(error)}
             with atomic_path(path) as temporary:
-                temporary.write_text(json.dumps(row, ensure_ascii=False) + "\n", "utf-8")
+                temporary.write_text(json.dumps(made, ensure_ascii=False) + "\n", "utf-8")
+
+
+def _current(row: dict) -> bool:
+    return row["code"] == CODE and "absent" not in row

@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 
 from calibration.judge import site_kind, sites_right
-from concealed.real_sets import listed
+from calibration.real_sets import listed
 from eitskin.data import importers
 from eitskin.data.recording import Recording, presses
 from eitskin.diagnose.noise import estimate

@@ -1,4 +1,4 @@
-from calibration.blocks import batches, of_p_values, tables
+from calibration.blocks import FIRST_SEED, batches, sort_of, tables
 
 
 # No fingerprint: hours of work are made anew on request alone, `--forcerun trials`; the summary says
@@ -11,7 +11,7 @@ rule trials:
     benchmark:
         "benchmarks/trials/{block}/{size}-{batch}.tsv"
     wildcard_constraints:
-        block="(?:ordinary-|p-values-)?(?:development|report)",
+        block="|".join(FIRST_SEED),
         size="quick|full",
         batch=r"\d+",
     conda:
@@ -106,4 +106,6 @@ rule calibration_figures:
 rule calibrate_diagnosis:
     input:
         rules.score_trials.output,
-        [] if of_p_values(config["calibration"]["block"]) else rules.calibration_figures.output,
+        rules.calibration_figures.output
+        if sort_of(config["calibration"]["block"]) == "diagnoses"
+        else [],

@@ -4,7 +4,17 @@ from collections import Counter
 
 import pytest
 
-from calibration.blocks import SIZES, SKINS, batches, tables, trials
+from calibration import trial
+from calibration.blocks import (
+    FIRST_SEED,
+    P_VALUE_SIZES,
+    QUERY_SIZES,
+    SIZES,
+    batches,
+    sort_of,
+    tables,
+    trials,
+)
 from eitskin.errors import InputError
 from witness.cases import names_of
 from witness.outside import OUTSIDE
@@ -45,10 +55,12 @@ def test_ordinary_rigs_record_the_same_skins(size):
     assert (
         words
         == {
-            "quick": {"null": 100, "single": len(DRAWN), "pair": 12},
-            "full": {"null": 300, "single": 4 * len(DRAWN), "pair": 40},
+            "quick": {"null": 100, "single": len(DRAWN), "pair": 12, "outside": 18},
+            "full": {"null": 300, "single": 4 * len(DRAWN), "pair": 40, "outside": 54},
         }[size]
     )
+    laws = Counter(kind for kind, _ in bare if kind.startswith("outside:"))
+    assert len(laws) == len(OUTSIDE) and len(set(laws.values())) == 1
     shared = bare & set(trials("report", size))
     assert len(shared) >= min(len(bare), len(trials("report", size))) / 3
     tuned = trials("ordinary-development", size)
@@ -58,11 +70,43 @@ def test_ordinary_rigs_record_the_same_skins(size):
 @pytest.mark.parametrize("size", SIZES)
 def test_blocks_of_p_values_are_skins(size):
     tuned, told = trials("p-values-development", size), trials("p-values-report", size)
-    assert len(set(told)) == SKINS[size] and {kind for kind, _ in told} == {"skin"}
+    assert len(set(told)) == P_VALUE_SIZES[size]["skin"] and {kind for kind, _ in told} == {"skin"}
     assert not set(tuned) & set(told)
     assert [one for batch in batches("p-values-report", size) for one in batch] == told
+
+
+@pytest.mark.parametrize(("size", "number"), [("quick", 20), ("full", 200)])
+def test_queries_are_of_every_kind(size, number):
+    plan = trials("queries-report", size)
+    assert len(set(plan)) == len(plan) == number
+    assert Counter(kind for kind, _ in plan) == {
+        f"query:{kind}": count for kind, count in QUERY_SIZES[size].items()
+    }
+    assert not {s for _, s in plan} & {s for _, s in trials("queries-development", size)}
+    assert {kind for kind, _ in plan[: number // 3]} == {kind for kind, _ in plan}
+
+
+@pytest.mark.parametrize("block", FIRST_SEED)
+def test_a_smaller_size_is_part_of_the_larger(block):
+    assert set(trials(block, "quick")) <= set(trials(block, "full"))
+
+
+def test_a_sort_of_block_has_tables_of_its_own():
+    assert [sort_of(f"{word}report") for word in ("", "ordinary-")] == ["diagnoses"] * 2
+    assert tables("report") == tables("ordinary-report") and "confusion" in tables("report")
     assert tables("p-values-report") == ("summary", "p_values")
-    assert "confusion" in tables("ordinary-report")
+    assert tables("queries-report") == ("summary", "queries")
+
+
+@pytest.mark.parametrize(
+    ("block", "how"),
+    [("ordinary-report", "trial"), ("p-values-report", "skin"), ("queries-report", "query_trial")],
+)
+def test_every_kind_is_tried_as_its_sort_is(monkeypatch, block, how):
+    for name in ("trial", "skin", "query_trial"):
+        monkeypatch.setattr(trial, name, lambda kind, seed, name=name: (name, kind, seed))
+    plan = trials(block, "quick")
+    assert [trial.row(*one) for one in plan] == [(how, *one) for one in plan]
 
 
 def test_the_witness_knows_every_kind():
@@ -79,7 +123,7 @@ def test_half_a_plan_holds_half_of_each():
 
 def test_batches_are_the_plan():
     made = batches("development", "quick")
-    assert [trial for batch in made for trial in batch] == trials("development", "quick")
+    assert [one for batch in made for one in batch] == trials("development", "quick")
     assert max(map(len, made)) == 8
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from calibration import nulls, score, trial
+from calibration import nulls, p_value_score, trial
 from calibration.nulls import RIGS, ScoreTests
 from witness import cases
 from witness.rig_errors import USUAL
@@ -33,13 +33,13 @@ def test_every_recording_of_a_skin_is_diagnosed_and_one_that_breaks_off_says_so(
         return {"p_value": 0.5, "p_local": 0.1, "name": "offset", "learned": {}}
 
     monkeypatch.setattr(ScoreTests, "best", best)
-    row = trial.skin(3)
+    row = trial.row("skin", 3)
     assert (row["kind"], row["seed"]) == ("skin", 3)
     assert len(row["nulls"]) == nulls.REPEATS * len(RIGS)
     assert {one["rig"] for one in row["nulls"] if "failed" in one} == {"gain-walk"}
     sizes = [tuple(one["sizes"].values()) for one in row["nulls"] if one["rig"] == "force"]
     assert len(set(sizes)) == nulls.REPEATS
-    table = score.p_values([row])
+    table = p_value_score.p_values([row])
     assert table["failed"].notna().sum() == nulls.REPEATS
     assert (table["p_value"] == 0.5).sum() == nulls.REPEATS * (len(RIGS) - 1)
 
@@ -66,9 +66,9 @@ def rows():
 def test_the_best_candidate_s_p_is_as_rare_as_it_says(rows):
     """Bounds that MOST_OFTEN times as often as stated exceeds once in a thousand runs; the p of one
     look, as if nobody had chosen the best, exceeds them."""
-    table = score.p_values(rows)
+    table = p_value_score.p_values(rows)
     assert len(table) == 40 and not table["failed"].notna().any()
-    for level in score.LEVELS:
-        often = binom.ppf(0.999, len(table), score.MOST_OFTEN * level)
+    for level in p_value_score.LEVELS:
+        often = binom.ppf(0.999, len(table), p_value_score.MOST_OFTEN * level)
         below = (table[["p_value", "p_local"]] < level).sum()
         assert below["p_value"] <= often < below["p_local"], table

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from calibration import figures, score
+from calibration import figures, p_value_score, score
 from calibration.blocks import trials
 from calibration.intervals import bootstrap, wilson
 from calibration.judge import covered, matched, names_truth, next_gap
@@ -302,7 +302,8 @@ def test_a_part_of_a_block_is_scored_and_says_so(tmp_path):
     figures.write(tmp_path)
     names = {path.name for path in tmp_path.iterdir() if path.is_file()}
     drawn = {f"{n}.{s}" for n in ("confusion", "other_calibration") for s in ("svg", "png", "csv")}
-    assert names == drawn | {"summary.csv", "summary.md", "effects.csv", "rig.csv"}
+    tables = {"summary.csv", "summary.md", "effects.csv", "rig.csv", "rig_sizes.csv"}
+    assert names == drawn | tables
     text = (tmp_path / "summary.md").read_text()
     there = len(list((tmp_path / "trials").iterdir()))
     whole = len(trials("development", "quick"))
@@ -344,7 +345,7 @@ def test_small_p_values_are_counted_by_rig_and_skin_by_skin(tmp_path):
     rows = [skin(1, [0.2, 0.04, 0.005, 0.9]), skin(2, [0.3, 0.5], "gain-walk")]
     rows[1]["nulls"].append({"rig": "gain-walk", "number": 2, "failed": "why", "cpu_seconds": 4.0})
     rows.append({"kind": "skin", "seed": 3, "code": "a", "failed": "why"})
-    table = score.p_value_summary(rows)
+    table = p_value_score.summary(rows)
     every = line(table, "every rig", "best candidate's p below 0.05")
     assert (every["hits"], every["n"], every["met"]) == (3, 7, False)
     assert (every["low"], every["high"]) == wilson(3, 7)
@@ -365,10 +366,11 @@ def test_small_p_values_are_counted_by_rig_and_skin_by_skin(tmp_path):
     score.write(tmp_path, "p-values-development", "full")
     names = {path.name for path in tmp_path.iterdir() if path.is_file()}
     assert names == {"summary.csv", "summary.md", "p_values.csv"}
-    assert "3 of 40 skins" in (tmp_path / "summary.md").read_text()
+    text = (tmp_path / "summary.md").read_text()
+    assert "3 of 40 skins" in text and "7 recordings of these skins" in text
 
 
 def test_no_p_values_are_no_success():
-    table = score.p_value_summary([])
+    table = p_value_score.summary([])
     assert (table["n"] == 0).all()
     assert table["met"].isna().all()

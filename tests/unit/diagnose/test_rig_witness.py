@@ -75,8 +75,6 @@ def test_a_rig_error_gets_no_name(kind):
     ("name", "seed", "component"),
     [
         ("touch-contrast", 5, "force-per-press"),  # SNR 24, 1.25 times the contrast
-        ("contact-law", 2, "force-per-press"),  # SNR 58
-        ("contact-law", 4, "force-per-press"),  # SNR 16, an exponent of 0.94
         ("hysteresis", 1, "force-per-press"),  # gap 14
         ("registration", 4, "place-per-press"),  # SNR 42, 0.23 deg
         ("conductivity-drift", 4, "gain-walk"),  # SNR 44
@@ -89,3 +87,33 @@ def test_an_effect_is_not_taken_for_a_rig_error(name, seed, component):
     (effect,) = result.result(found, name)["effects"]
     assert name in (effect["name"], *effect["alternatives"])
     assert found.after.sizes[component] < found.search.rig.scales[component] / 3.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "seed", "component"),
+    [
+        ("contact-law", 2, "force-per-press"),  # gap to touch-contrast 8.5
+        ("drive-gain", 3, "channel-drift"),  # gap 15
+    ],
+)
+def test_an_effect_and_its_rig_error_are_told_apart(name, seed, component):
+    case, recorded = drawn(f"single:{name}+rig:{component}", seed)
+    found = diagnosis.diagnose(recorded)
+    (effect,) = result.result(found, name)["effects"]
+    assert name in (effect["name"], *effect["alternatives"])
+    assert 1 / 1.5 < found.after.sizes[component] / size_of(case)[1] < 1.5
+
+
+@pytest.mark.long
+def test_a_class_is_declared_whole_on_a_rig_with_errors():
+    case, recorded = drawn("single:contact-law+rig:common-noise", 4)  # SNR 16
+    found = diagnosis.diagnose(recorded)
+    (effect,) = result.result(found, "contact-law")["effects"]
+    ((nearest, *rest),) = found.gaps
+    assert effect["name"] == "contact-law"
+    assert nearest.gap < 3.0 <= rest[0].gap
+    assert effect["alternatives"] == [nearest.rival] == ["contact-area-growth"]
+    name, size = size_of(case)
+    assert 1 / 1.5 < found.after.sizes[name] / size < 1.5
+    assert found.after.sizes["force-per-press"] < found.search.rig.scales["force-per-press"] / 3.0

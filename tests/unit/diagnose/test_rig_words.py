@@ -55,7 +55,10 @@ def test_sizes_with_units_and_intervals():
     assert said(walk).endswith(f"off by 0.200 (90 %: 0.160 to 0.250){SP}%.")
     assert "correlation of 0.41 (90 %: 0.30 to 0.50)." in said(component("correlated-noise"))
     step = component("quantisation", 2.148e-3, 2.148e-3, 2.148e-3)
-    assert said(step) == f"The converter rounds readings to steps of 2.15{SP}mV."
+    expected = (
+        f"The converter's rounding leaves errors of typically 2.15{SP}mV that do not scatter."
+    )
+    assert said(step) == expected
     in_ohm = component("common-noise", 0.02, 0.01, 0.03, "ohm")
     assert said(in_ohm).endswith(f"noise of 20 (90 %: 10 to 30){SP}mΩ.")
 

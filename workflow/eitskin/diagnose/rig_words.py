@@ -14,7 +14,8 @@ FINDINGS = {  # what is said of a component; its size as {size}, or as {size:%} 
     "common-noise": "All channels of a frame share noise of {size}.",
     "channel-drift": "Each channel drifts by itself: at the recording's end it is typically off by"
     " {size}.",
-    "quantisation": "The converter rounds readings to steps of {size}.",
+    "quantisation": "The converter's rounding leaves errors of typically {size} that do not"
+    " scatter.",
     "quadrature": "The board reads magnitudes: quadrature of typically {size:%} of a reading is in"
     " them.",
     "place-per-frame": "The robot's places scatter by {size} from frame to frame.",
