@@ -11,13 +11,12 @@ from dataclasses import dataclass, replace
 from zlib import crc32
 
 import numpy as np
-import pandas as pd
 
 from calibration.real_sets import listed
 from eitskin.data import importers
 from eitskin.data.recording import TOUCH_KEYS, Recording, presses
+from eitskin.diagnose.held_out import reciprocal_groups, units, with_frames_before
 from eitskin.errors import InputError
-from eitskin.physics.protocol import reciprocal_channels
 from witness import cases
 from witness.outside import OUTSIDE
 
@@ -39,10 +38,9 @@ LEAST_PRESSES = 10  # with fewer, channels are kept out
 class Asked:
     """A recording, a query, and what was there.
 
-    drawn: what was done, in words; there (Q, M): noise-free voltages of a simulation, else those
-    measured, NaN where nothing is compared; unit (Q, M): which independent unit a reading belongs
-    to, a press with the untouched frames before it, or channels tied by reciprocity where the query
-    has fewer than two presses.
+    drawn: what was done, in words; there (Q, M): voltages of a simulation with the white noise of
+    its recording, else those measured, NaN where nothing is compared; unit (Q, M): which
+    independent unit a reading belongs to, as of `held_out.units`.
     """
 
     kind: str
@@ -89,36 +87,22 @@ def _asked(
     metadata = deepcopy(case.metadata if metadata is None else metadata)
     voltage = case.voltage if voltage is None else voltage
     query = Recording(case.query, None, None, None, metadata)
+    there = _read(case) if there is None else there
     return Asked(
         case.kind.partition("+")[0],
         case.seed,
         drawn,
         Recording(case.states, voltage, None, None, metadata),
         query,
-        case.query_clean if there is None else there,
+        there,
         units(query),
     )
 
 
-def units(query: Recording) -> np.ndarray:
-    """(Q, M) int: the independent unit of each reading, as `Asked` has it."""
-    press = presses(query)
-    if press.max(initial=-1) < 1:
-        return np.repeat(_reciprocal(query.channels)[None], len(press), axis=0)
-    return np.repeat(_with_frames_before(press)[:, None], len(query.channels), axis=1)
-
-
-def _reciprocal(channels: np.ndarray) -> np.ndarray:
-    """(M,): one label for channels (M, 4) that reciprocity ties together."""
-    label = np.arange(len(channels))
-    for first, second in reciprocal_channels(channels)[0]:
-        label[second] = label[first]
-    return label
-
-
-def _with_frames_before(press: np.ndarray) -> np.ndarray:
-    """(N,): the press of a frame, of an untouched one that which follows, at the end the last."""
-    return pd.Series(press).where(press >= 0).bfill().ffill().to_numpy(int)
+def _read(case: cases.Case) -> np.ndarray:
+    """(Q, M) V: the readings of a case's query, with white noise."""
+    rng = np.random.default_rng([crc32(f"{case.kind}, read".encode()), case.seed])
+    return case.query_clean + case.noise_V * rng.standard_normal(case.query_clean.shape)
 
 
 def _rig(kind: str, seed: int) -> Asked:
@@ -210,7 +194,7 @@ def _shuffled(kind: str, seed: int) -> Asked:
     order = rng.permutation(n_channels)
     if what != "channels":
         order = np.roll(np.arange(n_channels), int(rng.integers(1, n_channels)))
-    return _asked(case, what, case.voltage[:, order], case.query_clean[:, order])
+    return _asked(case, what, case.voltage[:, order], _read(case)[:, order])
 
 
 def _garbage(kind: str, seed: int) -> Asked:
@@ -250,7 +234,7 @@ def _real(kind: str, seed: int) -> Asked:
 def _without_presses(whole: Recording, rng: np.random.Generator) -> tuple:
     """Presses in a row, each with the untouched frames before it, less some: the last, or any. Of
     those the query has what can be simulated, all where nothing can."""
-    frames, group = whole.frames, _with_frames_before(presses(whole))
+    frames, group = whole.frames, with_frames_before(presses(whole))
     count = int(group.max()) + 1
     number = min(count, round(int(rng.integers(FEWEST, MOST + 1)) * count / len(frames)))
     first, last = int(rng.integers(count - number + 1)), rng.uniform() < 0.5
@@ -268,7 +252,7 @@ def _without_presses(whole: Recording, rng: np.random.Generator) -> tuple:
 
 def _without_channels(whole: Recording, rng: np.random.Generator) -> tuple:
     """All frames less some of the channels, reciprocal ones together; these of all the frames."""
-    group, every = _reciprocal(whole.channels), np.ones(len(whole.frames), bool)
+    group, every = reciprocal_groups(whole.channels), np.ones(len(whole.frames), bool)
     label = rng.permutation(np.unique(group))
     out = np.isin(group, label[: len(label) // KEPT_OUT])
     recorded = _part(whole, every, 0.0, np.where(out, np.nan, whole.voltage))

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from sklearn.linear_model import LogisticRegression
 
 from calibration import judge, p_value_score, query_score, rig_sizes
 from calibration.blocks import sort_of, trials
@@ -206,16 +207,51 @@ def _outside(rows: list[dict]) -> list[dict]:
         share(of, "flagged, all", sum(map(flagged, every)), len(every)),
         share(of, "falsely flagged: all without it", false, len(inside), (-np.inf, 0.05)),
         over(of, f"AUROC of other.probability, {text}", len(hit), area),
+        *_calibrated(of, rows),
     ]
+
+
+def _calibrated(of: str, rows: list[dict]) -> list[dict]:
+    """Lines on other.probability as a probability: expected calibration error over BINS, slope of
+    the logistic regression on its logit, and how often there was something."""
+    said, there = _said_and_there(rows)
+    logit = np.log(said / (1.0 - said))[:, None]
+
+    def error(index: np.ndarray) -> float:
+        own = _bin(said[index])
+        off = np.bincount(own, said[index] - there[index], BINS)
+        return float(np.abs(off).sum() / len(index))
+
+    def slope(index: np.ndarray) -> float:
+        if len(np.unique(there[index])) < 2:
+            return float("nan")
+        found = LogisticRegression(C=np.inf).fit(logit[index], there[index])
+        return float(found.coef_[0, 0])
+
+    name = "other.probability"
+    return [
+        share(of, f"{name}: prevalence here", there.sum(), len(there)),
+        over(of, f"{name}: expected calibration error", len(there), error, (-np.inf, 0.05)),
+        over(of, f"{name}: slope", len(there), slope),
+    ]
+
+
+def _said_and_there(rows: list[dict]) -> tuple[np.ndarray, np.ndarray]:
+    """other.probability (n,), and whether there was physics outside the catalogue (n,)."""
+    rows = [row for row in rows if "failed" not in row]
+    said = np.array([r["said"]["other"]["probability"] for r in rows], float)
+    return said, np.array([bool(r["outside"]) for r in rows], bool)
+
+
+def _bin(probability: np.ndarray) -> np.ndarray:
+    return np.minimum((probability * BINS).astype(int), BINS - 1)
 
 
 def reliability(rows: list[dict]) -> pd.DataFrame:
     """Bins of other.probability: low, high, n, its mean, share of recordings with physics outside
     the catalogue, and that share's interval."""
-    rows = [row for row in rows if "failed" not in row]
-    said = np.array([r["said"]["other"]["probability"] for r in rows], float)
-    there = np.array([bool(r["outside"]) for r in rows])
-    which = np.minimum((said * BINS).astype(int), BINS - 1)
+    said, there = _said_and_there(rows)
+    which = _bin(said)
     lines = []
     for i in range(BINS):
         own = which == i

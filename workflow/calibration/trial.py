@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from calibration import asked, black_box, nulls, rig_sizes
-from calibration.harm import harm
 from eitskin.atomic import atomic_path
 from eitskin.data import importers, recording
 from eitskin.data.recording import Recording
@@ -19,6 +18,7 @@ from eitskin.diagnose import diagnosis, result
 from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.fit import Fit, fit
 from eitskin.diagnose.gaps import Gap, gaps
+from eitskin.diagnose.harm import harm
 from eitskin.diagnose.search.search import Search, State, gross
 from eitskin.effects import catalogue_names, modules
 from eitskin.errors import InputError
@@ -68,6 +68,7 @@ def trial(kind: str, seed: int) -> dict:
         "snr_left": snr_left(found.after.fit, case.clean),
         "true_gaps": true_gaps(found, case.effects, case.scopes),
         "said": said,
+        "other_p": found.other.p_value,
         "hidden": {
             **rmse,
             "chi2_per_dof": float(1.0 + ((error / case.noise_V) ** 2).mean()),

@@ -266,6 +266,22 @@ def test_physics_outside_the_catalogue_counts_where_the_fit_leaves_some():
     assert bins.loc[0.3, ["n", "probability", "share"]].tolist() == [2, 0.3, 0.5]
     assert bins.loc[0.9, ["n", "probability", "share"]].tolist() == [2, 0.9, 1.0]
     assert bins["n"].sum() == 5
+    off = line(table, "outside the catalogue", "other.probability: expected calibration error")
+    gaps = (bins["n"] * (bins["probability"] - bins["share"]).abs()).sum()
+    assert off["value"] == pytest.approx(gaps / 5) and off["wanted"] == "≤ 0.05"
+
+
+def test_a_probability_that_is_one_has_slope_one():
+    rng = np.random.default_rng(1)
+    said = rng.uniform(0.05, 0.95, 600)
+    there = rng.uniform(size=600) < said
+    rows = [
+        row("null", i, [], outside={"law": "x"} if hit else None) for i, hit in enumerate(there)
+    ]
+    for one, probability in zip(rows, said, strict=True):
+        one["said"]["other"]["probability"] = float(probability)
+    slope = line(score.summary(rows), "outside the catalogue", "other.probability: slope")
+    assert slope["low"] < 1.0 < slope["high"] and slope["value"] == pytest.approx(1.0, abs=0.2)
 
 
 def test_hidden_frames_against_the_better_black_box():

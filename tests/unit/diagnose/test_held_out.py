@@ -11,7 +11,7 @@ from eitskin.data.recording import Recording, presses
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.diagnosis import Judged
 from eitskin.diagnose.fit import Fit, fit
-from eitskin.diagnose.held_out import LEAST_PRESSES, aside, put_aside
+from eitskin.diagnose.held_out import LEAST_PRESSES, HeldOut, aside, put_aside, units
 from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.whitening import RigErrors
@@ -124,16 +124,17 @@ def judging():
     white = replace(problem.whitening, mask=kept, rho=np.zeros(len(CHANNELS)))
     none = np.zeros((0, *kept.shape))
     common = 2.0 * white.sd.mean() * np.ones((1, *kept.shape))
-    return found, white, replace(white, errors=RigErrors(none, np.where(kept, common, 0.0), none))
+    errors = RigErrors(none, np.where(kept, common, 0.0), none)
+    return found, white, replace(white, errors=errors), units(recorded)
 
 
 def test_what_was_put_aside_is_judged_in_its_own_covariance(judging):
-    found, white, rigged = judging
+    found, white, rigged, unit = judging
     draw = np.random.default_rng(2)
     noise = white.sd * draw.normal(size=white.mask.shape)
     noise += 2.0 * white.sd.mean() * draw.choice([-1.0, 1.0], (len(noise), 1))
     readings = np.where(white.mask, found.voltage() + noise, np.nan)
-    judged = Judged(readings, white, rigged)
+    judged = Judged(readings, white, rigged, unit)
     by, by_white = judged.by(found), judged.by_white(found)
     assert np.isclose(by_white.chi2_per_dof, ((noise / white.sd)[white.mask] ** 2).mean())
     assert by_white.chi2_per_dof > 3.0 and 0.85 < by.chi2_per_dof < 1.15
@@ -141,17 +142,17 @@ def test_what_was_put_aside_is_judged_in_its_own_covariance(judging):
     assert np.isclose(by.rms, np.sqrt((noise[white.mask] ** 2).mean()))
     assert not by.error[~white.mask].any() and not by.plain[~white.mask].any()
     assert judged.p_value(found, 1e6) > 0.01
-    assert Judged(readings, white, white).p_value(found, 1e6) < 1e-6
+    assert Judged(readings, white, white, unit).p_value(found, 1e6) < 1e-6
     # A noise that nobody knows well is no ground to refuse a fit.
-    assert Judged(readings, white, white).p_value(found, 1.0) > 1e-3
+    assert Judged(readings, white, white, unit).p_value(found, 1.0) > 1e-3
 
 
 def test_a_gain_is_that_of_the_log_density(judging):
-    found, white, rigged = judging
+    found, white, rigged, unit = judging
     draw = np.random.default_rng(3)
     noise = white.sd * draw.normal(size=white.mask.shape)
     readings = np.where(white.mask, found.voltage() + noise, np.nan)
-    judged = Judged(readings, white, rigged)
+    judged = Judged(readings, white, rigged, unit)
     off = Fit(found.problem, [], found.theta + 0.01, found.residual, found.slopes)
     gain, error = judged.gain(found, off)
     here, there = (rigged(np.where(white.mask, readings - f.voltage(), 0.0)) for f in (found, off))
@@ -162,8 +163,25 @@ def test_a_gain_is_that_of_the_log_density(judging):
     assert np.isclose(back, -gain)
 
 
+@pytest.mark.parametrize("common", [0.0, 30.0])
+def test_what_predicts_plainly_worse_does_harm(judging, common):
+    """Were the rig's errors ever so large: a covariance that excuses them is no excuse."""
+    found, white, rigged, unit = judging
+    noise = white.sd * np.random.default_rng(3).normal(size=white.mask.shape)
+    noise += common * white.sd.mean() * np.random.default_rng(4).normal(size=(len(noise), 1))
+    judged = Judged(np.where(white.mask, found.voltage() + noise, np.nan), white, rigged, unit)
+    off = Fit(found.problem, [], found.theta + 0.3, found.residual, found.slopes)
+    plain = found.voltage() - off.voltage()
+    here, there = (
+        HeldOut(np.zeros(1), np.zeros(1), left, left, left.size) for left in (noise, noise + plain)
+    )
+    assert judged.harms(off, found, (there, here))
+    assert not judged.harms(found, off, (here, there))
+    assert not judged.harms(found, found, (here, here))
+
+
 def test_put_aside_leaves_out_what_was_lost(judging):
-    found, white, _ = judging
+    found, white, _, _ = judging
     lost = white.mask & (np.random.default_rng(4).random(white.mask.shape) < 0.3)
     fewer = replace(white, mask=white.mask & ~lost)
     readings = np.where(fewer.mask, found.voltage() + white.sd, np.nan)

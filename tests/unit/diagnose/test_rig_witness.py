@@ -67,7 +67,9 @@ def test_a_rig_error_gets_no_name(kind):
     name, size = size_of(case)
     assert 1 / 1.5 < found.after.sizes[name] / size < 1.5
     (told,) = (one for one in said["noise"]["components"] if one["name"] == name)
-    assert told["sd"] == found.after.sizes[name] and told["low"] < size < told["high"]
+    assert told["sd"] == found.after.sizes[name]
+    # Twice as wide as that of 90 %, of which one in ten lies outside.
+    assert told["low"] ** 2 < size * told["sd"] < told["high"] ** 2
 
 
 @pytest.mark.long
@@ -110,10 +112,11 @@ def test_a_class_is_declared_whole_on_a_rig_with_errors():
     case, recorded = drawn("single:contact-law+rig:common-noise", 4)  # SNR 16
     found = diagnosis.diagnose(recorded)
     (effect,) = result.result(found, "contact-law")["effects"]
-    ((nearest, *rest),) = found.gaps
+    (others,) = found.gaps
+    near = [other.rival for other in others if other.gap < 3.0]
     assert effect["name"] == "contact-law"
-    assert nearest.gap < 3.0 <= rest[0].gap
-    assert effect["alternatives"] == [nearest.rival] == ["contact-area-growth"]
+    assert effect["alternatives"] == near and "contact-area-growth" in near
+    assert len(near) < len(others)
     name, size = size_of(case)
     assert 1 / 1.5 < found.after.sizes[name] / size < 1.5
     assert found.after.sizes["force-per-press"] < found.search.rig.scales["force-per-press"] / 3.0

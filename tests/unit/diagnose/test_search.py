@@ -229,6 +229,20 @@ def test_shuffled_channels_take_the_evidence_of_a_contact(contact):
     assert before < 1e-10 and after > 1e-3
 
 
+@pytest.mark.parametrize("wrong", ["order", "polarity"])
+def test_readings_in_an_order_or_polarity_of_their_own_get_no_name(wrong):
+    recorded = small_recording(noise=NOISE, places=2)
+    order = np.random.default_rng(1).permutation(len(CHANNELS))
+    recorded.voltage = recorded.voltage[:, order] if wrong == "order" else -recorded.voltage
+    found = diagnosis.diagnose(recorded)
+    said = result.result(found, wrong)
+    assert (said["verdict"], said["effects"]) == ("unexplained", [])
+    likeness = found.search.likeness(found.after)
+    assert abs(likeness) < 0.1 if wrong == "order" else likeness < -0.99
+    assert "Order and polarity" in said["other"]["sentence"]
+    assert "unlike" in {step["action"] for step in found.search.path}
+
+
 def test_turned_electrode_labels_turn_the_answer(contact):
     """What electrode 3 did, told of electrode k + 2 wherever it was told of k, is electrode 5's."""
     recorded, _ = contact

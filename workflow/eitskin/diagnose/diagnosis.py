@@ -14,9 +14,10 @@ from eitskin.diagnose.candidates import Scales, catalogue
 from eitskin.diagnose.excerpt import excerpt
 from eitskin.diagnose.fit import Fit, Problem, difference, fit
 from eitskin.diagnose.gaps import Gap, gaps, strengths
-from eitskin.diagnose.held_out import HeldOut, aside, folds, put_aside
+from eitskin.diagnose.harm import harm
+from eitskin.diagnose.held_out import HeldOut, aside, folds, put_aside, units
 from eitskin.diagnose.noise import Noise, estimate
-from eitskin.diagnose.remainder import Other, other
+from eitskin.diagnose.remainder import Other, other, unlike
 from eitskin.diagnose.rig import Rig
 from eitskin.diagnose.search.search import STANDARD_ERRORS, Search, State
 from eitskin.diagnose.simulator import RecordingSimulator
@@ -30,6 +31,7 @@ from eitskin.physics.geometry import Geometry
 FIRST_FRAMES = 120  # on which the search begins, where there are twice as many
 FIRST_SHARE = 2 / 3  # of what may be solved, that the search on these may take
 FORM = 0.1  # of a rig error, by which readings may differ from its tangents
+MOST_RATIO = 1.05  # of the rms errors with and without an effect
 FORCES = np.linspace(1.0, 0.0, 11)  # of a query's largest, up to which predictions are tried
 
 
@@ -57,11 +59,12 @@ class Diagnosis:
 @dataclass(frozen=True)
 class Judged:
     """Readings that no search has seen, in one covariance before and after: noise (`white`), or
-    noise and the rig's errors as the final fit has them (`rigged`)."""
+    noise and the rig's errors as the final fit has them (`rigged`). unit: as of `units`."""
 
     recorded: np.ndarray
     white: Whitening
     rigged: Whitening
+    unit: np.ndarray
 
     def by(self, fit: Fit) -> HeldOut:
         """What a fit predicts for them, with noise and rig errors in their covariance."""
@@ -82,6 +85,18 @@ class Judged:
     def gain(self, fit: Fit, other: Fit) -> tuple[float, float]:
         """Log density of a fit above another's, and its standard error."""
         return self.by(fit).gain(self.by(other))
+
+    def harms(self, after: Fit, before: Fit, folds: tuple[HeldOut, HeldOut]) -> bool:
+        """Whether a fit predicts readings plainly worse than another: in the recording's unit,
+        those put aside and, of folds, those of the frames that the search saw."""
+        aside, seen = self.white.mask, after.problem.whitening.mask
+        left = [
+            np.where(aside, self.by_white(fit).plain, np.where(seen, fold.plain, np.nan))
+            for fit, fold in zip((after, before), folds, strict=True)
+        ]
+        found = harm(*left, np.where(aside | seen, 0.0, np.nan), self.unit)
+        larger = found["rmse_V"] > MOST_RATIO * found["rmse_before_V"]
+        return larger or found["standard_errors"] > STANDARD_ERRORS
 
 
 def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diagnosis:
@@ -120,7 +135,10 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
     if search.spent or cut_short:
         search.cut_short(after)
     atlas_after = _atlas(recorded, noise, _named(search, after))
-    left = other(atlas_after, search.catalogue_p)
+    if search.unlike(after):
+        left = unlike(search.likeness(after))
+    else:
+        left = other(atlas_after, search.catalogue_p)
     return Diagnosis(
         recorded,
         search,
@@ -230,7 +248,7 @@ def _earned(
 ) -> tuple[State, Judged]:
     """A state less the effects that do not earn their place: on folds of what the search saw by two
     standard errors; on readings (N, M) that were put aside one value by any gain, many of their own
-    by two standard errors."""
+    by two standard errors; on all of them by not doing harm, whatever the rig may be."""
     while True:
         judged = _judged(search, state, recorded, noise, kept)
         weakest, least = None, 0.0
@@ -238,8 +256,11 @@ def _earned(
             less = search.less(state, index)
             gain, error = judged.gain(state.fit, less.fit)
             free = STANDARD_ERRORS * error if effect.scope == "dense" else 0.0
-            folds_gain, folds_error = search.gain(state, less)
+            folds = state.held_out, search.held_out(less, state)
+            folds_gain, folds_error = folds[0].gain(folds[1])
             worth = min(gain - free, folds_gain - STANDARD_ERRORS * folds_error)
+            if judged.harms(state.fit, less.fit, folds):
+                worth = -np.inf
             if worth < least:
                 weakest, least = index, worth
         if weakest is None:
@@ -258,7 +279,7 @@ def _judged(
         # Nothing could be put aside: what was seen has to do.
         readings, white = search.problem.recorded, plain
     rigged = Rig.about(state.fit, white, search.rounding).whitening(state.sizes, discrepancy=False)
-    return Judged(readings, white, rigged)
+    return Judged(readings, white, rigged, units(recorded))
 
 
 def _few(problem: Problem, recorded: Recording) -> Problem:

@@ -29,16 +29,25 @@ def aside(recorded: Recording, seed: int) -> np.ndarray:
     rng = np.random.default_rng([seed, len(press)])
     if len(labels) >= LEAST_PRESSES:
         chosen = rng.permutation(labels)[: max(1, round(len(labels) / ASIDE))]
-        rows = np.isin(_following(touched, press), chosen)
+        rows = np.isin(with_frames_before(np.where(touched, press, -1)), chosen)
         rows[: np.flatnonzero(touched)[0]] = False
         return np.repeat(rows[:, None], len(recorded.channels), axis=1)
-    group = _reciprocal(recorded.channels)
+    group = reciprocal_groups(recorded.channels)
     labels = rng.permutation(np.unique(group))
     columns = np.isin(group, labels[: round(len(labels) / ASIDE)])
     return np.repeat(columns[None], len(press), axis=0)
 
 
-def _reciprocal(channels: np.ndarray) -> np.ndarray:
+def units(recorded: Recording) -> np.ndarray:
+    """(N, M) int: readings of one label err together. A press with the untouched frames before it;
+    channels tied by reciprocity where there are fewer than two presses."""
+    press = presses(recorded)
+    if press.max(initial=-1) < 1:
+        return np.repeat(reciprocal_groups(recorded.channels)[None], len(press), axis=0)
+    return np.repeat(with_frames_before(press)[:, None], len(recorded.channels), axis=1)
+
+
+def reciprocal_groups(channels: np.ndarray) -> np.ndarray:
     """(M,): one label for channels (M, 4) that reciprocity ties together."""
     first = np.arange(len(channels))
     for k, other in reciprocal_channels(channels)[0]:
@@ -46,16 +55,12 @@ def _reciprocal(channels: np.ndarray) -> np.ndarray:
     return first
 
 
-def _following(touched: np.ndarray, press: np.ndarray) -> np.ndarray:
-    """(N,): the press of a touched frame, of an untouched one that which follows, at the end the
+def with_frames_before(press: np.ndarray) -> np.ndarray:
+    """(N,): the press of a frame, of one that is of none (-1) that which follows, at the end the
     last."""
-    found = np.full(len(press), -1)
-    latest = -1
-    for row in range(len(press) - 1, -1, -1):
-        latest = press[row] if touched[row] and press[row] >= 0 else latest
-        found[row] = latest
-    found[found < 0] = press.max()
-    return found
+    of_some = np.flatnonzero(press >= 0)
+    following = np.searchsorted(of_some, np.arange(len(press)))
+    return press[of_some[np.minimum(following, len(of_some) - 1)]]
 
 
 def folds(touched: np.ndarray, press: np.ndarray, channels: np.ndarray, seed: int) -> np.ndarray:
@@ -67,14 +72,14 @@ def folds(touched: np.ndarray, press: np.ndarray, channels: np.ndarray, seed: in
     """
     if not touched.any():
         fold = np.random.default_rng(seed).permutation(len(channels)) % FOLDS
-        return fold[_reciprocal(channels)][None]
+        return fold[reciprocal_groups(channels)][None]
     count = int(press.max(initial=-1)) + 1
     if count < 2:
         return np.arange(len(press)) * FOLDS // len(press)
     order = np.random.default_rng(seed).permutation(count)
     of_press = np.empty(count, int)
     of_press[order] = np.arange(count) % FOLDS
-    found = of_press[_following(touched, press)]
+    found = of_press[with_frames_before(np.where(touched, press, -1))]
     first = np.flatnonzero(touched)[0]
     found[:first] = np.arange(first) % FOLDS
     return found

@@ -9,6 +9,9 @@ import pandas as pd
 from eitskin.diagnose.atlas import DISCOVERY
 
 PRIOR = 0.05  # that physics outside the catalogue is present, before looking
+# What a Bayes factor's logarithm counts, and the most that it may be: a p-value is no smaller than
+# the covariance is true. Of the logistic regression that `calibration.other_probability` makes.
+WEIGHT, MOST = 0.82, 5.0
 INDEPENDENT = 0.5  # of the atlas's rows: the rest say what others say
 LAWS = {
     "time": "time",
@@ -42,13 +45,28 @@ class Other:
     sentence: str | None
 
 
-def probability(p_value: float) -> float:
-    """Of more than chance: the largest Bayes factor that a p-value can stand for, -1 / (e p ln p)
-    (Sellke, Bayarri, Berger 2001), on the prior odds."""
+def log_bayes_factor(p_value: float) -> float:
+    """The largest that a p-value can stand for, -1 / (e p ln p) (Sellke, Bayarri, Berger 2001)."""
     p = min(max(p_value, 1e-300), 1.0)
-    factor = 1.0 if p >= np.exp(-1) else -1.0 / (np.e * p * np.log(p))
-    odds = PRIOR / (1.0 - PRIOR) * factor
+    return 0.0 if p >= np.exp(-1) else float(-1.0 - np.log(p) - np.log(-np.log(p)))
+
+
+def probability(p_value: float) -> float:
+    """Of physics outside the catalogue: what a p-value has been worth, on the prior odds."""
+    odds = PRIOR / (1.0 - PRIOR) * np.exp(WEIGHT * min(log_bayes_factor(p_value), MOST))
     return float(odds / (1.0 + odds))
+
+
+def unlike(likeness: float) -> Other:
+    """What is to be said where the readings are not those of a skin like this; likeness: as
+    of `Search.likeness`."""
+    against = ", and they run against it" if likeness < 0.0 else ""
+    said = (
+        f"The readings are not those of such a skin: their squared correlation with the simulation"
+        f" is {abs(likeness):.2f}{against}. Order and polarity of the channels, drive and"
+        " electrodes are to be checked before anything can be named."
+    )
+    return Other(probability(0.0), 0.0, [], [], [], None, None, said)
 
 
 def other(atlas: pd.DataFrame, catalogue_p: float) -> Other:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import nnls
 
-from eitskin.diagnose.fit import Fit
+from eitskin.diagnose.fit import Fit, Problem
 from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.whitening import ORDER, RigErrors, Whitening
 from eitskin.errors import InputError
@@ -97,14 +97,14 @@ class Rig:
     def about(cls, fit: Fit, plain: Whitening, rounding: float) -> "Rig":
         """The components that a recording can have, about a fit; rounding: as of `Noise`."""
         voltage = fit.voltage()
-        median = float(np.median(np.abs(voltage[plain.mask])))
+        level = _level(fit.problem)
         tangents = _tangents(fit, voltage)
         courses = _courses(fit.problem.model) if tangents else {}
         columns = dict(_columns(fit.problem.model, voltage, rounding))
         for name, own in courses.items():
             columns[name] = np.array([course[:, None] * tangents[key] for key, course in own])
         scales = {
-            name: COMPONENTS[name].scale * (median if COMPONENTS[name].reading else 1.0)
+            name: COMPONENTS[name].scale * (level if COMPONENTS[name].reading else 1.0)
             for name in columns
         }
         columns = {k: np.where(plain.mask, v, 0.0) for k, v in columns.items()}
@@ -379,6 +379,13 @@ def _shared(a: np.ndarray, each_a: str, b: np.ndarray, each_b: str, of_press: np
             found = np.einsum("bn,knm->kbm", of_press, products, optimize=True)
         total += float((found**2).sum())
     return total
+
+
+def _level(problem: Problem) -> float:
+    """Median |v| of what was recorded; of its noise, where that is more."""
+    there = problem.whitening.mask
+    recorded = np.median(np.abs(problem.recorded[there]))
+    return float(max(recorded, np.median(problem.whitening.sd)))
 
 
 def _columns(

@@ -57,6 +57,8 @@ SHARE = 0.3
 MOST_NAMES = 12
 MOST_SOLVED = 24_000  # sheets, of one diagnosis
 CUT_SHORT = "cut short"  # the step on the path that says so
+ALIKE = 0.7  # squared correlation with the simulation, from which on names are looked for
+UNLIKE = "unlike"  # the step on the path that says so
 FEW_SITES = 2  # of a sparse effect; with more, single sites are tried in its place
 MOST_JOINED = 8  # sites of an effect that is still called sparse
 FAR = 16.0  # times chi squared: a change of so great a squared length cannot lower it
@@ -271,6 +273,9 @@ class Search:
             state = before
         while (plain := self._gross(state)) is not None:
             state = plain
+        if self.unlike(state):
+            self.step(UNLIKE, None, state)
+            return before, state
         free = self._free_channels(state)
         if free is not None:
             self.rival_evidence = free.log_evidence
@@ -747,11 +752,33 @@ class Search:
         left = whitening(state.fit.problem.whitening.undone(state.fit.residual))
         return float((left**2).sum()) / max(whitening.size - len(state.fit.theta), 1)
 
+    def held_out(self, state: State, trial: State) -> HeldOut:
+        """What a state predicts for frames left out, in the covariance of a trial."""
+        return held_out(whitened_anew(state.fit, trial.fit.problem), self.fold)
+
+    def likeness(self, state: State) -> float:
+        """Squared correlation of the readings, in noise units, with what is simulated; below 0
+        where it is negative."""
+        whitening = self.problem.whitening
+        there = whitening.mask
+        simulated, recorded = (
+            (voltage / whitening.sd)[there]
+            for voltage in (state.fit.voltage(), self.problem.recorded)
+        )
+        simulated, recorded = simulated - simulated.mean(), recorded - recorded.mean()
+        lengths = float((simulated @ simulated) * (recorded @ recorded))
+        along = float(simulated @ recorded)
+        return along * abs(along) / max(lengths, 1e-300)
+
+    def unlike(self, state: State) -> bool:
+        """Whether readings are not those of a skin like this: in an order of their own, or none.
+        Effects fitted to them are no findings, were they ever so significant."""
+        return self._misfit(state) > GROSS and self.likeness(state) < ALIKE
+
     def gain(self, trial: State, state: State) -> tuple[float, float]:
         """Log density of held-out frames above another state's, and its standard error, both in
         the trial's covariance."""
-        same = held_out(whitened_anew(state.fit, trial.fit.problem), self.fold)
-        return trial.held_out.gain(same)
+        return trial.held_out.gain(self.held_out(state, trial))
 
     def predicts(self, trial: State, state: State) -> bool:
         """Whether a trial predicts held-out frames better than another state by more than two

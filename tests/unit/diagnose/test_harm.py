@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from calibration.harm import harm
+from eitskin.diagnose.harm import harm
 
 UNIT = np.repeat(np.arange(4), 3)[:, None] * np.ones((1, 2), int)
 

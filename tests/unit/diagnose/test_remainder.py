@@ -1,0 +1,32 @@
+"""What is left that no name accounts for: how probable it is that there is something."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eitskin.diagnose.remainder import MOST, PRIOR, WEIGHT, log_bayes_factor, probability, unlike
+
+
+@pytest.mark.parametrize("p", [0.3, 1e-2, 1e-6])
+def test_the_bayes_factor_is_sellkes(p):
+    assert np.exp(log_bayes_factor(p)) == pytest.approx(-1.0 / (np.e * p * np.log(p)))
+
+
+@given(st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+def test_a_smaller_p_value_makes_something_no_less_probable(a, b):
+    assert probability(min(a, b)) >= probability(max(a, b)) >= PRIOR * (1.0 - 1e-12)
+
+
+def test_no_p_value_makes_it_certain():
+    most = PRIOR / (1.0 - PRIOR) * np.exp(WEIGHT * MOST)
+    assert probability(0.0) == pytest.approx(most / (1.0 + most))
+    assert probability(1.0) == pytest.approx(PRIOR)
+
+
+def test_readings_of_no_such_skin_are_said_to_be_none():
+    found = unlike(0.22)
+    assert (
+        found.probability == probability(0.0)
+        and "correlation with the simulation is 0.22" in found.sentence
+    )
