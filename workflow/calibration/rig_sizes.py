@@ -19,7 +19,8 @@ from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.rig import COMPONENTS
-from eitskin.diagnose.rig import WITHIN as NINETY
+from eitskin.diagnose.rig_sizes import WITHIN as NINETY
+from eitskin.diagnose.rig_sizes import findings
 from eitskin.diagnose.search.search import State
 from witness import cases, rig_errors
 from witness.rig_errors import USUAL, RigError
@@ -43,7 +44,7 @@ def compared(case: cases.Case, seen: np.ndarray, noise: Noise, state: State) -> 
     after which 1/e is left, loud frames and spikes as a share of all. low, high: the found size's
     90 % interval, NaN where it has none. log_sd: how uncertain noise leaves the logarithm of it.
     """
-    components = state.rig.findings(state.sizes, state.fit.misfit, case.metadata["unit"])
+    components = findings(state.rig, state.sizes, state.fit.misfit, case.metadata["unit"])
     said = {one["name"]: one for one in components}
     rows = []
     for error in case.rig:
@@ -76,7 +77,7 @@ def _log_sd(state: State, kind: str, true: float) -> float:
         return np.inf
     size = true**2 / np.sqrt(2.0) if kind == "quadrature" else true
     sizes = {**state.sizes, kind: size}
-    found = state.rig.findings(sizes, state.fit.misfit, "V")
+    found = findings(state.rig, sizes, state.fit.misfit, "V")
     (one,) = (one for one in found if one["name"] == kind)
     whole = np.log(one["high"] / one["low"]) / (2.0 * NINETY)
     columns, each = state.rig.columns[kind], COMPONENTS[kind].each
@@ -104,10 +105,12 @@ def _true(case: cases.Case, error: RigError, seen: np.ndarray) -> float:
     rng = np.random.default_rng(0)
     made = rig_errors.read(case.clean, [error], case.true_states, silent, rng)
     if error.kind in ("amplitude-per-frame", "gain-walk"):
-        off = (made / case.clean - 1.0)[:, :1]
+        largest = [int(np.argmax(np.abs(case.clean[0])))]
+        off = made[:, largest] / case.clean[:, largest] - 1.0
     elif error.kind == "quadrature":
-        off = np.sqrt(np.maximum((made / case.clean) ** 2 - 1.0, 0.0))[:1].T
-        return _rms(off)
+        read = case.clean[0] != 0.0  # an open electrode leaves channels without any
+        square = (made[0, read] / case.clean[0, read]) ** 2
+        return _rms(np.sqrt(np.maximum(square - 1.0, 0.0)))
     else:
         off = made - case.clean
     if error.kind in WALKS:

@@ -154,6 +154,14 @@ def presses(recording: Recording) -> np.ndarray:
     return label
 
 
+def elapsed(frames: pd.DataFrame) -> np.ndarray:
+    """(N,): how much of the time of frames has gone, 0 to 1; by their number where none goes."""
+    time = frames["time_s"].to_numpy(float)
+    if not np.ptp(time):
+        time = np.arange(len(time), dtype=float)
+    return (time - time[0]) / (float(np.ptp(time)) or 1.0)
+
+
 def _changes(session: pd.Series) -> np.ndarray:
     names = session.to_numpy(dtype=object)
     return np.array([True, *(a != b for a, b in zip(names[1:], names[:-1], strict=True))])

@@ -19,9 +19,11 @@ from eitskin.diagnose.held_out import HeldOut, aside, folds, put_aside, units
 from eitskin.diagnose.noise import Noise, estimate
 from eitskin.diagnose.remainder import Other, other, unlike
 from eitskin.diagnose.rig import Rig
+from eitskin.diagnose.rig_sizes import findings
 from eitskin.diagnose.search.search import STANDARD_ERRORS, Search, State
 from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.steadiness import refine
+from eitskin.diagnose.verdict import acceptable
 from eitskin.diagnose.whitening import COHERENT, Whitening
 from eitskin.effects.settings import site_counts
 from eitskin.errors import InputError
@@ -38,7 +40,7 @@ FORCES = np.linspace(1.0, 0.0, 11)  # of a query's largest, up to which predicti
 @dataclass(frozen=True)
 class Diagnosis:
     """What was found of one recording, and the search that found it. aside (N, M): readings that
-    the search has not seen; judged: by which it is judged; rig: its errors, as of `Rig.findings`.
+    the search has not seen; judged: by which it is judged; rig: its errors, as of `findings`.
     """
 
     recorded: Recording
@@ -147,7 +149,7 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
         after,
         kept,
         judged,
-        rig.findings(after.sizes, after.fit.misfit, recorded.metadata["unit"]),
+        findings(rig, after.sizes, after.fit.misfit, recorded.metadata["unit"]),
         _atlas(recorded, noise, _named(search, before)),
         atlas_after,
         found,
@@ -248,9 +250,11 @@ def _earned(
 ) -> tuple[State, Judged]:
     """A state less the effects that do not earn their place: on folds of what the search saw by two
     standard errors; on readings (N, M) that were put aside one value by any gain, many of their own
-    by two standard errors; on all of them by not doing harm, whatever the rig may be."""
+    by two standard errors; where their covariance is none to believe in, for what is left of them
+    is too much for it, on all of them by not doing harm."""
     while True:
         judged = _judged(search, state, recorded, noise, kept)
+        believed = acceptable(judged.p_value(state.fit, noise.dof))
         weakest, least = None, 0.0
         for index, effect in enumerate(state.effects):
             less = search.less(state, index)
@@ -259,7 +263,7 @@ def _earned(
             folds = state.held_out, search.held_out(less, state)
             folds_gain, folds_error = folds[0].gain(folds[1])
             worth = min(gain - free, folds_gain - STANDARD_ERRORS * folds_error)
-            if judged.harms(state.fit, less.fit, folds):
+            if not believed and judged.harms(state.fit, less.fit, folds):
                 worth = -np.inf
             if worth < least:
                 weakest, least = index, worth

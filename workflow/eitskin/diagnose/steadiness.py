@@ -16,7 +16,7 @@ from scipy.optimize import minimize, minimize_scalar
 from scipy.special import expit, logit
 from scipy.stats import chi2, f
 
-from eitskin.data.recording import Recording
+from eitskin.data.recording import Recording, elapsed
 from eitskin.diagnose.noise import (
     ALPHA,
     FLOOR,
@@ -181,7 +181,7 @@ def refine(recording: Recording, noise: Noise, simulated: np.ndarray) -> Noise:
         return noise
     struck = spiked(left[~loud], channels.odd, channels.even, courses)
     left = np.where(struck, np.nan, left[~loud])
-    time = _Time(quiet, _share(recording)[quiet], courses)
+    time = _Time(quiet, elapsed(recording.frames)[quiet], courses)
     found = _Found.of(time, channels, left, law)
     for _ in range(0 if channels.paired else ROUNDS):
         if found.uneven:
@@ -390,9 +390,3 @@ def _modes(shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _beside(basis: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values (N, C) less what they have in an orthonormal basis (N, K)."""
     return values - basis @ (basis.T @ values)
-
-
-def _share(recording: Recording) -> np.ndarray:
-    """(N,): how much of the recording's time has gone."""
-    time = recording.frames["time_s"].to_numpy(float)
-    return (time - time[0]) / max(float(np.ptp(time)), 1e-9)

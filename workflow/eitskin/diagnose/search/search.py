@@ -26,7 +26,8 @@ from eitskin.diagnose.fit import (
     whitened_anew,
 )
 from eitskin.diagnose.held_out import HeldOut, held_out
-from eitskin.diagnose.rig import COMPONENTS, SETTLED, STRAIGHT, TAIL, Rig
+from eitskin.diagnose.rig import COMPONENTS, STRAIGHT, TAIL, Rig
+from eitskin.diagnose.rig_sizes import SETTLED, learned
 from eitskin.diagnose.search import channels, tones
 from eitskin.diagnose.search.screen import (
     AMPLITUDES,
@@ -167,7 +168,7 @@ class Search:
         """A fit with the sizes of the rig's errors learned from it, and by how many nats it moved
         on for them. Where touches are far from where they are said to be, the readings are taken to
         follow in proportion from where they seem to be (Lindstrom, Bates, Biometrics 46, 1990)."""
-        sizes, _ = rig.learned(fitted.misfit, sizes)
+        sizes, _ = learned(rig, fitted.misfit, sizes)
         problem, strays, followed = self.problem, rig.strays(sizes, fitted.misfit), False
         if strays and self._near(fitted, strays):
             problem = fitted.problem
