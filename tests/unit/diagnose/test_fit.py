@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.optimize import least_squares
 
 from eitskin.data.recording import presses
 from eitskin.diagnose.estimates import NORMAL_90, calibration, estimates
@@ -175,6 +176,26 @@ def test_held_out_frames_are_those_of_refits(seed):
     assert by_formula.rms == pytest.approx(3.0 * np.sqrt(by_formula.chi2.sum() / 60))
     other = replace(by_formula, density=density - 1.0, error=by_formula.error + 0.5)
     assert by_formula.gain(other) == pytest.approx((12.0, 0.5 * np.sqrt(60)))
+
+
+@pytest.mark.parametrize("ratio", [4.0, 30.0])
+def test_held_out_frames_are_refits_where_readings_do_not_follow_in_proportion(ratio):
+    item = {"name": "contact-impedance", "electrodes": [3], "parameters": {"ratio": ratio}}
+    recorded = small_recording(item, noise=0.05, places=4)
+    problem, scales = problem_of(recorded, 0.05)
+    effects = chosen_of(candidates_of(recorded, problem, scales), [item])
+    found = fit(problem, effects, np.zeros(2), polish=True)
+    fold = np.arange(len(recorded.frames)) % 2  # half of the readings out
+    by_folds = held_out(found, fold)
+
+    def of(theta, seen):
+        return np.r_[problem.residual(theta, effects)[seen].ravel(), np.sqrt(found.prior) * theta]
+
+    for one in (0, 1):
+        refit = least_squares(of, found.theta, args=(fold != one,), xtol=1e-12, ftol=1e-12)
+        error = problem.residual(refit.x, effects)[fold == one]
+        from_seen = np.linalg.norm(found.residual[fold == one] - error)
+        assert np.linalg.norm(by_folds.error[fold == one] - error) < 0.35 * from_seen
 
 
 def test_folds_keep_presses_whole():

@@ -8,11 +8,12 @@ import pytest
 from scipy.stats import binom
 
 from calibration.trial import true_gaps
-from eitskin.data.recording import Recording
+from eitskin.data.recording import Recording, presses
 from eitskin.diagnose import diagnosis, result, tangents
 from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.corrected import items
-from eitskin.diagnose.fit import fit
+from eitskin.diagnose.fit import fit, whitened_anew
+from eitskin.diagnose.rig import TAIL
 from eitskin.diagnose.search import search
 from eitskin.diagnose.search.screen import NULL_DRAWS, score
 from eitskin.diagnose.search.search import Search, State
@@ -201,6 +202,33 @@ def test_an_effect_has_the_p_value_of_its_own_score():
         dof = max(s.dof, s.candidate.size)
         assert p[s.candidate.key] == one.global_p(replace(s, gain=max(gain, 0), dof=dof).p_value)
     assert min(p.values()) < search.SIGNIFICANT < max(p.values())
+
+
+def test_names_that_a_rig_error_holds_are_found_as_if_all_were_scored_without_it(monkeypatch):
+    recorded = small_recording(
+        {"name": "touch-contrast", "parameters": {"ratio": 1.05}}, noise=NOISE, places=8
+    )
+    press, draw = presses(recorded), np.random.default_rng(1)
+    off = np.where(press >= 0, 0.05 * draw.normal(size=press.max() + 1)[press], 0.0)
+    recorded.frames["force_N"] *= 1.0 + off
+    _, held, _ = diagnosis.begun(recorded, 1)
+    state = held.calibrated()
+    assert state.sizes["force-per-press"] > 0.0
+    monkeypatch.setattr(search, "COMPETING", 100)
+    found = {s.candidate.key: s for s in held._without_component(state, "force-per-press", set())}
+    without = {**state.sizes, "force-per-press": 0.0}
+    here = held.linearised(state).fit
+    problem = replace(here.problem, whitening=state.rig.whitening(without, tail=TAIL))
+    seen = Tangents(whitened_anew(here, problem))
+    best = {}
+    for one in held.scores(state):
+        if one.candidate.scope != "dense" and one.information is not None:
+            own = score(seen, one.candidate)
+            if own is not None and held.global_p(own.p_value) < search.SIGNIFICANT:
+                kept = best.setdefault(one.candidate.name, own)
+                best[one.candidate.name] = min(kept, own, key=lambda s: s.p_value)
+    assert "touch-contrast" in best
+    assert {one.candidate.name for one in found.values()} == set(best)
 
 
 def test_a_trial_whose_own_score_chance_gives_does_not_enter(contact, monkeypatch):
