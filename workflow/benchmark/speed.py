@@ -60,13 +60,13 @@ AGREEMENT = 1e-10
 LIMIT_S, LIMIT_MIB = 120.0, 2048.0
 FRAMES = 500
 DRAWN = (
-    "null",
-    "single:contact-impedance",
+    "null+rig",
+    "single:contact-impedance+rig",
     "pair",
-    "single:conductivity-drift",
-    "outside:gain-range",
+    "single:conductivity-drift+rig",
+    "outside:gain-range+rig",
 )
-DIAGNOSIS_S, WORST_S, DIAGNOSIS_MIB = 60.0, 180.0, 4096.0
+DIAGNOSIS_S, WORST_S, DIAGNOSIS_MIB = 30.0, 120.0, 4096.0
 
 Samples = list[tuple[int, int]]
 
