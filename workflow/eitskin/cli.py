@@ -90,6 +90,8 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     print(words.headline(said))
     for effect in said["effects"]:
         print(effect["sentence"])
+    if said["other"]["sentence"]:
+        print(f"What has no name: {said['other']['sentence']}")
     print(folder / "report.html")
     return 0
 

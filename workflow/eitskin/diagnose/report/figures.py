@@ -357,9 +357,9 @@ def held_out(evidence: Evidence) -> Figure:
     axes.plot(values, [1, 0], color=QUIET, linewidth=0.8, zorder=1)
     for y, value, (_, colour) in zip((1, 0), values, TITLES, strict=True):
         axes.plot(value, y, "o", color=colour, markersize=6)
-        beside = {"xytext": (6, 0), "textcoords": "offset points", "va": "center"}
+        above = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center", "va": "bottom"}
         text = number(value)
-        axes.annotate(text, (value, y), color=colour, weight="bold", bbox=PLAIN, **beside)
+        axes.annotate(text, (value, y), color=colour, weight="bold", bbox=PLAIN, **above)
     axes.set_xscale("log")
     log_limits(axes.xaxis, np.array(values + white), power, room=1.8)
     if white:
@@ -367,7 +367,7 @@ def held_out(evidence: Evidence) -> Figure:
         hollow = {"markerfacecolor": "white", "label": "white noise alone"}
         keys = [Line2D([], [], **dot, label="noise and rig"), Line2D([], [], **dot, **hollow)]
         figure.legend(handles=keys, loc="outside upper center", ncols=2, borderpad=0.1)
-    axes.set(ylim=(-0.6, 1.6), yticks=[1, 0], yticklabels=[title for title, _ in TITLES])
+    axes.set(ylim=(-0.5, 1.8), yticks=[1, 0], yticklabels=[title for title, _ in TITLES])
     expected = "noise and rig" if white else "noise"
     axes.set_xlabel(f"held-out χ² per degree of freedom; {expected} alone: 1")
     for tick, (_, colour) in zip(axes.get_yticklabels(), TITLES, strict=True):

@@ -328,6 +328,8 @@ def _rig(found: Evidence) -> str:
         return ""
     told = rig_words.findings(noise) or ["The recording shows no error of the rig."]
     lines = ["<h2>The rig</h2>", *(f"<p>{escape(sentence)}</p>" for sentence in told)]
+    if found.diagnosis["verdict"] in ("partly-explained", "unexplained"):
+        lines.append("<p>Part of what the simulation leaves out may count as the rig's here.</p>")
     if noise.get("loud_frames") or noise.get("jumps"):
         lines.append("<p class='quiet'>Frames are numbered from 0.</p>")
     if not noise["components"]:
