@@ -15,8 +15,9 @@ from eitskin.diagnose.estimates import NORMAL_90, calibration, estimates
 from eitskin.diagnose.fit import ENOUGH, Fit, derivative, fit, inverse_root
 from eitskin.diagnose.held_out import FOLDS, folds, held_out
 from eitskin.diagnose.jacobian import Jacobian
+from eitskin.diagnose.whitening import Whitening
 from eitskin.physics.protocol import reciprocal_channels
-from small_skin import CHANNELS, calibrated, candidates_of, problem_of, small_recording
+from small_skin import CHANNELS, METADATA, calibrated, candidates_of, problem_of, small_recording
 
 DRAWS = 40
 PLANTED = [
@@ -116,8 +117,8 @@ def linear(seed, frames, channels, size):
     problem = SimpleNamespace(
         residual=lambda theta, effects: recorded - np.tensordot(theta, slopes, 1),
         model=SimpleNamespace(calibrations=[None] * size),
-        whitening=SimpleNamespace(
-            mask=np.ones((frames, channels), bool), undone=lambda values: 3.0 * values
+        whitening=Whitening(
+            np.ones((frames, channels), bool), np.full(channels, 3.0), np.zeros(channels)
         ),
     )
     flat = slopes.reshape(size, -1)
@@ -176,6 +177,41 @@ def test_held_out_frames_are_those_of_refits(seed):
     assert by_formula.rms == pytest.approx(3.0 * np.sqrt(by_formula.chi2.sum() / 60))
     other = replace(by_formula, density=density - 1.0, error=by_formula.error + 0.5)
     assert by_formula.gain(other) == pytest.approx((12.0, 0.5 * np.sqrt(60)))
+
+
+def test_what_a_fold_leaves_is_undone_from_its_own_refit():
+    """Noise that lasts shares a frame with the next, which another fold may have left out."""
+    found, recorded = linear(1, frames=12, channels=5, size=4)
+    fold = np.arange(12) % 3
+    whitening = replace(found.problem.whitening, sd=np.ones(5), correlation=0.9)
+    slopes = Jacobian(whitening(found.jacobian))
+    found.problem.residual = lambda theta, effects: whitening(
+        recorded - np.tensordot(theta, found.jacobian, 1)
+    )
+    found.problem.whitening = whitening
+    lasting = Fit(found.problem, [], found.theta, whitening(found.residual), slopes)
+    plain = held_out(lasting, fold).plain
+    for one in range(3):
+        seen = fold != one
+        flat = slopes.full(seen).reshape(4, -1)
+        information = flat @ flat.T + np.eye(4)
+        theta = np.linalg.solve(information, flat @ whitening(recorded)[seen].ravel())
+        error = recorded - np.tensordot(theta, found.jacobian, 1)
+        assert np.allclose(plain[~seen], error[~seen])
+
+
+def test_magnitudes_are_expected_as_noise_leaves_them():
+    metadata = {**METADATA, "voltage": "magnitude"}
+    recorded = replace(small_recording(noise=0.0, places=1), metadata=metadata)
+    problem, _ = problem_of(recorded)
+    signed = problem.model.voltage(np.zeros(1), [])
+    sd = np.full(signed.shape[1], np.abs(signed).max())
+    problem = replace(problem, whitening=replace(problem.whitening, sd=sd))
+    noise = sd * np.random.default_rng(1).normal(size=(20_000, *signed[:2].shape))
+    read = np.abs(np.abs(signed[:2]) + noise).mean(axis=0)
+    expected = problem.voltage(np.zeros(1), [])[:2]
+    assert np.allclose(expected, read, rtol=0.03)
+    assert not np.allclose(expected, np.abs(signed[:2]), rtol=0.1)
 
 
 @pytest.mark.parametrize("ratio", [4.0, 30.0])

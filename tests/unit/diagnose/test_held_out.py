@@ -147,6 +147,46 @@ def test_what_was_put_aside_is_judged_in_its_own_covariance(judging):
     assert Judged(readings, white, white, unit).p_value(found, 1.0) > 1e-3
 
 
+@pytest.mark.parametrize("share", [0.0, 30.0])
+def test_a_right_fit_is_seldom_refused(share):
+    """Few frames, a value a channel fitted to them, and rig errors that are as large as they are
+    said to be."""
+    recorded = small_recording(noise=NOISE, places=20)
+    problem, scales = problem_of(recorded, NOISE)
+    chosen = [c for c in candidates_of(recorded, problem, scales) if c.name == "offset"]
+    dense = next(c for c in chosen if c.scope == "dense")
+    seen, kept = np.zeros((2, len(recorded.frames)), bool)
+    seen[:6], kept[6:12] = True, True
+    shape = recorded.voltage.shape
+    plain = replace(problem.whitening, mask=np.broadcast_to(seen[:, None], shape))
+    white = replace(problem.whitening, mask=np.broadcast_to(kept[:, None], shape).copy())
+    none = np.zeros((0, *shape))
+    common = np.sqrt(share) * white.sd * np.where(white.mask, 1.0, 0.0)[None]
+    rigged = replace(white, errors=RigErrors(none, common, none)) if share else white
+    assert np.isclose(rigged.rig_share, share)
+    theta = np.zeros(len(problem.model.calibrations) + dense.size)
+    there = problem.voltage(theta, [dense])
+    found = fit(replace(problem, recorded=there, whitening=plain), [dense], theta, polish=True)
+    draw, p = np.random.default_rng(4), []
+    for _ in range(400):
+        error = found.root @ draw.normal(size=len(theta))
+        off = np.tensordot(error, found.jacobian[:, 0] * problem.whitening.sd, 1)
+        noise = white.sd * draw.normal(size=shape)
+        noise += np.sqrt(share) * white.sd * draw.normal(size=(shape[0], 1))
+        readings = np.where(white.mask, there + noise + off, np.nan)
+        p.append(Judged(readings, white, rigged, units(recorded)).p_value(found, 1e6))
+    assert np.mean(np.array(p) < 0.05) < 0.09
+
+
+def test_presses_of_unknown_force_are_not_put_aside(make_recording):
+    recorded = make_recording(presses=8)
+    press = presses(recorded)
+    recorded.frames.loc[press >= 4, "force_N"] = np.nan
+    for seed in range(6):
+        rows = rows_aside(recorded, seed)
+        assert (press[rows] >= 0).any() and press[rows].max() < 4
+
+
 def test_a_gain_is_that_of_the_log_density(judging):
     found, white, rigged, unit = judging
     draw = np.random.default_rng(3)

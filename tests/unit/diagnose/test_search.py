@@ -97,6 +97,36 @@ def test_swapped_wires_are_found_beside_another_fault():
     assert found["electrode-swap"]["evidence"]["p_value"] == surest
 
 
+def test_what_few_frames_showed_must_stand_on_all_of_them(contact):
+    recorded, found = contact
+    _, again, _ = diagnosis.begun(recorded, 1)
+    few = found.after
+    before, after = again.run(few)
+    assert [c.key for c in after.effects] == [c.key for c in few.effects]
+    assert again.path[1]["action"] == "start"
+    assert after.p_value(after.effects[0]) < search.SIGNIFICANT
+    # One value too many, found on frames that said so alone.
+    more = next(c for c in again.candidates if c.name == "measurement-gain" and c.scope == "sparse")
+    theta = np.r_[few.fit.theta, np.zeros(more.size)]
+    both = fit(again.problem, [*few.effects, more], theta, polish=True)
+    known = again.state(both, dict(few.p_values), few.sizes)
+    confirmed = again._confirmed(known)
+    assert [c.name for c in confirmed.effects] == ["contact-impedance"]
+    nothing = small_recording(noise=NOISE, places=4)
+    _, none, _ = diagnosis.begun(nothing, 1)
+    none.calibrated()
+    only = fit(none.problem, few.effects, few.fit.theta, polish=True)
+    assert none._confirmed(none.state(only)).effects == []
+
+
+def test_the_best_of_the_rest_is_that_of_the_set_that_is_left(contact):
+    _, found = contact
+    again, before = replace(found.search), found.before
+    again.catalogue_of, again.catalogue_p = found.after.key, 1.0
+    again.renew_catalogue_p(before)
+    assert again.catalogue_p == again.global_p(min(s.p_value for s in again.scores(before))) < 0.01
+
+
 @pytest.mark.long
 def test_a_search_on_few_frames_goes_on_with_all(monkeypatch):
     weak = {"name": "multiplexer-memory", "parameters": {"mu": 2e-4}}
@@ -255,6 +285,14 @@ def test_shuffled_channels_take_the_evidence_of_a_contact(contact):
     (before,) = p_values(recorded, lambda r: r, "contact-impedance", sites=(3,))
     (after,) = p_values(recorded, lambda r: r[:, order], "contact-impedance", sites=(3,))
     assert before < 1e-10 and after > 1e-3
+
+
+def test_a_broken_wire_is_no_name_where_the_readings_are_of_no_such_skin(monkeypatch):
+    recorded = small_recording(SWAP, noise=NOISE, places=2)
+    monkeypatch.setattr(search, "ALIKE", 1.1)
+    monkeypatch.setattr(search, "GROSS", 0.1)
+    found = diagnosis.diagnose(recorded)
+    assert found.after.effects == [] and found.other.sentence.startswith("The readings are not")
 
 
 @pytest.mark.parametrize("wrong", ["order", "polarity"])

@@ -33,6 +33,13 @@ def explicit(whitening, a, b, error_sd):
     return total
 
 
+def test_a_free_constant_takes_a_reading_of_channels_that_have_some():
+    mask = np.ones((5, 4), bool)
+    mask[:, 2:] = False
+    whitening = Whitening(mask, np.ones(4), np.full(4, np.inf))
+    assert whitening.size == 2 * 5 - 2
+
+
 @given(st.integers(0, 10**6), st.integers(1, 9), st.integers(1, 4))
 def test_products_are_those_of_the_inverse_covariance(seed, frames, channels):
     voltage, sd, error, draw = drawn(seed, frames, channels)
@@ -52,7 +59,8 @@ def test_differences_have_a_free_constant_a_channel(seed, frames, channels):
     huge = explicit(whitening, a, b, np.full(channels, 1e4))
     assert np.isclose((whitening(a) * whitening(b)).sum(), huge, rtol=1e-5, atol=1e-5)
     assert np.abs(whitening(np.ones((frames, channels)))).max() < 1e-12
-    assert whitening.size == np.isfinite(voltage).sum() - channels
+    there = np.isfinite(voltage)
+    assert whitening.size == there.sum() - there.any(axis=0).sum()
 
 
 def test_values_of_several_axes_are_whitened_alike():

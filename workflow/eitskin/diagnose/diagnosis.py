@@ -18,7 +18,7 @@ from eitskin.diagnose.harm import harm
 from eitskin.diagnose.held_out import HeldOut, aside, folds, put_aside, units
 from eitskin.diagnose.noise import Noise, estimate
 from eitskin.diagnose.remainder import Other, other, unlike
-from eitskin.diagnose.rig import Rig
+from eitskin.diagnose.rig import TAIL, Rig
 from eitskin.diagnose.rig_sizes import findings
 from eitskin.diagnose.search.search import STANDARD_ERRORS, Search, State
 from eitskin.diagnose.simulator import RecordingSimulator
@@ -32,7 +32,7 @@ from eitskin.physics.geometry import Geometry
 
 FIRST_FRAMES = 120  # on which the search begins, where there are twice as many
 FIRST_SHARE = 2 / 3  # of what may be solved, that the search on these may take
-FORM = 0.1  # of a rig error, by which readings may differ from its tangents
+FORM = 0.1  # of a rig error, by which readings may differ from what its tangents say
 MOST_RATIO = 1.05  # of the rms errors with and without an effect
 FORCES = np.linspace(1.0, 0.0, 11)  # of a query's largest, up to which predictions are tried
 
@@ -60,8 +60,9 @@ class Diagnosis:
 
 @dataclass(frozen=True)
 class Judged:
-    """Readings that no search has seen, in one covariance before and after: noise (`white`), or
-    noise and the rig's errors as the final fit has them (`rigged`). unit: as of `units`."""
+    """Readings put aside, which no fit has seen, in one covariance before and after: noise
+    (`white`), or noise and the rig's errors as the final fit has them (`rigged`); where none could
+    be put aside, those of the fit. unit: as of `units`."""
 
     recorded: np.ndarray
     white: Whitening
@@ -77,12 +78,28 @@ class Judged:
         return put_aside(fit, self.recorded, self.white)
 
     def p_value(self, fit: Fit, noise_dof: float) -> float:
-        """How probable a chi squared at least as large is, if the fit is right. noise_dof: degrees
-        of freedom of the noise's scale; rig errors are known to FORM of their size."""
-        rigged, white = self.by(fit), self.by_white(fit)
-        variance = 2.0 / rigged.readings + 2.0 / max(noise_dof, 1.0)
-        variance += (FORM**2 * max(white.chi2_per_dof - rigged.chi2_per_dof, 0.0)) ** 2
-        return float(norm.sf((rigged.chi2_per_dof - 1.0) / np.sqrt(variance)))
+        """How probable a chi squared at least as large is, if the fit is right but for what its
+        coordinates' covariance leaves open. noise_dof: degrees of freedom of the noise's scale."""
+        found, count = self.by(fit), self.rigged.size
+        along = self._open(fit)
+        gram = along @ along.T
+        expected = 1.0 + np.trace(gram) / count
+        variance = 2.0 * (count + 2.0 * np.trace(gram) + (gram**2).sum()) / count**2
+        variance += 2.0 * expected**2 / max(noise_dof, 1.0)
+        variance += (FORM**2 * self.rigged.rig_share) ** 2
+        return float(norm.sf((found.chi2_per_dof - expected) / np.sqrt(variance)))
+
+    def _open(self, fit: Fit) -> np.ndarray:
+        """(P, D): what independent unit errors of a fit's coordinates do to what was put aside,
+        whitened."""
+
+        def voltage(theta: np.ndarray) -> np.ndarray:
+            return fit.problem.voltage(theta, fit.effects)
+
+        there = voltage(fit.theta)
+        moved = [difference(voltage, fit.theta, there, i) for i in range(len(fit.theta))]
+        slopes = np.array([self.rigged(one).ravel() for one in moved])
+        return fit.root.T @ slopes.reshape(len(fit.theta), -1)
 
     def gain(self, fit: Fit, other: Fit) -> tuple[float, float]:
         """Log density of a fit above another's, and its standard error."""
@@ -129,6 +146,7 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
         report(f"then on {len(recorded.frames)}")
     before, after = search.run(start)
     after, judged = _earned(search, search.settled(after), recorded, noise, kept)
+    search.renew_catalogue_p(after)
     if not after.effects:
         before = after
     rig = Rig.about(after.fit, search.problem.whitening, noise.rounding)
@@ -250,8 +268,8 @@ def _earned(
 ) -> tuple[State, Judged]:
     """A state less the effects that do not earn their place: on folds of what the search saw by two
     standard errors; on readings (N, M) that were put aside one value by any gain, many of their own
-    by two standard errors; where their covariance is none to believe in, for what is left of them
-    is too much for it, on all of them by not doing harm."""
+    by two standard errors. Where the misfit of these is more than their covariance allows, an
+    effect must not do harm either, as of `Judged.harms`."""
     while True:
         judged = _judged(search, state, recorded, noise, kept)
         believed = acceptable(judged.p_value(state.fit, noise.dof))
@@ -279,10 +297,11 @@ def _judged(
     readings = np.where(kept, _readings(recorded, noise, search.problem.model), np.nan)
     plain = search.problem.whitening
     white = replace(plain, mask=np.isfinite(readings))
-    if not white.mask.any():
+    if white.size <= 0:
         # Nothing could be put aside: what was seen has to do.
         readings, white = search.problem.recorded, plain
-    rigged = Rig.about(state.fit, white, search.rounding).whitening(state.sizes, discrepancy=False)
+    rig = Rig.about(state.fit, white, search.rounding)
+    rigged = rig.whitening(state.sizes, discrepancy=False, tail=TAIL)
     return Judged(readings, white, rigged, units(recorded))
 
 

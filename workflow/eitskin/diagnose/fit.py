@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.special import erf
 
 from eitskin.diagnose.candidates import Candidate, own_channels
 from eitskin.diagnose.jacobian import Block, Jacobian
@@ -35,9 +36,18 @@ class Problem:
 
     def residual(self, theta: np.ndarray, effects: list[Candidate]) -> np.ndarray:
         """(N, M) whitened recording minus simulation; InputError where the physics has none."""
-        knobs, chosen = self.split(theta, effects)
         with np.errstate(invalid="ignore"):
-            return self.whitening(self.recorded - self.model.voltage(knobs, chosen))
+            return self.whitening(self.recorded - self.voltage(theta, effects))
+
+    def voltage(self, theta: np.ndarray, effects: list[Candidate]) -> np.ndarray:
+        """(N, M): the readings to be expected; of magnitudes with noise, the mean of a folded
+        normal distribution (Leone, Nelson, Nottingham, Technometrics 3, 1961)."""
+        simulated = self.model.voltage(*self.split(theta, effects))
+        if not self.model.magnitude or self.model.difference:
+            return simulated
+        over = simulated / (np.sqrt(2.0) * self.whitening.sd)
+        noise = np.sqrt(2.0 / np.pi) * self.whitening.sd
+        return simulated * erf(over) + noise * np.exp(-(over**2))
 
     def split(self, theta: np.ndarray, effects: list[Candidate]) -> tuple[np.ndarray, list]:
         """Calibration coordinates (P,), and the effects' settings."""
@@ -112,8 +122,7 @@ class Fit:
 
     def voltage(self) -> np.ndarray:
         """(N, M): what the fit has for the recording."""
-        knobs, chosen = self.problem.split(self.theta, self.effects)
-        return self.problem.model.voltage(knobs, chosen)
+        return self.problem.voltage(self.theta, self.effects)
 
 
 def inverse_root(precision: np.ndarray) -> np.ndarray:

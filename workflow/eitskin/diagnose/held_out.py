@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eitskin.data.recording import Recording, presses
+from eitskin.data.recording import TOUCH_KEYS, Recording, presses
 from eitskin.diagnose.fit import ENOUGH, FARTHEST, Fit, inverse_root
 from eitskin.diagnose.whitening import Whitening
 from eitskin.errors import InputError
@@ -22,10 +22,12 @@ REFITS = 6  # steps of a fit without a fold, at most
 
 def aside(recorded: Recording, seed: int) -> np.ndarray:
     """(N, M): readings put aside before anything is looked at. One in ASIDE of the presses, each
-    with the untouched frames before it; with fewer than LEAST_PRESSES of them, one in ASIDE of the
-    channels, reciprocal ones together. Of fewer than ASIDE channels none."""
+    with the untouched frames before it, the last with those after it too; with fewer than
+    LEAST_PRESSES of which all is known, one in ASIDE of the channels, reciprocal ones together. Of
+    fewer than ASIDE channels none."""
     touched, press = recorded.frames["touch"].to_numpy(bool), presses(recorded)
-    labels = np.unique(press[touched & (press >= 0)])
+    known = recorded.frames[list(TOUCH_KEYS)].notna().all(axis=1).to_numpy()
+    labels = np.unique(press[touched & known & (press >= 0)])
     rng = np.random.default_rng([seed, len(press)])
     if len(labels) >= LEAST_PRESSES:
         chosen = rng.permutation(labels)[: max(1, round(len(labels) / ASIDE))]
@@ -118,13 +120,15 @@ class HeldOut:
 def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
     """Every frame predicted from the folds (N,) it does not belong to, or every channel from folds
     (1, M), the fit made anew for each; the coordinates' own uncertainty is in the density, to first
-    order."""
+    order. What is left out is what a frame has of its own once whitening has taken out what it
+    shares with others."""
     size, by_channel = len(fit.theta), fold.ndim == 2
     turned = np.swapaxes(fit.jacobian, 1, 2) if by_channel else None
     label = fold[0] if by_channel else fold
     total = fit.information + np.diag(fit.prior)
     density, chi2 = np.zeros(len(label)), np.zeros(len(label))
-    errors = np.zeros_like(fit.residual.T if by_channel else fit.residual)
+    errors, plain = np.zeros((2, *(fit.residual.T if by_channel else fit.residual).shape))
+    whitening = fit.problem.whitening
     for b in np.unique(label):
         rows = label == b
         jacobian = turned[:, rows] if by_channel else fit.slopes.full(rows)
@@ -132,6 +136,8 @@ def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
         root = inverse_root(total - own @ own.T + 1e-12 * np.diag(np.diag(total)))
         left = _refitted(fit, rows[None] if by_channel else rows[:, None], root)
         error = (left.T if by_channel else left)[rows]
+        undone = whitening.undone(left)
+        plain[rows] = (undone.T if by_channel else undone)[rows]
         spread = jacobian.transpose(1, 2, 0) @ root
         chi2[rows] = (error**2).sum(axis=1)
         errors[rows] = error
@@ -141,9 +147,8 @@ def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
         density[rows] = -0.5 * (
             chi2[rows] - (slope * solved).sum(axis=1) + np.linalg.slogdet(gram)[1]
         )
-    whitening = fit.problem.whitening
-    plain = whitening.undone(errors.T if by_channel else errors)
-    return HeldOut(chi2, density, errors, plain, int(whitening.mask.sum()))
+    plain = plain.T if by_channel else plain
+    return HeldOut(chi2, density, errors, plain, whitening.size)
 
 
 def _refitted(fit: Fit, out: np.ndarray, root: np.ndarray) -> np.ndarray:
@@ -171,5 +176,9 @@ def put_aside(fit: Fit, recorded: np.ndarray, whitening: Whitening) -> HeldOut:
     """What a fit predicts for readings (N, M) that it has not seen, in their own covariance."""
     plain = np.where(whitening.mask, recorded - fit.voltage(), 0.0)
     error = whitening(plain)
+    free = np.isinf(whitening.rho)
+    if free.any():
+        level = plain.sum(axis=0) / np.maximum(whitening.mask.sum(axis=0), 1)
+        plain = np.where(whitening.mask & free, plain - level, plain)
     chi2 = (error**2).sum(axis=1)
     return HeldOut(chi2, -0.5 * chi2, error, plain, whitening.size)

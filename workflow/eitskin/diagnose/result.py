@@ -17,6 +17,7 @@ from eitskin.diagnose.diagnosis import Diagnosis, predict
 from eitskin.diagnose.estimates import calibration, estimates
 from eitskin.diagnose.experiment import propose
 from eitskin.diagnose.gaps import OBSERVABLE
+from eitskin.diagnose.search.search import added
 from eitskin.diagnose.verdict import acceptable, verdict
 from eitskin.effects import EFFECTS, catalogue_names
 from eitskin.errors import InputError
@@ -89,10 +90,10 @@ def _entry(found: Diagnosis, index: int, certain: bool) -> dict:
     before, after = judged.by(found.before.fit), judged.by(state.fit)
     left = judged.by(less.fit)
     rivals = search.trials.get(tuple(c.key for c in less.effects), [])
-    outside = [r for r in rivals if r.effects[-1].name != candidate.name]
+    outside = [r for r in rivals if added(less, r).name != candidate.name]
     gain, error = min(search.gain(state, rival) for rival in [less, *outside])
     beyond = before.chi2.sum() - before.readings
-    share = (left.chi2.sum() - after.chi2.sum()) / max(beyond, 1e-300)
+    share = (left.chi2.sum() - after.chi2.sum()) / beyond if beyond > 0.0 else 0.0
     entry = {
         "name": candidate.name,
         "alternatives": alternatives,
@@ -100,7 +101,7 @@ def _entry(found: Diagnosis, index: int, certain: bool) -> dict:
         **{kind: [] for kind in ("electrodes", "drives", "measures", "channels")},
         "driver": candidate.effect.driver,
         "parameters": estimates(state.fit, index),
-        "share": float(share),
+        "share": float(np.clip(share, 0.0, 1.0)),
         "evidence": {"elpd_gain": gain, "elpd_se": error, "p_value": state.p_value(candidate)},
         "gap": named[0].gap if named else None,
         "certain": certain,
@@ -199,7 +200,7 @@ def _rivals(found: Diagnosis) -> pd.DataFrame:
     for index, candidate in enumerate(state.effects):
         less = search.less(state, index)
         trials = search.trials.get(tuple(c.key for c in less.effects), [])
-        best = {s.effects[-1].name: s for s in reversed(trials) if s.effects}
+        best = {added(less, s).name: s for s in reversed(trials)}
         best.pop(candidate.name, None)
         gap = {g.rival: g.gap for g in found.gaps[index]}
         snr = found.gaps[index][0].snr if found.gaps[index] else np.nan

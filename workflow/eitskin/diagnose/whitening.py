@@ -144,7 +144,18 @@ class Whitening:
     @property
     def size(self) -> int:
         """Number of readings, less those that a free constant takes."""
-        return int(self.mask.sum() - np.isinf(self.rho).sum())
+        free = np.isinf(self.rho) & self.mask.any(axis=0)
+        return int(self.mask.sum() - free.sum())
+
+    @property
+    def rig_share(self) -> float:
+        """Mean variance that rig errors have in a reading, over that of its noise."""
+        if self.errors is None:
+            return 0.0
+        errors = self.errors
+        own = [errors.frame, errors.channel, errors.whole, errors.press]
+        square = sum(float(((c / self.sd) ** 2 * self.mask).sum()) for c in own if c is not None)
+        return square / max(int(self.mask.sum()), 1)
 
     @property
     def by_channel(self) -> bool:

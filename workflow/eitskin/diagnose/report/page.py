@@ -22,6 +22,7 @@ from eitskin.diagnose.words import UNITS, certain, headline, mend, sites, where
 from eitskin.effects.effect import SITES
 from eitskin.quantities import NONE, chance, interval, listed, number, quantity
 
+MISFIT = 1.05  # chi squared per degree of freedom from which shares of it are told
 SIGNIFICANT = 0.05  # false discovery rate below which a row of the atlas counts
 MOST_ROWS = 25
 PACKAGES = ("eitskin", "numpy", "scipy", "pandas", "matplotlib")
@@ -219,9 +220,12 @@ def _effect(k: int, effect: dict, found: Evidence) -> str:
     bench = "At the bench" if sure else "At the bench, to try"
     lines.append(f"<p>{bench}: {escape(mend(effect, found.channels))}</p>")
     evidence_ = effect["evidence"]
-    share = f"It explains {number(100 * effect['share'])} % of the misfit on frames held out"
-    gain = f"gains {number(evidence_['elpd_gain'])} ± {number(evidence_['elpd_se'], 2)} nats there"
-    lines.append(f"<p>{share}, {gain}; p = {chance(evidence_['p_value'])}.</p>")
+    gain = f"gains {number(evidence_['elpd_gain'])} ± {number(evidence_['elpd_se'], 2)} nats"
+    text = f"On frames held out it {gain}"
+    if found.diagnosis["fit"]["held_out"]["chi2_per_dof_before"] > MISFIT:
+        share = f"It explains {number(100 * effect['share'])} % of the misfit on frames held out"
+        text = f"{share}, {gain} there"
+    lines.append(f"<p>{text}; p = {chance(evidence_['p_value'])}.</p>")
     if effect["alternatives"]:
         names = listed([f"<code>{escape(name)}</code>" for name in effect["alternatives"]])
         lines.append(f"<p>This recording cannot tell it from {names}.</p>")

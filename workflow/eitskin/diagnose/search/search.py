@@ -35,6 +35,7 @@ from eitskin.diagnose.search.screen import (
     Score,
     best_few,
     chance,
+    choices,
     null,
     score,
 )
@@ -110,7 +111,8 @@ class Search:
     """One recording's search. problem: with noise alone in its covariance; rigged: whether a rig
     may add to it, rounding: as of `Noise`; rig: what it may add. `path`: what was done, a row a
     step; report: called with words; share: of all that a diagnosis may solve, with which this ends;
-    catalogue_p: the global p-value of the best candidate that did not enter."""
+    catalogue_p: the global p-value of the best candidate that did not enter the last set to which
+    candidates were held; catalogue_of: that set's key."""
 
     problem: Problem
     candidates: list[Candidate]
@@ -122,6 +124,7 @@ class Search:
     rounding: float = 0.0
     rig: Rig | None = None
     catalogue_p: float = 1.0
+    catalogue_of: tuple | None = None
     rival_evidence: float = -np.inf
     path: list[dict] = field(default_factory=list)
     null: Null | None = None
@@ -268,15 +271,15 @@ class Search:
         if start is not None and start.effects:
             known = fit(self.problem, start.effects, start.fit.theta, polish=True)
             state = self.state(known, start.p_values)
-            if state.log_evidence > before.log_evidence:
+            if state.log_evidence > before.log_evidence and not self.unlike(state):
                 self.step("start", None, state)
-                return before, self._explained(self._drop(state))
+                return before, self._explained(self._drop(self._confirmed(state)))
             state = before
         while (plain := self._gross(state)) is not None:
             state = plain
         if self.unlike(state):
-            self.step(UNLIKE, None, state)
-            return before, state
+            self.step(UNLIKE, None, before)
+            return before, before
         free = self._free_channels(state)
         if free is not None:
             self.rival_evidence = free.log_evidence
@@ -321,6 +324,7 @@ class Search:
         if rival.log_evidence <= found.log_evidence:
             return found
         self.trials, self.catalogue_p = plain.trials, plain.catalogue_p
+        self.catalogue_of = plain.catalogue_of
         return rival
 
     def _free_channels(self, state: State) -> State | None:
@@ -491,6 +495,7 @@ class Search:
         if not scores:
             return None
         p_value = self.catalogue_p = self.global_p(min(s.p_value for s in scores))
+        self.catalogue_of = state.key
         self.report(
             f"{len(state.effects)} effects, chi2/dof {per_dof(state):.3f}: best score "
             f"{scores[0].candidate.name}, p = {p_value:.2g}"
@@ -500,7 +505,7 @@ class Search:
         for trial in self.tried(state, scores):
             if trial.log_evidence < state.log_evidence + LEAST_EVIDENCE:
                 break
-            new = _new(state, trial)
+            new = added(state, trial)
             p = trial.p_values[new.key]
             if p >= SIGNIFICANT:
                 continue
@@ -586,7 +591,7 @@ class Search:
                 trial = self.with_effect(state, s.candidate, self._cost(state, best - RACE))
                 if trial is not None:
                     trial.score = s
-                    trial.p_values[_new(state, trial).key] = self._own_p(s, state, trial)
+                    trial.p_values[added(state, trial).key] = self._own_p(s, state, trial)
                     found.append(trial)
                     best = max(best, trial.log_evidence)
             found.sort(key=lambda s: -s.log_evidence)
@@ -659,6 +664,32 @@ class Search:
             fitted = fit(state.fit.problem, effects, np.zeros_like(theta))
         return self.state(fitted, state.p_values, state.sizes, state.rig)
 
+    def renew_catalogue_p(self, state: State) -> None:
+        """`catalogue_p` of a state, where it is another's."""
+        if state.key != self.catalogue_of and not (self.spent or self.unlike(state)):
+            scores = self.scores(state)
+            self.catalogue_p = self.global_p(min((s.p_value for s in scores), default=1.0))
+            self.catalogue_of = state.key
+
+    def _confirmed(self, state: State) -> State:
+        """A state that was found on fewer frames, less the effects that all of them do not bear
+        out, each with the p-value of its likelihood ratio on all of them."""
+        self._draw_null(self.linearised(state))
+        index = 0
+        while index < len(state.effects):
+            effect, less = state.effects[index], self.without(state, index)
+            gain = max(2.0 * (state.log_likelihood - less.log_likelihood), 0.0)
+            one = Score(effect, gain, max(effect.size, 1), 0.0, _choices(effect))
+            p = self.global_p(one.p_value)
+            worth = state.log_evidence >= less.log_evidence + LEAST_EVIDENCE
+            if worth and p < SIGNIFICANT and self.predicts(state, less):
+                state.p_values[effect.key] = p
+                index += 1
+            else:
+                self.step("drop", effect, less, p)
+                state, index = less, 0
+        return state
+
     def _drop(self, state: State) -> State:
         """Effects that no longer earn their place, taken out one by one; the rest polished."""
         dropped = True
@@ -722,7 +753,7 @@ class Search:
                 )
                 better = next(ahead, None)
                 if better is not None:
-                    new = _new(less, better)
+                    new = added(less, better)
                     p = better.p_values[new.key]
                     better.p_values = {**state.p_values, new.key: p}
                     self.step("swap", new, better, p)
@@ -822,6 +853,14 @@ def per_dof(state: State) -> float:
     return state.fit.chi2 / max(state.fit.problem.whitening.size - len(state.fit.theta), 1)
 
 
+def _choices(effect: Candidate) -> int:
+    """Among how many an effect that is there was chosen, as of `Score`."""
+    if effect.effect.tone:
+        return effect.looks
+    few = effect.scope == "sparse" and len(effect.sites) > 1
+    return choices(effect) if few else 1
+
+
 def _lead(effect: Candidate, rival: Candidate) -> float:
     """Nats by which a rival must be ahead of an effect to take its place: where it is the same at
     further sites, what every site must earn."""
@@ -840,7 +879,7 @@ def _joined(a: Candidate, b: Candidate) -> Candidate | None:
     )
 
 
-def _new(state: State, trial: State) -> Candidate:
+def added(state: State, trial: State) -> Candidate:
     """What a trial has that the state it came from has not."""
     (new,) = (c for c in trial.effects if c.key not in {own.key for own in state.effects})
     return new
