@@ -101,7 +101,7 @@ def test_what_few_frames_showed_must_stand_on_all_of_them(contact):
     recorded, found = contact
     _, again, _ = diagnosis.begun(recorded, 1)
     few = found.after
-    before, after = again.run(few)
+    _, after = again.run(few)
     assert [c.key for c in after.effects] == [c.key for c in few.effects]
     assert again.path[1]["action"] == "start"
     assert after.p_value(after.effects[0]) < search.SIGNIFICANT

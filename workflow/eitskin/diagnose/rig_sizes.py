@@ -20,8 +20,9 @@ WITHIN = 1.6449  # sd: 90 % of a normal distribution
 MOST_SPREAD = 2.0  # sd of the logarithm of a variance that an interval tells
 MOST = 3.0  # times the prior's sd: more is no ordinary rig
 HARDLY = 0.5  # nats that a component must be worth
-PLAINLY = 4.0  # nats, by the quadratic of its scoring, from which it is not tried without ...
-SAME = 1.25  # ... nor where its size is what it was, within this factor
+# A component is not tried without where it is worth so many nats, by the quadratic of its scoring,
+# or has the size at which the climb began, within a factor.
+PLAINLY, SAME = 4.0, 1.25
 ROUNDING = 1e-9  # least eigenvalue of an information at a diagonal of ones
 SETTLED = 0.05  # nats, by which another round may still raise the likelihood
 

@@ -575,9 +575,9 @@ class Search:
         known: Candidate | None = None,
         best: float = -np.inf,
     ) -> list[State]:
-        """States with one more effect, each with the global p-value of its own score, the best of
-        every name fitted, best first; but for one that is `known` to have the log evidence `best`.
-        """
+        """States with one more effect, the best of every name fitted, each with the global p-value
+        of its likelihood ratio, as of `_own_p`, best first; but for one that is `known` to have the
+        log evidence `best`."""
         key = state.key
         if key not in self.trials:
             found: list[State] = []
