@@ -14,8 +14,8 @@ MOST_LINES = 400_000
 
 
 def score(tangents: Tangents, effect: Effect, skin, scales) -> screen.Score | None:
-    """The strongest tone (Scargle 1982) of the residual, from a quarter of a period a frame to a channel's
-    Nyquist frequency; None where nobody knows when channels are read."""
+    """The strongest tone (Scargle 1982) of the residual, from a quarter of a period a frame to a
+    channel's Nyquist frequency; None where nobody knows when channels are read."""
     model = tangents.problem.model
     if not model.frame_s:
         return None
