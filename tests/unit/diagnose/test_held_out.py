@@ -11,7 +11,14 @@ from eitskin.data.recording import Recording, presses
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.diagnosis import Judged
 from eitskin.diagnose.fit import Fit, fit
-from eitskin.diagnose.held_out import LEAST_PRESSES, HeldOut, aside, put_aside, units
+from eitskin.diagnose.held_out import (
+    LEAST_PRESSES,
+    HeldOut,
+    aside,
+    put_aside,
+    reciprocal_groups,
+    units,
+)
 from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.whitening import RigErrors
@@ -67,6 +74,12 @@ def test_without_presses_reciprocal_channels_are_put_aside(make_recording, place
     assert 0.18 < columns.mean() < 0.22
     assert np.array_equal(kept, aside(recorded, seed))
     assert not np.array_equal(kept, aside(recorded, seed + 1))
+
+
+def test_channels_tied_through_others_are_one_group():
+    turned = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [0, 2, 1, 3]])
+    group = reciprocal_groups(turned)
+    assert group[0] == group[1] == group[2] != group[3]
 
 
 def test_no_search_sees_what_is_put_aside():

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eitskin.diagnose import rig_words
+from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.rig import COMPONENTS, STRAIGHT, Rig, _walk
-from eitskin.diagnose.rig_sizes import HARDLY, MOST, _Scored, findings, learned
+from eitskin.diagnose.rig_sizes import HARDLY, MOST, WITHIN, _Scored, findings, learned
 from eitskin.diagnose.whitening import Whitening
 from small_skin import calibrated, problem_of, small_recording
 
@@ -375,7 +376,8 @@ def test_findings_are_those_of_the_contract():
     rig = made([*SIZES, "quadrature"], correlation=0.4)
     residual = drawn(rig, SIZES, np.random.default_rng(12))
     sizes = {**SIZES, "common-noise": 0.0, "quadrature": 2e-4}
-    found = {f["name"]: f for f in findings(rig, sizes, residual, "ohm")}
+    noise = Noise(rig.plain.sd, 400.0, "given", correlation=0.4)
+    found = {f["name"]: f for f in findings(rig, sizes, residual, "ohm", noise)}
     units = {name: one["unit"] for name, one in found.items()}
     assert units == {
         "correlated-noise": "1",
@@ -390,10 +392,24 @@ def test_findings_are_those_of_the_contract():
     assert found["correlated-noise"]["sd"] == 0.4
     # |v + i q v| is v (1 + q^2 / 2), and the sd of q^2 / 2 is that of q squared over the root of 2.
     drawn_sd = np.std((0.02 * np.random.default_rng(0).normal(size=10**6)) ** 2 / 2)
-    (quadrature,) = findings(rig, {"quadrature": drawn_sd}, residual, "V")[1:]
+    (quadrature,) = findings(rig, {"quadrature": drawn_sd}, residual, "V")
     assert np.isclose(quadrature["sd"], 0.02, rtol=0.01)
     known = {n for n, one in COMPONENTS.items() if not one.discrepancy} | {"correlated-noise"}
     assert known == set(rig_words.FINDINGS)
+
+
+def test_a_correlation_is_as_sure_as_the_values_it_was_found_from():
+    rho, frames, draws = 0.6, 20, np.random.default_rng(5).normal(size=(20, 4000))
+    for row in range(1, frames):
+        draws[row] = rho * draws[row - 1] + np.sqrt(1.0 - rho**2) * draws[row]
+    own = (draws[1:] * draws[:-1]).reshape(frames - 1, 100, 40).sum(axis=(0, 2))
+    own /= (draws[:-1] ** 2).reshape(frames - 1, 100, 40).sum(axis=(0, 2))
+    noise = Noise(np.ones(40), 40.0 * frames, "given", correlation=rho)
+    (one,) = findings(made(), {}, np.zeros((FRAMES, CHANNELS)), "V", noise)
+    assert np.isclose((one["high"] - one["low"]) / (2.0 * WITHIN), np.std(own), rtol=0.25)
+    few = replace(noise, dof=2.0, correlation=0.9)
+    (one,) = findings(made(), {}, np.zeros((FRAMES, CHANNELS)), "V", few)
+    assert one["high"] == 1.0 and 0.0 < one["low"] < 0.9
 
 
 @pytest.mark.parametrize("others", [[], ["common-noise"]], ids=["alone", "beside-frames"])

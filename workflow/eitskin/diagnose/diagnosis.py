@@ -149,7 +149,7 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
         after,
         kept,
         judged,
-        findings(rig, after.sizes, after.fit.misfit, recorded.metadata["unit"]),
+        findings(rig, after.sizes, after.fit.misfit, recorded.metadata["unit"], noise),
         _atlas(recorded, noise, _named(search, before)),
         atlas_after,
         found,

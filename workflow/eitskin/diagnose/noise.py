@@ -15,7 +15,7 @@ from scipy.optimize import nnls
 from scipy.stats import chi2, f
 
 from eitskin.data.recording import Recording
-from eitskin.physics.protocol import reciprocal_channels
+from eitskin.physics.protocol import tied_channels
 
 ROUNDING = 12**-0.5  # of a converter's step: the sd of an even distribution over it
 ALIKE = 1e-9  # of the largest reading: values closer are one
@@ -52,6 +52,10 @@ class Noise:
     lost: np.ndarray | None = None
     loud_frames: tuple[int, ...] = ()
     spikes: int = 0
+
+    def correlation_sd(self, correlation: float) -> float:
+        """Of a correlation found from as many values as `dof` (Bartlett 1946)."""
+        return float(np.sqrt((1.0 - correlation**2) / self.dof))
 
 
 @dataclass(frozen=True)
@@ -211,15 +215,8 @@ def parity(channels: np.ndarray, signed: bool = True) -> tuple[np.ndarray, np.nd
     Channels that reciprocity ties to one value (up to sign; all alike where not `signed`) give
     their mean to the rest and their contrasts (Helmert) to the odd half.
     """
-    pairs, signs = reciprocal_channels(channels)
     count = len(channels)
-    group, sign = np.arange(count), np.ones(count)
-    for (first, second), turned in zip(pairs, signs, strict=True):
-        if group[first] != group[second]:
-            flip = turned * sign[first] * sign[second]
-            members = group == group[second]
-            sign[members] *= flip
-            group[members] = group[first]
+    group, sign = tied_channels(channels)
     if not signed:
         sign[:] = 1.0
     odd, even = [], []
