@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eitskin.diagnose import rig_words
+from eitskin.diagnose.diagnosis import begun
 from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.rig import COMPONENTS, STRAIGHT, Rig, _walk
 from eitskin.diagnose.rig_sizes import HARDLY, MOST, WITHIN, _Scored, findings, learned
@@ -507,3 +508,36 @@ def test_components_are_those_that_a_recording_can_have(small):
     assert set(found.columns) == always | {"static-discrepancy"}
     assert found.tangents == {} and found.assumed == frozenset()
     assert (found.label == -1).all()
+
+
+def test_touches_without_force_have_no_errors_of_it():
+    recorded = small_recording(places=4)
+    recorded.frames["force_N"] = 0.0
+    problem, _ = problem_of(recorded)
+    rig = Rig.about(calibrated(problem), problem.whitening, 0.0)
+    assert set(rig.tangents) == {"x_mm", "y_mm"}
+    assert not any(name.startswith("force") for name in rig.columns)
+    assert "place-per-press" in rig.columns
+    assert all(np.isfinite(column).all() for column in rig.columns.values())
+
+
+def test_a_diagnosis_begins_where_no_touch_has_force():
+    recorded = small_recording(places=4)
+    recorded.frames["force_N"] = 0.0
+    _, search, _ = begun(recorded, 1)
+    assert np.isfinite(search.calibrated().log_evidence)
+    states = search.problem.model.states
+    strays = {key: np.full(len(states), 1.0) for key in ("x_mm", "y_mm")}
+    assert not search._near(calibrated(search.problem), strays)
+
+
+def test_sizes_that_a_rig_has_no_columns_for_add_nothing():
+    """As of a fit whose physics has no tangents, with sizes from one that has."""
+    rig, bare = made(), made(FRAME)
+    bare = replace(bare, tangents={}, courses={})
+    own = {name: SIZES[name] for name in FRAME}
+    residual = drawn(rig, own, np.random.default_rng(15))
+    assert bare.log_likelihood(SIZES, residual) == bare.log_likelihood(own, residual)
+    assert bare.strays(SIZES, residual) == {}
+    moved = bare.followed({"x_mm": np.ones(FRAMES), "y_mm": np.ones(FRAMES)})
+    assert moved.shape == residual.shape and not moved.any()

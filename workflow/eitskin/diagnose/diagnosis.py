@@ -226,6 +226,8 @@ def problem_of(
     if not np.isfinite(readings).any():
         found = f"{int(model.touched.sum())} touches of unknown force or probe and no other frame"
         raise InputError("recording", "frames", found, "untouched frames, or touches fully known")
+    if not np.nan_to_num(readings).any():
+        raise InputError("recording", "column voltage_V", "0 in every frame", "readings of a skin")
     median = float(np.nanmedian(np.abs(readings[~model.touched])) or 0.0)
     if model.difference or not np.isfinite(median):
         median = float(np.nanmedian(np.abs(readings)))
