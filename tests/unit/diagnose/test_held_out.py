@@ -95,6 +95,24 @@ def test_no_search_sees_what_is_put_aside():
     assert search.calibrated().log_evidence == same.calibrated().log_evidence
 
 
+@pytest.mark.parametrize("places", [1, 3])
+def test_channels_put_aside_have_the_noise_of_their_level(places):
+    """Where it grows with the reading; their own readings are not looked at."""
+    recorded, share = small_recording(noise=0.0, places=places), 5e-3
+    true = share * np.abs(recorded.voltage)
+    recorded.voltage += true * np.random.default_rng(6).normal(size=true.shape)
+    noise, search, kept = diagnosis.begun(recorded, 3)
+    columns = kept.all(axis=0)
+    assert columns.any() and np.array_equal(kept, np.repeat(columns[None], len(kept), axis=0))
+    found = noise.sd / true[0]
+    assert np.ptp(np.log(true[0, columns])) > 0.5
+    assert np.allclose(found[columns], np.median(found[~columns]), rtol=0.1)
+    judged = diagnosis._judged(search, search.calibrated(), recorded, noise, kept)
+    assert 0.7 < judged.by_white(search.calibrated().fit).chi2_per_dof < 1.4
+    other = replace(recorded, voltage=np.where(kept, 1.3 * recorded.voltage, recorded.voltage))
+    assert np.array_equal(diagnosis.begun(other, 3)[0].sd, noise.sd)
+
+
 def searched(recorded, item):
     """A search of what is seen of a recording, a state with one effect, and what is put aside."""
     noise = Noise(np.full(len(CHANNELS), NOISE * np.median(np.abs(recorded.voltage))), 1e6, "given")

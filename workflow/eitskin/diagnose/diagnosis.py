@@ -191,11 +191,15 @@ def _steadied(
     recorded: Recording, seen: Recording, first: Noise, problem: Problem
 ) -> tuple[Noise, Problem]:
     """The noise as the residuals of calibrations alone show it, in what is seen of a recording;
-    and the problem with it; first: the noise by the recording alone. Loud frames and spikes are
-    found in the whole recording."""
+    and the problem with it; first: the noise by the recording alone. Channels of which nothing is
+    seen have that of their simulated level. Loud frames and spikes are found in the whole
+    recording."""
     model = problem.model
     there = fit(problem, [], np.zeros(len(model.calibrations)), polish=True).voltage()
     simulated = np.where(model.known[:, None], there, np.nan)
+    if not (model.difference or model.touched.all()):
+        unseen = np.isnan(seen.voltage).all(axis=0)
+        first = first.told_of(unseen, np.abs(there[~model.touched].mean(axis=0)))
     noise = refine(seen, first, simulated)
     whole = refine(recorded, first, simulated)
     noise = replace(noise, lost=whole.lost, loud_frames=whole.loud_frames, spikes=whole.spikes)
