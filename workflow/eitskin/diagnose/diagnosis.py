@@ -240,7 +240,8 @@ def problem_of(
     error = np.abs(current * untouched_error(geometry, recorded.channels, "diagnose"))
     error = np.hypot(error, np.hypot(COHERENT * median, noise.rounding))
     whitening = Whitening.of(readings, noise.sd, model.difference, error)
-    whitening = replace(whitening, correlation=noise.correlation)
+    clock = recorded.frames["frame"].to_numpy()
+    whitening = replace(whitening, correlation=noise.correlation, clock=clock)
     return Problem(model, readings, whitening), Scales(median, current)
 
 
@@ -297,7 +298,9 @@ def _few(problem: Problem, recorded: Recording) -> Problem:
     few = excerpt(recorded, FIRST_FRAMES)
     model = RecordingSimulator(recorded, few, problem.model.near)
     readings = np.where(model.known[:, None], few.voltage, np.nan)
-    return Problem(model, readings, replace(problem.whitening, mask=np.isfinite(readings)))
+    clock = few.frames["frame"].to_numpy()
+    whitening = replace(problem.whitening, mask=np.isfinite(readings), clock=clock)
+    return Problem(model, readings, whitening)
 
 
 def _named(search: Search, state: State) -> Fit:

@@ -51,10 +51,10 @@ class Noise:
     freedom of its overall scale (squared); `source`: where it comes from, for a reader.
 
     rounding: sd of what rounding does alike in frames that are alike, the same in all channels.
-    correlation: of each channel's own noise from one frame (row) to the next, of which `sd` is the
-    stationary one; drift: sd at the recording's end, in units of `sd`, of a random walk of each
-    channel on its own in time. lost (N, M): readings put aside as spikes, whose number is `spikes`,
-    or in `loud_frames` (rows); None: none. law: by which `sd` was estimated.
+    correlation: of each channel's own noise from one frame to the next, by their numbers, of which
+    `sd` is the stationary one; drift: sd at the recording's end, in units of `sd`, of a random walk
+    of each channel on its own in time. lost (N, M): readings put aside as spikes, whose number is
+    `spikes`, or in `loud_frames` (rows); None: none. law: by which `sd` was estimated.
     """
 
     sd: np.ndarray
