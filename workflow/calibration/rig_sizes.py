@@ -164,8 +164,7 @@ def _of_noise(case: cases.Case, error: RigError, noise: Noise) -> tuple[float, f
     if error.kind == "correlated-noise":
         rho, found = error.size, noise.correlation
         lasts = -1.0 / np.log(rho)
-        # Of a coefficient from so many steps (Bartlett 1946).
-        log_sd = lasts / rho * np.sqrt((1.0 - rho**2) / case.clean.size)
+        log_sd = lasts / rho * noise.correlation_sd(rho)
         return lasts, lasts, -1.0 / np.log(found) if found else 0.0, log_sd
     if error.kind == "uneven-noise":
         size, found = error.size, np.std(np.log(noise.sd / case.noise_V))

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from eitskin.data.recording import presses
+from eitskin.diagnose import diagnosis
 from eitskin.diagnose.excerpt import excerpt
-from small_skin import small_recording
+from small_skin import problem_of, small_recording
 
 
 def test_a_short_recording_is_itself(make_recording):
@@ -52,3 +53,15 @@ def test_optional_columns_follow(full_recording):
 def test_an_excerpt_can_be_cut_again():
     once = excerpt(small_recording(places=6), 20)
     assert len(excerpt(once, 12).frames) < len(once.frames) < 34
+
+
+def test_noise_lasts_by_the_numbers_of_the_frames(monkeypatch):
+    """Of an excerpt, and where it is thinned again."""
+    once = excerpt(small_recording(places=6), 20)
+    problem, _ = problem_of(once)
+    assert np.array_equal(problem.whitening.clock, once.frames["frame"])
+    assert (np.diff(problem.whitening.clock) > 1).any()
+    monkeypatch.setattr(diagnosis, "FIRST_FRAMES", 12)
+    few = diagnosis._few(problem, once).whitening
+    assert np.array_equal(few.clock, excerpt(once, 12).frames["frame"])
+    assert few.mask.shape[0] == len(few.clock) < len(problem.whitening.clock)

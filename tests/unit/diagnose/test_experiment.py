@@ -193,6 +193,17 @@ def test_presses_go_on_in_the_rhythm_of_the_recording():
     np.testing.assert_allclose(np.diff(one["time_s"]), [0.5, 10.0, 10.0, 10.0, 0.5])
 
 
+def test_noise_lasts_over_new_frames_by_their_numbers():
+    taken, sd = recorded(RADIUS, [2.0], 1e-6)
+    problem, _ = problem_of(taken, replace(sd, correlation=0.5))
+    rows, last = np.array([0, 3, 4, 9]), len(taken.frames) - 1
+    run = experiment._Run(taken, problem.model, rows)
+    covariance = run.recipe(None, problem.whitening, 2).whitening
+    assert covariance.clock.tolist() == [*rows, last + 1, last + 2]
+    ones = np.ones(covariance.mask.shape)
+    assert covariance(ones).shape == ones.shape
+
+
 def test_presses_left_out_of_the_comparison_are_in_the_proof(monkeypatch):
     found = diagnosed(RADIUS, ["touch-contrast"], [5.0], 3e-5)
     whole = propose(found)

@@ -11,7 +11,14 @@ from eitskin.data.recording import Recording, presses
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.diagnosis import Judged
 from eitskin.diagnose.fit import Fit, fit
-from eitskin.diagnose.held_out import LEAST_PRESSES, HeldOut, aside, put_aside, units
+from eitskin.diagnose.held_out import (
+    LEAST_PRESSES,
+    HeldOut,
+    aside,
+    put_aside,
+    reciprocal_groups,
+    units,
+)
 from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.whitening import RigErrors
@@ -69,6 +76,12 @@ def test_without_presses_reciprocal_channels_are_put_aside(make_recording, place
     assert not np.array_equal(kept, aside(recorded, seed + 1))
 
 
+def test_channels_tied_through_others_are_one_group():
+    turned = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [0, 2, 1, 3]])
+    group = reciprocal_groups(turned)
+    assert group[0] == group[1] == group[2] != group[3]
+
+
 def test_no_search_sees_what_is_put_aside():
     recorded = small_recording(noise=NOISE, places=5)
     noise, search, kept = diagnosis.begun(recorded, 3)
@@ -80,6 +93,24 @@ def test_no_search_sees_what_is_put_aside():
     again, same, _ = diagnosis.begun(other, 3)
     assert np.array_equal(again.sd, noise.sd)
     assert search.calibrated().log_evidence == same.calibrated().log_evidence
+
+
+@pytest.mark.parametrize("places", [1, 3])
+def test_channels_put_aside_have_the_noise_of_their_level(places):
+    """Where it grows with the reading; their own readings are not looked at."""
+    recorded, share = small_recording(noise=0.0, places=places), 5e-3
+    true = share * np.abs(recorded.voltage)
+    recorded.voltage += true * np.random.default_rng(6).normal(size=true.shape)
+    noise, search, kept = diagnosis.begun(recorded, 3)
+    columns = kept.all(axis=0)
+    assert columns.any() and np.array_equal(kept, np.repeat(columns[None], len(kept), axis=0))
+    found = noise.sd / true[0]
+    assert np.ptp(np.log(true[0, columns])) > 0.5
+    assert np.allclose(found[columns], np.median(found[~columns]), rtol=0.1)
+    judged = diagnosis._judged(search, search.calibrated(), recorded, noise, kept)
+    assert 0.7 < judged.by_white(search.calibrated().fit).chi2_per_dof < 1.4
+    other = replace(recorded, voltage=np.where(kept, 1.3 * recorded.voltage, recorded.voltage))
+    assert np.array_equal(diagnosis.begun(other, 3)[0].sd, noise.sd)
 
 
 def searched(recorded, item):

@@ -10,8 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eitskin.diagnose import rig_words
+from eitskin.diagnose.diagnosis import begun
+from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.rig import COMPONENTS, STRAIGHT, Rig, _walk
-from eitskin.diagnose.rig_sizes import HARDLY, MOST, _Scored, findings, learned
+from eitskin.diagnose.rig_sizes import HARDLY, MOST, WITHIN, _Scored, findings, learned
 from eitskin.diagnose.whitening import Whitening
 from small_skin import calibrated, problem_of, small_recording
 
@@ -375,7 +377,8 @@ def test_findings_are_those_of_the_contract():
     rig = made([*SIZES, "quadrature"], correlation=0.4)
     residual = drawn(rig, SIZES, np.random.default_rng(12))
     sizes = {**SIZES, "common-noise": 0.0, "quadrature": 2e-4}
-    found = {f["name"]: f for f in findings(rig, sizes, residual, "ohm")}
+    noise = Noise(rig.plain.sd, 400.0, "given", correlation=0.4)
+    found = {f["name"]: f for f in findings(rig, sizes, residual, "ohm", noise)}
     units = {name: one["unit"] for name, one in found.items()}
     assert units == {
         "correlated-noise": "1",
@@ -390,10 +393,24 @@ def test_findings_are_those_of_the_contract():
     assert found["correlated-noise"]["sd"] == 0.4
     # |v + i q v| is v (1 + q^2 / 2), and the sd of q^2 / 2 is that of q squared over the root of 2.
     drawn_sd = np.std((0.02 * np.random.default_rng(0).normal(size=10**6)) ** 2 / 2)
-    (quadrature,) = findings(rig, {"quadrature": drawn_sd}, residual, "V")[1:]
+    (quadrature,) = findings(rig, {"quadrature": drawn_sd}, residual, "V")
     assert np.isclose(quadrature["sd"], 0.02, rtol=0.01)
     known = {n for n, one in COMPONENTS.items() if not one.discrepancy} | {"correlated-noise"}
     assert known == set(rig_words.FINDINGS)
+
+
+def test_a_correlation_is_as_sure_as_the_values_it_was_found_from():
+    rho, frames, draws = 0.6, 20, np.random.default_rng(5).normal(size=(20, 4000))
+    for row in range(1, frames):
+        draws[row] = rho * draws[row - 1] + np.sqrt(1.0 - rho**2) * draws[row]
+    own = (draws[1:] * draws[:-1]).reshape(frames - 1, 100, 40).sum(axis=(0, 2))
+    own /= (draws[:-1] ** 2).reshape(frames - 1, 100, 40).sum(axis=(0, 2))
+    noise = Noise(np.ones(40), 40.0 * frames, "given", correlation=rho)
+    (one,) = findings(made(), {}, np.zeros((FRAMES, CHANNELS)), "V", noise)
+    assert np.isclose((one["high"] - one["low"]) / (2.0 * WITHIN), np.std(own), rtol=0.25)
+    few = replace(noise, dof=2.0, correlation=0.9)
+    (one,) = findings(made(), {}, np.zeros((FRAMES, CHANNELS)), "V", few)
+    assert one["high"] == 1.0 and 0.0 < one["low"] < 0.9
 
 
 @pytest.mark.parametrize("others", [[], ["common-noise"]], ids=["alone", "beside-frames"])
@@ -491,3 +508,36 @@ def test_components_are_those_that_a_recording_can_have(small):
     assert set(found.columns) == always | {"static-discrepancy"}
     assert found.tangents == {} and found.assumed == frozenset()
     assert (found.label == -1).all()
+
+
+def test_touches_without_force_have_no_errors_of_it():
+    recorded = small_recording(places=4)
+    recorded.frames["force_N"] = 0.0
+    problem, _ = problem_of(recorded)
+    rig = Rig.about(calibrated(problem), problem.whitening, 0.0)
+    assert set(rig.tangents) == {"x_mm", "y_mm"}
+    assert not any(name.startswith("force") for name in rig.columns)
+    assert "place-per-press" in rig.columns
+    assert all(np.isfinite(column).all() for column in rig.columns.values())
+
+
+def test_a_diagnosis_begins_where_no_touch_has_force():
+    recorded = small_recording(places=4)
+    recorded.frames["force_N"] = 0.0
+    _, search, _ = begun(recorded, 1)
+    assert np.isfinite(search.calibrated().log_evidence)
+    states = search.problem.model.states
+    strays = {key: np.full(len(states), 1.0) for key in ("x_mm", "y_mm")}
+    assert not search._near(calibrated(search.problem), strays)
+
+
+def test_sizes_that_a_rig_has_no_columns_for_add_nothing():
+    """As of a fit whose physics has no tangents, with sizes from one that has."""
+    rig, bare = made(), made(FRAME)
+    bare = replace(bare, tangents={}, courses={})
+    own = {name: SIZES[name] for name in FRAME}
+    residual = drawn(rig, own, np.random.default_rng(15))
+    assert bare.log_likelihood(SIZES, residual) == bare.log_likelihood(own, residual)
+    assert bare.strays(SIZES, residual) == {}
+    moved = bare.followed({"x_mm": np.ones(FRAMES), "y_mm": np.ones(FRAMES)})
+    assert moved.shape == residual.shape and not moved.any()

@@ -52,6 +52,15 @@ def test_nothing_missing_is_consistent():
     assert 0.49 < conductivity["low"] < conductivity["high"] < 0.51
 
 
+def test_loud_frames_are_numbered_as_in_the_recording_that_an_excerpt_is_of(contact):
+    recorded, found = contact
+    thinned = replace(
+        recorded, frames=recorded.frames.assign(frame=3 * recorded.frames["frame"] + 1)
+    )
+    found = replace(found, recorded=thinned, noise=replace(found.noise, loud_frames=(2, 5)))
+    assert result.result(found, "contact")["noise"]["loud_frames"] == [7, 16]
+
+
 def test_one_effect_is_found(contact):
     said = result.result(contact[1], "contact")
     assert said["verdict"] == "explained"

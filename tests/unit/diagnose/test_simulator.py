@@ -5,7 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from eitskin.diagnose.diagnosis import problem_of
+from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.simulator import RecordingSimulator
+from eitskin.errors import InputError
 from small_skin import small_recording
 
 
@@ -66,3 +69,48 @@ def test_displaced_twice_is_displaced_by_both(recorded, steps):
     assert np.allclose(twice, both, rtol=1e-9)
     assert not np.allclose(once.voltage(coordinates, []), both)
     assert model.displaced({}).states.equals(model.states)
+
+
+@pytest.mark.parametrize("current_A", [1e-3, None])
+def test_readings_that_are_all_zero_are_refused(recorded, current_A):
+    skin = {**recorded.metadata["skin"], "current_A": current_A}
+    metadata = {**recorded.metadata, "skin": skin}
+    none = replace(recorded, voltage=np.zeros_like(recorded.voltage), metadata=metadata)
+    noise = Noise(np.full(none.voltage.shape[1], 1e-6), 100.0, "given")
+    with pytest.raises(InputError, match="column voltage_V: found 0 in every frame"):
+        problem_of(none, noise)
+
+
+def differences(recorded, **metadata):
+    """The same recording as differences from an untouched frame, of unknown scale."""
+    metadata = {**recorded.metadata, "values": "difference", **metadata}
+    voltage = recorded.voltage - recorded.voltage[~recorded.frames["touch"]].mean(axis=0)
+    return replace(recorded, voltage=voltage, metadata=metadata)
+
+
+def unscaled(recorded):
+    """The metadata of a recording whose scale nobody knows, in both ways."""
+    skin = {**recorded.metadata["skin"], "current_A": None}
+    return {"unit": "arbitrary"}, {"skin": skin}
+
+
+@pytest.mark.parametrize("way", [0, 1])
+def test_differences_of_unknown_scale_need_a_touch(recorded, way):
+    still = ~recorded.frames["touch"].to_numpy(bool)
+    frames = recorded.frames[still].reset_index(drop=True)
+    alone = replace(recorded, frames=frames, voltage=recorded.voltage[still])
+    with pytest.raises(InputError, match="column voltage_V: found differences of unknown scale"):
+        RecordingSimulator(differences(alone, **unscaled(recorded)[way]))
+
+
+@pytest.mark.parametrize("way", [0, 1])
+def test_differences_of_unknown_scale_start_from_that_of_touched_frames(recorded, way):
+    """Most frames are untouched: their differences are noise alone."""
+    rows = np.flatnonzero(recorded.frames["touch"].to_numpy(bool))[:3]
+    rows = np.sort(np.append(rows, np.flatnonzero(~recorded.frames["touch"].to_numpy(bool))))
+    few = replace(recorded, frames=recorded.frames.iloc[rows].reset_index(drop=True))
+    few.voltage = 5.0 * recorded.voltage[rows]
+    model = RecordingSimulator(differences(few, **unscaled(recorded)[way]))
+    starts = {c.name: c.start for c in model.calibrations}
+    scale = starts["current_A"] / 1e-3 if way else starts["factor"]
+    assert np.isclose(scale, 5.0, rtol=0.1)

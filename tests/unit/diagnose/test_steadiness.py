@@ -46,9 +46,10 @@ def misfit(seed=2):
     return SD * 10.0 * course @ rng.normal(size=(4, EVEN.shape[1])) @ EVEN.T
 
 
-def recording(readings, channels=CHANNELS, **metadata):
+def recording(readings, channels=CHANNELS, number=None, **metadata):
     time = np.arange(len(readings), dtype=float)
     frames = pd.DataFrame({"time_s": time, "touch": np.arange(len(readings)) % 2 == 1})
+    frames["frame"] = np.arange(len(readings)) if number is None else number
     given = {"values": "absolute", "voltage": "signed", "channels": channels.tolist()}
     return Recording(frames, readings, None, None, given | metadata)
 
@@ -95,6 +96,26 @@ def test_correlated_noise(rho):
     assert found.drift == 0.0 and found.spikes == 0 and found.loud_frames == ()
     assert f"frame to frame, {found.correlation:.2g}" in found.source
     assert 0.5 * ODD.size * FRAMES / len(ODD) < found.dof < ODD.shape[1] * FRAMES
+
+
+@pytest.mark.parametrize(("rho", "gap"), [(0.6, 12), (0.9, 12), (0.995, 60)])
+def test_correlated_noise_of_an_excerpt(rho, gap):
+    """Six frames of every press in a row, after a frame so far from the others."""
+    number = np.cumsum(np.where(np.arange(FRAMES) % 7 < 2, gap, 1))
+    kept = rho ** np.append(np.inf, np.diff(number))[:, None]
+    own = white()
+    for row in range(1, FRAMES):
+        own[row] = kept[row] * own[row - 1] + np.sqrt(1.0 - kept[row] ** 2) * own[row]
+    found = refined(simulated() + SD * own + misfit(), noise(0.3 * SD), number=number)
+    assert 1.0 - found.correlation == pytest.approx(1.0 - rho, rel=0.15)
+    assert found.sd == pytest.approx(SD, rel=0.15)
+    assert found.drift == 0.0
+
+
+def test_correlated_noise_of_thinned_frames():
+    """None of them next to another: what is left after twenty is told of one."""
+    found = refined(simulated() + SD * correlated(0.9), number=20 * np.arange(FRAMES))
+    assert found.correlation**20 == pytest.approx(0.9, abs=0.02)
 
 
 def test_drift_of_each_channel_of_its_own():

@@ -73,20 +73,22 @@ def test_values_of_several_axes_are_whitened_alike():
 def rigged(seed, frames, channels, counts, correlation=0.0, rho=0.0):
     """With columns of every channel, of every frame, of the whole and of every press, as many as
     counts says; rho: None where the constant is free. Up to three presses, of unequal lengths, and
-    frames of none."""
+    frames of none; numbers that leave some out."""
     voltage, sd, _, draw = drawn(seed, frames, channels)
     plain = Whitening.of(voltage, sd, rho is None, np.sqrt(rho or 0.0) * sd)
     columns = [draw.normal(size=(count, frames, channels)) for count in counts]
     label = draw.integers(-1, 3, frames) * 5
     label[draw.integers(frames)] = 10
+    clock = 7 + np.cumsum(np.random.default_rng([seed, 1]).choice([1, 1, 2, 5], frames))
     errors = RigErrors(*columns, label=np.maximum(label, -1))
-    return replace(plain, correlation=correlation, errors=errors)
+    return replace(plain, correlation=correlation, errors=errors, clock=clock)
 
 
 def written_out(whitening, constant):
     """(D, D): the covariance of the D readings that are there; constant (M,): its sd."""
     row, channel = np.nonzero(whitening.mask)
-    apart, same = np.abs(row[:, None] - row), channel[:, None] == channel
+    apart = np.abs(whitening.clock[row][:, None] - whitening.clock[row])
+    same = channel[:, None] == channel
     sd, level, errors = whitening.sd[channel], constant[channel], whitening.errors
     found = same * (np.outer(sd, sd) * whitening.correlation**apart + np.outer(level, level))
     everywhere, label = np.ones_like(same), errors.label[row]
@@ -233,9 +235,11 @@ def test_what_is_left_is_compared_with_what_entered(kind, correlation):
     }[kind]
     if kind == "frame" and correlation:
         # What is white after the filter: only as loud as the noise makes it.
-        louder = np.sqrt((1.0 + correlation**2) / (1.0 - correlation**2))
+        number = np.r_[whitening.clock[0] - 1, whitening.clock, whitening.clock[-1] + 1]
+        precision = np.linalg.inv(correlation ** np.abs(np.subtract.outer(number, number)))
+        louder = np.sqrt(np.diag(precision)[1:-1])
         white = np.where(whitening.mask, getattr(whitening.errors, kind), 0.0) / whitening.sd
-        assert np.allclose(entered, louder * white)
+        assert np.allclose(entered, louder[:, None] * white)
     else:
         assert np.allclose(summed(found), summed(expected))
 
@@ -307,3 +311,10 @@ def test_whether_channels_stay_apart():
         assert whitening.by_channel == apart
         one = whitening(np.arange(20.0).reshape(5, 4) * [0.0, 1.0, 0.0, 0.0])
         assert one[:, [0, 2, 3]].any() != apart
+
+
+def test_frames_in_a_row_need_no_numbers():
+    whitening = rigged(10, 7, 4, (1, 2, 1, 2), 0.7)
+    values = np.random.default_rng(10).normal(size=(7, 4))
+    in_a_row = replace(whitening, clock=np.arange(30, 37))
+    assert np.allclose(replace(whitening, clock=None)(values), in_a_row(values))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eitskin.errors import InputError
-from eitskin.physics.protocol import channel_table
+from eitskin.physics.protocol import channel_table, tied_channels
 
 
 def test_adjacent_of_sixteen_is_the_papers_table():
@@ -37,3 +37,12 @@ def test_a_table_without_channels_is_refused(n, drive, measure):
     patterns = (drive, measure) if n == 4 else ()
     with pytest.raises(InputError, match="no channel is left"):
         channel_table(n, *patterns)
+
+
+def test_channels_are_tied_through_others():
+    """The second is the first turned round in both pairs, the third exchanged with either."""
+    label, sign = tied_channels(np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [0, 2, 1, 3]]))
+    assert label[0] == label[1] == label[2] != label[3]
+    assert sign[0] == sign[1] == sign[2]
+    label, sign = tied_channels(np.array([[0, 1, 2, 3], [3, 2, 0, 1]]))
+    assert label[0] == label[1] and sign[0] == -sign[1]

@@ -167,7 +167,7 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
         after,
         kept,
         judged,
-        findings(rig, after.sizes, after.fit.misfit, recorded.metadata["unit"]),
+        findings(rig, after.sizes, after.fit.misfit, recorded.metadata["unit"], noise),
         _atlas(recorded, noise, _named(search, before)),
         atlas_after,
         found,
@@ -209,11 +209,15 @@ def _steadied(
     recorded: Recording, seen: Recording, first: Noise, problem: Problem
 ) -> tuple[Noise, Problem]:
     """The noise as the residuals of calibrations alone show it, in what is seen of a recording;
-    and the problem with it; first: the noise by the recording alone. Loud frames and spikes are
-    found in the whole recording."""
+    and the problem with it; first: the noise by the recording alone. Channels of which nothing is
+    seen have that of their simulated level. Loud frames and spikes are found in the whole
+    recording."""
     model = problem.model
     there = fit(problem, [], np.zeros(len(model.calibrations)), polish=True).voltage()
     simulated = np.where(model.known[:, None], there, np.nan)
+    if not (model.difference or model.touched.all()):
+        unseen = np.isnan(seen.voltage).all(axis=0)
+        first = first.told_of(unseen, np.abs(there[~model.touched].mean(axis=0)))
     noise = refine(seen, first, simulated)
     whole = refine(recorded, first, simulated)
     noise = replace(noise, lost=whole.lost, loud_frames=whole.loud_frames, spikes=whole.spikes)
@@ -244,6 +248,8 @@ def problem_of(
     if not np.isfinite(readings).any():
         found = f"{int(model.touched.sum())} touches of unknown force or probe and no other frame"
         raise InputError("recording", "frames", found, "untouched frames, or touches fully known")
+    if not np.nan_to_num(readings).any():
+        raise InputError("recording", "column voltage_V", "0 in every frame", "readings of a skin")
     median = float(np.nanmedian(np.abs(readings[~model.touched])) or 0.0)
     if model.difference or not np.isfinite(median):
         median = float(np.nanmedian(np.abs(readings)))
@@ -252,7 +258,8 @@ def problem_of(
     error = np.abs(current * untouched_error(geometry, recorded.channels, "diagnose"))
     error = np.hypot(error, np.hypot(COHERENT * median, noise.rounding))
     whitening = Whitening.of(readings, noise.sd, model.difference, error)
-    whitening = replace(whitening, correlation=noise.correlation)
+    clock = recorded.frames["frame"].to_numpy()
+    whitening = replace(whitening, correlation=noise.correlation, clock=clock)
     return Problem(model, readings, whitening), Scales(median, current)
 
 
@@ -310,7 +317,9 @@ def _few(problem: Problem, recorded: Recording) -> Problem:
     few = excerpt(recorded, FIRST_FRAMES)
     model = RecordingSimulator(recorded, few, problem.model.near)
     readings = np.where(model.known[:, None], few.voltage, np.nan)
-    return Problem(model, readings, replace(problem.whitening, mask=np.isfinite(readings)))
+    clock = few.frames["frame"].to_numpy()
+    whitening = replace(problem.whitening, mask=np.isfinite(readings), clock=clock)
+    return Problem(model, readings, whitening)
 
 
 def _named(search: Search, state: State) -> Fit:

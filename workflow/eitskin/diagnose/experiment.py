@@ -234,7 +234,10 @@ class _Run:
         """A recipe with so many new frames; a channel that was always lost stays lost."""
         more = np.tile(whitening.mask.any(axis=0), (new, 1))
         mask = np.concatenate([whitening.mask[self.frames], more])
-        return Recipe(simulator, replace(whitening, mask=mask), 1.0 + new / len(self.frames))
+        clock = self.recorded.frames["frame"].to_numpy()
+        clock = np.concatenate([clock[self.frames], clock[-1] + 1 + np.arange(new)])
+        whitening = replace(whitening, mask=mask, clock=clock)
+        return Recipe(simulator, whitening, 1.0 + new / len(self.frames))
 
     def presses(self) -> dict[str, pd.DataFrame]:
         """Other presses, by what to do."""

@@ -12,7 +12,7 @@ from eitskin.data.recording import TOUCH_KEYS, Recording, presses
 from eitskin.diagnose.fit import ENOUGH, FARTHEST, Fit, inverse_root
 from eitskin.diagnose.whitening import Whitening
 from eitskin.errors import InputError
-from eitskin.physics.protocol import reciprocal_channels
+from eitskin.physics.protocol import tied_channels
 
 FOLDS = 5
 ASIDE = 5  # one of so many is put aside
@@ -51,10 +51,7 @@ def units(recorded: Recording) -> np.ndarray:
 
 def reciprocal_groups(channels: np.ndarray) -> np.ndarray:
     """(M,): one label for channels (M, 4) that reciprocity ties together."""
-    first = np.arange(len(channels))
-    for k, other in reciprocal_channels(channels)[0]:
-        first[other] = first[k]
-    return first
+    return tied_channels(channels)[0]
 
 
 def with_frames_before(press: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ And repeats: the rest of the channels in untouched frames. Coherent modes are si
 those of pure noise (Marchenko & Pastur 1967; largest: Johnstone, Ann. Statist. 29, 2001).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,7 +15,7 @@ from scipy.optimize import nnls
 from scipy.stats import chi2, f
 
 from eitskin.data.recording import Recording
-from eitskin.physics.protocol import reciprocal_channels
+from eitskin.physics.protocol import tied_channels
 
 ROUNDING = 12**-0.5  # of a converter's step: the sd of an even distribution over it
 ALIKE = 1e-9  # of the largest reading: values closer are one
@@ -32,15 +32,29 @@ FILLS, FILLED = 5, 0.02  # rounds a mode at most; the last changes less than thi
 
 
 @dataclass(frozen=True)
+class Law:
+    """Sd of readings by their untouched level v: its square is constant + growth v^2, and it is
+    at least `least`."""
+
+    constant: float
+    growth: float
+    least: float = 0.0
+
+    def __call__(self, level: np.ndarray) -> np.ndarray:
+        """(M,) sd of channels of these levels (M,)."""
+        return np.maximum(np.sqrt(self.constant + self.growth * level**2), self.least)
+
+
+@dataclass(frozen=True)
 class Noise:
     """Standard deviation `sd` (M,) of each channel in the recording's unit; `dof`: degrees of
     freedom of its overall scale (squared); `source`: where it comes from, for a reader.
 
     rounding: sd of what rounding does alike in frames that are alike, the same in all channels.
-    correlation: of each channel's own noise from one frame (row) to the next, of which `sd` is the
-    stationary one; drift: sd at the recording's end, in units of `sd`, of a random walk of each
-    channel on its own in time. lost (N, M): readings put aside as spikes, whose number is `spikes`,
-    or in `loud_frames` (rows); None: none.
+    correlation: of each channel's own noise from one frame to the next, by their numbers, of which
+    `sd` is the stationary one; drift: sd at the recording's end, in units of `sd`, of a random walk
+    of each channel on its own in time. lost (N, M): readings put aside as spikes, whose number is
+    `spikes`, or in `loud_frames` (rows); None: none. law: by which `sd` was estimated.
     """
 
     sd: np.ndarray
@@ -52,6 +66,18 @@ class Noise:
     lost: np.ndarray | None = None
     loud_frames: tuple[int, ...] = ()
     spikes: int = 0
+    law: Law | None = None
+
+    def told_of(self, unseen: np.ndarray, level: np.ndarray) -> "Noise":
+        """The same noise, of `unseen` channels (M,) by the law at what a simulation has for their
+        untouched level (M,): their own readings are not to be looked at."""
+        if self.law is None:
+            return self
+        return replace(self, sd=np.where(unseen, self.law(level), self.sd))
+
+    def correlation_sd(self, correlation: float) -> float:
+        """Of a correlation found from as many values as `dof` (Bartlett 1946)."""
+        return float(np.sqrt((1.0 - correlation**2) / self.dof))
 
 
 @dataclass(frozen=True)
@@ -155,21 +181,25 @@ def estimate(recording: Recording) -> Noise:
         "repeats": f"{still.sum()} untouched frames",
         "bulk": f"what is incoherent in {len(filled)} frames",
     }
-    sd = np.sqrt(law[0] + law[1] * level**2)
+    law = Law(*law.tolist())
+    sd = law(level)
     source = " and ".join(words[name] for name in told) + said
-    source += "; it grows with the reading" if law[1] > 0 else "; alike in all channels"
+    source += "; it grows with the reading" if law.growth > 0 else "; alike in all channels"
     step = converter_step(voltage)
     alike = rounding_alike(step, float(np.median(sd)))
     # Frames at rest do not show what rounding does to them all alike; touched ones have it.
-    whole = np.maximum(np.hypot(sd, alike) if told == ["repeats"] else sd, ROUNDING * step)
-    if (whole > sd).any():
-        sd = whole
+    unseen = alike**2 if told == ["repeats"] else 0.0
+    law = replace(law, constant=law.constant + unseen, least=ROUNDING * step)
+    if (law(level) > sd).any():
+        sd = law(level)
         source += f"; raised to that of rounding to steps of {step:.3g}"
     floor = FLOOR * size
     if (sd < floor).any():
-        sd = np.maximum(sd, floor)
+        law = replace(law, least=max(law.least, floor))
+        sd = law(level)
         source += f"; raised to {FLOOR:g} of the median reading, below which no noise is told"
-    return Noise(sd, float(sum(witnesses[name].dof.sum() for name in told)), source, alike)
+    dof = float(sum(witnesses[name].dof.sum() for name in told))
+    return Noise(sd, dof, source, alike, law=law)
 
 
 def converter_step(voltage: np.ndarray) -> float:
@@ -211,15 +241,8 @@ def parity(channels: np.ndarray, signed: bool = True) -> tuple[np.ndarray, np.nd
     Channels that reciprocity ties to one value (up to sign; all alike where not `signed`) give
     their mean to the rest and their contrasts (Helmert) to the odd half.
     """
-    pairs, signs = reciprocal_channels(channels)
     count = len(channels)
-    group, sign = np.arange(count), np.ones(count)
-    for (first, second), turned in zip(pairs, signs, strict=True):
-        if group[first] != group[second]:
-            flip = turned * sign[first] * sign[second]
-            members = group == group[second]
-            sign[members] *= flip
-            group[members] = group[first]
+    group, sign = tied_channels(channels)
     if not signed:
         sign[:] = 1.0
     odd, even = [], []

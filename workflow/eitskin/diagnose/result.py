@@ -40,7 +40,7 @@ def result(found: Diagnosis, name: str) -> dict:
         "noise_V": float(np.median(noise.sd)),
         "noise": {
             "components": found.rig,
-            "loud_frames": [int(frame) for frame in noise.loud_frames],
+            "loud_frames": found.recorded.frames["frame"].iloc[[*noise.loud_frames]].tolist(),
             "jumps": [],
             "spikes": {
                 "readings": noise.spikes,

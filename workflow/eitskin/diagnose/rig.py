@@ -86,7 +86,11 @@ class Rig:
         voltage = fit.voltage()
         level = _level(fit.problem)
         tangents = _tangents(fit, voltage)
-        courses = _courses(fit.problem.model) if tangents else {}
+        courses = {
+            name: own
+            for name, own in _courses(fit.problem.model).items()
+            if all(key in tangents for key, _ in own)
+        }
         columns = dict(_columns(fit.problem.model, voltage, rounding))
         for name, own in courses.items():
             columns[name] = np.array([course[:, None] * tangents[key] for key, course in own])
@@ -110,11 +114,12 @@ class Rig:
     def whitening(
         self, sizes: Mapping[str, float], discrepancy: bool = True, tail: float = 1.0
     ) -> Whitening:
-        """The covariance with components of these sizes, quadrature's `tail` times as wide."""
+        """The covariance with components of these sizes, quadrature's `tail` times as wide; those
+        that this rig has no columns for add nothing."""
         parts = {"channel": [], "frame": [], "whole": [], "press": []}
         for name, size in sizes.items():
             one = COMPONENTS[name]
-            if size > 0.0 and (discrepancy or not one.discrepancy):
+            if size > 0.0 and name in self.columns and (discrepancy or not one.discrepancy):
                 wide = tail if name == "quadrature" else 1.0
                 parts[one.each].append(wide * size * self.columns[name])
         empty = np.zeros((0, *self.plain.mask.shape))
@@ -125,7 +130,7 @@ class Rig:
 
     def log_prior(self, sizes: Mapping[str, float]) -> float:
         """Log density of sizes, above that of none."""
-        return -0.5 * sum((size / self.scales[name]) ** 2 for name, size in sizes.items())
+        return -0.5 * sum((sizes.get(name, 0.0) / own) ** 2 for name, own in self.scales.items())
 
     def log_likelihood(self, sizes: Mapping[str, float], residual: np.ndarray) -> float:
         """Log density of a residual (N, M) in the recording's unit, with the prior of the sizes,
@@ -160,8 +165,10 @@ class Rig:
         return found
 
     def followed(self, strays: Mapping[str, np.ndarray]) -> np.ndarray:
-        """(N, M): what strays (N,) change in the readings, in proportion."""
-        return sum(step[:, None] * self.tangents[key] for key, step in strays.items())
+        """(N, M): what strays (N,) change in the readings, in proportion; 0 where the physics has
+        no tangents."""
+        moved = [strays[key][:, None] * tangent for key, tangent in self.tangents.items()]
+        return sum(moved, start=np.zeros(self.plain.mask.shape))
 
 
 def summed(products: np.ndarray, each: str, of_press: np.ndarray) -> np.ndarray:
@@ -233,8 +240,8 @@ def _courses(model: RecordingSimulator) -> dict[str, list[tuple[str, np.ndarray]
 
 
 def _tangents(fit: Fit, voltage: np.ndarray) -> dict[str, np.ndarray]:
-    """Derivatives (N, M) of readings by place and force of each frame's touch; none where nobody
-    touches or the physics has none."""
+    """Derivatives (N, M) of readings by place and force of each frame's touch; none by force where
+    no touch has any, none at all where nobody touches or the physics has none."""
     model = fit.problem.model
     touched = model.touched & model.known
     knobs, chosen = fit.problem.split(fit.theta, fit.effects)
@@ -245,7 +252,8 @@ def _tangents(fit: Fit, voltage: np.ndarray) -> dict[str, np.ndarray]:
         key: np.where(model.states[key].to_numpy(float) > 0.0, -STEP_MM, STEP_MM)
         for key in ("x_mm", "y_mm")
     }
-    steps["force_N"] = STEP_FORCE * np.where(force > STEP_FORCE * most, -force, most)
+    if most > 0.0:
+        steps["force_N"] = STEP_FORCE * np.where(force > STEP_FORCE * most, -force, most)
     found = {}
     for key, step in steps.items():
         try:

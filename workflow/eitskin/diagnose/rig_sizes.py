@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.optimize import nnls
 
+from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.rig import COMPONENTS, Rig, summed
 from eitskin.diagnose.whitening import ORDER, Whitening
 
@@ -87,14 +88,21 @@ def _nearer(
     return sizes, best
 
 
-def findings(rig: Rig, sizes: Mapping[str, float], residual: np.ndarray, unit: str) -> list[dict]:
+def findings(
+    rig: Rig,
+    sizes: Mapping[str, float],
+    residual: np.ndarray,
+    unit: str,
+    noise: Noise | None = None,
+) -> list[dict]:
     """Errors that a rig has, as diagnosis.json says them: name, unit, sd with its 90 % interval
-    and whether it was learned; residual (N, M) in the recording's `unit`."""
-    found, rho = [], rig.plain.correlation
-    if rho:
-        # Of a coefficient from so many steps (Bartlett 1946).
-        spread = WITHIN * np.sqrt((1.0 - rho**2) / rig.plain.mask.sum())
-        found.append(_finding("correlated-noise", "1", rho, rho - spread, rho + spread))
+    and whether it was learned; residual (N, M) in the recording's `unit`. noise: that of which the
+    correlation in time is told."""
+    found = []
+    if noise is not None and noise.correlation:
+        rho, spread = noise.correlation, WITHIN * noise.correlation_sd(noise.correlation)
+        low, high = max(rho - spread, -1.0), min(rho + spread, 1.0)
+        found.append(_finding("correlated-noise", "1", rho, low, high))
     names = [name for name in rig.columns if sizes.get(name, 0.0) > 0.0]
     if not names:
         return found

@@ -93,12 +93,20 @@ class RecordingSimulator:
             self._start_factor(recorded)
 
     def _start_factor(self, recorded: Recording) -> None:
-        """Where nobody knows the readings' scale, start from that of the median reading."""
+        """Where nobody knows the readings' scale, start from that of the median reading; of
+        differences, in touched frames. InputError where these have none in a simulation."""
         for i, item in enumerate(self.calibrations):
             if item.name in ("factor", "current_A"):
-                there = self._median(recorded.voltage)
-                simulated = self._median(self.voltage(np.zeros(len(self.calibrations)), []))
-                start = item.start * there / simulated
+                rows = np.isfinite(recorded.voltage).any(axis=1)
+                if self.difference:
+                    rows &= self.touched & self.known
+                voltage = self.voltage(np.zeros(len(self.calibrations)), [])
+                simulated = self._median(voltage[rows]) if rows.any() else 0.0
+                if simulated == 0.0:
+                    found = "differences of unknown scale that a simulation has at 0"
+                    expected = "touches with force, or a known skin.current_A with unit V or ohm"
+                    raise InputError("recording", "column voltage_V", found, expected)
+                start = item.start * self._median(recorded.voltage[rows]) / simulated
                 self.calibrations[i] = replace(item, start=start)
                 if item.name == "current_A":
                     self.believed = replace(self.believed, current_A=start)

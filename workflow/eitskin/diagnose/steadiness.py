@@ -64,9 +64,9 @@ class _Left:
 
 @dataclass(frozen=True)
 class _Time:
-    """Frames that are kept: rows (N,), share (N,) of the time gone, courses (N, K)."""
+    """Frames that are kept: their numbers (N,), share (N,) of the time gone, courses (N, K)."""
 
-    rows: np.ndarray
+    number: np.ndarray
     share: np.ndarray
     courses: np.ndarray
 
@@ -75,9 +75,8 @@ class _Time:
         over the columns that are taken out."""
         rho, drift = steadiness
         cover = drift**2 * np.minimum.outer(self.share, self.share)
-        cover += (
-            rho ** np.abs(np.subtract.outer(self.rows, self.rows)) if rho else np.eye(len(cover))
-        )
+        apart = np.abs(np.subtract.outer(self.number, self.number)).astype(float)
+        cover += rho**apart
         root = cholesky(cover, lower=True)
         lost = np.isnan(values)
         filled = np.where(lost, 0.0, values)
@@ -181,7 +180,8 @@ def refine(recording: Recording, noise: Noise, simulated: np.ndarray) -> Noise:
         return noise
     struck = spiked(left[~loud], channels.odd, channels.even, courses)
     left = np.where(struck, np.nan, left[~loud])
-    time = _Time(quiet, elapsed(recording.frames)[quiet], courses)
+    number = recording.frames["frame"].to_numpy()[quiet]
+    time = _Time(number, elapsed(recording.frames)[quiet], courses)
     found = _Found.of(time, channels, left, law)
     for _ in range(0 if channels.paired else ROUNDS):
         if found.uneven:
@@ -248,7 +248,7 @@ class _Found:
         channels = replace(channels, own=channels.own[:, own])
         steadiness, left = _steadiness(time, values[:, own])
         size = np.sqrt(left.squares / left.dof)
-        modes = _coherent(left.white / size, len(time.rows) - time.courses.shape[1])
+        modes = _coherent(left.white / size, len(time.number) - time.courses.shape[1])
         if modes.shape[1]:
             steadiness, left = _steadiness(time, left.filled / size, modes)
             left = replace(left, squares=left.squares * size**2)
@@ -274,7 +274,9 @@ def _steadiness(time: _Time, values: np.ndarray, modes=None) -> tuple[tuple[floa
     def deviance(at: np.ndarray) -> float:
         return time.left((expit(at[0]), np.exp(at[1])), values, modes).deviance
 
-    grids = logit(CORRELATIONS), np.log(DRIFTS)
+    # What lasts from one of an excerpt's frames to the next, too.
+    thinned = np.power(CORRELATIONS, 1.0 / np.median(np.diff(time.number)))
+    grids = logit(np.union1d(CORRELATIONS, thinned)), np.log(DRIFTS)
 
     def along(index: int, at: np.ndarray) -> tuple[float, np.ndarray]:
         def moved(x: float) -> np.ndarray:

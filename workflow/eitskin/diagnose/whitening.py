@@ -122,11 +122,12 @@ def _rows(label: np.ndarray) -> np.ndarray:
 class Whitening:
     """Square root of the inverse covariance of readings (N, M), applied.
 
-    Every channel has noise of sd (M,), with the `correlation` of AR(1) from one frame to the next,
-    and one constant error, the same in all frames, of variance rho sd^2; rho (M,) is infinite
-    where the values are differences from one baseline. mask (N, M): readings that are there.
-    errors: what a rig adds. Those of a frame count as independent from frame to frame in what is
-    whitened in time already; those of a channel as they are in what frames and presses have left.
+    Every channel has noise of sd (M,), with the `correlation` of AR(1) from one frame to the next
+    by their numbers `clock` (N,), ascending, or else in a row, and one constant error, the same in
+    all frames, of variance rho sd^2; rho (M,) is infinite where the values are differences from one
+    baseline. mask (N, M): readings that are there. errors: what a rig adds. Those of a frame count
+    as independent from frame to frame in what is whitened in time already; those of a channel as
+    they are in what frames and presses have left.
     """
 
     mask: np.ndarray
@@ -134,6 +135,7 @@ class Whitening:
     rho: np.ndarray
     correlation: float = 0.0
     errors: RigErrors | None = field(default=None, repr=False)
+    clock: np.ndarray | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, voltage: np.ndarray, sd: np.ndarray, difference: bool, error: np.ndarray):
@@ -212,9 +214,7 @@ class Whitening:
 
     def _entered(self, columns: np.ndarray, each: str, parts: list[_LowRank]) -> np.ndarray:
         if each == "frame":
-            # White errors, after the filter for noise of this correlation.
-            louder = np.sqrt((1.0 + self.correlation**2) / (1.0 - self.correlation**2))
-            return np.where(self.mask, columns, 0.0) / self.sd * louder
+            return np.where(self.mask, columns, 0.0) / self.sd * self._louder[:, None]
         found = self._filtered(columns)
         for part in parts:
             if each == "press" and part.each == "frame":
@@ -239,16 +239,30 @@ class Whitening:
         return int(np.isinf(self.rho).any())
 
     @cached_property
+    def _number(self) -> np.ndarray:
+        """(N,): the numbers of the frames."""
+        return np.arange(float(len(self.mask))) if self.clock is None else self.clock.astype(float)
+
+    @cached_property
+    def _louder(self) -> np.ndarray:
+        """(N,): length of one frame's error after the filter for noise of this correlation, as if
+        frames went on at both ends."""
+        steps = np.concatenate([[1.0], np.diff(self._number), [1.0]])
+        repeated = self.correlation ** (2.0 * steps)
+        return np.sqrt(1.0 / (1.0 - repeated[:-1]) + repeated[1:] / (1.0 - repeated[1:]))
+
+    @cached_property
     def _chain(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(N, M) each: the frame of a channel's reading before, what of it the next one repeats,
         and one over the sd of what is new."""
         rows = np.arange(len(self.mask))[:, None]
         there = np.maximum.accumulate(np.where(self.mask, rows, -1), axis=0)
         previous = np.vstack([np.full((1, self.mask.shape[1]), -1), there[:-1]])
-        share = np.where(
-            self.mask & (previous >= 0), self.correlation ** (rows - previous).astype(float), 0.0
-        )
-        return np.maximum(previous, 0), share, 1.0 / np.sqrt(1.0 - share**2)
+        after = self.mask & (previous >= 0)
+        previous = np.maximum(previous, 0)
+        apart = np.where(after, self._number[:, None] - self._number[previous], 1.0)
+        share = np.where(after, self.correlation**apart, 0.0)
+        return previous, share, 1.0 / np.sqrt(1.0 - share**2)
 
     def _filtered(self, values: np.ndarray) -> np.ndarray:
         scaled = np.where(self.mask, values, 0.0) / self.sd

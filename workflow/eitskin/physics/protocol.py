@@ -86,3 +86,16 @@ def reciprocal_channels(channels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                 signs.append(sign)
                 break
     return np.array(pairs, dtype=int).reshape(-1, 2), np.array(signs, dtype=float)
+
+
+def tied_channels(channels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(M,) each, of channels (M, 4): one label for all that reciprocity ties to one value, through
+    others too, and the sign with which each has it."""
+    pairs, signs = reciprocal_channels(channels)
+    label, sign = np.arange(len(channels)), np.ones(len(channels))
+    for (first, second), turned in zip(pairs, signs, strict=True):
+        if label[first] != label[second]:
+            members = label == label[second]
+            sign[members] *= turned * sign[first] * sign[second]
+            label[members] = label[first]
+    return label, sign

@@ -198,7 +198,7 @@ class Search:
         now, model = self._moved(fitted.problem, strays), self.problem.model
         touched = model.touched & model.known
         left = {k: np.sqrt(((s - now[k])[touched] ** 2).mean()) for k, s in strays.items()}
-        far = left["force_N"] / model.force_max_N / STRAIGHT["force-per-press"]
+        far = left.get("force_N", 0.0) / (model.force_max_N or 1.0) / STRAIGHT["force-per-press"]
         return max(far, *(left[k] / STRAIGHT["place-per-frame"] for k in ("x_mm", "y_mm"))) < 1.0
 
     def _strayed(self, fitted: Fit, strays: dict[str, np.ndarray]) -> Problem:
