@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from calibration import asked, black_box, nulls, rig_sizes
+from calibration.intervals import rms
 from eitskin.atomic import atomic_path
 from eitskin.data import importers, recording
 from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis, result
 from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.estimates import NORMAL_90
 from eitskin.diagnose.fit import Fit, fit
 from eitskin.diagnose.gaps import Gap, gaps
 from eitskin.diagnose.harm import harm
@@ -72,7 +74,7 @@ def trial(kind: str, seed: int) -> dict:
         "hidden": {
             **rmse,
             "chi2_per_dof": float(1.0 + ((error / case.noise_V) ** 2).mean()),
-            "within_90": float((np.abs(error) <= 1.6449 * sd).mean()),
+            "within_90": float((np.abs(error) <= NORMAL_90 * sd).mean()),
         },
     }
 
@@ -119,11 +121,6 @@ def row(kind: str, seed: int) -> dict:
     """The row of a trial of any kind that `blocks.trials` has."""
     of = {"skin": skin, "query": query_trial}
     return of.get(kind.partition(":")[0], trial)(kind, seed)
-
-
-def rms(values: np.ndarray) -> float:
-    """Root mean square."""
-    return float(np.sqrt((values**2).mean()))
 
 
 def snr_left(fitted: Fit, clean: np.ndarray) -> float:

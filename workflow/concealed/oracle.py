@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.trial import candidate_of, rms, snr_left, with_all
+from calibration.intervals import rms
+from calibration.trial import candidate_of, snr_left, with_all
 from concealed import cache, opened, planted
 from eitskin.data import recording
 from eitskin.data.recording import Recording
