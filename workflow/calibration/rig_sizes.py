@@ -29,11 +29,11 @@ WITHIN = 1.5  # a factor, by which a size may be off
 TOLD = 0.5 * np.log(WITHIN)  # sd of a size's logarithm
 DRAWS = 20  # of the noise, for what rounding does to it
 STANDS_OUT = 8.0  # sd of the noise, from which a spike, or a frame, is to be found
-PATHS = {
+PATHS = {  # sine waves of a walk
     "gain-walk": WALKS,
     "force-zero-walk": SLOW_WALKS,
     "channel-drift": SLOW_WALKS,
-}  # sine waves
+}
 OF_NOISE = ("correlated-noise", "uneven-noise", "loud-frames", "spikes")
 KINDS = tuple(kind for kind in USUAL if kind in COMPONENTS or kind in OF_NOISE)
 ROW = ("kind", "drawn", "true", "found", "low", "high", "log_sd", "told", "within")
