@@ -32,6 +32,7 @@ WRONG = {  # beliefs, and the largest factor by which they are off, up or down
 KEPT_OUT = 5  # one of so many presses, or channels, of a real recording
 FEWEST, MOST = 125, 190  # frames of an excerpt of a real recording, those kept out among them
 LEAST_PRESSES = 10  # with fewer, channels are kept out
+FOREIGN_SEEDS = 1_000_000  # past every seed of `blocks`, which draw of the same laws
 
 
 @dataclass(frozen=True)
@@ -117,8 +118,8 @@ def _told(case: cases.Case) -> str:
 def _foreign(kind: str, seed: int) -> Asked:
     laws = list(OUTSIDE)
     law = laws[seed % len(laws)]
-    case = cases.draw(f"outside:{law}+rig", seed)
-    return replace(_asked(case, f"{law}, {_told(case)}"), kind=kind)
+    case = cases.draw(f"outside:{law}+rig", FOREIGN_SEEDS + seed)
+    return replace(_asked(case, f"{law}, {_told(case)}"), kind=kind, seed=seed)
 
 
 def _belief(kind: str, seed: int) -> Asked:

@@ -1,4 +1,5 @@
-"""Which recordings a calibration is made of: kinds and seeds, in blocks that share none."""
+"""Which recordings a calibration is made of: kinds and seeds, in blocks that share none; ordinary
+ones and those of p-values record skins of the plain ones anew."""
 
 from eitskin.errors import InputError
 from witness.outside import OUTSIDE

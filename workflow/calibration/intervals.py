@@ -1,4 +1,4 @@
-"""95 % intervals of shares and of statistics over recordings."""
+"""Root mean squares; 95 % intervals of shares and of statistics over recordings."""
 
 from collections.abc import Callable
 
@@ -6,6 +6,11 @@ import numpy as np
 
 Z = 1.959964  # of a normal distribution, 95 %
 RESAMPLES = 2000
+
+
+def rms(values: np.ndarray) -> float:
+    """Root mean square."""
+    return float(np.sqrt((values**2).mean()))
 
 
 def wilson(hits: int, n: int) -> tuple[float, float]:

@@ -61,7 +61,7 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _lines(of: str, table: pd.DataFrame, asked: bool) -> list[dict]:
-    """asked: whether the bounds are asked for."""
+    """asked: whether the bounds are asked for. A query of no verdict counts as not worse."""
     count = table["outcome"].value_counts()
     predicted = table[table["outcome"] == "predicted"]
     n, tried = len(predicted), len(table) - int(count.get("absent", 0))
@@ -76,6 +76,7 @@ def _lines(of: str, table: pd.DataFrame, asked: bool) -> list[dict]:
     return [
         share(of, worse, int((apart > WORSE).sum()), n, bound(MOST_WORSE)),
         share(of, f"after better by over {WORSE:g} standard errors", (apart < -WORSE).sum(), n),
+        share(of, "no verdict, of one unit", np.isnan(apart).sum(), n),
         line(
             of,
             "rms error after over before, largest",

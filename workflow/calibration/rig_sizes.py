@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from calibration.intervals import wilson
+from calibration.intervals import rms, wilson
 from eitskin.atomic import atomic_path
 from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.noise import Noise
-from eitskin.diagnose.rig import COMPONENTS
+from eitskin.diagnose.rig import COMPONENTS, SLOW_WALKS, WALKS
 from eitskin.diagnose.rig_sizes import WITHIN as NINETY
 from eitskin.diagnose.rig_sizes import findings
 from eitskin.diagnose.search.search import State
@@ -29,7 +29,11 @@ WITHIN = 1.5  # a factor, by which a size may be off
 TOLD = 0.5 * np.log(WITHIN)  # sd of a size's logarithm
 DRAWS = 20  # of the noise, for what rounding does to it
 STANDS_OUT = 8.0  # sd of the noise, from which a spike, or a frame, is to be found
-WALKS = {"gain-walk": 12, "force-zero-walk": 6, "channel-drift": 6}  # sine waves of a path
+PATHS = {  # sine waves of a walk
+    "gain-walk": WALKS,
+    "force-zero-walk": SLOW_WALKS,
+    "channel-drift": SLOW_WALKS,
+}
 OF_NOISE = ("correlated-noise", "uneven-noise", "loud-frames", "spikes")
 KINDS = tuple(kind for kind in USUAL if kind in COMPONENTS or kind in OF_NOISE)
 ROW = ("kind", "drawn", "true", "found", "low", "high", "log_sd", "told", "within")
@@ -98,7 +102,7 @@ def _true(case: cases.Case, error: RigError, seen: np.ndarray) -> float:
     """Root mean square of the errors that were drawn, over what was seen."""
     frames = seen.any(axis=1)
     if USUAL[error.kind].of == "states":
-        return _of_states(case, error.kind, frames)
+        return _of_states(case, error, frames)
     if error.kind == "quantisation":
         return _rounded(case, error, frames)
     silent = np.zeros_like(case.noise_V)
@@ -110,31 +114,32 @@ def _true(case: cases.Case, error: RigError, seen: np.ndarray) -> float:
     elif error.kind == "quadrature":
         read = case.clean[0] != 0.0  # an open electrode leaves channels without any
         square = (made[0, read] / case.clean[0, read]) ** 2
-        return _rms(np.sqrt(np.maximum(square - 1.0, 0.0)))
+        return rms(np.sqrt(np.maximum(square - 1.0, 0.0)))
     else:
         off = made - case.clean
-    if error.kind in WALKS:
+    if error.kind in PATHS:
         every = np.ones(len(frames), bool)
-        return _rms(_waves(case.true_states, off, every, WALKS[error.kind]))
-    return _rms(off[frames])
+        return rms(_waves(case.true_states, off, every, PATHS[error.kind]))
+    return rms(off[frames])
 
 
-def _of_states(case: cases.Case, kind: str, frames: np.ndarray) -> float:
+def _of_states(case: cases.Case, error: RigError, frames: np.ndarray) -> float:
+    kind, reported = error.kind, rig_errors.reported(case.true_states, [error])
     touched = case.true_states["touch"].to_numpy(bool)
     # Gaps in a path leave its waves open: it counts as a whole.
-    frames = touched if kind in WALKS else frames & touched
-    told, true = case.states[frames], case.true_states[frames]
+    frames = touched if kind in PATHS else frames & touched
+    told, true = reported[frames], case.true_states[frames]
     keys = ["x_mm", "y_mm"] if kind.startswith("place") else ["force_N"]
     off = told[keys] - true[keys]
     if kind == "force-per-press":
         off = off / true[keys]
     if kind.endswith("per-press"):
         off = off.groupby(true["contact"]).median()
-    if kind in WALKS:
+    if kind in PATHS:
         every = np.zeros((len(case.states), 1))
         every[frames] = off
-        return _rms(_waves(case.true_states, every, frames, WALKS[kind]))
-    return _rms(off.to_numpy(float))
+        return rms(_waves(case.true_states, every, frames, PATHS[kind]))
+    return rms(off.to_numpy(float))
 
 
 def _waves(states: pd.DataFrame, path: np.ndarray, frames: np.ndarray, count: int) -> np.ndarray:
@@ -155,7 +160,7 @@ def _rounded(case: cases.Case, error: RigError, frames: np.ndarray) -> float:
     for draw in range(DRAWS):
         rounded, whole = (_read(case, errors, draw)[still] for errors in (case.rig, finer))
         off.append(np.nanmean(rounded - whole, axis=0))
-    return _rms(np.mean(off, axis=0))
+    return rms(np.mean(off, axis=0))
 
 
 def _of_noise(case: cases.Case, error: RigError, noise: Noise) -> tuple[float, float, float, float]:
@@ -181,10 +186,6 @@ def _of_noise(case: cases.Case, error: RigError, noise: Noise) -> tuple[float, f
 def _read(case: cases.Case, errors: Sequence[RigError], seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     return rig_errors.read(case.clean, errors, case.true_states, case.noise_V, rng)
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def table(rows: list[dict]) -> pd.DataFrame:

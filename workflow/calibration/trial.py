@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from calibration import asked, black_box, nulls, rig_sizes
+from calibration.intervals import rms
 from eitskin.atomic import atomic_path
 from eitskin.data import importers, recording
 from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis, result
 from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.estimates import NORMAL_90
 from eitskin.diagnose.fit import Fit, fit
 from eitskin.diagnose.gaps import Gap, gaps
 from eitskin.diagnose.harm import harm
@@ -65,14 +67,14 @@ def trial(kind: str, seed: int) -> dict:
         "rig_sizes": rig_sizes.compared(
             case, found.search.problem.whitening.mask, found.noise, found.after
         ),
-        "snr_left": snr_left(found.after.fit, case.clean),
+        "snr_left": missing(found, case),
         "true_gaps": true_gaps(found, case.effects, case.scopes),
         "said": said,
         "other_p": found.other.p_value,
         "hidden": {
             **rmse,
             "chi2_per_dof": float(1.0 + ((error / case.noise_V) ** 2).mean()),
-            "within_90": float((np.abs(error) <= 1.6449 * sd).mean()),
+            "within_90": float((np.abs(error) <= NORMAL_90 * sd).mean()),
         },
     }
 
@@ -121,15 +123,18 @@ def row(kind: str, seed: int) -> dict:
     return of.get(kind.partition(":")[0], trial)(kind, seed)
 
 
-def rms(values: np.ndarray) -> float:
-    """Root mean square."""
-    return float(np.sqrt((values**2).mean()))
+def missing(found: diagnosis.Diagnosis, case: cases.Case) -> float:
+    """`snr_left` of a case beyond what was found of it, both where its touches truly were: that a
+    rig has them elsewhere is no physics left out."""
+    there = Recording(case.true_states, None, None, None, dict(case.metadata))
+    simulated, _ = diagnosis.predict(found, there)
+    return snr_left(found.after.fit, simulated, case.clean)
 
 
-def snr_left(fitted: Fit, clean: np.ndarray) -> float:
-    """Length, in noise units, of what the noise-free recording (N, M) V has beyond a fit, all that
-    was fitted projected out."""
-    left = fitted.problem.whitening(clean - fitted.voltage()).ravel()
+def snr_left(fitted: Fit, simulated: np.ndarray, clean: np.ndarray) -> float:
+    """Length, in noise units, of what noise-free readings (N, M) V have beyond those that a fit
+    has for them, (N, M) V, all that was fitted projected out."""
+    left = fitted.problem.whitening(clean - simulated).ravel()
     slopes = fitted.jacobian.reshape(len(fitted.theta), -1).T
     return float(np.linalg.norm(left - slopes @ np.linalg.lstsq(slopes, left)[0]))
 

@@ -11,7 +11,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from calibration.trial import rms, true_gaps
+from calibration.intervals import rms
+from calibration.trial import true_gaps
 from concealed import planted, sealing
 from concealed.panel import RECORDED, Planned, plan
 from concealed.resemblance import moves

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.trial import candidate_of, rms, snr_left, with_all
+from calibration.intervals import rms
+from calibration.trial import candidate_of, snr_left, with_all
 from concealed import cache, opened, planted
 from eitskin.data import recording
 from eitskin.data.recording import Recording
@@ -88,7 +89,8 @@ def said_fitted(refit: Refit, said: list[dict], clean: np.ndarray) -> dict:
     if state is None:
         return {"said_log_evidence": None, "snr_left": None}
     kept = clean[refit.recorded.frames["frame"].to_numpy()]
-    return {"said_log_evidence": state.log_evidence, "snr_left": snr_left(state.fit, kept)}
+    left = snr_left(state.fit, state.fit.voltage(), kept)
+    return {"said_log_evidence": state.log_evidence, "snr_left": left}
 
 
 def _item(said: dict) -> dict:

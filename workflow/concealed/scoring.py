@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from scipy.stats import norm
 
 from calibration import judge, score
-from calibration.trial import rms
+from calibration.intervals import rms
 from concealed import baselines, opened, planted, verdicts
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import LeakEffect

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from calibration import asked
+from calibration.blocks import FIRST_SEED, sort_of, trials
 from eitskin.data import recording
 from eitskin.errors import InputError
 from shared_data import shared_data
@@ -47,6 +48,30 @@ def test_equal_seeds_give_equal_bits(name):
     assert one.recorded.voltage.shape != other.recorded.voltage.shape or not np.array_equal(
         one.recorded.voltage, other.recorded.voltage, equal_nan=True
     )
+
+
+def test_foreign_physics_is_recorded_for_queries_alone(monkeypatch):
+    def noted(kind, seed, **more):
+        made.add((kind, seed))
+        raise InterruptedError
+
+    others = {
+        trial
+        for block in FIRST_SEED
+        if sort_of(block) == "diagnoses"
+        for trial in trials(block, "full")
+    }
+    monkeypatch.setattr(asked.cases, "draw", noted)
+    of = []
+    for block in ("queries-development", "queries-report"):
+        made = set()
+        seeds = [seed for kind, seed in trials(block, "full") if kind == "query:foreign"]
+        for seed in seeds:
+            with pytest.raises(InterruptedError):
+                drawn("foreign", seed)
+        assert len(made) == len(seeds)
+        of.append(made)
+    assert not of[0] & of[1] and not (of[0] | of[1]) & others
 
 
 def test_every_belief_may_be_wrong_by_its_factor_at_most():

@@ -67,6 +67,15 @@ def test_counts_and_bounds():
     assert line(lines, "real", "tracebacks")["n"] == 0
 
 
+def test_no_verdict_is_not_worse_and_is_told():
+    rows = [*ROWS, row("real", 2, after=3.0, apart=float("nan"))]
+    lines = query_score.summary(query_score.queries(rows))
+    for what, hits in (("after worse", 1), ("after better", 1), ("no verdict", 1)):
+        counted = line(lines, "all queries", what)
+        assert (counted["hits"], counted["n"]) == (hits, 5)
+    assert line(lines, "rig", "no verdict")["hits"] == 0
+
+
 def test_what_was_perfect_and_is_not_any_more_is_worse_without_bound():
     assert query_score.ratio({"rmse_V": 1.0, "rmse_before_V": 0.0}) == np.inf
 

@@ -74,6 +74,17 @@ def test_what_was_drawn_scatters_by_its_size(case, kind, size, unit):
     assert again == pytest.approx(2.0 * true, rel=1e-2)
 
 
+def test_each_of_several_errors_of_the_states_has_its_own_size(case):
+    kinds = {kind: one for kind, one in rig_errors.USUAL.items() if one.of == "states"}
+    errors = tuple(RigError(kind, one.size, 5) for kind, one in kinds.items())
+    states = rig_errors.reported(case.true_states, errors)
+    together, seen = replace(case, rig=errors, states=states), np.ones(case.clean.shape, bool)
+    for error in errors:
+        alone, _ = with_error(case, error.kind, error.size)
+        true = [rig_sizes._true(one, error, seen) for one in (alone, together)]
+        assert true[0] == true[1] > 0.0
+
+
 def test_presses_that_were_put_aside_do_not_count(case):
     found, error = with_error(case, "force-per-press", 0.02)
     contact = case.true_states["contact"].to_numpy()

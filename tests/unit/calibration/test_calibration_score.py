@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from calibration import figures, p_value_score, score
+from calibration import figures, p_value_score, rig_sizes, score
 from calibration.blocks import trials
 from calibration.intervals import bootstrap, wilson
 from calibration.judge import covered, matched, names_truth, next_gap
@@ -339,6 +339,37 @@ def test_false_alarms_are_told_by_what_the_rig_had():
     assert table["named"].to_dict() == {"any": 2, "gain-walk": 1, "spikes": 1}
     assert table["flagged"].to_dict() == {"any": 1, "gain-walk": 0, "spikes": 0}
     assert table.loc["any", "named_low"] == pytest.approx(wilson(2, 5)[0])
+
+
+def test_sizes_of_rig_errors_that_can_be_told_are_counted():
+    def size(told, within):
+        values = ("spikes", 1.0, 1.0, 1.0, 0.9, 1.1, 0.1, told, within)
+        return dict(zip(rig_sizes.ROW, values, strict=True))
+
+    rows = [row("null", i, rig_sizes=[size(True, True)] * 2) for i in range(5)]
+    rows.append(row("pair", 1, rig_sizes=[size(True, False), size(False, False)]))
+    rows.append({"kind": "null", "seed": 9, "failed": "why"})
+    what = "size within a factor 1.5, of those that can be told"
+    counted = line(score.summary(rows), "errors of the rig", what)
+    assert (counted["hits"], counted["n"], counted["met"]) == (10, 11, True)
+    assert counted["wanted"] == "≥ 0.9"
+
+
+def test_what_is_asked_for():
+    table = score.summary([])
+    asked_for = table[table["wanted"] != ""].set_index(["of", "what"])["wanted"]
+    at = "right electrode, drive, measuring pair or channels, gap ≥ 8"
+    within = "size within a factor 1.5, of those that can be told"
+    expected = {
+        ("nothing left out", "an effect named"): "≤ 0.02",
+        ("nothing left out", "something outside the catalogue flagged"): "≤ 0.03",
+        ("one effect", "right name or declared class, gap ≥ 8"): "≥ 0.93",
+        ("one effect", at): "≥ 0.95",
+        ("one effect", "90 % intervals that hold the truth, gap ≥ 8"): "0.85 to 0.95",
+        ("two effects", "F1 of the set, each gap ≥ 8 given the others"): "≥ 0.9",
+        ("errors of the rig", within): "≥ 0.9",
+    }
+    assert expected.items() <= asked_for.to_dict().items()
 
 
 def test_nothing_to_score_is_no_success():

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.trial import rms
+from calibration.intervals import rms
 from concealed import baselines, oracle
 from concealed.baselines import Linear, everything, lasso, matched_filter, named
 from eitskin.data.recording import Recording

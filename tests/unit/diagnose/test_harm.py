@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import norm, t
 
 from eitskin.diagnose.harm import harm
 
@@ -17,8 +18,11 @@ def test_by_hand():
     assert said["rmse_V"] == pytest.approx(math.sqrt(14 / 3)) and said["rmse_before_V"] == 1.0
     differences = np.array([0.0, 3.0, 8.0])
     error = differences.std(ddof=1) / math.sqrt(3)
-    assert said["standard_errors"] == pytest.approx(differences.mean() / error)
+    rare = t.sf(differences.mean() / error, 2)
+    assert said["standard_errors"] == pytest.approx(norm.isf(rare))
     assert said["units"] == 3
+    back = harm(before, after, there, np.arange(3)[:, None])
+    assert back["standard_errors"] == -said["standard_errors"]
 
 
 def test_readings_of_one_unit_are_one():
@@ -31,17 +35,32 @@ def test_readings_of_one_unit_are_one():
     assert said["units"] == 4
 
 
-def test_two_standard_errors_are_rare_where_neither_is_better():
+@pytest.mark.parametrize("units", [3, 4, 40])
+def test_standard_errors_are_normal_where_neither_is_better(units):
     rng = np.random.default_rng(2)
-    unit = np.arange(40)[:, None] * np.ones((1, 5), int)
+    unit = np.arange(units)[:, None] * np.ones((1, 5), int)
     there = np.zeros(unit.shape)
     apart = []
-    for _ in range(400):
+    for _ in range(1000):
         after, before = (
-            rng.standard_normal((40, 1)) + rng.standard_normal(unit.shape) for _ in range(2)
+            rng.standard_normal((units, 1)) + rng.standard_normal(unit.shape) for _ in range(2)
         )
         apart.append(harm(after, before, there, unit)["standard_errors"])
-    assert 0.9 < np.std(apart) < 1.1
+    assert 0.8 < np.std(apart) < 1.1
+    assert np.mean(np.abs(apart) > 2.0) < 0.065
+
+
+@pytest.mark.parametrize(("units", "scale"), [(4, 1e-9), (400, 1e-3)])
+def test_what_is_far_off_is_large_and_of_the_right_sign(units, scale):
+    unit, there = np.arange(units)[:, None], np.zeros((units, 1))
+    large = 2.0 + scale * np.random.default_rng(3).standard_normal((units, 1))
+    worse, better = (
+        harm(*pair, there, unit)["standard_errors"]
+        for pair in ((large, there + 1.0), (there + 1.0, large))
+    )
+    assert worse == -better > 5.0
+    alike = harm(there + 2.0, there + 1.0, there, unit)
+    assert alike["standard_errors"] == math.inf
 
 
 def test_equal_predictions_are_none_worse():
@@ -56,11 +75,11 @@ def test_what_is_not_there_is_not_compared():
     assert harm(after, 2.0 * after, there, UNIT)["rmse_V"] == 1.0
 
 
-@pytest.mark.parametrize(("after", "sign"), [(2.0, 1.0), (0.5, -1.0)])
-def test_one_unit_has_no_standard_error(after, sign):
+@pytest.mark.parametrize("after", [2.0, 1.0, 0.5])
+def test_of_one_unit_there_is_no_verdict(after):
     there, one = np.zeros((3, 1)), np.zeros((3, 1), int)
     said = harm(np.full((3, 1), after), np.ones((3, 1)), there, one)
-    assert said["standard_errors"] == sign * math.inf
+    assert math.isnan(said["standard_errors"]) and said["rmse_V"] == after
 
 
 @pytest.mark.parametrize("after", [np.nan, np.inf])

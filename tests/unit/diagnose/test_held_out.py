@@ -251,6 +251,17 @@ def test_what_predicts_plainly_worse_does_harm(judging, common):
     assert not judged.harms(found, found, (here, here))
 
 
+def test_one_unit_a_little_worse_is_no_harm(judging):
+    found, white, rigged, unit = judging
+    noise = white.sd * np.random.default_rng(3).normal(size=white.mask.shape)
+    readings = np.where(white.mask, found.voltage() + noise, np.nan)
+    here, there = (
+        HeldOut(np.zeros(1), np.zeros(1), left, left, left.size) for left in (noise, 1.001 * noise)
+    )
+    judged = Judged(readings, white, rigged, np.zeros_like(unit))
+    assert not judged.harms(found, found, (there, here))
+
+
 def test_put_aside_leaves_out_what_was_lost(judging):
     found, white, _, _ = judging
     lost = white.mask & (np.random.default_rng(4).random(white.mask.shape) < 0.3)

@@ -107,7 +107,8 @@ class Judged:
 
     def harms(self, after: Fit, before: Fit, folds: tuple[HeldOut, HeldOut]) -> bool:
         """Whether a fit predicts readings plainly worse than another: in the recording's unit,
-        those put aside and, of folds, those of the frames that the search saw."""
+        those put aside and, of folds, those of the frames that the search saw. Of one unit, which
+        has no standard error, by what it is worse alone."""
         aside, seen = self.white.mask, after.problem.whitening.mask
         left = [
             np.where(aside, self.by_white(fit).plain, np.where(seen, fold.plain, np.nan))
