@@ -17,9 +17,9 @@ from calibration.intervals import rms, wilson
 from eitskin.atomic import atomic_path
 from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis
+from eitskin.diagnose.estimates import NORMAL_90
 from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.rig import COMPONENTS, SLOW_WALKS, WALKS
-from eitskin.diagnose.rig_sizes import WITHIN as NINETY
 from eitskin.diagnose.rig_sizes import findings
 from eitskin.diagnose.search.search import State
 from witness import cases, rig_errors
@@ -83,7 +83,7 @@ def _log_sd(state: State, kind: str, true: float) -> float:
     sizes = {**state.sizes, kind: size}
     found = findings(state.rig, sizes, state.fit.misfit, "V")
     (one,) = (one for one in found if one["name"] == kind)
-    whole = np.log(one["high"] / one["low"]) / (2.0 * NINETY)
+    whole = np.log(one["high"] / one["low"]) / (2.0 * NORMAL_90)
     columns, each = state.rig.columns[kind], COMPONENTS[kind].each
     there = columns.any(axis=0)
     count = {

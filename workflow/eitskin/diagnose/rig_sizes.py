@@ -11,13 +11,14 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.optimize import nnls
 
+from eitskin.diagnose.estimates import NORMAL_90
 from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.rig import COMPONENTS, Rig, summed
 from eitskin.diagnose.whitening import ORDER, Whitening
 
 ROUNDS, REFITTED = 8, 2  # of Fisher scoring; where a component is taken out
 LEAST_SHARE = 0.05  # of a step of it, that is tried
-WITHIN = 1.6449  # sd: 90 % of a normal distribution
+
 MOST_SPREAD = 2.0  # sd of the logarithm of a variance that an interval tells
 MOST = 3.0  # times the prior's sd: more is no ordinary rig
 HARDLY = 0.5  # nats that a component must be worth
@@ -100,7 +101,7 @@ def findings(
     correlation in time is told."""
     found = []
     if noise is not None and noise.correlation:
-        rho, spread = noise.correlation, WITHIN * noise.correlation_sd(noise.correlation)
+        rho, spread = noise.correlation, NORMAL_90 * noise.correlation_sd(noise.correlation)
         low, high = max(rho - spread, -1.0), min(rho + spread, 1.0)
         found.append(_finding("correlated-noise", "1", rho, low, high))
     names = [name for name in rig.columns if sizes.get(name, 0.0) > 0.0]
@@ -112,7 +113,7 @@ def findings(
     variance = np.diag(np.linalg.pinv(information))
     for name, own in zip(names, variance, strict=True):
         one, size = COMPONENTS[name], sizes[name]
-        factor = np.exp(WITHIN * 0.5 * min(np.sqrt(max(own, 0.0)), MOST_SPREAD))
+        factor = np.exp(NORMAL_90 * 0.5 * min(np.sqrt(max(own, 0.0)), MOST_SPREAD))
         low, high = size / factor, size * factor
         if name == "quadrature":
             low, size, high = (np.sqrt(np.sqrt(2.0) * value) for value in (low, size, high))
