@@ -18,7 +18,6 @@ from eitskin.diagnose.whitening import ORDER, Whitening
 
 ROUNDS, REFITTED = 8, 2  # of Fisher scoring; where a component is taken out
 LEAST_SHARE = 0.05  # of a step of it, that is tried
-
 MOST_SPREAD = 2.0  # sd of the logarithm of a variance that an interval tells
 MOST = 3.0  # times the prior's sd: more is no ordinary rig
 HARDLY = 0.5  # nats that a component must be worth
