@@ -13,7 +13,7 @@ from eitskin.diagnose import rig_words
 from eitskin.diagnose.diagnosis import begun
 from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.rig import COMPONENTS, STRAIGHT, Rig, _walk
-from eitskin.diagnose.rig_sizes import HARDLY, MOST, WITHIN, _Scored, findings, learned
+from eitskin.diagnose.rig_sizes import HARDLY, MOST, NORMAL_90, _Scored, findings, learned
 from eitskin.diagnose.whitening import Whitening
 from small_skin import calibrated, problem_of, small_recording
 
@@ -407,7 +407,7 @@ def test_a_correlation_is_as_sure_as_the_values_it_was_found_from():
     own /= (draws[:-1] ** 2).reshape(frames - 1, 100, 40).sum(axis=(0, 2))
     noise = Noise(np.ones(40), 40.0 * frames, "given", correlation=rho)
     (one,) = findings(made(), {}, np.zeros((FRAMES, CHANNELS)), "V", noise)
-    assert np.isclose((one["high"] - one["low"]) / (2.0 * WITHIN), np.std(own), rtol=0.25)
+    assert np.isclose((one["high"] - one["low"]) / (2.0 * NORMAL_90), np.std(own), rtol=0.25)
     few = replace(noise, dof=2.0, correlation=0.9)
     (one,) = findings(made(), {}, np.zeros((FRAMES, CHANNELS)), "V", few)
     assert one["high"] == 1.0 and 0.0 < one["low"] < 0.9

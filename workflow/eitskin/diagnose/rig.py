@@ -202,8 +202,11 @@ def _columns(
     if not model.difference:
         still = voltage if touched.all() else voltage[~touched]
         level = still.mean(axis=0)
-        name = "quadrature" if model.magnitude else "static-discrepancy"
-        yield name, np.broadcast_to(np.abs(level), (1, *voltage.shape))
+        if model.magnitude:
+            # A channel's phase is the same in all frames.
+            yield "quadrature", np.abs(voltage)[None]
+        else:
+            yield "static-discrepancy", np.broadcast_to(np.abs(level), (1, *voltage.shape))
         if rounding:
             yield (
                 "quantisation",
