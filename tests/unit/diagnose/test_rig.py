@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from eitskin.diagnose import rig_words
 from eitskin.diagnose.diagnosis import begun
 from eitskin.diagnose.noise import Noise
-from eitskin.diagnose.rig import COMPONENTS, STRAIGHT, Rig, _walk
+from eitskin.diagnose.rig import COMPONENTS, STRAIGHT, STRAYS, Rig, _walk
 from eitskin.diagnose.rig_sizes import HARDLY, MOST, NORMAL_90, _Scored, findings, learned
 from eitskin.diagnose.whitening import Whitening
 from small_skin import calibrated, problem_of, small_recording
@@ -181,7 +181,9 @@ def test_an_error_of_one_press_is_found():
         assert 0.7 < sizes[name] / (size / np.sqrt(PRESSES)) < 1.6
         if name == "place-per-press":
             strays = rig.strays(sizes, residual + one)["x_mm"]
-            assert np.allclose(strays[rig.label == at], size, rtol=0.2)
+            # Farther off than any draw of such a size is likely to be, it is followed as far as that.
+            assert np.allclose(strays[rig.label == at], STRAYS * sizes[name])
+            assert 0.5 < strays.max() / size < 1.0
             assert np.abs(strays[rig.label != at]).max() < 0.25 * size
             assert not strays[rig.label < 0].any()
 

@@ -25,6 +25,7 @@ SLOW_WALKS = 6  # of a channel's own, or of a force's zero
 TAIL = 2.5
 LEAST_FRAMES = 6  # of touches, fewer of which show no scatter
 LEAST_PRESSES = 3
+STRAYS = 3.0  # sd of a component, by which touches are followed at most: more is another fault's
 # Sizes up to which readings follow a stray in proportion.
 STRAIGHT = {"place-per-frame": 0.1, "place-per-press": 0.1, "force-per-press": 0.03}
 
@@ -141,8 +142,8 @@ class Rig:
 
     def strays(self, sizes: Mapping[str, float], residual: np.ndarray) -> dict[str, np.ndarray]:
         """By how much the places (mm) and forces (N) of the frames are off, (N,) each, by their
-        columns of the states: what is to be expected, given a residual (N, M). Empty where errors
-        are so small that readings follow them in proportion."""
+        columns of the states: what is to be expected, given a residual (N, M), within STRAYS.
+        Empty where errors are so small that readings follow them in proportion."""
         if all(sizes.get(name, 0.0) < most for name, most in STRAIGHT.items()):
             return {}
         whitening = self.whitening(sizes)
@@ -157,7 +158,7 @@ class Rig:
                     columns = whitening.entered(self.columns[name], each)
                     products = columns * whitening.left(white, each)
                 along = summed(products, each, self.of_press)
-                along = sizes[name] ** 2 * along
+                along = np.clip(sizes[name] * along, -STRAYS, STRAYS) * sizes[name]
                 if each == "press":
                     along = along @ self.of_press
                 for (key, course), size in zip(courses, along, strict=True):
