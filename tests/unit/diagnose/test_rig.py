@@ -181,9 +181,9 @@ def test_an_error_of_one_press_is_found():
         assert 0.7 < sizes[name] / (size / np.sqrt(PRESSES)) < 1.6
         if name == "place-per-press":
             strays = rig.strays(sizes, residual + one)["x_mm"]
-            # Farther off than any draw of such a size is likely to be, it is followed as far as that.
+            # As far as such a size is likely to leave one of them.
             assert np.allclose(strays[rig.label == at], STRAYS * sizes[name])
-            assert 0.5 < strays.max() / size < 1.0
+            assert 0.4 < strays.max() / size < 1.0
             assert np.abs(strays[rig.label != at]).max() < 0.25 * size
             assert not strays[rig.label < 0].any()
 
