@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from eitskin.capture import cli as rig
-from eitskin.data import check, importers, recording
+from eitskin.data import check, importers, recording, stated
+from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 
 UNUSABLE = 2
@@ -33,36 +34,68 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="eitskin", description="Recordings of EIT tactile skins.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    formats = f"by default told by its content; {', '.join(importers.known())}"
     checking = commands.add_parser("check", help="say what a recording holds and cannot tell")
-    checking.add_argument("file", help="a recording in any known format")
-    checking.add_argument("--format", help=formats)
+    _add_source(checking)
     checking.set_defaults(run=_check)
     importing = commands.add_parser("import", help="turn a recording into an eit-recording")
-    importing.add_argument("file", help="a recording in any known format")
+    _add_source(importing)
     importing.add_argument("out", help="the Parquet file to write")
-    importing.add_argument("--format", help=formats)
+    _add_anyway(importing)
     importing.set_defaults(run=_import)
     diagnosing = commands.add_parser(
         "diagnose", help="say what the simulation of a recording leaves out"
     )
-    diagnosing.add_argument("file", help="a recording in any known format")
+    _add_source(diagnosing)
     diagnosing.add_argument("--query", help="states, a recording without voltages, to predict")
     diagnosing.add_argument("--out", help="the folder to write, by default diagnosis-NAME")
-    diagnosing.add_argument("--format", help=formats)
+    _add_anyway(diagnosing)
     diagnosing.set_defaults(run=_diagnose)
     rig.add(commands)
     return parser
 
 
+def _add_source(command: argparse.ArgumentParser) -> None:
+    """The recording that a command reads."""
+    formats = f"by default told by its content; {', '.join(importers.known())}"
+    command.add_argument("file", help="a recording in any known format")
+    command.add_argument("--format", help=formats)
+    command.add_argument("--skin", help="YAML: what you know of the skin beside what the file says")
+
+
+def _add_anyway(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--anyway", action="store_true", help="go on with what the check calls unusable"
+    )
+
+
+def _load(arguments: argparse.Namespace) -> Recording:
+    """The recording, with what its owner states of the skin."""
+    said = {} if arguments.skin is None else stated.read(arguments.skin)
+    return stated.apply(said, importers.load(arguments.file, arguments.format), arguments.skin)
+
+
+def _checked(recorded: Recording, arguments: argparse.Namespace) -> check.Check | None:
+    """The check of a recording that one may go on with; else None, and its reasons on stderr."""
+    result = check.check(recorded)
+    if result.ok or arguments.anyway:
+        return result
+    for finding in result.of(check.ERROR):
+        print(f"{arguments.file}: {finding.topic}: {finding.sentence}", file=sys.stderr)
+    print("Not usable as it stands; --anyway goes on all the same.", file=sys.stderr)
+    return None
+
+
 def _check(arguments: argparse.Namespace) -> int:
-    result = check.check(importers.load(arguments.file, arguments.format))
+    result = check.check(_load(arguments))
     print(check.text(result), end="")
     return 0 if result.ok else UNUSABLE
 
 
 def _import(arguments: argparse.Namespace) -> int:
-    recording.write(importers.load(arguments.file, arguments.format), arguments.out)
+    recorded = _load(arguments)
+    if _checked(recorded, arguments) is None:
+        return UNUSABLE
+    recording.write(recorded, arguments.out)
     return 0
 
 
@@ -71,9 +104,14 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     from eitskin.diagnose import diagnosis, result, words
     from eitskin.diagnose.report import page
 
-    recorded = importers.load(arguments.file, arguments.format)
+    recorded = _load(arguments)
     if arguments.query is not None:
         result.read_query(arguments.query, recorded)
+    checked = _checked(recorded, arguments)
+    if checked is None:
+        return UNUSABLE
+    for finding in (*checked.about("skin"), *checked.of(check.WARNING), *checked.of(check.ERROR)):
+        print(f"{finding.topic}: {finding.sentence}", flush=True)
     name = Path(arguments.file).stem
     folder = Path(arguments.out or f"diagnosis-{name}")
     folder.mkdir(parents=True, exist_ok=True)

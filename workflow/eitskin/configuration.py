@@ -10,7 +10,8 @@ import numpy as np
 import yaml
 from referencing import Registry, Resource
 
-from eitskin.data import importers
+from eitskin import yaml_file
+from eitskin.data import importers, stated
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import START, Effect
 from eitskin.effects.settings import settings, site_counts
@@ -47,7 +48,7 @@ def validate(config: dict, schema_path: str | Path, files: Iterable[str | Path])
     """
     files = [Path(file) for file in files]
     for file in files:
-        _refuse_repeated_keys(file)
+        yaml_file.read(file)
     rules = Validator(schema(schema_path), registry=Registry(retrieve=_schema))
     errors = list(rules.iter_errors(config))
     try:
@@ -81,6 +82,7 @@ def schema(path: str | Path) -> dict:
         for name, one in EFFECTS.items()
     ]
     recording["properties"]["format"]["enum"] = importers.known()
+    recording["properties"]["skin"]["propertyNames"] = {"enum": list(stated.KEYS)}
     model["enum"] = models.names()
     return found
 
@@ -117,28 +119,6 @@ def with_continuous(config: dict) -> dict[str, dict]:
     return found | derived
 
 
-def _refuse_repeated_keys(file: Path) -> None:
-    """Raise InputError for a key that stands twice in a mapping: YAML would keep the last."""
-    waiting, seen = [([], yaml.compose(file.read_text(encoding="utf-8")))], set()
-    while waiting:
-        place, node = waiting.pop(0)
-        if id(node) in seen:
-            continue
-        seen.add(id(node))
-        if isinstance(node, yaml.SequenceNode):
-            waiting += [([*place, k], value) for k, value in enumerate(node.value)]
-        if not isinstance(node, yaml.MappingNode):
-            continue
-        lines: dict[str, int] = {}
-        for key, value in node.value:
-            name, line = str(key.value), key.start_mark.line + 1
-            if name in lines:
-                found = f"it in line {lines[name]} and again in line {line}"
-                raise InputError(file, dotted([*place, name]), found, "it once")
-            lines[name] = line
-            waiting.append(([*place, name], value))
-
-
 def _refuse_unphysical(config: dict) -> None:
     """Refuse what the schema cannot judge: skins, protocols, touches, forces, effects."""
     twin = config["twin"]
@@ -153,6 +133,10 @@ def _refuse_unphysical(config: dict) -> None:
         drawn = settings if place else sample_settings
         for where, one in perturbed.items():
             _refuse_effects(one["effects"], [*where, "effects"], skin, channels, drawn)
+    for name, recording in config["recordings"].items():
+        said = recording.get("skin", {})
+        with _at_place(["recordings", name, "skin"], {key: [key] for key in said}):
+            stated.refuse(said)
     low, high = twin["press"]["target_N"]
     if low > high:
         raise _Refusal(["twin", "press", "target_N"], [low, high], "the smaller force first")

@@ -6,6 +6,7 @@ from pathlib import Path
 import jsonschema
 import yaml
 
+from eitskin import yaml_file
 from eitskin.errors import InputError
 from eitskin.schema import Validator, explained
 
@@ -14,11 +15,7 @@ SCHEMA = Path(__file__).parents[1] / "schemas" / "rigsim.schema.yaml"
 
 def read_config(path: str | Path) -> dict:
     """The configuration. Raises InputError, one line, where it is no YAML or breaks the schema."""
-    try:
-        config = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(path, "file", reason, "the emulated rig's YAML") from error
+    config = yaml_file.read(path)
     _refuse(path, config, _schema())
     return config
 

@@ -17,6 +17,7 @@ rule diagnose:
     input:
         schema=ancient(SCHEMA),
         recording=rules.import_recording.output[0],
+        usable=rules.check.output[0],
     output:
         diagnosis="results/diagnosis/{recording}/diagnosis.json",
         effects="results/diagnosis/{recording}/effects.yaml",
@@ -50,6 +51,7 @@ use rule diagnose as diagnose_with_query with:
     input:
         schema=ancient(SCHEMA),
         recording=rules.import_recording.output[0],
+        usable=rules.check.output[0],
         query=lookup(dpath="recordings/{recording}/query", within=config),
     output:
         diagnosis="results/diagnosis/{recording}/diagnosis.json",

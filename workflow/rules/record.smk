@@ -55,6 +55,7 @@ rule import_recording:
         runtime=10,
     params:
         format=lookup(dpath="recordings/{recording}/format", within=config, default=None),
+        skin=lookup(dpath="recordings/{recording}/skin", within=config, default=None),
         code=fingerprint("import_recording", IMPORTERS),
     message:
         "Reading the recording {wildcards.recording}"

@@ -1,8 +1,9 @@
 """Bring a recording, from whatever source, into the recording format."""
 
-from eitskin.data import importers, recording
+from eitskin.data import importers, recording, stated
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):
     imported = importers.load(snakemake.input[0], snakemake.params.format)
-    recording.write(imported, snakemake.output[0])
+    told = stated.apply(snakemake.params.skin or {}, imported, "recordings, skin")
+    recording.write(told, snakemake.output[0])

@@ -13,6 +13,7 @@ FLOORS = (  # from the ground up; what stands on one floor does not know each ot
     {"atomic", "fingerprint"},
     {"figure_files", "pins", "physics"},
     {"schema", "effects"},
+    {"yaml_file"},
     {"data"},
     {"simulate"},
     {"learn"},

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import yaml
 
+from eitskin import yaml_file
 from eitskin.capture.interlock import Limits
 from eitskin.capture.press_plan import places
 from eitskin.capture.wire import BOARDS
@@ -17,12 +18,8 @@ SCHEMA = Path(__file__).parents[2] / "schemas" / "rig.schema.yaml"
 
 def read(path: str | Path) -> dict:
     """The rig of a YAML file; raises InputError for one that cannot be driven safely."""
-    try:
-        document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(path, "file", reason, "a rig's configuration, YAML") from error
-    if not isinstance(document, dict) or "rig" not in document:
+    document = yaml_file.read(path)
+    if "rig" not in document:
         raise InputError(path, "rig", "nothing", "the mapping of a rig")
     validate(document["rig"], path)
     return document["rig"]

@@ -305,22 +305,29 @@ def _check_metadata(file: str | Path, metadata: dict) -> None:
         if key not in REQUIRED_KEYS and key not in DEFAULTS:
             known = [*REQUIRED_KEYS, *DEFAULTS]
             raise InputError(file, f"key {key}", "an unknown key", f"one of {known}")
-    for key, choices in CHOICES.items():
-        if metadata[key] not in choices:
-            expected = " or ".join(f'"{choice}"' for choice in choices)
-            raise InputError(file, f"key {key}", json.dumps(metadata[key]), expected)
+    check_reading(metadata, file)
     if type(metadata["version"]) is not int or metadata["version"] != 1:
         raise InputError(file, "key version", json.dumps(metadata["version"]), "1")
     if not isinstance(metadata["source"], str) or not metadata["source"]:
         expected = "where the recording comes from"
         raise InputError(file, "key source", json.dumps(metadata["source"]), expected)
-    frame_s = metadata["frame_s"]
-    if frame_s is not None and not (is_number(frame_s) and frame_s > 0):
-        raise InputError(file, "key frame_s", json.dumps(frame_s), "more than 0 s, or null")
     skin = Skin.from_metadata(metadata["skin"], str(file))
     n = None if skin.electrode_deg is None else len(skin.electrode_deg)
     _check_channels(file, metadata["channels"], n)
     _check_arcs(file, skin)
+
+
+def check_reading(metadata: dict, file: str | Path) -> None:
+    """Raise InputError, with `file` as its place, for a value of `frame_s` or of a key of CHOICES,
+    as far as they are there, that the format does not know."""
+    for key, choices in CHOICES.items():
+        if key in metadata and metadata[key] not in choices:
+            expected = " or ".join(f'"{choice}"' for choice in choices)
+            raise InputError(file, f"key {key}", json.dumps(metadata[key], default=str), expected)
+    frame_s = metadata.get("frame_s")
+    if frame_s is not None and not (is_number(frame_s) and frame_s > 0):
+        found = json.dumps(frame_s, default=str)
+        raise InputError(file, "key frame_s", found, "more than 0 s, or null")
 
 
 def _check_arcs(file: str | Path, skin: Skin) -> None:

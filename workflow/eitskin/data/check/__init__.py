@@ -18,7 +18,8 @@ __all__ = ["ERROR", "FACT", "UNOBSERVABLE", "WARNING", "Check", "check", "text",
 
 def check(recording: Recording) -> Check:
     """Every finding about a recording or query (`recording.validate`d)."""
-    findings = sentences.contents(recording) + sentences.repeated(recording)
+    findings = sentences.contents(recording) + sentences.skin(recording)
+    findings += sentences.repeated(recording)
     if recording.voltage is not None:
         nothing = sentences.dead(recording)
         if nothing:
@@ -48,7 +49,7 @@ def text(result: Check) -> str:
     }
     lines = []
     for severity, title in sections.items():
-        found = [finding for finding in result.findings if finding.severity == severity]
+        found = result.of(severity)
         if found:
             lines.append(f"{title}:")
         for finding in found:
@@ -64,11 +65,10 @@ def write(result: Check, path: str | Path, file: str | Path) -> None:
     Raises InputError naming the first error, with those words as its note, where the recording is
     unusable; then nothing is written, so that nothing can be learned from it.
     """
-    for finding in result.findings:
-        if finding.severity == ERROR:
-            expected = "a usable recording"
-            refusal = InputError(file, f"check, {finding.topic}", finding.sentence[:-1], expected)
-            refusal.add_note(text(result))
-            raise refusal
+    for finding in result.of(ERROR):
+        expected = "a usable recording"
+        refusal = InputError(file, f"check, {finding.topic}", finding.sentence[:-1], expected)
+        refusal.add_note(text(result))
+        raise refusal
     with atomic_path(path) as temporary:
         temporary.write_text(text(result), encoding="utf-8")

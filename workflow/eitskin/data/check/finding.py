@@ -32,3 +32,7 @@ class Check:
     def about(self, topic: str) -> list[Finding]:
         """The findings of one topic."""
         return [finding for finding in self.findings if finding.topic == topic]
+
+    def of(self, severity: str) -> list[Finding]:
+        """The findings that are as grave as `severity`."""
+        return [finding for finding in self.findings if finding.severity == severity]

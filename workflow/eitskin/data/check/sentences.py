@@ -9,7 +9,20 @@ from eitskin.data.check import measures, wiring
 from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Finding
 from eitskin.data.check.missing import HOLD_S, missing
 from eitskin.data.recording import Recording
+from eitskin.physics.skin import OPTIONAL
+from eitskin.quantities import quantity
 
+SKIN = {  # key: its name, its unit
+    "radius_mm": ("radius", "mm"),
+    "thickness_mm": ("thickness", "mm"),
+    "conductivity_S_per_m": ("conductivity", "S/m"),
+    "electrode_width_mm": ("width of electrodes", "mm"),
+    "electrode_height_mm": ("height of electrodes", "mm"),
+    "electrode_z_mm": ("electrodes above the bottom", "mm"),
+    "contact_impedivity_ohm_m2": ("contact impedivity", "Ω·m²"),
+    "current_A": ("current", "A"),
+    "contrast_per_N": ("contrast", "1/N"),
+}
 MISSING = {  # what cannot be told: its topic, the sentence, the frames to add
     "absolute": (
         "absolute",
@@ -123,6 +136,40 @@ def contents(recording: Recording) -> list[Finding]:
             span = f"{least:.3g} to {largest:.3g} {unit}, {different} different"
             found.append(_fact(name.rsplit("_", 1)[0], f"{span}."))
     return found
+
+
+def skin(recording: Recording) -> list[Finding]:
+    """What is believed of the skin and its wiring, and what is not known."""
+    believed = recording.skin
+    known, unknown = [], []
+    for key, (name, unit) in SKIN.items():
+        value = getattr(believed, key)
+        if value is not None:
+            known.append(f"{name} {quantity(value, unit)}")
+        elif key not in OPTIONAL:
+            unknown.append(name)
+    if believed.electrode_deg is None:
+        unknown.append("the electrodes' angles")
+    else:
+        known.append(f"{len(believed.electrode_deg)} electrodes {_angles(believed.electrode_deg)}")
+    ends = []
+    if known:
+        ends.append(f"believed: {', '.join(known)}")
+    if unknown:
+        ends.append(f"not known, so calibrated: {', '.join(unknown)}")
+    source = recording.metadata["source_reference"]
+    ends.append(f"the current source is taken as {source}")
+    return [_fact("skin", f"{'; '.join(ends)}.")]
+
+
+def _angles(degrees: tuple[float, ...]) -> str:
+    """Where electrodes lie: in even steps from the first, or from the first to the last."""
+    pitch = 360.0 / len(degrees)
+    steps = np.diff(degrees) % 360.0
+    for step, way in ((pitch, "counter-clockwise"), (360.0 - pitch, "clockwise")):
+        if np.allclose(steps, step):
+            return f"in even steps {way} from {degrees[0] % 360.0:g}°"
+    return f"at {', '.join(f'{angle:g}°' for angle in degrees)}"
 
 
 def repeated(recording: Recording) -> list[Finding]:

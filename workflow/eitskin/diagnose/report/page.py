@@ -12,6 +12,7 @@ import pandas as pd
 
 from eitskin import plotting
 from eitskin.atomic import atomic_path
+from eitskin.data import check
 from eitskin.diagnose import rig_words
 from eitskin.diagnose.classes import CONFUSED, WEAK
 from eitskin.diagnose.report import evidence, figures
@@ -51,6 +52,7 @@ p { margin: 0.4em 0; max-width: 46em; }
 .quiet, figcaption, caption { color: #595959; }
 .effect { border-left: 4px solid #8b1a6b; padding: 0.1em 0 0.1em 0.9em; margin: 1em 0; }
 .effect > p:first-of-type { font-size: 1.1em; font-weight: 600; }
+.warning { border: 1px solid #b84f00; padding: 0.2em 0.9em; margin: 0.6em 0; max-width: 46em; }
 .candidate { border-left-style: dashed; }
 .before { color: #b84f00; font-weight: 600; } .after { color: #0072b2; font-weight: 600; }
 .row { display: flex; flex-wrap: wrap; gap: 1.2em; align-items: flex-start; }
@@ -104,6 +106,7 @@ def page(found: Evidence, drawn: dict[str, str]) -> str:
     name = escape(found.diagnosis["recording"])
     shown = {key: _figure(key, drawn[key]) for key in figures.FIGURES}
     sections = [
+        _warnings(found),
         _answer(found),
         "<h2>Where</h2>",
         _row(shown["electrodes"], shown["residual_matrix"]),
@@ -176,6 +179,19 @@ def _table(
     caption = f"<caption>{caption}</caption>" if caption else ""
     table = f"<table>{caption}<thead><tr>{head}</tr></thead>"
     return f"{table}<tbody>\n{chr(10).join(lines)}\n</tbody></table>"
+
+
+def _warnings(found: Evidence) -> str:
+    """What the recording's check warns of."""
+    checked = check.check(found.recording)
+    rows = [
+        f"<li>{escape(finding.topic)}: {escape(finding.sentence)}</li>"
+        for finding in (*checked.of(check.ERROR), *checked.of(check.WARNING))
+    ]
+    if not rows:
+        return ""
+    head = "The check of this recording warns:" if checked.ok else "This recording is not usable:"
+    return f"<div class='warning'><p>{head}</p><ul>{''.join(rows)}</ul></div>"
 
 
 def _answer(found: Evidence) -> str:

@@ -1,0 +1,122 @@
+import numpy as np
+import pytest
+import yaml
+
+from eitskin import cli
+from eitskin.data import recording, stated
+from eitskin.data.check import check
+from eitskin.errors import InputError
+
+
+@pytest.fixture
+def bare(make_recording):
+    """A recording whose file says nothing of the skin but its electrodes' angles."""
+    made = make_recording()
+    made.metadata["skin"] |= dict.fromkeys(set(made.metadata["skin"]) - {"electrode_deg"})
+    return made
+
+
+def test_what_is_stated_replaces_what_the_file_says(bare):
+    said = {"radius_mm": 100, "thickness_mm": 60, "source_reference": "sink-grounded"}
+    told = stated.apply(said, bare)
+    assert told.skin.radius_mm == 100 and told.skin.thickness_mm == 60
+    assert told.metadata["source_reference"] == "sink-grounded"
+    assert told.metadata["source"].endswith(
+        "its owner states radius_mm, thickness_mm, source_reference"
+    )
+    assert told.skin.current_A is None and bare.skin.radius_mm is None
+    assert stated.apply({"thickness_mm": None}, told).skin.thickness_mm is None
+
+
+def test_every_key_of_the_format_may_be_stated(make_recording):
+    made = make_recording()
+    for key in stated.KEYS:
+        value = {**made.metadata["skin"], **made.metadata}.get(key)
+        stated.refuse({key: value})
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "found"),
+    [
+        ("radius: 100", "radius", "an unknown key"),
+        ("radius_mm: -1", "radius_mm", "-1"),
+        ("radius_mm: .inf", "radius_mm", "inf"),
+        ("radius_mm: 2026-01-01", "radius_mm", "datetime.date"),
+        ("radius_mm: 1\nradius_mm: 2", "radius_mm", "it in line 1 and again in line 2"),
+        ("unit: mV", "unit", '"mV"'),
+        ("frame_s: 0", "frame_s", "0"),
+        ("electrode_deg: [0, 0]", "electrode_deg", "two equal angles"),
+        ("- radius_mm", "file", "a list"),
+        ("", "file", "nothing"),
+        ("radius_mm: [1", "line 1, column 14", "expected"),
+        ("radius_mm: \t1\n\tx: 2", "line", "found"),
+    ],
+)
+def test_a_wrong_statement_is_one_line(tmp_path, text, place, found):
+    path = tmp_path / "skin.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        stated.read(path)
+    assert str(refused.value).startswith(f"{path}: {place}")
+    assert found in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_bytes_that_are_no_text_are_refused(tmp_path):
+    path = tmp_path / "skin.yaml"
+    path.write_bytes("radius_mm: 100".encode("utf-16"))
+    with pytest.raises(InputError, match="no UTF-8"):
+        stated.read(path)
+
+
+def test_fewer_angles_than_electrodes_are_refused(bare):
+    with pytest.raises(InputError, match="8 angles, expected 16 or more"):
+        stated.apply({"electrode_deg": list(np.arange(8) * 45.0)}, bare, "skin.yaml")
+
+
+def test_touches_must_meet_the_skin_that_is_stated(bare):
+    with pytest.raises(InputError, match=r"^skin.yaml: columns x_mm, y_mm"):
+        stated.apply({"radius_mm": 1.0}, bare, "skin.yaml")
+
+
+def test_the_check_says_what_is_believed(bare):
+    told = stated.apply({"radius_mm": 100, "current_A": 0.001}, bare)
+    (finding,) = check(told).about("skin")
+    sentence = finding.sentence.replace("\N{NO-BREAK SPACE}", " ")
+    assert "believed: radius 100 mm, current 1 mA, 16 electrodes in even steps" in sentence
+    assert "not known, so calibrated: thickness, conductivity" in sentence
+    assert "height" not in sentence
+
+
+def test_commands_take_the_skin_from_a_file(bare, tmp_path, capsys):
+    source, skin, out = (tmp_path / name for name in ("a.parquet", "skin.yaml", "b.parquet"))
+    recording.write(bare, source)
+    skin.write_text(yaml.safe_dump({"radius_mm": 123.0}), encoding="utf-8")
+    assert cli.main(["import", str(source), str(out), "--skin", str(skin)]) == 0
+    assert recording.read(out).skin.radius_mm == 123.0
+    assert cli.main(["check", str(source), "--skin", str(skin)]) == 0
+    assert "radius 123\N{NO-BREAK SPACE}mm" in capsys.readouterr().out
+    skin.write_text("radius_cm: 12", encoding="utf-8")
+    assert cli.main(["check", str(source), "--skin", str(skin)]) == 1
+    assert capsys.readouterr().err.startswith(f"{skin}: radius_cm: found an unknown key")
+
+
+@pytest.mark.parametrize("command", ["import", "diagnose"])
+def test_what_is_unusable_goes_no_further(make_recording, tmp_path, capsys, command):
+    made = make_recording()
+    made.voltage = -made.voltage
+    source, out = tmp_path / "a.parquet", tmp_path / "out"
+    recording.write(made, source)
+    arguments = [command, str(source), *(["--out"] if command == "diagnose" else []), str(out)]
+    assert cli.main(arguments) == cli.UNUSABLE
+    printed = capsys.readouterr()
+    assert printed.out == "" and f"{source}: polarity: wrong channel table" in printed.err
+    assert "--anyway" in printed.err and not out.exists()
+
+
+def test_anyway_goes_on(make_recording, tmp_path):
+    made = make_recording()
+    made.voltage = -made.voltage
+    source, out = tmp_path / "a.parquet", tmp_path / "b.parquet"
+    recording.write(made, source)
+    assert cli.main(["import", str(source), str(out), "--anyway"]) == 0
+    assert np.array_equal(recording.read(out).voltage, made.voltage)

@@ -1,0 +1,57 @@
+"""Reading a YAML file that a person wrote: a mapping in which no key stands twice."""
+
+from pathlib import Path
+
+import yaml
+
+from eitskin.errors import InputError
+from eitskin.schema import dotted
+
+
+def read(path: str | Path) -> dict:
+    """The mapping of a YAML file.
+
+    Raises InputError for a file that is not there or is no text, what is no YAML or no mapping, and
+    a key that stands twice in a mapping, of which YAML would keep the last.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise InputError(path, "file", error.strerror or error, "a YAML file") from error
+    except UnicodeDecodeError as error:
+        raise InputError(path, "file", "bytes that are no UTF-8", "a YAML file") from error
+    try:
+        _refuse_repeated_keys(path, yaml.compose(text, yaml.SafeLoader))
+        found = yaml.safe_load(text)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        place = "file" if mark is None else f"line {mark.line + 1}, column {mark.column + 1}"
+        raise InputError(path, place, error.problem or error.context, "YAML") from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise InputError(path, "file", " ".join(str(error).split()), "YAML") from error
+    if not isinstance(found, dict):
+        said = "nothing" if found is None else f"a {type(found).__name__}"
+        raise InputError(path, "file", said, "a mapping, key: value")
+    return found
+
+
+def _refuse_repeated_keys(path: str | Path, document: yaml.Node | None) -> None:
+    waiting: list[tuple[list, yaml.Node | None]] = [([], document)]
+    seen = set()
+    while waiting:
+        place, node = waiting.pop(0)
+        if id(node) in seen:
+            continue
+        seen.add(id(node))
+        if isinstance(node, yaml.SequenceNode):
+            waiting += [([*place, k], value) for k, value in enumerate(node.value)]
+        if not isinstance(node, yaml.MappingNode):
+            continue
+        lines: dict[str, int] = {}
+        for key, value in node.value:
+            name, line = str(key.value), key.start_mark.line + 1
+            if name in lines:
+                found = f"it in line {lines[name]} and again in line {line}"
+                raise InputError(path, dotted([*place, name]), found, "it once")
+            lines[name] = line
+            waiting.append(([*place, name], value))
