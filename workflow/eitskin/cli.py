@@ -37,11 +37,13 @@ def _parser() -> argparse.ArgumentParser:
     checking = commands.add_parser("check", help="say what a recording holds and cannot tell")
     checking.add_argument("file", help="a recording in any known format")
     checking.add_argument("--format", help=formats)
+    _add_protocol(checking)
     checking.set_defaults(run=_check)
     importing = commands.add_parser("import", help="turn a recording into an eit-recording")
     importing.add_argument("file", help="a recording in any known format")
     importing.add_argument("out", help="the Parquet file to write")
     importing.add_argument("--format", help=formats)
+    _add_protocol(importing)
     importing.set_defaults(run=_import)
     diagnosing = commands.add_parser(
         "diagnose", help="say what the simulation of a recording leaves out"
@@ -50,19 +52,33 @@ def _parser() -> argparse.ArgumentParser:
     diagnosing.add_argument("--query", help="states, a recording without voltages, to predict")
     diagnosing.add_argument("--out", help="the folder to write, by default diagnosis-NAME")
     diagnosing.add_argument("--format", help=formats)
+    _add_protocol(diagnosing)
     diagnosing.set_defaults(run=_diagnose)
     rig.add(commands)
     return parser
 
 
+def _add_protocol(command: argparse.ArgumentParser) -> None:
+    """What a file may not say of its own channels."""
+    steps = "adjacent, opposite or skip-<n>"
+    command.add_argument("--order", help="the order of the readings, as check names it")
+    command.add_argument("--drive", help=f"the pairs that drive: {steps}")
+    command.add_argument("--measure", help=f"the pairs measured: {steps}, or one with -reversed")
+
+
+def _load(arguments: argparse.Namespace) -> recording.Recording:
+    protocol = arguments.order, arguments.drive, arguments.measure
+    return importers.load(arguments.file, arguments.format, *protocol)
+
+
 def _check(arguments: argparse.Namespace) -> int:
-    result = check.check(importers.load(arguments.file, arguments.format))
+    result = check.check(_load(arguments))
     print(check.text(result), end="")
     return 0 if result.ok else UNUSABLE
 
 
 def _import(arguments: argparse.Namespace) -> int:
-    recording.write(importers.load(arguments.file, arguments.format), arguments.out)
+    recording.write(_load(arguments), arguments.out)
     return 0
 
 
@@ -71,7 +87,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     from eitskin.diagnose import diagnosis, result, words
     from eitskin.diagnose.report import page
 
-    recorded = importers.load(arguments.file, arguments.format)
+    recorded = _load(arguments)
     if arguments.query is not None:
         result.read_query(arguments.query, recorded)
     name = Path(arguments.file).stem

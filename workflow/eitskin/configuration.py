@@ -11,6 +11,7 @@ import yaml
 from referencing import Registry, Resource
 
 from eitskin.data import importers
+from eitskin.data.channel_order import ORDERS
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import START, Effect
 from eitskin.effects.settings import settings, site_counts
@@ -68,7 +69,7 @@ def validate(config: dict, schema_path: str | Path, files: Iterable[str | Path])
 
 def schema(path: str | Path) -> dict:
     """The schema in a file, with the names that the code knows: effects with their parameters,
-    formats of recordings, models."""
+    formats and orders of recordings, models."""
     found = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     effect, model = found["$defs"]["effect"], found["$defs"]["models"]["items"]
     recording = found["properties"]["recordings"]["additionalProperties"]
@@ -81,6 +82,7 @@ def schema(path: str | Path) -> dict:
         for name, one in EFFECTS.items()
     ]
     recording["properties"]["format"]["enum"] = importers.known()
+    recording["properties"]["order"]["enum"] = list(ORDERS)
     model["enum"] = models.names()
     return found
 

@@ -4,5 +4,5 @@ from eitskin.data import importers, recording
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):
-    imported = importers.load(snakemake.input[0], snakemake.params.format)
+    imported = importers.load(snakemake.input[0], **snakemake.params.read_as)
     recording.write(imported, snakemake.output[0])

@@ -1,0 +1,76 @@
+"""What is said of a plain matrix in NAME.yaml beside it, and what to write where nothing is."""
+
+from pathlib import Path
+
+import yaml
+
+from eitskin.data.importers import bare_vectors, delimited
+from eitskin.data.recording import CHOICES
+from eitskin.errors import InputError
+from eitskin.physics.skin import is_number
+
+PROTOCOL = ("electrodes", "drive", "measurement")
+TELLING = (*PROTOCOL, "order", "labels")  # of which a YAML file has one if it describes a matrix
+AS_CHOSEN = ("voltage", "unit", "values", "position_frame", "clock")
+KEYS = (*PROTOCOL, "order", *AS_CHOSEN, "rate_Hz", "frame_s", "skin", "labels", "source")
+
+
+def beside(path: Path) -> Path:
+    """Where the description of a matrix stands."""
+    return path.with_suffix(".yaml")
+
+
+def mapping(path: Path) -> dict:
+    """What stands beside a matrix; raises InputError for what is no mapping."""
+    file = beside(path)
+    try:
+        said = yaml.safe_load(delimited.text(file))
+    except yaml.YAMLError as error:
+        reason = " ".join(str(error).split())
+        raise InputError(file, "file", f"no YAML ({reason})", "a mapping of keys") from error
+    if not isinstance(said, dict):
+        raise InputError(file, "file", type(said).__name__, f"a mapping of {', '.join(KEYS)}")
+    return said
+
+
+def described(path: Path) -> dict:
+    """The description beside a matrix; raises InputError for what is no mapping, for keys that are
+    not known and for values of another kind."""
+    file, said = beside(path), mapping(path)
+    for key in said:
+        if key not in KEYS:
+            raise InputError(file, f"key {key}", "an unknown key", f"one of {', '.join(KEYS)}")
+    for key in ("drive", "order", "source"):
+        if key in said and not isinstance(said[key], str):
+            raise InputError(file, f"key {key}", repr(said[key]), "a word")
+    for key in AS_CHOSEN:
+        if key in said and said[key] not in CHOICES[key]:
+            raise InputError(file, f"key {key}", repr(said[key]), " or ".join(CHOICES[key]))
+    number = said.get("electrodes")
+    if "electrodes" in said and (type(number) is not int or number < 4):
+        raise InputError(file, "key electrodes", repr(number), "a whole number, 4 or more")
+    if "rate_Hz" in said and not (is_number(said["rate_Hz"]) and said["rate_Hz"] > 0):
+        raise InputError(file, "key rate_Hz", repr(said["rate_Hz"]), "frames a second, more than 0")
+    if not isinstance(said.get("skin", {}), dict):
+        raise InputError(file, "key skin", repr(said["skin"]), "a mapping")
+    return said
+
+
+def undescribed(path: Path, width: int) -> InputError:
+    """What to write beside a matrix of `width` readings a frame, as one line of YAML."""
+    found = f"no {beside(path).name} that says what its {width} columns read"
+    for drive in ("adjacent", "opposite"):
+        try:
+            layout = bare_vectors.stepped(path, width, drive, "adjacent")
+        except InputError:
+            continue
+        example = f"{{electrodes: {layout.n_electrodes}, drive: {drive}, measurement: adjacent}}"
+        return InputError(path, "description", found, f"it beside the file, for example {example}")
+    size = round((1 + (1 + 8 * width) ** 0.5) / 2)
+    expected = (
+        "it beside the file: {electrodes: N, measurement: [[source, sink, plus, minus], ...]}, "
+        f"{width} channels in the columns' order"
+    )
+    if size * (size - 1) == 2 * width:
+        expected += f" (one for every two of {size} electrodes is no four-electrode reading)"
+    return InputError(path, "description", found, expected)
