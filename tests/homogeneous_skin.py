@@ -1,4 +1,4 @@
-"""What instruments would read of an even skin, by the forward model: the content of sample files."""
+"""What instruments would read of an even skin, by the forward model: for sample files."""
 
 from functools import cache
 
@@ -26,14 +26,5 @@ def readings(channels: np.ndarray, n_electrodes: int) -> np.ndarray:
 
 def potentials(drive: tuple[int, int], n_electrodes: int) -> np.ndarray:
     """(n,) complex V per A of every electrode against electrode 0, with a made-up phase."""
-    others = np.arange(1, n_electrodes)
-    channels = np.stack(
-        [
-            np.full(n_electrodes - 1, drive[0]),
-            np.full(n_electrodes - 1, drive[1]),
-            others,
-            0 * others,
-        ],
-        axis=1,
-    )
+    channels = np.array([[*drive, electrode, 0] for electrode in range(1, n_electrodes)])
     return PHASE * np.concatenate([[0.0], readings(channels, n_electrodes)])

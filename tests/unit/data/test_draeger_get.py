@@ -12,9 +12,7 @@ HEADER = (
     b"Frequency [Hz]:    97656.3\r\nFrames:              10\r\n\r\n\r\n"
 )
 # Drive k, then the pairs from its own sink onwards: EIDORS reads them so.
-FILED = [
-    [k, (k + 1) % 16, (k + 3 + i) % 16, (k + 2 + i) % 16] for k in range(16) for i in range(13)
-]
+FILED = [[k, (k + 1) % 16, (k + 1 + i) % 16, (k + i) % 16] for k in range(16) for i in range(2, 15)]
 
 
 def frames(count=3, width=256):

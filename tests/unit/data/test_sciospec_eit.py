@@ -125,9 +125,9 @@ def test_source_and_sink_exchanged_are_noticed(tmp_path):
 def test_the_files_own_drives_are_not_named_anew(tmp_path):
     path = tmp_path / "setup_00001.eit"
     path.write_text(eit_text(around()))
-    with pytest.raises(InputError, match="setting drive: .*sciospec-eit states its own"):
+    with pytest.raises(InputError, match=r"setting drive: .*sciospec-eit states its own"):
         importers.load(path, drive="adjacent")
-    with pytest.raises(InputError, match="'askew' measure|measure 'askew'"):
+    with pytest.raises(InputError, match="measure 'askew'"):
         importers.load(path, measure="askew")
 
 

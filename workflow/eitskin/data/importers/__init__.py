@@ -82,7 +82,7 @@ def load(
     taken = {
         key: given[key] for key in getattr(FORMATS.get(format), "LEFT_OPEN", ()) if key in given
     }
-    for key in given.keys() - taken.keys() - {"order"}:
+    for key in (key for key in given if key not in taken and key != "order"):
         expected = f"none: the format {format} states its own"
         raise InputError(path, f"setting {key}", repr(given[key]), expected)
     imported = recording.read(path) if format == OWN_FORMAT else _imported(path, format, taken)

@@ -130,10 +130,10 @@ def _kept(n_electrodes: int, channels: np.ndarray) -> Layout:
 def refuse_other_order(
     file: str | Path, frames: np.ndarray, drive: str, measure: str, layout: Layout
 ) -> None:
-    """Of frames (F, n n) that hold numbers at driven electrodes, refuse an order in which exchanging
-    drive and measurement and going round by one electrode change much, though in another known one
-    they do not: there numbers at driven electrodes stand elsewhere, and what is left out would be
-    wrong. (Without them `check` says so.)
+    """Of frames (F, n n) that hold numbers at driven electrodes, refuse an order in which
+    exchanging drive and measurement and going round by one electrode change much, though in another
+    known one they do not: there numbers at driven electrodes stand elsewhere, and what is left out
+    would be wrong. (Without them `check` says so.)
     """
     n, frames = layout.n_electrodes, frames[:ENOUGH_FRAMES]
     if frames.shape[1] != n * n or len(layout.columns) == n * n:

@@ -79,7 +79,7 @@ def load(
     given = {"order": order, "drive": drive, "measurement": measure}
     given = {key: value for key, value in given.items() if value is not None}
     said = described(path) if beside(path).is_file() else {}
-    for key in given.keys() & said.keys() - {"order"}:
+    for key in (key for key in given if key in said and key != "order"):
         found = f"{given[key]!r} from outside as well"
         raise InputError(beside(path), f"key {key}", found, "it once")
     said = said | given
