@@ -306,6 +306,12 @@ def test_labels_in_a_file_in_columns_and_in_arrays(write, tmp_path, way):
     ]
 
 
+def test_a_label_that_stands_twice_is_refused(write):
+    table = pd.concat([labels(), pd.DataFrame(frames(6)).add_prefix("v")], axis=1)
+    path = write(table.rename(columns={"v3": "x_mm"}).to_csv(index=False), ADJACENT)
+    refused(path, "line of names: found 2 of x_mm, expected one")
+
+
 def test_labels_by_the_number_of_their_column(write):
     place = labels()[["x_mm", "y_mm"]].to_numpy()
     table = np.hstack([frames(6), place])

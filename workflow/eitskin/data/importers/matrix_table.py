@@ -1,6 +1,5 @@
 """The numbers of a plain matrix and its labels: text, NumPy's `.npy` and `.npz`."""
 
-import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -41,7 +40,7 @@ def read(path: Path, said: dict) -> Table:
             raise InputError(beside(path), "key labels", f"no file {labels!r}", "one beside it")
         cells = delimited.read(file)
         for name in cells.names or [""]:
-            if name not in LABELS or name in table.labels:
+            if name not in LABELS or name in table.labels or cells.names.count(name) > 1:
                 expected = f"names among {', '.join(LABELS)}, each once"
                 raise InputError(file, "line of names", repr(name), expected)
         for column, name in enumerate(cells.names):
@@ -51,9 +50,13 @@ def read(path: Path, said: dict) -> Table:
 
 def _from_text(path: Path, columns: dict) -> Table:
     cells = delimited.read(path)
-    places = {name: k for k, name in enumerate(cells.names or ()) if name in LABELS}
+    names = cells.names or []
+    places = {name: k for k, name in enumerate(names) if name in LABELS}
+    for name in places:
+        if names.count(name) > 1:
+            raise InputError(path, "line of names", f"{names.count(name)} of {name}", "one")
     for name, column in columns.items():
-        named = (cells.names or []).index(column) if column in (cells.names or []) else column
+        named = names.index(column) if column in names else column
         places[name] = _column(path, name, named, cells.width)
     rest = [column for column in range(cells.width) if column not in places.values()]
     labels = {name: _label(cells, name, column) for name, column in places.items()}
@@ -75,7 +78,7 @@ def _from_numpy(path: Path, columns: dict) -> Table:
     try:
         content = np.load(path, allow_pickle=False)
         arrays = dict(content) if hasattr(content, "files") else {"": content}
-    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile) as error:
+    except Exception as error:  # numpy raises whatever a damaged file leads it to
         found = "a damaged or cut file, or one of objects"
         raise InputError(path, "file", found, "arrays of numbers, .npy or .npz") from error
     labels = {name: array for name, array in arrays.items() if name in LABELS and array.ndim == 1}
@@ -98,6 +101,7 @@ def _from_numpy(path: Path, columns: dict) -> Table:
 
 
 def is_numpy(path: Path) -> bool:
+    """Whether a file is one of NumPy's, by its beginning."""
     with path.open("rb") as stream:
         head = stream.read(len(NPY))
     return head.startswith(NPY) or (head.startswith(ZIP) and path.suffix.lower() == ".npz")
