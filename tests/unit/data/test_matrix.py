@@ -228,6 +228,20 @@ def test_widths_of_no_known_protocol_ask_for_a_list(write):
     refused(write(lines(values[:, :77])), r"77 channels in the columns' order")
 
 
+def test_channels_x_frames_are_told_to_be_turned(write):
+    for content, name in ((lines(frames().T), "skin.csv"), (frames(9).T, "skin.npy")):
+        width = 3 if name == "skin.csv" else 9
+        refused(write(content, None, name), f"40 rows of {width} numbers, expected a frame a row")
+
+
+@pytest.mark.parametrize("name", ["skin.txt", "skin.npy"])
+def test_one_column_is_one_frame(write, name):
+    content = frames(1)[0] if name == "skin.npy" else lines(frames(1).T)
+    made = importers.load(write(content, ADJACENT, name))
+    np.testing.assert_array_equal(made.voltage, frames(1))
+    refused(write(content, None, name), "its 40 columns read, .*{electrodes: 8, drive: adj")
+
+
 def test_a_whole_matrix_needs_no_other_example(write):
     values = readings(every_channel(16, "adjacent", "adjacent"), 16)[None]
     message = refused(write(values, None, "skin.npy"), "its 256 columns")
@@ -304,6 +318,20 @@ def test_labels_in_a_file_in_columns_and_in_arrays(write, tmp_path, way):
         tmp_path / "skin.yaml",
         *([tmp_path / "where.csv"] if way is in_a_file else []),
     ]
+
+
+def test_notes_are_carried(write, tmp_path):
+    """What is neither a reading nor a label of the contract need not be cut out."""
+    table = pd.DataFrame(frames(3)).add_prefix("v")
+    table.insert(0, "clock", ["10:00:01", "10:00:02", "10:00:03"])
+    table.insert(1, "note_operator", ["A", "B", "A"])
+    path = write(table.to_csv(index=False), ADJACENT)
+    refused(path, "line 2, column clock: found '10:00:01', expected a number")
+    path = write(table.to_csv(index=False), {**ADJACENT, "labels": {"note_clock": "clock"}})
+    made = importers.load(path)
+    assert made.frames["note_clock"].tolist()[2] == "10:00:03" and made.voltage.shape == (3, 40)
+    recording.write(made, tmp_path / "skin.parquet")
+    assert importers.load(tmp_path / "skin.parquet").frames["note_operator"].tolist() == list("ABA")
 
 
 def test_a_label_that_stands_twice_is_refused(write):

@@ -167,3 +167,9 @@ def test_bytes_that_are_no_text_are_refused(tmp_path):
     path = tmp_path / "setup_00001.eit"
     path.write_bytes(eit_text(around()).encode() + b"\xff\xfe\xfa")
     refused(path, "bytes that are no text")
+
+
+def test_another_makers_file_is_told_apart(tmp_path):
+    path = tmp_path / "breath.eit"
+    path.write_bytes(b"\x33\x00\x00\x00**FileVersion 0" + bytes(300))
+    refused(path, "no Sciospec .eit")

@@ -13,7 +13,7 @@ import scipy.io
 from eitskin.errors import InputError
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
-RESAVED = "MATLAB 7.2 or before: save(name, ..., '-v7')"
+RESAVED = "MATLAB 7.2 or before, save(name, ..., '-v7'), or a plain matrix, .npy or CSV"
 
 
 def is_matlab(path: Path) -> bool:

@@ -5,10 +5,10 @@ CSV with commas, semicolons, tabs or spaces, NumPy `.npy` and `.npz`. The keys o
 also with -reversed; or as `measurement` the channels themselves, [source, sink, plus, minus] a
 column), `order` (as `check` names them); `voltage`, `unit`, `values`, `position_frame`, `frame_s`,
 `clock` and `skin` as in the recording format; `rate_Hz`, frames a second; `source`; `labels`, the
-columns touch, x_mm, y_mm, force_N, probe_mm, depth_mm, contact, session, temperature_C, time_s: a
-file beside it with those names, or which column of the matrix each is. Columns of the matrix, and
-arrays of an `.npz`, that have such names need no mention. Frames that nothing is said of are taken
-for untouched.
+columns touch, x_mm, y_mm, force_N, probe_mm, depth_mm, contact, session, temperature_C, time_s and
+note_... (anything else, carried and ignored): a file beside it with those names, or which column of
+the matrix each is. Columns of the matrix, and arrays of an `.npz`, that have such names need no
+mention. Frames that nothing is said of are taken for untouched.
 
 `drive` and `measure` may come from the caller where the description does not have them; with both,
 none is needed.
@@ -26,11 +26,12 @@ from eitskin.data.importers.matrix_description import (
     TELLING,
     beside,
     described,
+    example,
     mapping,
     undescribed,
 )
 from eitskin.data.importers.matrix_table import PLACED, Table, is_numpy
-from eitskin.data.recording import Recording, frames_table
+from eitskin.data.recording import NOTE, Recording, frames_table
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
 
@@ -55,10 +56,12 @@ def refusal(path: Path) -> InputError | None:
     if not path.is_file():
         return None
     try:
-        width = matrix_table.read(path, {}).readings.shape[1]
+        shape = matrix_table.read(path, {}).readings.shape
     except InputError as error:
         return error if is_numpy(path) else None
-    return undescribed(path, width) if width >= LEAST_COLUMNS or is_numpy(path) else None
+    rows, width = shape
+    wide = width >= LEAST_COLUMNS or is_numpy(path) or example(path, rows) is not None
+    return undescribed(path, shape) if wide else None
 
 
 def files(path: Path) -> list[Path]:
@@ -86,7 +89,7 @@ def load(
     table = matrix_table.read(path, said)
     n_frames, width = table.readings.shape
     if "measurement" not in said:
-        raise undescribed(path, width)
+        raise undescribed(path, table.readings.shape)
     if not n_frames or not width:
         raise InputError(path, "matrix", f"{n_frames} frames of {width} numbers", "some of each")
     layout = _layout(path, said, width)
@@ -129,6 +132,8 @@ def _recording(path: Path, said: dict, table: Table, layout: Layout) -> Recordin
         frames["session"] = pd.Series(names, dtype=object)
     if "temperature_C" in labels:
         frames["temperature_C"] = labels["temperature_C"]
+    for name in (name for name in labels if name.startswith(NOTE)):
+        frames[name] = labels[name]
     readings = table.readings[:, layout.columns]
     nobody = "" if {"touch", "x_mm"} & labels.keys() else bare_vectors.UNTOUCHED
     parts = bare_vectors.said(f"matrix {path.name}", layout.left_out, nobody)

@@ -56,16 +56,16 @@ def described(path: Path) -> dict:
     return said
 
 
-def undescribed(path: Path, width: int) -> InputError:
-    """What to write beside a matrix of `width` readings a frame, as one line of YAML."""
+def undescribed(path: Path, shape: tuple[int, int]) -> InputError:
+    """What to write beside a matrix of `shape`, frames x readings, as one line of YAML."""
+    rows, width = shape
     found = f"no {beside(path).name} that says what its {width} columns read"
-    for drive in ("adjacent", "opposite"):
-        try:
-            layout = bare_vectors.stepped(path, width, drive, "adjacent")
-        except InputError:
-            continue
-        example = f"{{electrodes: {layout.n_electrodes}, drive: {drive}, measurement: adjacent}}"
-        return InputError(path, "description", found, f"it beside the file, for example {example}")
+    copied = example(path, width)
+    if copied is not None:
+        return InputError(path, "description", found, f"it beside the file, for example {copied}")
+    if example(path, rows) is not None:
+        expected = f"a frame a row: its {rows} rows look like readings, its columns like frames"
+        return InputError(path, "matrix", f"{rows} rows of {width} numbers", expected)
     size = round((1 + (1 + 8 * width) ** 0.5) / 2)
     expected = (
         "it beside the file: {electrodes: N, measurement: [[source, sink, plus, minus], ...]}, "
@@ -74,3 +74,14 @@ def undescribed(path: Path, width: int) -> InputError:
     if size * (size - 1) == 2 * width:
         expected += f" (one for every two of {size} electrodes is no four-electrode reading)"
     return InputError(path, "description", found, expected)
+
+
+def example(path: Path, width: int) -> str | None:
+    """A description of frames of as many numbers as a common protocol has; None for others."""
+    for drive in ("adjacent", "opposite"):
+        try:
+            layout = bare_vectors.stepped(path, width, drive, "adjacent")
+        except InputError:
+            continue
+        return f"{{electrodes: {layout.n_electrodes}, drive: {drive}, measurement: adjacent}}"
+    return None

@@ -1,4 +1,7 @@
-"""The numbers of a plain matrix and its labels: text, NumPy's `.npy` and `.npz`."""
+"""The numbers of a plain matrix and its labels: text, NumPy's `.npy` and `.npz`.
+
+One column of numbers, or an array of one dimension, is one frame.
+"""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -7,6 +10,7 @@ import numpy as np
 
 from eitskin.data.importers import delimited
 from eitskin.data.importers.matrix_description import beside
+from eitskin.data.recording import NOTE
 from eitskin.errors import InputError
 
 WORDS = ("touch", "session")  # labels that need not be numbers
@@ -30,18 +34,20 @@ def read(path: Path, said: dict) -> Table:
         raise InputError(beside(path), "key labels", repr(labels), "a file, or columns by name")
     columns = labels if isinstance(labels, dict) else {}
     for name in columns:
-        if name not in LABELS:
-            expected = f"one of {', '.join(LABELS)}"
+        if not is_label(name):
+            expected = f"one of {', '.join(LABELS)}, {NOTE}..."
             raise InputError(beside(path), f"key labels.{name}", "an unknown label", expected)
     table = _from_numpy(path, columns) if is_numpy(path) else _from_text(path, columns)
+    if table.readings.shape[1] == 1 and not table.labels:
+        table.readings = table.readings.T
     if isinstance(labels, str):
         file = path.parent / labels
         if not file.is_file():
             raise InputError(beside(path), "key labels", f"no file {labels!r}", "one beside it")
         cells = delimited.read(file)
         for name in cells.names or [""]:
-            if name not in LABELS or name in table.labels or cells.names.count(name) > 1:
-                expected = f"names among {', '.join(LABELS)}, each once"
+            if not is_label(name) or name in table.labels or cells.names.count(name) > 1:
+                expected = f"names among {', '.join(LABELS)}, {NOTE}..., each once"
                 raise InputError(file, "line of names", repr(name), expected)
         for column, name in enumerate(cells.names):
             table.labels[name] = _label(cells, name, column)
@@ -51,7 +57,7 @@ def read(path: Path, said: dict) -> Table:
 def _from_text(path: Path, columns: dict) -> Table:
     cells = delimited.read(path)
     names = cells.names or []
-    places = {name: k for k, name in enumerate(names) if name in LABELS}
+    places = {name: k for k, name in enumerate(names) if is_label(name)}
     for name in places:
         if names.count(name) > 1:
             raise InputError(path, "line of names", f"{names.count(name)} of {name}", "one")
@@ -64,7 +70,8 @@ def _from_text(path: Path, columns: dict) -> Table:
 
 
 def _label(cells: delimited.Cells, name: str, column: int) -> np.ndarray | list:
-    return cells.words(column) if name in WORDS else cells.numbers([column])[:, 0]
+    words = name in WORDS or name.startswith(NOTE)
+    return cells.words(column) if words else cells.numbers([column])[:, 0]
 
 
 def _column(path: Path, name: str, column: object, width: int) -> int:
@@ -81,14 +88,14 @@ def _from_numpy(path: Path, columns: dict) -> Table:
     except Exception as error:  # numpy raises whatever a damaged file leads it to
         found = "a damaged or cut file, or one of objects"
         raise InputError(path, "file", found, "arrays of numbers, .npy or .npz") from error
-    labels = {name: array for name, array in arrays.items() if name in LABELS and array.ndim == 1}
+    labels = {name: one for name, one in arrays.items() if is_label(name) and one.ndim == 1}
     for name, array in labels.items():
-        if array.dtype.kind not in ("biufUS" if name in WORDS else "biuf"):
+        if array.dtype.kind not in ("biuf" if name in LABELS and name not in WORDS else "biufU"):
             raise InputError(path, f"array {name}", array.dtype, "numbers")
     matrices = {
-        name: array
+        name: np.atleast_2d(array)
         for name, array in arrays.items()
-        if name not in labels and array.ndim == 2 and array.dtype.kind in "iufc"
+        if name not in labels and array.ndim in (1, 2) and array.dtype.kind in "iufc"
     }
     if len(matrices) != 1:
         shapes = ", ".join(f"{name or 'one'} {array.shape}" for name, array in arrays.items())
@@ -98,6 +105,11 @@ def _from_numpy(path: Path, columns: dict) -> Table:
         labels[name] = matrix[:, _column(path, name, column, matrix.shape[1])].real
     rest = [k for k in range(matrix.shape[1]) if k not in columns.values()]
     return Table(matrix[:, rest], labels)
+
+
+def is_label(name: object) -> bool:
+    """Whether a column of that name holds no readings."""
+    return isinstance(name, str) and (name in LABELS or name.startswith(NOTE))
 
 
 def is_numpy(path: Path) -> bool:

@@ -70,6 +70,14 @@ def matches(path: Path) -> bool:
     return bool(found) and found[0].suffix == ".eit" and first_line(found[0]).isdecimal()
 
 
+def refusal(path: Path) -> InputError | None:
+    """Of another maker's file with the same ending."""
+    if path.suffix.lower() != ".eit" or not path.is_file():
+        return None
+    found = "no Sciospec .eit (Draeger, Carefusion and Swisstom name theirs so as well)"
+    return InputError(path, "line 1", found, "how many lines the header has")
+
+
 def files(path: Path) -> list[Path]:
     """The frames, one a file."""
     if not path.is_dir():
