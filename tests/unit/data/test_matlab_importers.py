@@ -86,13 +86,18 @@ def test_readings_of_structure_arrays_and_cells(tmp_path):
 
 def test_both_signs_are_read_and_the_wrong_one_noticed(tmp_path):
     path = tmp_path / "tank.mat"
-    scipy.io.savemat(path, {"vh": -frames()})
-    made = importers.load(path)
-    (finding,) = check.check(made).about("polarity")
-    assert finding.severity == check.ERROR and "--measure NAME-reversed" in finding.sentence
-    made = importers.load(path, measure="adjacent")
-    assert made.metadata["voltage"] == "signed" and check.check(made).ok
-    np.testing.assert_array_equal(made.channels, channel_table(16))
+    for sign, given, wrong in (
+        (-1, {}, "adjacent"),
+        (PHASE, {"measure": "adjacent"}, "adjacent-re"),
+    ):
+        scipy.io.savemat(path, {"vh": sign * frames()})
+        (finding,) = check.check(importers.load(path, measure=measure)).about("polarity")
+        assert finding.severity == check.ERROR
+        assert finding.sentence.endswith(f"--measure {right}.")
+        made = importers.load(path, measure=right)
+        assert made.metadata["voltage"] == "signed" and check.check(made).ok
+        turn = [0, 1, 2, 3] if right == "adjacent" else [0, 1, 3, 2]
+        np.testing.assert_array_equal(made.channels, channel_table(16)[:, turn])
 
 
 @pytest.mark.parametrize("whole", [True, False])

@@ -291,9 +291,11 @@ def polarity(recording: Recording) -> list[Finding]:
         return []
     sentence = (
         f"wrong channel table: the readings correlate by {alike:.2f} with a homogeneous "
-        "disc's; plus and minus (or source and sink) are exchanged. Where the format leaves the "
-        "pairs open, --measure NAME-reversed exchanges plus and minus of the pairs NAME."
+        "disc's; plus and minus (or source and sink) are exchanged."
     )
+    turned = measures.turned_pairs(recording)
+    if turned is not None:
+        sentence += f" Where the format leaves the measured pairs open: --measure {turned}."
     return [Finding("polarity", ERROR, sentence, alike)]
 
 
