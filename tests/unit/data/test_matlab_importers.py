@@ -86,10 +86,8 @@ def test_readings_of_structure_arrays_and_cells(tmp_path):
 
 def test_both_signs_are_read_and_the_wrong_one_noticed(tmp_path):
     path = tmp_path / "tank.mat"
-    for sign, given, wrong in (
-        (-1, {}, "adjacent"),
-        (PHASE, {"measure": "adjacent"}, "adjacent-re"),
-    ):
+    cases = ((-1, None, "adjacent"), (PHASE, "adjacent", "adjacent-reversed"))
+    for sign, measure, right in cases:
         scipy.io.savemat(path, {"vh": sign * frames()})
         (finding,) = check.check(importers.load(path, measure=measure)).about("polarity")
         assert finding.severity == check.ERROR
