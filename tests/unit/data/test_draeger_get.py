@@ -53,7 +53,7 @@ def test_another_order_is_noticed_and_can_be_asked_for(tmp_path):
     assert finding.severity == check.ERROR and "--order drive-minus-ascending" in finding.sentence
     made = importers.load(path, order="drive-minus-ascending")
     assert made.channels.tolist() == [FILED[k] for k in ascending]
-    assert "in the order drive-minus-ascending" in made.metadata["source"]
+    assert "as told: order drive-minus-ascending" in made.metadata["source"]
     assert check.check(made).ok
 
 

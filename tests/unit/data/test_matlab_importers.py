@@ -126,6 +126,7 @@ def test_other_pairs_are_named_by_the_caller(tmp_path):
     made = importers.load(path, drive="opposite", measure="adjacent")
     np.testing.assert_array_equal(made.channels, table)
     assert check.check(made).ok
+    assert "as told: drive opposite, measure adjacent" in made.metadata["source"]
     refused(path, "'askew'.*adjacent, opposite or skip-<n>", drive="askew")
 
 

@@ -162,7 +162,7 @@ MISTAKES = {
     "drive: adjacent\nmeasurement: adjacent\nunit: mV": "key unit: found 'mV', expected V or ohm",
     "drive: adjacent\nmeasurement: adjacent\nrate_Hz: 0": "key rate_Hz: found 0",
     "drive: adjacent\nmeasurement: adjacent\nclock: measured": "rate_Hz, or a label time_s",
-    "drive: adjacent\nmeasurement: adjacent\nelectrodes: 16": "found 40, expected 208 or 256 of 16",
+    "drive: adjacent\nmeasurement: adjacent\nelectrodes: 16": "found 40, expected 104 or 208 or",
     "drive: adjacent\nmeasurement: adjacent\nelectrodes: many": "key electrodes: found 'many'",
     "drive: adjacent\nmeasurement: adjacent\norder: up": "order: found 'up', expected one of",
     "drive: adjacent\nmeasurement: adjacent\nskin: {radius: 3}": "skin.radius: found an unkn",
@@ -208,6 +208,7 @@ def test_pairs_may_come_from_the_caller(write):
     [
         (208, channel_table(16)),
         (40, channel_table(8)),
+        (104, channel_table(16)[channel_table(16)[:, 0] < channel_table(16)[:, 2]]),
         (192, channel_table(16, "opposite")),
         (32, channel_table(8, "opposite")),
     ],

@@ -39,9 +39,7 @@ def test_what_check_tells_to_type_makes_the_recording_right(stored, tmp_path, ca
     np.testing.assert_array_equal(after.voltage, before.voltage)
     expected = in_order(path, option[1], before.channels, 16)
     np.testing.assert_array_equal(after.channels, expected)
-    assert after.metadata["source"] == (
-        "simulation (readings taken in the order drive-plus-ascending-own)"
-    )
+    assert after.metadata["source"] == ("simulation (as told: order drive-plus-ascending-own)")
 
 
 @pytest.mark.parametrize("name", ORDERS)

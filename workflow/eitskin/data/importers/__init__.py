@@ -86,7 +86,12 @@ def load(
         expected = f"none: the format {format} states its own"
         raise InputError(path, f"setting {key}", repr(given[key]), expected)
     imported = recording.read(path) if format == OWN_FORMAT else _imported(path, format, taken)
-    return imported if order is None or "order" in taken else _in_order(path, imported, order)
+    if order is not None and "order" not in taken:
+        imported = _in_order(path, imported, order)
+    if given:
+        told = ", ".join(f"{key} {value}" for key, value in given.items())
+        imported.metadata["source"] += f" (as told: {told})"
+    return imported
 
 
 def _imported(path: Path, format: str, taken: dict[str, str]) -> Recording:
@@ -104,9 +109,7 @@ def _in_order(path: Path, imported: Recording, order: str) -> Recording:
     """The recording, its readings taken as standing in another order: they stay as they are read,
     one after the other, and the channels change."""
     channels = in_order(path, order, imported.channels, imported.n_electrodes)
-    source = f"{imported.metadata['source']} (readings taken in the order {order})"
-    metadata = imported.metadata | {"channels": channels.tolist(), "source": source}
-    return replace(imported, metadata=metadata)
+    return replace(imported, metadata=imported.metadata | {"channels": channels.tolist()})
 
 
 def _detect(path: Path) -> str:

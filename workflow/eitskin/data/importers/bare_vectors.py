@@ -4,8 +4,9 @@ Pairs are steps round the ring: drive k is (k, k + step), measurement j is u[j] 
 with `-reversed` after its name u[j + step] - u[j]. A frame of n electrodes then has a number for
 each drive and measurement (n n, among them those at driven electrodes, which hold no measurement
 and are left out) or for those away from the drive alone: n (n - 3) where both are adjacent, mostly
-n (n - 4) else. They stand drive by drive, j ascending from electrode 0 (EIDORS `no_rotate_meas`,
-pyEIT `std`), unless an order of `channel_order` is named.
+n (n - 4) else; or, of those, for the first of every two that reciprocity makes alike (EIDORS
+`no_redundant`: 104 of 16 electrodes). They stand drive by drive, j ascending from electrode 0
+(EIDORS `no_rotate_meas`, pyEIT `std`), unless an order of `channel_order` is named.
 """
 
 from dataclasses import dataclass
@@ -20,11 +21,12 @@ from eitskin.data.importers.description import describe, swap_measured
 from eitskin.data.recording import MOST_ELECTRODES, Recording, frames_table
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
-from eitskin.physics.protocol import every_channel, undriven
+from eitskin.physics.protocol import every_channel, reciprocal_channels, undriven
 
 REVERSED = "-reversed"
 FEWEST_GUESSED = 8  # fewer electrodes must be stated: 16 numbers may be a frame or a column
 ENOUGH_FRAMES = 20  # to see whether reciprocity holds
+ONCE_GUESSED = (16, 32)  # among all rings, half of some has as many readings as another
 MOST_TOUCHED = 4  # measured pairs of a drive that touch one of its two electrodes
 UNTOUCHED = "no touches are said: taken for untouched"
 
@@ -70,27 +72,35 @@ def stepped(
 ) -> Layout:
     """The layout of frames of `width` numbers, pairs being steps.
 
-    The number of electrodes follows from the width where it is not given. Raises InputError where
-    none fits.
+    The number of electrodes follows from the width where it is not given; readings that stand once
+    are told then of 16 and 32 electrodes alone. Raises InputError where none fits.
     """
-    first = max(FEWEST_GUESSED, isqrt(width))
-    guesses = range(first, first + MOST_TOUCHED + 1) if n_electrodes is None else [n_electrodes]
     sizes, refusal = [], None
-    for n in guesses:
+    least = max(FEWEST_GUESSED, isqrt(width))
+    guesses = [*range(least, least + MOST_TOUCHED + 1), *ONCE_GUESSED]
+    for n in guesses if n_electrodes is None else [n_electrodes]:
         try:
-            channels = pairs(file, n, drive, measure)
+            every = pairs(file, n, drive, measure)
         except InputError as error:  # opposite pairs of an odd ring, a step round a small one
             refusal = error
             continue
-        free = undriven(channels)
-        sizes.append(f"{free.sum()} or {n * n} of {n} electrodes")
-        if width in (free.sum(), n * n) and free.any():
-            channels = channels if width == n * n else channels[free]
-            return _kept(n, in_order(file, order, channels, n) if order else channels)
+        tables = [every, every[undriven(every)]]
+        if n_electrodes is not None or n in ONCE_GUESSED:
+            tables.append(_once(tables[1]))
+        sizes.append(f"{' or '.join(str(len(one)) for one in tables[::-1])} of {n} electrodes")
+        for channels in tables:
+            if width == len(channels) and undriven(channels).any():
+                return _kept(n, in_order(file, order, channels, n) if order else channels)
     if refusal and not sizes:
         raise refusal
-    expected = f"{', '.join(sizes)} for drive {drive!r}, measure {measure!r}"
+    expected = f"{', '.join(dict.fromkeys(sizes))} for drive {drive!r}, measure {measure!r}"
     raise InputError(file, "numbers a frame", width, expected)
+
+
+def _once(channels: np.ndarray) -> np.ndarray:
+    """Of channels that reciprocity makes alike the first."""
+    alike, _ = reciprocal_channels(channels)
+    return np.delete(channels, alike[:, 1], axis=0)
 
 
 def listed(

@@ -83,8 +83,9 @@ def _column(path: Path, name: str, column: object, width: int) -> int:
 
 def _from_numpy(path: Path, columns: dict) -> Table:
     try:
-        content = np.load(path, allow_pickle=False)
-        arrays = dict(content) if hasattr(content, "files") else {"": content}
+        with path.open("rb") as stream:
+            content = np.load(stream, allow_pickle=False)
+            arrays = dict(content) if hasattr(content, "files") else {"": content}
     except Exception as error:  # numpy raises whatever a damaged file leads it to
         found = "a damaged or cut file, or one of objects"
         raise InputError(path, "file", found, "arrays of numbers, .npy or .npz") from error
