@@ -413,6 +413,14 @@ def test_a_broken_text_is_refused(write, name):
     refused(write(content, ADJACENT), match)
 
 
+@pytest.mark.parametrize("name", ["no text", "UTF-16 unmarked", "nothing", "columns counted"])
+def test_a_broken_text_is_refused_without_a_description_too(write, name):
+    content, match = BROKEN[name]
+    refused(write(content), match)
+    if name != "columns counted":
+        refused(write(content, None, "skin.dat"), "none that is known")
+
+
 def test_broken_arrays_are_refused(write, tmp_path):
     path = write(frames(), ADJACENT, "skin.npy")
     whole = path.read_bytes()

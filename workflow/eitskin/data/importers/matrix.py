@@ -37,6 +37,7 @@ from eitskin.physics.geometry import even_angles
 
 LEFT_OPEN = ("order", "drive", "measure")
 TRUE, FALSE = ("1", "1.0", "true", "yes"), ("0", "0.0", "false", "no")
+NAMED_SO = (".csv", ".tsv")
 LEAST_COLUMNS = 8  # of what is called a matrix without a description
 
 
@@ -52,13 +53,14 @@ def matches(path: Path) -> bool:
 
 
 def refusal(path: Path) -> InputError | None:
-    """Of a matrix without a description: which one to write beside it."""
+    """Of a matrix without a description: which one to write beside it; of what is named as a table
+    and is none, why."""
     if not path.is_file():
         return None
     try:
         shape = matrix_table.read(path, {}).readings.shape
     except InputError as error:
-        return error if is_numpy(path) else None
+        return error if is_numpy(path) or path.suffix.lower() in NAMED_SO else None
     rows, width = shape
     wide = width >= LEAST_COLUMNS or is_numpy(path) or example(path, rows) is not None
     return undescribed(path, shape) if wide else None

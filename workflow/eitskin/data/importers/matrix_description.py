@@ -62,7 +62,11 @@ def undescribed(path: Path, shape: tuple[int, int]) -> InputError:
     found = f"no {beside(path).name} that says what its {width} columns read"
     copied = example(path, width)
     if copied is not None:
-        return InputError(path, "description", found, f"it beside the file, for example {copied}")
+        expected = (
+            "it beside the file (or --format matrix with --drive and --measure), for example "
+            f"{copied}"
+        )
+        return InputError(path, "description", found, expected)
     if example(path, rows) is not None:
         expected = f"a frame a row: its {rows} rows look like readings, its columns like frames"
         return InputError(path, "matrix", f"{rows} rows of {width} numbers", expected)
