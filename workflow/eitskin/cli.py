@@ -59,6 +59,10 @@ def _add_source(command: argparse.ArgumentParser) -> None:
     formats = f"by default told by its content; {', '.join(importers.known())}"
     command.add_argument("file", help="a recording in any known format")
     command.add_argument("--format", help=formats)
+    steps = "adjacent, opposite or skip-<n>"
+    command.add_argument("--order", help="the order of the readings, as check names it")
+    command.add_argument("--drive", help=f"the pairs that drive: {steps}")
+    command.add_argument("--measure", help=f"the pairs measured: {steps}, or one with -reversed")
     command.add_argument("--skin", help="YAML: what you know of the skin beside what the file says")
 
 
@@ -69,9 +73,11 @@ def _add_anyway(command: argparse.ArgumentParser) -> None:
 
 
 def _load(arguments: argparse.Namespace) -> Recording:
-    """The recording, with what its owner states of the skin."""
+    """The recording, with what its owner states of its channels and of the skin."""
+    protocol = arguments.order, arguments.drive, arguments.measure
     said = {} if arguments.skin is None else stated.read(arguments.skin)
-    return stated.apply(said, importers.load(arguments.file, arguments.format), arguments.skin)
+    loaded = importers.load(arguments.file, arguments.format, *protocol)
+    return stated.apply(said, loaded, arguments.skin)
 
 
 def _checked(recorded: Recording, arguments: argparse.Namespace) -> check.Check | None:

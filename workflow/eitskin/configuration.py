@@ -12,6 +12,7 @@ from referencing import Registry, Resource
 
 from eitskin import yaml_file
 from eitskin.data import importers, stated
+from eitskin.data.channel_order import ORDERS
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import START, Effect
 from eitskin.effects.settings import settings, site_counts
@@ -69,7 +70,7 @@ def validate(config: dict, schema_path: str | Path, files: Iterable[str | Path])
 
 def schema(path: str | Path) -> dict:
     """The schema in a file, with the names that the code knows: effects with their parameters,
-    formats of recordings, models."""
+    formats and orders of recordings, models."""
     found = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     effect, model = found["$defs"]["effect"], found["$defs"]["models"]["items"]
     recording = found["properties"]["recordings"]["additionalProperties"]
@@ -83,6 +84,7 @@ def schema(path: str | Path) -> dict:
     ]
     recording["properties"]["format"]["enum"] = importers.known()
     recording["properties"]["skin"]["propertyNames"] = {"enum": list(stated.KEYS)}
+    recording["properties"]["order"]["enum"] = list(ORDERS)
     model["enum"] = models.names()
     return found
 

@@ -54,7 +54,10 @@ rule import_recording:
         mem_mb=2000,
         runtime=10,
     params:
-        format=lookup(dpath="recordings/{recording}/format", within=config, default=None),
+        read_as=lambda wildcards: {
+            key: config["recordings"][wildcards.recording].get(key)
+            for key in ("format", "order", "drive", "measure")
+        },
         skin=lookup(dpath="recordings/{recording}/skin", within=config, default=None),
         code=fingerprint("import_recording", IMPORTERS),
     message:

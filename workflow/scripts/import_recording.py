@@ -4,6 +4,6 @@ from eitskin.data import importers, recording, stated
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):
-    imported = importers.load(snakemake.input[0], snakemake.params.format)
+    imported = importers.load(snakemake.input[0], **snakemake.params.read_as)
     told = stated.apply(snakemake.params.skin or {}, imported, "recordings, skin")
     recording.write(told, snakemake.output[0])

@@ -70,7 +70,7 @@ def test_the_order_relative_to_the_drive_is_among_them():
     relative = [
         [k, (k + 1) % 16, (k + 2 + i) % 16, (k + 3 + i) % 16] for k in range(16) for i in range(13)
     ]
-    name = "drive by drive, plus electrodes ascending from the slow pair's own electrode"
+    name = "drive-plus-ascending-own"
     assert channels[known_orders(channels, 16)[name]].tolist() == relative
 
 

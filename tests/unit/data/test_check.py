@@ -10,7 +10,7 @@ from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
 from shared_data import shared_data
 
-FROM_OWN = "drive by drive, plus electrodes ascending from the slow pair's own electrode"
+FROM_OWN = "drive-plus-ascending-own"
 
 
 def topics(made, severity):

@@ -28,7 +28,7 @@ def test_check_prints_and_ends_with_0(path, capsys):
 def test_check_names_a_wrong_order_and_ends_with_2(make_recording, path, capsys):
     made = make_recording()
     name, order = next(
-        item for item in known_orders(made.channels, 16).items() if "own electrode" in item[0]
+        item for item in known_orders(made.channels, 16).items() if item[0].endswith("own")
     )
     made.voltage = np.ascontiguousarray(made.voltage[:, order])
     recording.write(made, path)

@@ -11,6 +11,7 @@ import yaml
 
 from eitskin.configuration import schema, validate
 from eitskin.data import importers
+from eitskin.data.channel_order import ORDERS
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from eitskin.learn import models
@@ -370,6 +371,7 @@ def test_the_schema_s_names_are_those_that_the_code_has():
             ("properties", "recordings", "additionalProperties", "properties", "format"),
             importers.known(),
         ),
+        (("properties", "recordings", "additionalProperties", "properties", "order"), ORDERS),
     ):
         before, after = (functools.reduce(dict.get, place, node) for node in (written, rules))
         assert "enum" not in before and after["enum"] == list(names)

@@ -8,9 +8,11 @@ changes little (an even skin). A table that is wrong breaks them at once.
 
 import itertools
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from eitskin.errors import InputError
 from eitskin.physics.protocol import reciprocal_channels
 
 LEAST_RECIPROCAL = 0.25
@@ -89,33 +91,84 @@ def _partners(channels: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.
     return np.array(pairs, dtype=int).reshape(-1, 2), np.array(signs)
 
 
-def known_orders(channels: np.ndarray, n_electrodes: int) -> dict[str, np.ndarray]:
-    """Other orders in which the same channels are commonly read, by name.
+@dataclass(frozen=True)
+class KnownOrder:
+    """An order in which channels are commonly read: drive by drive or measurement by measurement,
+    either ascending or descending (`slow_reversed`); within it by one `end` of the other pair,
+    ascending or `descending`, counted from electrode 0 (pyEIT `std`) or from the slow pair's own
+    electrode onwards (`own`; pyEIT `fmmu`, EIDORS `rotate_meas`)."""
 
-    Each is a permutation (M,): reading i belongs to channel permutation[i]. Drive by drive or
-    measurement by measurement, either ascending or descending; within it ascending or descending,
-    counted from electrode 0 (pyEIT `std`) or from the first pair's own electrode onwards (pyEIT
-    `fmmu`, EIDORS `rotate_meas`). Orders that equal the table's own are left out.
+    slow: str
+    slow_reversed: bool
+    end: str
+    own: bool
+    descending: bool
+
+    @property
+    def name(self) -> str:
+        """What a person types: `drive-plus-ascending-own`."""
+        parts = [
+            self.slow,
+            "reversed" * self.slow_reversed,
+            self.end,
+            "descending" if self.descending else "ascending",
+            "own" * self.own,
+        ]
+        return "-".join(part for part in parts if part)
+
+    @property
+    def sentence(self) -> str:
+        """What a person reads."""
+        turn = " (descending)" if self.slow_reversed else ""
+        run = "descending" if self.descending else "ascending"
+        start = "the slow pair's own electrode" if self.own else "electrode 0"
+        return f"{self.slow} by {self.slow}{turn}, {self.end} electrodes {run} from {start}"
+
+    def permutation(self, channels: np.ndarray, n_electrodes: int) -> np.ndarray:
+        """(M,): reading i belongs to channel permutation[i]."""
+        slow = channels[:, ENDS.index(SLOW[self.slow][0])]
+        fast = channels[:, ENDS.index(self.end)]
+        key = (fast - slow) % n_electrodes if self.own else fast
+        key, slow = (-key if self.descending else key), (-slow if self.slow_reversed else slow)
+        return np.lexsort((key, slow))
+
+
+ENDS = ("source", "sink", "plus", "minus")
+SLOW = {"drive": ("source", ("plus", "minus")), "measurement": ("plus", ("source", "sink"))}
+ORDERS = {
+    order.name: order
+    for slow, slow_reversed in itertools.product(SLOW, (False, True))
+    for order in (
+        KnownOrder(slow, slow_reversed, *rest)
+        for rest in itertools.product(SLOW[slow][1], (False, True), (False, True))
+    )
+}
+
+
+def known_orders(channels: np.ndarray, n_electrodes: int) -> dict[str, np.ndarray]:
+    """Other orders in which the same channels are commonly read, by the names of ORDERS.
+
+    Each is a permutation (M,): reading i belongs to channel permutation[i]. Of orders that are the
+    same for these channels the first counts; those that equal the table's own are left out.
     """
-    source, sink, plus, minus = channels.T
-    majors = {
-        "drive by drive": (source, {"plus": plus, "minus": minus}),
-        "measurement by measurement": (plus, {"source": source, "sink": sink}),
-    }
     orders: dict[str, np.ndarray] = {}
     seen = {tuple(range(len(channels)))}
-    for (major, (slow, fasts)), slow_sign in itertools.product(majors.items(), (1, -1)):
-        for (end, fast), from_own, sign in itertools.product(fasts.items(), (0, 1), (1, -1)):
-            key = (fast - slow) % n_electrodes if from_own else fast
-            permutation = np.lexsort((sign * key, slow_sign * slow))
-            if tuple(permutation) in seen:
-                continue
+    for name, order in ORDERS.items():
+        permutation = order.permutation(channels, n_electrodes)
+        if tuple(permutation) not in seen:
             seen.add(tuple(permutation))
-            turn = "" if slow_sign == 1 else " (descending)"
-            run = "ascending" if sign == 1 else "descending"
-            start = "the slow pair's own electrode" if from_own else "electrode 0"
-            orders[f"{major}{turn}, {end} electrodes {run} from {start}"] = permutation
+            orders[name] = permutation
     return orders
+
+
+def in_order(file: str | Path, name: str, channels: np.ndarray, n_electrodes: int) -> np.ndarray:
+    """(M, 4): the channels to which readings belong that stand in the order `name`.
+
+    Raises InputError for a name that ORDERS has not.
+    """
+    if name not in ORDERS:
+        raise InputError(file, "order", repr(name), f"one of {', '.join(ORDERS)}")
+    return channels[ORDERS[name].permutation(channels, n_electrodes)]
 
 
 def reordered(readings: np.ndarray, permutation: np.ndarray) -> np.ndarray:

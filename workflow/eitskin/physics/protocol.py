@@ -50,18 +50,28 @@ def channel_table(
                 expected = f"two pairs of different electrodes, 0 to {n - 1}"
                 raise InputError("protocol", f"channels[{k}]", channels[k], expected)
         return np.array(channels, dtype=int)
-    drive_step, measure_step = pattern_step(drive, n), pattern_step(measure, n)
-    rows = []
-    for source in range(n):
-        driven = {source, (source + drive_step) % n}
-        for plus in range(n):
-            minus = (plus + measure_step) % n
-            if not driven & {plus, minus}:
-                rows.append((source, (source + drive_step) % n, plus, minus))
-    if not rows:
+    rows = every_channel(n, drive, measure)
+    rows = rows[undriven(rows)]
+    if not len(rows):
         found = f"no channel is left with {drive} drive and {measure} measurement"
         raise InputError("protocol", "drive, measure", found, f"other pairs of {n} electrodes")
-    return np.array(rows, dtype=int)
+    return rows
+
+
+def every_channel(n_electrodes: int, drive: str, measure: str) -> np.ndarray:
+    """(n n, 4): as `channel_table`, with the pairs that touch a driven electrode.
+
+    Raises InputError for an unknown pattern.
+    """
+    n = n_electrodes
+    drive_step, measure_step = pattern_step(drive, n), pattern_step(measure, n)
+    source, plus = (index.ravel() for index in np.indices((n, n)))
+    return np.stack([source, (source + drive_step) % n, plus, (plus + measure_step) % n], axis=1)
+
+
+def undriven(channels: np.ndarray) -> np.ndarray:
+    """(M,) bool: whether neither measured electrode is driven, of channels (M, 4)."""
+    return ~(channels[:, :2, None] == channels[:, None, 2:]).any(axis=(1, 2))
 
 
 def reciprocal_channels(channels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -68,6 +68,17 @@ def pattern(recording: Recording, first: int) -> str:
     return names.get(step, f"skip-{step - 1}")
 
 
+def turned_pairs(recording: Recording) -> str | None:
+    """The name, for the setting `measure`, of the measured pairs with plus and minus exchanged;
+    None where they have no one pattern."""
+    name = pattern(recording, 2)
+    plus, minus = recording.channels[:, 2:].T
+    backwards = (minus - plus) % recording.n_electrodes > recording.n_electrodes / 2
+    if name == "mixed" or backwards.any() != backwards.all():
+        return None
+    return name if backwards.all() else f"{name}-reversed"
+
+
 @dataclass(frozen=True)
 class Repeated:
     """Rows of the channel table that repeat an earlier one, and their share of all."""

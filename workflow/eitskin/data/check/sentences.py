@@ -4,7 +4,7 @@ findings.
 
 import numpy as np
 
-from eitskin.data.channel_order import Misfit
+from eitskin.data.channel_order import ORDERS, Misfit
 from eitskin.data.check import measures, wiring
 from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Finding
 from eitskin.data.check.missing import HOLD_S, missing
@@ -294,8 +294,9 @@ def channel_order(recording: Recording) -> list[Finding]:
     if order.is_wrong:
         others = f" ({len(names) - 1} more orders fit alike)" if len(names) > 1 else ""
         sentence = (
-            f"wrong channel order: {_in_words(order.own)}; read as '{names[0]}' the misfit is "
-            f"{best:.2g} instead of {overall:.2f}{others}."
+            f"wrong channel order: {_in_words(order.own)}; read as '{ORDERS[names[0]].sentence}' "
+            f"the misfit is {best:.2g} instead of {overall:.2f}{others}. To read it so: --order "
+            f"{names[0]} (in config.yaml order: {names[0]})."
         )
     elif order.severity == FACT:
         sentence = f"as the table says: {_in_words(order.own)}."
@@ -339,6 +340,9 @@ def polarity(recording: Recording) -> list[Finding]:
         f"wrong channel table: the readings correlate by {alike:.2f} with a homogeneous "
         "disc's; plus and minus (or source and sink) are exchanged."
     )
+    turned = measures.turned_pairs(recording)
+    if turned is not None:
+        sentence += f" Where the format leaves the measured pairs open: --measure {turned}."
     return [Finding("polarity", ERROR, sentence, alike)]
 
 

@@ -2,12 +2,16 @@
 
 A format is a module of its name with `matches(path) -> bool`, by content, `load(path) -> Recording`
 and, where that reads more than one file, `files(path) -> list[Path]`; FORMATS has a line for each.
+`LEFT_OPEN` names the settings that its files do not state and `load` takes (`order`, `drive`,
+`measure`); `refusal(path) -> InputError | None` says what a file lacks to be one of the format.
 """
 
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
 from eitskin.data import recording
+from eitskin.data.channel_order import in_order
 from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 
@@ -15,12 +19,17 @@ OWN_FORMAT = "eit-recording"
 FORMATS = {
     name: import_module(f"{__name__}.{name.replace('-', '_')}")
     for name in (  # in the order in which a file's content is tried
+        "matrix",  # by a description beside the file, whatever that is
         "logger-csv",
         "hydrogel-skin",
         "iirc-tank",
+        "ktc-mat",
+        "eidors-mat",  # any other of MATLAB
         "pyeidors-tank",
         "lct-tank",
         "patterned-skin",
+        "sciospec-eit",
+        "draeger-get",
     )
 }
 
@@ -47,10 +56,19 @@ def files(path: str | Path, format: str | None = None) -> list[Path]:
     return list(dict.fromkeys([path, *more]))
 
 
-def load(path: str | Path, format: str | None = None) -> Recording:
+def load(
+    path: str | Path,
+    format: str | None = None,
+    order: str | None = None,
+    drive: str | None = None,
+    measure: str | None = None,
+) -> Recording:
     """Read a recording of any known format, told by its content unless `format` names it.
 
-    Raises InputError for a file that is not there, of no known format or not as its format has it.
+    `order` takes its readings as standing in that one of `channel_order.ORDERS`; `drive` and
+    `measure` name the pairs where the format's files do not. Raises InputError for a file that is
+    not there, of no known format or not as its format has it, and for a setting that the format
+    states itself.
     """
     path = Path(path)
     if format is not None and format not in known():
@@ -59,16 +77,39 @@ def load(path: str | Path, format: str | None = None) -> Recording:
         raise InputError(path, "file", "no such file", f"a recording: {', '.join(known())}")
     if format is None:
         format = _detect(path)
-    if format == OWN_FORMAT:
-        return recording.read(path)
+    given = {"order": order, "drive": drive, "measure": measure}
+    given = {key: value for key, value in given.items() if value is not None}
+    taken = {
+        key: given[key] for key in getattr(FORMATS.get(format), "LEFT_OPEN", ()) if key in given
+    }
+    for key in (key for key in given if key not in taken and key != "order"):
+        expected = f"none: the format {format} states its own"
+        raise InputError(path, f"setting {key}", repr(given[key]), expected)
+    imported = recording.read(path) if format == OWN_FORMAT else _imported(path, format, taken)
+    if order is not None and "order" not in taken:
+        imported = _in_order(path, imported, order)
+    if given:
+        told = ", ".join(f"{key} {value}" for key, value in given.items())
+        imported.metadata["source"] += f" (as told: {told})"
+    return imported
+
+
+def _imported(path: Path, format: str, taken: dict[str, str]) -> Recording:
     try:
-        imported = FORMATS[format].load(path)
+        imported = FORMATS[format].load(path, **taken)
     except OSError as error:
         raise InputError(path, "file", error.strerror, f"one of the format {format}") from error
     except UnicodeDecodeError as error:
         raise InputError(path, "file", "bytes that are no text", f"the format {format}") from error
     recording.validate(imported, path)
     return imported
+
+
+def _in_order(path: Path, imported: Recording, order: str) -> Recording:
+    """The recording, its readings taken as standing in another order: they stay as they are read,
+    one after the other, and the channels change."""
+    channels = in_order(path, order, imported.channels, imported.n_electrodes)
+    return replace(imported, metadata=imported.metadata | {"channels": channels.tolist()})
 
 
 def _detect(path: Path) -> str:
@@ -79,4 +120,8 @@ def _detect(path: Path) -> str:
     for name, module in FORMATS.items():
         if module.matches(path):
             return name
+    for module in FORMATS.values():
+        refusal = module.refusal(path) if hasattr(module, "refusal") else None
+        if refusal is not None:
+            raise refusal
     raise InputError(path, "format", "none that is known", f"one of {', '.join(known())}")

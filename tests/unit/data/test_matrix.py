@@ -1,0 +1,443 @@
+"""Plain matrices with a description beside them, and what is said where there is none."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eitskin.data import check, importers, recording
+from eitskin.data.channel_order import ORDERS, in_order
+from eitskin.errors import InputError
+from eitskin.physics.protocol import channel_table, every_channel
+from homogeneous_skin import PHASE, readings
+
+ADJACENT = {"drive": "adjacent", "measurement": "adjacent"}
+
+
+def frames(count=3, n=8, order=None):
+    """(count, n (n - 3)) of an even skin, adjacent pairs."""
+    channels = channel_table(n)
+    channels = channels if order is None else in_order("file", order, channels, n)
+    return np.linspace(1.0, 1.1, count)[:, None] * readings(channels, n)
+
+
+def lines(table, separator=",", comma=False, names=None):
+    rows = [separator.join(map(repr, row)) for row in np.asarray(table, dtype=float).tolist()]
+    rows = [row.replace(".", ",") for row in rows] if comma else rows
+    return "\n".join(([separator.join(names)] if names else []) + rows) + "\n"
+
+
+@pytest.fixture
+def write(tmp_path):
+    """A function that writes a file and, where it is given, its description."""
+
+    def write_(content, said=None, name="skin.csv", encoding="utf-8"):
+        path = tmp_path / name
+        if isinstance(content, dict):
+            np.savez(path, **content)
+        elif isinstance(content, np.ndarray):
+            np.save(path, content)
+        else:
+            path.write_bytes(content if isinstance(content, bytes) else content.encode(encoding))
+        path.with_suffix(".yaml").unlink(missing_ok=True)
+        if said is not None:
+            text = said if isinstance(said, str) else yaml.safe_dump(said)
+            path.with_suffix(".yaml").write_text(text, encoding="utf-8")
+        return path
+
+    return write_
+
+
+def refused(path, match, **given):
+    with pytest.raises(InputError, match=match) as caught:
+        importers.load(path, **given)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+# --- the same numbers in every dress
+
+DRESSES = {
+    "commas": lambda v: (lines(v), "skin.csv", "utf-8"),
+    "a mark": lambda v: ("\ufeff" + lines(v), "skin.csv", "utf-8"),
+    "Windows": lambda v: (lines(v).replace("\n", "\r\n"), "skin.csv", "utf-8"),
+    "tabs": lambda v: (lines(v, "\t"), "skin.tsv", "utf-8"),
+    "spaces": lambda v: ("# made by numpy\n" + lines(v, " "), "skin.txt", "utf-8"),
+    "semicolons": lambda v: (lines(v, ";"), "skin.csv", "utf-8"),
+    "decimal commas": lambda v: (lines(v, ";", comma=True), "skin.csv", "utf-8"),
+    "decimal commas and tabs": lambda v: (lines(v, "\t", comma=True), "skin.csv", "utf-8"),
+    "UTF-16": lambda v: (lines(v), "skin.csv", "utf-16"),
+    "named": lambda v: (lines(v, names=[f"v{k}" for k in range(len(v[0]))]), "skin.csv", "utf-8"),
+    "trailing": lambda v: (lines(v).replace("\n", ",\n"), "skin.csv", "utf-8"),
+    "npy": lambda v: (v, "skin.npy", None),
+    "npz": lambda v: ({"anything": v}, "skin.npz", None),
+}
+
+
+@pytest.mark.parametrize("dress", DRESSES)
+def test_the_same_numbers_in_every_dress(write, dress):
+    content, name, encoding = DRESSES[dress](frames())
+    made = importers.load(write(content, ADJACENT, name, encoding))
+    np.testing.assert_array_equal(made.voltage, frames())
+    np.testing.assert_array_equal(made.channels, channel_table(8))
+    assert made.metadata["clock"] == "index" and "taken for untouched" in made.metadata["source"]
+    assert check.check(made).ok
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    n=st.sampled_from([8, 12]),
+    drive=st.sampled_from(["adjacent", "opposite", "skip-2"]),
+    measure=st.sampled_from(["adjacent", "skip-1", "adjacent-reversed"]),
+    order=st.sampled_from([None, *ORDERS]),
+    whole=st.booleans(),
+    phase=st.sampled_from([1.0, PHASE]),
+)
+def test_any_protocol_comes_back(tmp_path_factory, n, drive, measure, order, whole, phase):
+    path = tmp_path_factory.mktemp("matrix") / "skin.npy"
+    base = measure.removesuffix("-reversed")
+    channels = every_channel(n, drive, base) if whole else channel_table(n, drive, base)
+    channels = channels[:, [0, 1, 3, 2]] if measure.endswith("-reversed") else channels
+    channels = channels if order is None else in_order("file", order, channels, n)
+    np.save(path, phase * readings(channels, n)[None])
+    said = {"drive": drive, "measurement": measure} | ({"order": order} if order else {})
+    path.with_suffix(".yaml").write_text(yaml.safe_dump(said))
+    made = importers.load(path)
+    free = [not set(row[:2]) & set(row[2:]) for row in channels.tolist()]
+    np.testing.assert_array_equal(made.channels, channels[free])
+    expected = phase * readings(channels, n)[free]
+    read = made.voltage if made.quadrature is None else made.voltage + 1j * made.quadrature
+    np.testing.assert_allclose(read[0], expected, rtol=1e-12)
+    assert not check.check(made).about("polarity")
+    assert all(one.severity != check.ERROR for one in check.check(made).about("order"))
+
+
+def test_channels_may_be_listed(write):
+    table = channel_table(8, "skip-2", "skip-1")[::3]
+    said = {"electrodes": 8, "measurement": table.tolist()}
+    made = importers.load(write(readings(table, 8)[None], said, "skin.npy"))
+    np.testing.assert_array_equal(made.channels, table)
+    path = write(readings(table, 8)[None], said | {"drive": "adjacent"}, "skin.npy")
+    refused(path, "key drive: found 'adjacent' beside a list of channels")
+    path = write(readings(table, 8)[None], {"measurement": table[1:].tolist()}, "skin.npy")
+    refused(path, f"{len(table) - 1} channels, expected {len(table)}, one a number")
+
+
+# --- the description
+
+
+def test_what_the_description_says_is_the_recordings(write):
+    said = {
+        **ADJACENT,
+        "electrodes": 8,
+        "voltage": "magnitude",
+        "unit": "ohm",
+        "values": "absolute",
+        "position_frame": "robot",
+        "rate_Hz": 20,
+        "frame_s": 0.04,
+        "source": "bench 3",
+        "skin": {"radius_mm": 60.0, "electrode_width_mm": 4, "electrode_z_mm": 2.0},
+    }
+    made = importers.load(write(np.abs(frames()), said, "skin.npy"))
+    metadata = made.metadata
+    assert [metadata[key] for key in ("voltage", "unit", "clock", "position_frame", "frame_s")] == [
+        "magnitude",
+        "ohm",
+        "measured",
+        "robot",
+        0.04,
+    ]
+    np.testing.assert_allclose(made.frames["time_s"], [0.0, 0.05, 0.1])
+    assert made.skin.radius_mm == 60.0 and made.skin.electrode_z_mm == 2.0
+    assert made.skin.thickness_mm is None and len(made.skin.electrode_deg) == 8
+    assert metadata["source"].startswith("bench 3 (matrix skin.npy; no touches are said")
+
+
+MISTAKES = {
+    "drives: adjacent\nmeasurement: adjacent": r"skin\.yaml: key drives: found an unknown key, ex",
+    "drive: adjacent\nmeasurement: 3": "key measurement: found 3",
+    "drive: adjacent\nmeasurement: adjacent\nunit: mV": "key unit: found "mV", expected "V" or "ohm"",
+    "drive: adjacent\nmeasurement: adjacent\nrate_Hz: 0": "key rate_Hz: found 0",
+    "drive: adjacent\nmeasurement: adjacent\nclock: measured": "rate_Hz, or a label time_s",
+    "drive: adjacent\nmeasurement: adjacent\nelectrodes: 16": "found 40, expected 104 or 208 or",
+    "drive: adjacent\nmeasurement: adjacent\nelectrodes: many": "key electrodes: found 'many'",
+    "drive: adjacent\nmeasurement: adjacent\norder: up": "order: found 'up', expected one of",
+    "drive: adjacent\nmeasurement: adjacent\nskin: {radius: 3}": "skin.radius: found an unkn",
+    "drive: adjacent\nmeasurement: adjacent\nskin: round": "key skin: found 'round'",
+    "drive: adjacent\nmeasurement: adjacent\nskin: {electrode_deg: [0, 9]}": "found 2 angles",
+    "drive: adjacent\nmeasurement: adjacent\nvoltage: magnitude": "magnitudes, 0 or more",
+    "drive: adjacent\nmeasurement: adjacent\nframe_s: long": "key frame_s",
+    "drive: [1]\nmeasurement: adjacent": r"key drive: found \[1\], expected a word",
+    "measurement: adjacent": "key drive: found nothing",
+    "drive: adjacent": r"no skin\.yaml that says what its 40 columns read",
+    "drive: {adjacent": "expected YAML",
+    "- adjacent": "found a list, expected a mapping",
+    "drive: adjacent\nmeasurement: adjacent\nlabels: 3": "key labels: found 3",
+    "drive: adjacent\nmeasurement: adjacent\nlabels: absent.csv": "no file 'absent.csv'",
+    "drive: adjacent\nmeasurement: adjacent\nlabels: {z: 3}": r"labels\.z: found an unknown label",
+    "drive: adjacent\nmeasurement: adjacent\nlabels: {x_mm: 90}": "labels.x_mm: found 90",
+}
+
+
+@pytest.mark.parametrize("said", MISTAKES)
+@pytest.mark.parametrize("name", ["skin.csv", "skin.npy"])
+def test_a_mistake_in_the_description_is_one_line(write, said, name):
+    content = lines(frames()) if name == "skin.csv" else frames()
+    refused(write(content, said, name), MISTAKES[said])
+
+
+def test_pairs_may_come_from_the_caller(write):
+    path = write(frames(), None, "skin.npy")
+    given = {"drive": "adjacent", "measure": "adjacent"}
+    made = importers.load(path, "matrix", **given)
+    np.testing.assert_array_equal(made.channels, channel_table(8))
+    path = write(frames(), {"electrodes": 8, "unit": "V"}, "skin.npy")
+    assert importers.load(path, **given).metadata["unit"] == "V"
+    path = write(frames(), ADJACENT, "skin.npy")
+    refused(path, r"skin\.yaml: key drive: found 'adjacent' from outside as well", **given)
+
+
+# --- without a description
+
+
+@pytest.mark.parametrize(
+    ("width", "table"),
+    [
+        (208, channel_table(16)),
+        (40, channel_table(8)),
+        (104, channel_table(16)[channel_table(16)[:, 0] < channel_table(16)[:, 2]]),
+        (192, channel_table(16, "opposite")),
+        (32, channel_table(8, "opposite")),
+    ],
+)
+@pytest.mark.parametrize("name", ["skin.csv", "skin.npy"])
+def test_the_example_in_the_message_can_be_copied(write, width, table, name):
+    values = np.random.default_rng(0).normal(size=(3, width))
+    content = lines(values) if name == "skin.csv" else values
+    message = refused(write(content, None, name), f"no skin.yaml that says what its {width} col")
+    example = message.split("for example ")[1]
+    made = importers.load(write(content, example, name))
+    np.testing.assert_array_equal(made.channels, table)
+
+
+def test_widths_of_no_known_protocol_ask_for_a_list(write):
+    values = np.ones((2, 120))
+    refused(write(values, None, "skin.npy"), "one for every two of 16 electrodes is no four-elec")
+    refused(write(lines(values[:, :77])), r"77 channels in the columns' order")
+
+
+def test_channels_x_frames_are_told_to_be_turned(write):
+    for content, name in ((lines(frames().T), "skin.csv"), (frames(9).T, "skin.npy")):
+        width = 3 if name == "skin.csv" else 9
+        refused(write(content, None, name), f"40 rows of {width} numbers, expected a frame a row")
+
+
+@pytest.mark.parametrize("name", ["skin.txt", "skin.npy"])
+def test_one_column_is_one_frame(write, name):
+    content = frames(1)[0] if name == "skin.npy" else lines(frames(1).T)
+    made = importers.load(write(content, ADJACENT, name))
+    np.testing.assert_array_equal(made.voltage, frames(1))
+    refused(write(content, None, name), "its 40 columns read, .*{electrodes: 8, drive: adj")
+
+
+def test_a_whole_matrix_needs_no_other_example(write):
+    values = readings(every_channel(16, "adjacent", "adjacent"), 16)[None]
+    message = refused(write(values, None, "skin.npy"), "its 256 columns")
+    made = importers.load(write(values, message.split("for example ")[1], "skin.npy"))
+    assert made.voltage.shape == (1, 208) and "48 numbers a frame at" in made.metadata["source"]
+    turned = in_order("", "drive-plus-ascending-own", every_channel(16, *ADJACENT.values()), 16)
+    path = write(readings(turned, 16)[None], ADJACENT, "skin.npy")
+    refused(path, "order: found one in which .* --order ")
+
+
+def test_four_columns_are_somebody_elses_unless_described(write):
+    """The four columns of PyEIDORS keep their format; a description beside them comes first."""
+    values = np.random.default_rng(0).normal(size=(208, 4))
+    assert "PyEIDORS" in importers.load(write(lines(values))).metadata["source"]
+    listed = {"measurement": [[0, 1, 2, 3], [1, 2, 3, 4], [2, 3, 4, 5], [3, 4, 5, 6]]}
+    made = importers.load(write(lines(values), listed))
+    assert made.voltage.shape == (208, 4)
+    path = write(lines(values), {"unrelated": 1})
+    assert "PyEIDORS" in importers.load(path).metadata["source"]
+
+
+# --- labels
+
+
+def labels():
+    """Six frames: two untouched, four of two presses."""
+    return pd.DataFrame(
+        {
+            "time_s": [100.0, 100.5, 101.0, 101.6, 102.0, 102.5],
+            "touch": [0, 1, 1, 0, 1, 1],
+            "x_mm": [np.nan, 10.0, 10.0, np.nan, -20.0, -20.0],
+            "y_mm": [np.nan, 5.0, 5.0, np.nan, 0.0, 0.0],
+            "force_N": [0.0, 1.0, 2.0, 0.0, 1.5, 3.0],
+            "probe_mm": [np.nan, 10.0, 10.0, np.nan, 10.0, 10.0],
+            "contact": [np.nan, 4, 4, np.nan, 5, 5],
+            "session": ["a", "a", "a", "b", "b", "b"],
+            "temperature_C": [21.0, 21.0, 21.0, 21.5, 21.5, 21.5],
+        }
+    )
+
+
+def in_a_file(write, tmp_path):
+    labels().to_csv(tmp_path / "where.csv", index=False)
+    return write(frames(6), {**ADJACENT, "labels": "where.csv"}, "skin.npy")
+
+
+def in_columns(write, tmp_path):
+    table = pd.concat([labels(), pd.DataFrame(frames(6)).add_prefix("v")], axis=1)
+    return write(table.to_csv(index=False), ADJACENT)
+
+
+def in_arrays(write, tmp_path):
+    arrays = {name: labels()[name].to_numpy() for name in labels() if name != "session"}
+    arrays["session"] = np.array(list("aaabbb"))
+    return write({"voltage": frames(6), **arrays}, ADJACENT, "skin.npz")
+
+
+@pytest.mark.parametrize("way", [in_a_file, in_columns, in_arrays])
+def test_labels_in_a_file_in_columns_and_in_arrays(write, tmp_path, way):
+    path = way(write, tmp_path)
+    made = importers.load(path)
+    np.testing.assert_allclose(made.voltage, frames(6))
+    np.testing.assert_allclose(made.frames["time_s"], [0.0, 0.5, 1.0, 1.6, 2.0, 2.5])
+    for name in ("x_mm", "y_mm", "force_N", "probe_mm", "temperature_C"):
+        np.testing.assert_allclose(made.frames[name], labels()[name])
+    assert made.frames["session"].tolist() == list("aaabbb")
+    assert recording.presses(made).tolist() == [-1, 0, 0, -1, 1, 1]
+    assert made.frames["contact"].tolist()[1:3] == [4, 4]
+    assert made.metadata["clock"] == "measured" and "untouched" not in made.metadata["source"]
+    recording.write(made, tmp_path / "skin.parquet")
+    read = importers.load(tmp_path / "skin.parquet")
+    pd.testing.assert_frame_equal(read.frames[["x_mm", "touch"]], made.frames[["x_mm", "touch"]])
+    assert importers.files(path)[1:] == [
+        tmp_path / "skin.yaml",
+        *([tmp_path / "where.csv"] if way is in_a_file else []),
+    ]
+
+
+def test_notes_are_carried(write, tmp_path):
+    """What is neither a reading nor a label of the contract need not be cut out."""
+    table = pd.DataFrame(frames(3)).add_prefix("v")
+    table.insert(0, "clock", ["10:00:01", "10:00:02", "10:00:03"])
+    table.insert(1, "note_operator", ["A", "B", "A"])
+    path = write(table.to_csv(index=False), ADJACENT)
+    refused(path, "line 2, column clock: found '10:00:01', expected a number")
+    path = write(table.to_csv(index=False), {**ADJACENT, "labels": {"note_clock": "clock"}})
+    made = importers.load(path)
+    assert made.frames["note_clock"].tolist()[2] == "10:00:03" and made.voltage.shape == (3, 40)
+    recording.write(made, tmp_path / "skin.parquet")
+    assert importers.load(tmp_path / "skin.parquet").frames["note_operator"].tolist() == list("ABA")
+
+
+def test_a_label_that_stands_twice_is_refused(write):
+    table = pd.concat([labels(), pd.DataFrame(frames(6)).add_prefix("v")], axis=1)
+    path = write(table.rename(columns={"v3": "x_mm"}).to_csv(index=False), ADJACENT)
+    refused(path, "line of names: found 2 of x_mm, expected one")
+
+
+def test_labels_by_the_number_of_their_column(write):
+    place = labels()[["x_mm", "y_mm"]].to_numpy()
+    table = np.hstack([frames(6), place])
+    said = {**ADJACENT, "labels": {"x_mm": 40, "y_mm": 41}}
+    for path in (write(table, said, "skin.npy"), write(lines(table), said)):
+        made = importers.load(path)
+        assert made.frames["touch"].tolist() == [False, True, True, False, True, True]
+        np.testing.assert_array_equal(made.frames["x_mm"], place[:, 0])
+        assert made.frames["force_N"].isna().tolist() == made.frames["touch"].tolist()
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "match"),
+    [
+        ("time_s", [1, 2, 3, 3, 4, 5], r"time_s, row 3: found 3.0, expected more than 3.0"),
+        ("time_s", [1, 2, 3, 2, 4, 5], r"time_s, row 3: found 2.0"),
+        ("time_s", [1, 2, "", 3, 4, 5], "time_s, row 2: found nan"),
+        ("touch", [0, 1, "perhaps", 0, 1, 1], "label touch, row 2: found 'perhaps'"),
+        ("contact", ["", 1.5, 1, "", 2, 2], "label contact, row 1: found 1.5"),
+        ("x_mm", ["", "left", 1, "", 1, 1], "line 3, column x_mm: found 'left', expected a number"),
+        ("x_mm", ["", "", 1, "", 1, 1], "x_mm, row 1: found nan"),
+        ("force_N", [0, -1, 1, 0, 1, 1], "force_N, row 1: found -1.0"),
+    ],
+)
+def test_labels_that_are_none_are_refused(write, tmp_path, name, values, match):
+    table = labels().astype(object)
+    table[name] = values
+    table.to_csv(tmp_path / "where.csv", index=False)
+    path = write(frames(6), {**ADJACENT, "labels": "where.csv"}, "skin.npy")
+    refused(path, match)
+
+
+def test_labels_that_do_not_belong_to_the_frames_are_refused(write, tmp_path):
+    labels().to_csv(tmp_path / "where.csv", index=False)
+    said = {**ADJACENT, "labels": "where.csv"}
+    refused(write(frames(5), said, "skin.npy"), "label time_s: found 6 rows, expected 5, as frames")
+    path = write(frames(6), said | {"rate_Hz": 3}, "skin.npy")
+    refused(path, "rate_Hz: found it beside time_s")
+    for text in ("x_mm,z_mm\n1,2\n", "1.5,2\n3,4\n", "x_mm,x_mm\n1,2\n"):
+        (tmp_path / "where.csv").write_text(text)
+        refused(path, r"where\.csv: line of names: found '(z_mm||x_mm)', expected names among")
+
+
+# --- broken files
+
+TEXT = lines(frames())
+BROKEN = {
+    "cut": (TEXT[:-30].encode(), "line 3: found 3. cells, expected 40"),
+    "a word": (TEXT.replace("\n", "\nlost ", 1).encode(), "line 2, column 0: found 'lost "),
+    "a word at first": (b"x," + TEXT.split(",", 1)[1].encode(), "line 1: found 'x', expected num"),
+    "infinity": (TEXT.replace("\n", "\ninf,", 1).encode(), "line 2"),
+    "no text": (TEXT.encode() + b"\xff\xfe\xfa\n", "bytes that are no text, expected UTF-8"),
+    "UTF-16 unmarked": (TEXT.encode("utf-16-le"), "UTF-16 without a byte-order mark"),
+    "nothing": (b"", "no line of cells"),
+    "names alone": (",".join(f"v{k}" for k in range(40)).encode(), "no row below the names"),
+    "columns counted": (
+        (",".join(map(str, range(40))) + "\n" + TEXT).encode(),
+        "the columns' numbers, 0 to 39",
+    ),
+    "points and commas": (
+        lines(frames(), ";", comma=True).replace(",", ".", 1).encode(),
+        "line 1: found both, expected decimal points or decimal commas",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_text_is_refused(write, name):
+    content, match = BROKEN[name]
+    refused(write(content, ADJACENT), match)
+
+
+@pytest.mark.parametrize("name", ["no text", "UTF-16 unmarked", "nothing", "columns counted"])
+def test_a_broken_text_is_refused_without_a_description_too(write, name):
+    content, match = BROKEN[name]
+    refused(write(content), match)
+    if name != "columns counted":
+        refused(write(content, None, "skin.dat"), "none that is known")
+
+
+def test_broken_arrays_are_refused(write, tmp_path):
+    path = write(frames(), ADJACENT, "skin.npy")
+    whole = path.read_bytes()
+    for size in (8, 60, len(whole) - 8):
+        path.write_bytes(whole[:size])
+        refused(path, "a damaged or cut file")
+    path = write({"a": frames(), "b": frames()}, ADJACENT, "skin.npz")
+    refused(path, r"a \(3, 40\), b \(3, 40\), expected one of numbers, frames x channels")
+    path.write_bytes(path.read_bytes()[:-40])
+    refused(path, "a damaged or cut file")
+    np.save(tmp_path / "skin.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    refused(tmp_path / "skin.npy", "one of objects")
+    refused(write(np.zeros((0, 40)), ADJACENT, "skin.npy"), "0 frames of 40 numbers")
+    refused(write({"v": frames(), "x_mm": np.array(list("abc"))}, ADJACENT, "skin.npz"), "x_mm")
+
+
+def test_lost_readings_are_lost(write):
+    path = write("\n".join([TEXT.split("\n")[0], "nan," + "," * 38]), ADJACENT)
+    made = importers.load(path)
+    assert np.isnan(made.voltage[1]).all() and np.isfinite(made.voltage[0]).all()

@@ -1,0 +1,65 @@
+"""Every array of numbers in a MATLAB file, also within its structures.
+
+MATLAB up to version 7.2 (MAT-File Format, MathWorks: `MATLAB 5.0` at the beginning; version 4 has
+no such mark) is read by scipy; version 7.3 is HDF5, which is not read here.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import scipy.io
+
+from eitskin.errors import InputError
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
+RESAVED = "MATLAB 7.2 or before, save(name, ..., '-v7'), or a plain matrix, .npy or CSV"
+
+
+def is_matlab(path: Path) -> bool:
+    """Whether a file is one of MATLAB, by its beginning or its name, or HDF5."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as stream:
+        head = stream.read(len(HDF5))
+    return head == HDF5 or head.startswith(b"MATLAB") or path.suffix.lower() == ".mat"
+
+
+def arrays(path: Path) -> dict[str, np.ndarray]:
+    """Arrays of numbers by name, a structure's fields after a point: `eit.data`, `vi(2).meas`.
+
+    Raises InputError for a file of version 7.3, one that is damaged or cut short, and one that is
+    no MATLAB file.
+    """
+    with path.open("rb") as stream:
+        head = stream.read(19)
+    if head.startswith((HDF5, b"MATLAB 7.3")):
+        raise InputError(path, "file", "MATLAB 7.3 or another HDF5 file", RESAVED)
+    try:
+        content = scipy.io.loadmat(path, appendmat=False)
+    except Exception as error:  # scipy raises whatever a damaged file leads it to
+        found = "a damaged or cut MATLAB file" if head.startswith(b"MATLAB") else "no MATLAB file"
+        raise InputError(path, "file", found, RESAVED) from error
+    named = {name: value for name, value in content.items() if not name.startswith("__")}
+    return {name: array for key, value in named.items() for name, array in _numeric(key, value)}
+
+
+def shapes(found: dict[str, np.ndarray]) -> str:
+    """`vh (208, 1), vi (208, 5)`, of some."""
+    named = [f"{name} {array.shape}" for name, array in found.items()]
+    return ", ".join(named[:8]) + (", ..." if len(named) > 8 else "") or "no array of numbers"
+
+
+def _numeric(name: str, value: object) -> Iterator[tuple[str, np.ndarray]]:
+    if not isinstance(value, np.ndarray):
+        return
+    if value.dtype.names or value.dtype == object:
+        for k, one in enumerate(value.ravel()):
+            numbered = name if value.size == 1 else f"{name}({k + 1})"
+            if value.dtype.names:
+                for field in value.dtype.names:
+                    yield from _numeric(f"{numbered}.{field}", one[field])
+            else:
+                yield from _numeric(numbered, one)
+    elif value.dtype.kind in "iufc":
+        yield name, value

@@ -1,0 +1,120 @@
+"""The numbers of a plain matrix and its labels: text, NumPy's `.npy` and `.npz`.
+
+One column of numbers, or an array of one dimension, is one frame.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from eitskin.data.importers import delimited
+from eitskin.data.importers.matrix_description import beside
+from eitskin.data.recording import NOTE
+from eitskin.errors import InputError
+
+WORDS = ("touch", "session")  # labels that need not be numbers
+PLACED = ("x_mm", "y_mm", "force_N", "probe_mm", "depth_mm")
+LABELS = ("time_s", "touch", *PLACED, "contact", "session", "temperature_C")
+NPY, ZIP = b"\x93NUMPY", b"PK\x03\x04"
+
+
+@dataclass
+class Table:
+    """What a matrix file holds: `readings` (F, C), and `labels`, (F,) each, floats or words."""
+
+    readings: np.ndarray
+    labels: dict[str, np.ndarray | list] = field(default_factory=dict)
+
+
+def read(path: Path, said: dict) -> Table:
+    """Readings and labels of the matrix and of the labels file."""
+    labels = said.get("labels")
+    if labels is not None and not isinstance(labels, str | dict):
+        raise InputError(beside(path), "key labels", repr(labels), "a file, or columns by name")
+    columns = labels if isinstance(labels, dict) else {}
+    for name in columns:
+        if not is_label(name):
+            expected = f"one of {', '.join(LABELS)}, {NOTE}..."
+            raise InputError(beside(path), f"key labels.{name}", "an unknown label", expected)
+    table = _from_numpy(path, columns) if is_numpy(path) else _from_text(path, columns)
+    if table.readings.shape[1] == 1 and not table.labels:
+        table.readings = table.readings.T
+    if isinstance(labels, str):
+        file = path.parent / labels
+        if not file.is_file():
+            raise InputError(beside(path), "key labels", f"no file {labels!r}", "one beside it")
+        cells = delimited.read(file)
+        for name in cells.names or [""]:
+            if not is_label(name) or name in table.labels or cells.names.count(name) > 1:
+                expected = f"names among {', '.join(LABELS)}, {NOTE}..., each once"
+                raise InputError(file, "line of names", repr(name), expected)
+        for column, name in enumerate(cells.names):
+            table.labels[name] = _label(cells, name, column)
+    return table
+
+
+def _from_text(path: Path, columns: dict) -> Table:
+    cells = delimited.read(path)
+    names = cells.names or []
+    places = {name: k for k, name in enumerate(names) if is_label(name)}
+    for name in places:
+        if names.count(name) > 1:
+            raise InputError(path, "line of names", f"{names.count(name)} of {name}", "one")
+    for name, column in columns.items():
+        named = names.index(column) if column in names else column
+        places[name] = _column(path, name, named, cells.width)
+    rest = [column for column in range(cells.width) if column not in places.values()]
+    labels = {name: _label(cells, name, column) for name, column in places.items()}
+    return Table(cells.numbers(rest), labels)
+
+
+def _label(cells: delimited.Cells, name: str, column: int) -> np.ndarray | list:
+    words = name in WORDS or name.startswith(NOTE)
+    return cells.words(column) if words else cells.numbers([column])[:, 0]
+
+
+def _column(path: Path, name: str, column: object, width: int) -> int:
+    if type(column) is not int or not 0 <= column < width:
+        expected = f"a column's number, 0 to {width - 1}, or its name"
+        raise InputError(beside(path), f"key labels.{name}", repr(column), expected)
+    return column
+
+
+def _from_numpy(path: Path, columns: dict) -> Table:
+    try:
+        with path.open("rb") as stream:
+            content = np.load(stream, allow_pickle=False)
+            arrays = dict(content) if hasattr(content, "files") else {"": content}
+    except Exception as error:  # numpy raises whatever a damaged file leads it to
+        found = "a damaged or cut file, or one of objects"
+        raise InputError(path, "file", found, "arrays of numbers, .npy or .npz") from error
+    labels = {name: one for name, one in arrays.items() if is_label(name) and one.ndim == 1}
+    for name, array in labels.items():
+        if array.dtype.kind not in ("biuf" if name in LABELS and name not in WORDS else "biufU"):
+            raise InputError(path, f"array {name}", array.dtype, "numbers")
+    matrices = {
+        name: np.atleast_2d(array)
+        for name, array in arrays.items()
+        if name not in labels and array.ndim in (1, 2) and array.dtype.kind in "iufc"
+    }
+    if len(matrices) != 1:
+        shapes = ", ".join(f"{name or 'one'} {array.shape}" for name, array in arrays.items())
+        raise InputError(path, "arrays", shapes, "one of numbers, frames x channels")
+    (matrix,) = matrices.values()
+    for name, column in columns.items():
+        labels[name] = matrix[:, _column(path, name, column, matrix.shape[1])].real
+    rest = [k for k in range(matrix.shape[1]) if k not in columns.values()]
+    return Table(matrix[:, rest], labels)
+
+
+def is_label(name: object) -> bool:
+    """Whether a column of that name holds no readings."""
+    return isinstance(name, str) and (name in LABELS or name.startswith(NOTE))
+
+
+def is_numpy(path: Path) -> bool:
+    """Whether a file is one of NumPy's, by its beginning."""
+    with path.open("rb") as stream:
+        head = stream.read(len(NPY))
+    return head.startswith(NPY) or (head.startswith(ZIP) and path.suffix.lower() == ".npz")
