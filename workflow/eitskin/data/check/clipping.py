@@ -1,8 +1,8 @@
 """A ceiling that no reading repeats exactly, because noise or a converter's dither came after it.
 
 That the highest channels are equal is no sign: rotation makes them so on a good disc. Signs are
-that their noise is squashed, that touches change them far less than the disc says and other
-channels show, or that touches that should raise them never do.
+that their noise is squashed, or that touches that should raise them, by the disc and by what the
+other channels show, do not.
 """
 
 from dataclasses import dataclass
@@ -18,16 +18,15 @@ EQUAL = 4.0  # standard deviations of noise, within which levels are one
 LEAST_CHANNELS = 4
 LEAST_UNTOUCHED = 6
 SQUASHED = 0.25  # of what the other channels have
-CLEAR = 5.0  # standard deviations of a channel's response to all touches
-RAISED, ABOVE = 10.0, 4.0  # standard deviations: what should be seen, and what is
-LEAST_RAISED = 20
+RAISED = 3.0  # standard deviations; smaller rises of a reading are left out
+CLEAR = 20.0  # standard deviations of all rises together
 AGREE = 0.5  # correlation of changes with the disc's, for the disc to be believed
 
 
 @dataclass(frozen=True)
 class Ceiling:
     """The channels that stop at a ceiling, that ceiling, the frames in which some of them are at
-    it, and the sign: `noise`, `touch` or `never above`.
+    it, and the sign: `noise` or `touch`.
     """
 
     channels: np.ndarray
@@ -48,10 +47,10 @@ def ceilings(recording: Recording) -> list[Ceiling]:
     level = np.full(values.shape[1], np.nan)
     level[whole] = np.nanmedian(values[free][:, whole], axis=0)
     noise = channel_noise(recording.voltage[free])
-    quiet = _noise_floorless(recording.voltage[free])
+    quiet = _successive(recording.voltage[free])
     channels = recording.channels
     driven = (channels[:, :2, None] == channels[:, None, 2:]).any(axis=(1, 2))
-    response = _response(recording)
+    response = _response(recording, whole)
     found = []
     for kind in (driven, ~driven):
         rows = np.flatnonzero(kind & whole & (level > 0))
@@ -62,7 +61,7 @@ def ceilings(recording: Recording) -> list[Ceiling]:
         below = np.setdiff1d(rows, top)
         if len(top) < LEAST_CHANNELS or len(below) < LEAST_CHANNELS:
             continue
-        sign = _sign(top, below, level, quiet, noise, values, response)
+        sign = _sign(top, below, quiet, noise, response)
         if sign:
             ceiling = float(np.median(level[top]))
             at = (values[:, top] >= ceiling - EQUAL * sd).any(axis=1)
@@ -70,7 +69,7 @@ def ceilings(recording: Recording) -> list[Ceiling]:
     return found
 
 
-def _noise_floorless(values: np.ndarray) -> np.ndarray:
+def _successive(values: np.ndarray) -> np.ndarray:
     """(M,): median absolute successive difference of each channel, 0 where there is none."""
     change = np.abs(np.diff(values, axis=0))
     some = np.isfinite(change).any(axis=0)
@@ -81,16 +80,15 @@ def _noise_floorless(values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Response:
-    """Changes of size of each channel in touched frames `rows` (T, M), and the disc's up to a
-    factor (T, M).
+    """Changes of size of each channel in touched frames (T, M), and the disc's up to a factor
+    (T, M).
     """
 
-    rows: np.ndarray
     observed: np.ndarray
     expected: np.ndarray
 
 
-def _response(recording: Recording) -> _Response | None:
+def _response(recording: Recording, whole: np.ndarray) -> _Response | None:
     """None where nobody touches, or places or electrodes are not known in the skin's frame."""
     skin, frames = recording.skin, recording.frames
     touch = frames["touch"].to_numpy(dtype=bool)
@@ -110,41 +108,37 @@ def _response(recording: Recording) -> _Response | None:
     angles = np.array(skin.electrode_deg)
     expected = alignment.sensitivity(recording.channels, angles, place[inside] / skin.radius_mm)
     expected *= load[inside, None]
-    shape = alignment.homogeneous_readings(recording.channels, angles)
-    turned = np.where(shape < 0, -1.0, 1.0)
-    observed = change[inside]
-    if recording.metadata["voltage"] == "signed":
-        observed = observed * turned
-    return _Response(np.flatnonzero(touch)[inside], observed, expected * turned)
+    if recording.metadata["voltage"] == "magnitude":
+        shape = alignment.homogeneous_readings(recording.channels, angles)
+        return _Response(change[inside], expected * np.where(shape < 0, -1.0, 1.0))
+    turned = np.where(np.nanmedian(recording.voltage[~touch][:, whole], axis=0) < 0, -1.0, 1.0)
+    sign = np.ones(len(whole))
+    sign[whole] = turned
+    return _Response(change[inside] * sign, expected * sign)
 
 
 def _sign(
     top: np.ndarray,
     below: np.ndarray,
-    level: np.ndarray,
     quiet: np.ndarray,
     noise: np.ndarray,
-    values: np.ndarray,
     response: _Response | None,
 ) -> str | None:
     if quiet[top].max() < SQUASHED * np.median(quiet[below]):
         return "noise"
-    if response is None or len(response.rows) < LEAST_CHANNELS:
+    if response is None or not len(response.observed):
         return None
     known = np.isfinite(response.observed)
     observed, expected = np.where(known, response.observed, 0.0), response.expected * known
-    length = np.linalg.norm(expected, axis=0)
-    seen = (observed * expected).sum(axis=0) / np.where(length > 0, length, 1.0)
-    size = np.linalg.norm(observed, axis=0)
-    alike = np.median(seen[below] / np.where(size[below] > 0, size[below], 1.0))
-    slope = np.median(seen[below] / np.where(length[below] > 0, length[below], 1.0))
-    if alike < AGREE or slope <= 0:
+    length = np.linalg.norm(expected, axis=0)[below]
+    size = np.linalg.norm(observed, axis=0)[below]
+    along = (observed * expected).sum(axis=0)[below] / np.where(length > 0, length, 1.0)
+    if np.median(along / np.where(size > 0, size, 1.0)) < AGREE:
         return None
-    clear = top[slope * length[top] > CLEAR * noise[top] / SQUASHED]
-    if len(clear) >= LEAST_CHANNELS and (seen[clear] < SQUASHED * slope * length[clear]).all():
-        return "touch"
-    raised = slope * expected[:, top] > RAISED * noise[top]
-    above = values[response.rows][:, top] - level[top] > ABOVE * noise[top]
-    if raised.sum() >= LEAST_RAISED and not above.any():
-        return "never above"
-    return None
+    slope = np.median(along / np.where(length > 0, length, 1.0))
+    wanted, seen = slope * expected[:, top] / noise[top], observed[:, top] / noise[top]
+    raised = wanted > RAISED
+    power = float((wanted[raised] ** 2).sum())
+    if power < CLEAR**2 or abs((wanted * seen)[raised].sum()) >= SQUASHED * power:
+        return None
+    return "touch"

@@ -204,8 +204,8 @@ def noise(recording: Recording) -> Noise | None:
 
 
 def channel_noise(values: np.ndarray) -> np.ndarray:
-    """(M,): sd of each channel's noise, from the successive differences of untouched frames (U, M); at
-    the least QUIET of the median channel's, and 1 where nothing ever changes.
+    """(M,): sd of each channel's noise, from the successive differences of untouched frames (U, M);
+    at the least QUIET of the median channel's, and 1 where nothing ever changes.
     """
     change = np.diff(values, axis=0)
     change[:, ~np.isfinite(change).any(axis=0)] = 0.0

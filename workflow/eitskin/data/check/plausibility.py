@@ -141,8 +141,10 @@ def amplitude(recording: Recording) -> float | None:
     where the current, the sheet, the angles or the unit are unknown.
     """
     skin, metadata = recording.skin, recording.metadata
-    sheet = None if None in (skin.conductivity_S_per_m, skin.thickness_mm) else (
-        skin.conductivity_S_per_m * skin.thickness_mm * 1e-3
+    sheet = (
+        None
+        if None in (skin.conductivity_S_per_m, skin.thickness_mm)
+        else (skin.conductivity_S_per_m * skin.thickness_mm * 1e-3)
     )
     current = {"V": skin.current_A, "ohm": 1.0, "arbitrary": None}[metadata["unit"]]
     if recording.voltage is None or metadata["values"] == "difference":

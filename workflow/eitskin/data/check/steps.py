@@ -54,7 +54,7 @@ def steps(recording: Recording) -> list[Step]:
     if recording.voltage is None or recording.metadata["values"] == "difference":
         return []
     rows = np.flatnonzero(~recording.frames["touch"].to_numpy(dtype=bool))
-    rows = rows[np.isfinite(recording.voltage[rows]).any(axis=1)]
+    rows = rows[(np.nan_to_num(recording.voltage[rows]) != 0).any(axis=1)]
     if len(rows) < LEAST_SPLITS + 3:
         return []
     scale = channel_noise(recording.voltage[rows])
@@ -74,8 +74,9 @@ def steps(recording: Recording) -> list[Step]:
         if largest[i] < largest[np.abs(kept - kept[i]) <= 1].max():
             continue
         k = kept[i]
-        factor = float(along[k + 1 : k + 3].mean() / along[k - 1 : k + 1].mean())
-        found.append(_step(recording, rows, white, calm, k, None if several[i] > 1 else factor))
+        before, after = along[k - 1 : k + 1].mean(), along[k + 1 : k + 3].mean()
+        factor = float(after / before) if several[i] <= 1.0 and before else None
+        found.append(_step(recording, rows, white, calm, k, factor))
     return found
 
 
