@@ -107,6 +107,7 @@ def _forces(force: np.ndarray, probe_mm: np.ndarray) -> list[Doubt]:
     if largest < FORCE_N[0]:
         found = f"{largest:.3g} N at the most"
         return [Doubt("force_N", found, 1.0 / THOUSAND, "kN given as N, or a scale left out")]
+    probe_mm = np.where(probe_mm >= LEAST_PROBE_MM, probe_mm, np.nan)
     pressure = _largest(force / (np.pi * (0.5e-3 * probe_mm) ** 2))
     if largest <= FORCE_N[1] and not (pressure and pressure > BEARABLE_PA):
         return []
