@@ -15,6 +15,7 @@ from eitskin.data.baseline import sessions
 from eitskin.data.check.measures import NORMAL, channel_noise
 from eitskin.data.recording import Recording, presses
 
+WIDTHS, MANY = (2, 4, 8, 16), 4  # frames on either side; so many times as many in all
 LEAST_SPLITS = 8  # of a kind, to know what is ordinary
 # In energy, over that of an ordinary split; `python -m calibration.steps` has the false alarms. One
 # number of a wandering source varies more than the sum over many channels does.
@@ -63,21 +64,53 @@ def steps(recording: Recording) -> list[Step]:
     mean = np.median(calm, axis=0)
     along = calm @ mean / max(float(mean @ mean), np.finfo(float).tiny)
     rest = calm - along[:, None] * mean
-    kept, across, gap = _splits(recording, rows)
-    alike = _alike(rest, kept)
-    several = alike / _ordinary(alike, across, gap, len(scale)) / LARGER
-    wander = np.diff(along)[kept] ** 2
-    common = _alike(along[:, None], kept) / _ordinary(wander, across, gap, 0) / LARGER_COMMON
-    largest = np.maximum(several, common)
-    found = []
+    found: dict[int, float | None] = {}
+    for width in WIDTHS:
+        if width == WIDTHS[0] or len(rows) >= MANY * width:
+            found |= _outlying(recording, rows, along, rest, width, found)
+    return [_step(recording, rows, white, calm, k, factor) for k, factor in sorted(found.items())]
+
+
+def _outlying(
+    recording: Recording,
+    rows: np.ndarray,
+    along: np.ndarray,
+    rest: np.ndarray,
+    width: int,
+    known: dict[int, float | None],
+) -> dict[int, float | None]:
+    """The k of splits that stand out among those of windows of one width, clear of the known ones,
+    with the factor where the common part alone stands out."""
+    kept, across, gap = _splits(recording, rows, width)
+    if not len(kept):
+        return {}
+    alike = _alike(*_changes(rest, kept, width))
+    several = alike / _ordinary(alike, across, gap, 2.0 / width * np.sqrt(rest.shape[1])) / LARGER
+    largest = several
+    if width == WIDTHS[0]:  # in wide windows one number wanders too much
+        near, far = _changes(along[:, None], kept, width)
+        usual = _ordinary(near[:, 0] ** 2, across, gap, 0.0)
+        largest = np.maximum(several, _alike(near, far) / usual / LARGER_COMMON)
+    found = {}
     for i in np.flatnonzero(largest > 1.0):
-        if largest[i] < largest[np.abs(kept - kept[i]) <= 1].max():
+        k = int(kept[i])
+        beside = largest[np.abs(kept - k) < width].max()
+        if largest[i] < beside or any(abs(k - other) < width for other in (*known, *found)):
             continue
-        k = kept[i]
         before, after = along[k - 1 : k + 1].mean(), along[k + 1 : k + 3].mean()
-        factor = float(after / before) if several[i] <= 1.0 and before else None
-        found.append(_step(recording, rows, white, calm, k, factor))
+        found[k] = float(after / before) if several[i] <= 1.0 and before else None
     return found
+
+
+def _changes(series: np.ndarray, k: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """(K, M) each: the change at splits k, by every other of `width` frames on either side, those
+    nearest to it among them, and by the rest of them."""
+    pair = []
+    for first in (0, 1):
+        offsets = np.arange(first, width, 2)
+        after = series[k[:, None] + 1 + offsets].mean(axis=1)
+        pair.append(after - series[k[:, None] - offsets].mean(axis=1))
+    return pair[0], pair[1]
 
 
 def _calm(white: np.ndarray) -> np.ndarray:
@@ -91,14 +124,16 @@ def _calm(white: np.ndarray) -> np.ndarray:
     return np.where(np.abs(white - median) <= SPIKE, white, median)
 
 
-def _splits(recording: Recording, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Splits after the k-th of the untouched frames, with two frames on either side in a session:
+def _splits(
+    recording: Recording, rows: np.ndarray, width: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Splits after the k-th of the untouched frames, with `width` on either side in a session:
     k (K,), whether touched frames lie between (K,), and how far apart its frames are (K,), over
     the usual distance where that is less.
     """
     session = sessions(recording.frames)[rows]
-    k = np.arange(1, len(rows) - 2)
-    k = k[session[k - 1] == session[k + 2]]
+    k = np.arange(width - 1, len(rows) - width)
+    k = k[session[k - width + 1] == session[k + width]]
     across = rows[k + 1] - rows[k] > 1
     time = recording.frames["time_s"].to_numpy(float)
     if recording.metadata["clock"] == "index":
@@ -110,11 +145,10 @@ def _splits(recording: Recording, rows: np.ndarray) -> tuple[np.ndarray, np.ndar
     return k, across, gap
 
 
-def _alike(series: np.ndarray, k: np.ndarray) -> np.ndarray:
-    """(K,): squared length that the two measurements of a change have in common, at most that of
-    the shorter; without the few channels that have most, for two spikes may meet in one.
+def _alike(near: np.ndarray, far: np.ndarray) -> np.ndarray:
+    """(K,): squared length that two measurements (K, M) of a change have in common, at most that
+    of the shorter; without the few channels that have most, for two spikes may meet in one.
     """
-    near, far = series[k + 1] - series[k], series[k + 2] - series[k - 1]
     product = np.sort(near * far, axis=1)
     counted = product.shape[1] - int(IN_FEW * product.shape[1])
     length = np.linalg.norm(near, axis=1), np.linalg.norm(far, axis=1)
@@ -123,10 +157,10 @@ def _alike(series: np.ndarray, k: np.ndarray) -> np.ndarray:
     return ratio * product[:, :counted].sum(axis=1)
 
 
-def _ordinary(alike: np.ndarray, across: np.ndarray, gap: np.ndarray, noises: int) -> np.ndarray:
+def _ordinary(alike: np.ndarray, across: np.ndarray, gap: np.ndarray, least: float) -> np.ndarray:
     """(K,): what `alike` is of an ordinary split of its kind; infinite where too few tell.
 
-    noises: channels whose independent noise of sd 1 it contains, at the least.
+    least: what white noise alone makes of it.
     """
     size = np.abs(alike)
     result = np.full(len(alike), np.inf)
@@ -134,7 +168,7 @@ def _ordinary(alike: np.ndarray, across: np.ndarray, gap: np.ndarray, noises: in
         result[across] = gap[across] * NORMAL * np.median(size[across] / gap[across])
     if len(alike) >= LEAST_SPLITS:
         result[~across] = gap[~across] * NORMAL * np.median(size)
-    return np.maximum(result, max(np.sqrt(noises), np.finfo(float).tiny))
+    return np.maximum(result, max(least, np.finfo(float).tiny))
 
 
 def _step(
