@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 
 from eitskin.data import check, importers
 from eitskin.data.alignment import homogeneous_readings
-from eitskin.data.check import ERROR, WARNING, clipping, compliance, plausibility, suspicions
+from eitskin.data.check import (
+    ERROR,
+    WARNING,
+    clipping,
+    compliance,
+    plausibility,
+    sentences,
+    suspicions,
+)
 from eitskin.data.check.steps import steps
 from eitskin.data.recording import Recording
 from eitskin.physics.protocol import channel_table
@@ -235,11 +243,9 @@ def test_a_ceiling_with_noise_after_it_is_found_where_touches_push_at_it(
     assert ceiling.ceiling == pytest.approx(share * largest, rel=0.01)
     steps_apart = (made.channels[:, 2] - made.channels[:, 0]) % 16
     assert set(np.flatnonzero(np.isin(steps_apart, (2, 14)))) == set(ceiling.channels.tolist())
-    assert "clipped" in suspected(made)
-    (finding,) = check.check(made).about("clipped")
-    assert "32 channels (" in finding.sentence and f"in {len(ceiling.frames)} frames" in (
-        finding.sentence
-    )
+    (finding,) = sentences.clipped(made)
+    assert finding.severity == WARNING and finding.value == pytest.approx(32 / 208)
+    assert f"in {len(ceiling.frames)} frames" in finding.sentence
 
 
 def test_squashed_noise_shows_a_ceiling_without_touches(make_recording):
@@ -318,7 +324,10 @@ def test_a_step_of_one_electrode_names_it(make_recording, seed, electrode):
     (found,) = steps(stepped(made, 40, 300.0, rows, seed))
     assert found.electrodes == (electrode,) and set(found.channels) <= set(rows.tolist())
     (finding,) = suspicions.steps_in_time(made)
-    assert f"electrode {electrode} take" in finding.sentence and "frame 40 on" in finding.sentence
+    assert (
+        f"electrode {electrode} takes part" in finding.sentence
+        and "frame 40 on" in finding.sentence
+    )
 
 
 @per_example

@@ -33,12 +33,12 @@ GRAM_N = 9.81e-3
 @dataclass(frozen=True)
 class Doubt:
     """A number that is hardly in its unit: of which key or column, what stands there in its unit,
-    how many times too large it seems, and what it looks like.
+    how many times too large it seems, None where nothing tells, and what it looks like.
     """
 
     key: str
     found: str
-    factor: float
+    factor: float | None
     looks_like: str
 
 
@@ -56,14 +56,14 @@ def _skin(recording: Recording) -> list[Doubt]:
             found.append(_length(f"skin.{key}", value, value < low))
     if skin.electrode_width_mm and skin.electrode_width_mm < LEAST_WIDTH_MM:
         found.append(_length("skin.electrode_width_mm", skin.electrode_width_mm, True))
-    current = skin.current_A
-    if current is not None and not CURRENT_A[0] <= current <= CURRENT_A[1]:
-        if current == 1.0:
-            looks = "a default that nobody measured; write null where it is unknown"
-        else:
-            looks = "mA given as A" if current > CURRENT_A[1] else "kA given as A"
-        factor = THOUSAND if current > CURRENT_A[1] else 1.0 / THOUSAND
-        found.append(Doubt("skin.current_A", f"{current:g} A", factor, looks))
+    current = skin.current_A if recording.metadata["unit"] == "V" else None
+    if current == 1.0:
+        looks = "a default that nobody measured; write null where the current is unknown"
+        found.append(Doubt("skin.current_A", "1 A", None, looks))
+    elif current is not None and current > CURRENT_A[1]:
+        found.append(Doubt("skin.current_A", f"{current:g} A", THOUSAND, "mA given as A"))
+    elif current is not None and current < CURRENT_A[0]:
+        found.append(Doubt("skin.current_A", f"{current:g} A", 1.0 / THOUSAND, "kA given as A"))
     return found
 
 

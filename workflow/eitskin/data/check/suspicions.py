@@ -10,15 +10,12 @@ from eitskin.quantities import listed
 
 def units(recording: Recording) -> list[Finding]:
     """Numbers that are hardly in their unit (value: how many times too large they seem)."""
-    return [
-        Finding(
-            "units",
-            WARNING,
-            f"{doubt.key}: {doubt.found}. Looks like {doubt.looks_like} ({_times(doubt.factor)}).",
-            doubt.factor,
-        )
-        for doubt in plausibility.doubts(recording)
-    ]
+    found = []
+    for doubt in plausibility.doubts(recording):
+        times = "" if doubt.factor is None else f" ({_times(doubt.factor)})"
+        sentence = f"{doubt.key}: {doubt.found}. Looks like {doubt.looks_like}{times}."
+        found.append(Finding("units", WARNING, sentence, doubt.factor))
+    return found
 
 
 def constant(recording: Recording) -> list[Finding]:
@@ -78,7 +75,8 @@ def steps_in_time(recording: Recording) -> list[Finding]:
         if step.factor is not None:
             sentence += f", all by the factor {step.factor:.4f}: the source or a gain changed"
         elif step.electrodes:
-            sentence += f", most where {named.electrodes(step.electrodes)} take part"
+            take = "takes" if len(step.electrodes) == 1 else "take"
+            sentence += f", most where {named.electrodes(step.electrodes)} {take} part"
             sentence += ": a wire or a contact moved"
         else:
             rows = named.channels(recording, step.channels)
@@ -88,9 +86,6 @@ def steps_in_time(recording: Recording) -> list[Finding]:
 
 
 def _times(factor: float) -> str:
-    if factor >= 1:
-        return (
-            f"{factor:,.3g} times too large" if factor < 999.5 else f"{factor:,.0f} times too large"
-        )
-    times = 1.0 / factor
-    return f"{times:,.3g} times too small" if times < 999.5 else f"{times:,.0f} times too small"
+    times = max(factor, 1.0 / factor)
+    shown = f"{times:.3g}" if times < 999.5 else f"{times:,.0f}"
+    return f"{shown} times too {'large' if factor > 1 else 'small'}"
