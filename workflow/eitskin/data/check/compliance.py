@@ -2,7 +2,8 @@
 
 Reciprocity ties the reading of a pair b under a drive a to that of the pair a under the drive b. A
 drive that gives the share f of its current makes all its readings low by f, and none of those that
-its electrodes measure: log |v_ab / v_ba| = log f_a - log f_b.
+its electrodes measure: log |v_ab / v_ba| = log f_a - log f_b. An amplifier that reads the pair a
+too high leaves the same mark.
 """
 
 from dataclasses import dataclass
@@ -23,7 +24,8 @@ LEAST_DRIVES = 6
 @dataclass(frozen=True)
 class Weak:
     """Drives (source, sink) lower than the others, the lowest first; the share of the median
-    drive's current that each gives; how much of the break of reciprocity the drives explain.
+    drive's current that each gives; how much of the break of reciprocity, squared and in units of
+    its noise, the drives explain.
     """
 
     drives: tuple[tuple[int, int], ...]
@@ -51,20 +53,20 @@ def weak(recording: Recording) -> Weak | None:
     at = np.arange(len(pairs))
     design[at, drive[pairs[:, 0]]] += 1.0
     design[at, drive[pairs[:, 1]]] -= 1.0
-    share, spread = _robust(design, broken, _precision(recording, pairs, first, second))
-    left = np.abs(broken - design @ share)
-    explained = 1.0 - float(np.median(left) / max(np.median(np.abs(broken)), 1e-300))
+    precision = _precision(recording, pairs, first, second)
+    share, spread = _robust(design, broken, precision)
     low = share - np.median(share)
     chosen = np.flatnonzero((low < np.log1p(-LOW)) & (low < -CLEAR * spread))
     others = np.delete(low, chosen)
     if not len(chosen) or low[chosen].max() > -CLEAR * NORMAL * np.median(np.abs(others)):
         return None
-    fit = 1.0 - float((left**2).sum() / (broken**2).sum())
-    if max(fit, explained) < EXPLAINED:
+    left = (broken - design @ share) * precision
+    explained = 1.0 - float((left**2).sum() / ((broken * precision) ** 2).sum())
+    if explained < EXPLAINED:
         return None
     chosen = chosen[np.argsort(low[chosen], kind="stable")]
     named = tuple((int(a), int(b)) for a, b in drives[chosen])
-    return Weak(named, tuple(np.exp(low[chosen]).tolist()), fit)
+    return Weak(named, tuple(np.exp(low[chosen]).tolist()), explained)
 
 
 def _precision(

@@ -58,8 +58,8 @@ def weak_drives(recording: Recording) -> list[Finding]:
     sentence = (
         f"drive{plural} {drives}: all readings low together against those with drive and "
         f"measurement exchanged, which explains {found.explained:.0%} of what breaks reciprocity. "
-        "The source may be at its compliance there, or a contact open: look at its voltage range "
-        "and at these electrodes."
+        "The source may be at its compliance there, or a contact open (or the same pairs are read "
+        "too high): look at its voltage range and at these electrodes."
     )
     return [Finding("drives", WARNING, sentence, min(found.shares))]
 
