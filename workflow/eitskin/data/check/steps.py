@@ -58,12 +58,15 @@ def steps(recording: Recording) -> list[Step]:
     rows = rows[(np.nan_to_num(recording.voltage[rows]) != 0).any(axis=1)]
     if len(rows) < LEAST_SPLITS + 3:
         return []
-    scale = channel_noise(recording.voltage[rows])
-    white = recording.voltage / scale
+    white = recording.voltage / channel_noise(recording.voltage[rows])
+    rows = rows[~_loud(white[rows])]
+    if len(rows) < LEAST_SPLITS + 3:
+        return []
     calm = _calm(white[rows])
     mean = np.median(calm, axis=0)
-    along = calm @ mean / max(float(mean @ mean), np.finfo(float).tiny)
-    rest = calm - along[:, None] * mean
+    length = max(float(np.linalg.norm(mean)), np.finfo(float).tiny)
+    along = calm @ mean / length  # its noise has sd 1, as a channel's
+    rest = calm - along[:, None] * mean / length
     found: dict[int, float | None] = {}
     for width in WIDTHS:
         if width == WIDTHS[0] or len(rows) >= MANY * width:
@@ -89,7 +92,7 @@ def _outlying(
     largest = several
     if width == WIDTHS[0]:  # in wide windows one number wanders too much
         near, far = _changes(along[:, None], kept, width)
-        usual = _ordinary(near[:, 0] ** 2, across, gap, 0.0)
+        usual = _ordinary(near[:, 0] ** 2, across, gap, 2.0)
         largest = np.maximum(several, _alike(near, far) / usual / LARGER_COMMON)
     found = {}
     for i in np.flatnonzero(largest > 1.0):
@@ -113,14 +116,26 @@ def _changes(series: np.ndarray, k: np.ndarray, width: int) -> tuple[np.ndarray,
     return pair[0], pair[1]
 
 
-def _calm(white: np.ndarray) -> np.ndarray:
-    """(U, M): frames in noise units, spikes and lost readings replaced by the median of a frame and
-    the two beside it."""
+def _median(white: np.ndarray) -> np.ndarray:
+    """(U, M): the median of each frame and the two beside it, of the channel where all are lost; a
+    step leaves it as sharp as it is."""
     channel = np.nanmedian(np.where(np.isfinite(white).any(axis=0), white, 0.0), axis=0)
     around = np.stack([white[:-2], white[1:-1], white[2:]])
     around = np.concatenate([around[:, :1], around, around[:, -1:]], axis=1)
     known = np.isfinite(around).any(axis=0)
-    median = np.nanmedian(np.where(known, around, channel), axis=0)
+    return np.nanmedian(np.where(known, around, channel), axis=0)
+
+
+def _loud(white: np.ndarray) -> np.ndarray:
+    """(U,): frames (U, M), in noise units, that are unlike those beside them in most channels."""
+    unlike = np.nanmedian(np.abs(white - _median(white)), axis=1)
+    return unlike > SPIKE * np.maximum(np.median(unlike), 1.0 / SPIKE)
+
+
+def _calm(white: np.ndarray) -> np.ndarray:
+    """(U, M): frames in noise units, spikes and lost readings replaced by the median of a frame and
+    the two beside it."""
+    median = _median(white)
     return np.where(np.abs(white - median) <= SPIKE, white, median)
 
 
@@ -134,7 +149,8 @@ def _splits(
     session = sessions(recording.frames)[rows]
     k = np.arange(width - 1, len(rows) - width)
     k = k[session[k - width + 1] == session[k + width]]
-    across = rows[k + 1] - rows[k] > 1
+    touched = np.cumsum(recording.frames["touch"].to_numpy(dtype=bool))
+    across = touched[rows[k + 1]] > touched[rows[k]]
     time = recording.frames["time_s"].to_numpy(float)
     if recording.metadata["clock"] == "index":
         time = np.arange(len(time), dtype=float)
