@@ -159,7 +159,7 @@ def test_what_the_description_says_is_the_recordings(write):
 MISTAKES = {
     "drives: adjacent\nmeasurement: adjacent": r"skin\.yaml: key drives: found an unknown key, ex",
     "drive: adjacent\nmeasurement: 3": "key measurement: found 3",
-    "drive: adjacent\nmeasurement: adjacent\nunit: mV": "key unit: found "mV", expected "V" or "ohm"",
+    "drive: adjacent\nmeasurement: adjacent\nunit: mV": 'key unit: found "mV", expected "V"',
     "drive: adjacent\nmeasurement: adjacent\nrate_Hz: 0": "key rate_Hz: found 0",
     "drive: adjacent\nmeasurement: adjacent\nclock: measured": "rate_Hz, or a label time_s",
     "drive: adjacent\nmeasurement: adjacent\nelectrodes: 16": "found 40, expected 104 or 208 or",

@@ -1,14 +1,15 @@
 """What a recording holds, how good it is, and what it cannot tell; in plain words.
 
-`measures`, `wiring` and `missing` hold what is measured and how grave it is, `sentences` what is
-said of it. Errors are what makes a recording useless as it stands: a wrong channel order, readings
-that no passive skin gives.
+`measures`, `wiring`, `missing`, `plausibility`, `response`, `clipping`, `compliance` and `steps`
+hold what is measured and how grave it is; `sentences` what is said of it, `suspicions` what is said
+only where something looks wrong. Errors are what makes a recording useless as it stands: a wrong
+channel order, readings that no passive skin gives, readings that never change.
 """
 
 from pathlib import Path
 
 from eitskin.atomic import atomic_path
-from eitskin.data.check import sentences
+from eitskin.data.check import sentences, suspicions
 from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Check
 from eitskin.data.recording import Recording
 from eitskin.errors import InputError
@@ -19,17 +20,21 @@ __all__ = ["ERROR", "FACT", "UNOBSERVABLE", "WARNING", "Check", "check", "text",
 def check(recording: Recording) -> Check:
     """Every finding about a recording or query (`recording.validate`d)."""
     findings = sentences.contents(recording) + sentences.skin(recording)
-    findings += sentences.repeated(recording)
+    findings += sentences.repeated(recording) + suspicions.units(recording)
     if recording.voltage is not None:
         nothing = sentences.dead(recording)
         if nothing:
             return Check((*findings, *nothing))
         for examine in (
+            suspicions.constant,
+            suspicions.unseen,
             sentences.lost,
             sentences.clipped,
             sentences.noise,
             sentences.drift,
+            suspicions.steps_in_time,
             sentences.reciprocity,
+            suspicions.weak_drives,
             sentences.channel_order,
             sentences.polarity,
             sentences.numbering,

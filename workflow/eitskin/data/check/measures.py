@@ -16,6 +16,7 @@ NORMAL = 1.4826  # standard deviation of a normal variable over its median dista
 MOST_FRAMES = 500
 CLIPPED_FRAMES = 3
 MOST_REPEATED = 0.5
+QUIET = 0.3  # of the median channel's noise; no channel is taken for quieter
 UNKNOWNS = 3  # x, y and F of a touch
 
 
@@ -211,6 +212,19 @@ def noise(recording: Recording) -> Noise | None:
         return None
     spread = NORMAL * _columns(np.nanmedian, np.abs(steps)) / np.sqrt(2.0)
     return Noise(float(np.nanmedian(spread)), len(steps) + 1, not follow.any())
+
+
+def channel_noise(values: np.ndarray) -> np.ndarray:
+    """(M,): sd of each channel's noise, from the successive differences of untouched frames (U, M);
+    at the least QUIET of the median channel's, and 1 where nothing ever changes.
+    """
+    change = np.diff(values, axis=0)
+    change[:, ~np.isfinite(change).any(axis=0)] = 0.0
+    spread = NORMAL * np.nanmedian(np.abs(change), axis=0) / np.sqrt(2.0)
+    if not spread.any():
+        spread[:] = np.sqrt(np.nanmean(change**2) / 2.0)
+    middle = np.median(spread[spread > 0]) if spread.any() else 1.0
+    return np.maximum(spread, QUIET * middle)
 
 
 def noise_bound(recording: Recording) -> float | None:

@@ -5,7 +5,7 @@ findings.
 import numpy as np
 
 from eitskin.data.channel_order import ORDERS, Misfit
-from eitskin.data.check import measures, wiring
+from eitskin.data.check import clipping, measures, named, wiring
 from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Finding
 from eitskin.data.check.missing import HOLD_S, missing
 from eitskin.data.recording import Recording
@@ -107,6 +107,11 @@ MISSING = {  # what cannot be told: its topic, the sentence, the frames to add
     ),
 }
 
+CEILING_SIGNS = {
+    "noise": "they are equal, and their noise is squashed",
+    "touch": "they are equal, and touches that should raise them do not",
+}
+
 
 def contents(recording: Recording) -> list[Finding]:
     """Frames, touches, channels and where they come from."""
@@ -179,7 +184,7 @@ def repeated(recording: Recording) -> list[Finding]:
     again = measures.repeated(recording)
     if again is None:
         return []
-    rows = _channels(recording, again.rows)
+    rows = named.channels(recording, again.rows)
     sentence = f"a channel appears twice: {rows} stood in the table before."
     return [Finding("repeated", again.severity, sentence, again.share)]
 
@@ -202,16 +207,16 @@ def lost(recording: Recording) -> list[Finding]:
     gone = measures.lost(recording)
     found = []
     if len(gone.always):
-        sentence = f"{_channels(recording, gone.always)} lost in every frame."
+        sentence = f"{named.channels(recording, gone.always)} lost in every frame."
         found.append(Finding("lost", WARNING, sentence, len(gone.always) / gone.channels))
     if len(gone.sometimes):
-        rows, share = _channels(recording, gone.sometimes), gone.share_of_sometimes
+        rows, share = named.channels(recording, gone.sometimes), gone.share_of_sometimes
         sentence = f"{rows} lost in some frames ({share:.1%} of them)."
         found.append(Finding("lost", WARNING, sentence, gone.share))
     if not found:
         found.append(_fact("lost", "no reading is lost.", 0.0))
     if len(gone.stuck):
-        sentence = f"{_channels(recording, gone.stuck)} never change: stuck or dead."
+        sentence = f"{named.channels(recording, gone.stuck)} never change: stuck or dead."
         found.append(Finding("stuck", WARNING, sentence, len(gone.stuck) / gone.channels))
     return found
 
@@ -221,11 +226,20 @@ def clipped(recording: Recording) -> list[Finding]:
     stop = measures.clipped(recording)
     if stop is None:
         return []
-    if not len(stop.channels):
-        return [_fact("clipped", "no channel stops at a ceiling.", 0.0)]
-    rows = _channels(recording, stop.channels)
-    sentence = f"{rows} stop at {stop.ceiling:.4g}: the range is too small."
-    return [Finding("clipped", WARNING, sentence, stop.share)]
+    if len(stop.channels):
+        rows = named.channels(recording, stop.channels)
+        sentence = f"{rows} stop at {stop.ceiling:.4g}: the range is too small."
+        return [Finding("clipped", WARNING, sentence, stop.share)]
+    found = []
+    for one in clipping.ceilings(recording):
+        rows, at = named.channels(recording, one.channels), named.frames(one.frames)
+        sentence = (
+            f"{rows} seem to stop at {one.ceiling:.4g}: {CEILING_SIGNS[one.sign]}. They are there "
+            f"in {at}; the range may be too small."
+        )
+        share = len(one.channels) / len(recording.channels)
+        found.append(Finding("clipped", WARNING, sentence, share))
+    return found or [_fact("clipped", "no channel stops at a ceiling.", 0.0)]
 
 
 def noise(recording: Recording) -> list[Finding]:
@@ -379,16 +393,6 @@ def unobservable(recording: Recording) -> list[Finding]:
 def _share(value: float, level: float) -> str:
     """`, 0.25% of the median reading`; nothing where that reading is 0."""
     return f", {value / level:.2%} of the median reading" if level > 0 else ""
-
-
-def _channels(recording: Recording, rows: np.ndarray) -> str:
-    """`3 channels (0: 0-1 -> 2-3, ...)`, at most three named."""
-    shown = ", ".join(
-        "{}: drive {}-{}, measured {}-{}".format(row, *recording.channels[row]) for row in rows[:3]
-    )
-    more = ", ..." if len(rows) > 3 else ""
-    plural = "" if len(rows) == 1 else "s"
-    return f"{len(rows)} channel{plural} ({shown}{more})"
 
 
 def _fact(topic: str, sentence: str, value: float | None = None) -> Finding:

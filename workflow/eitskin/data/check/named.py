@@ -1,0 +1,35 @@
+"""Channels, frames, electrodes and drives as a sentence names them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from eitskin.data.recording import Recording
+from eitskin.quantities import listed
+
+FEW = 3
+
+
+def channels(recording: Recording, rows: np.ndarray) -> str:
+    """`3 channels (0: drive 0-1, measured 2-3, ...)`, at most three named."""
+    shown = ", ".join(
+        "{}: drive {}-{}, measured {}-{}".format(row, *recording.channels[row])
+        for row in rows[:FEW]
+    )
+    more = ", ..." if len(rows) > FEW else ""
+    plural = "" if len(rows) == 1 else "s"
+    return f"{len(rows)} channel{plural} ({shown}{more})"
+
+
+def frames(rows: np.ndarray) -> str:
+    """`frame 4`, `12 frames (4 to 9, 12, ...)`, at most three runs named."""
+    runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    shown = [f"{run[0]} to {run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs[:FEW]]
+    if len(rows) == 1:
+        return f"frame {rows[0]}"
+    return f"{len(rows)} frames ({', '.join(shown)}{', ...' if len(runs) > FEW else ''})"
+
+
+def electrodes(numbers: Sequence[int]) -> str:
+    """`electrode 3`, `electrodes 3 and 4`."""
+    return f"electrode{'' if len(numbers) == 1 else 's'} {listed(list(numbers))}"
