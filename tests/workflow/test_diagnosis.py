@@ -48,11 +48,13 @@ def test_the_twin_s_diagnosis_names_what_was_hidden(finished):
     assert not (finished.folder / FOLDER / "predicted.parquet").exists()
 
 
-def test_a_diagnosis_is_made_of_the_recording_and_the_schema_alone(finished):
+def test_a_diagnosis_is_made_of_the_recording_its_check_and_the_schema_alone(finished):
     rows = table(finished.snakemake("--detailed-summary", "--", REPORT))
     inputs = rows[f"{FOLDER}/diagnosis.json"]["input-file(s)"].split(",")
     recorded = "results/recordings/simulated-twin.parquet"
-    assert set(inputs) == {recorded, "workflow/schemas/diagnosis.schema.yaml"}
+    checked = "results/recordings/simulated-twin.check.txt"
+    assert set(inputs) == {recorded, checked, "workflow/schemas/diagnosis.schema.yaml"}
+    assert rows[checked]["input-file(s)"] == recorded
     for file, row in rows.items():
         if file.startswith(FOLDER):
             for name in row["input-file(s)"].split(","):
