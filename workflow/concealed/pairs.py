@@ -3,9 +3,9 @@
 BLOCK is development, on which the threshold was set, or report. A control recording and a later one
 of the same skin (`pair_skins`) are compared as `eitskin compare` does, with one of ten faults of
 the instrument planted in the later one, in a third of all from somewhere in its middle on, or with
-none. In one frame the fault's SNR is log-uniform in 8 to 40 of the later recording's own noise
-(`planted`); crossed wires, lost channels and what is limited by physics show what they show.
-`snr_difference` is that of the sessions' difference, in units of what it is without the fault.
+none. Its SNR is log-uniform in 8 to 40, of the sessions' difference in units of what that is
+without a fault, beside an overall factor (`planted`); crossed wires, lost channels and what has a
+largest size show what they show.
 """
 
 import sys
@@ -29,6 +29,7 @@ from witness.laws import SITES
 NAMES = ("control", "later")
 MIDDLE = (0.3, 0.7)  # of the later recording, where a third of all faults begin
 ENOUGH = 8.0  # SNR in the difference
+TINY_V = 1e-12
 CATALOGUE = {"clipping": "adc-nonlinearity"}
 # Pairs a kind and pairs without a fault, of each source.
 NUMBERS = {
@@ -58,7 +59,7 @@ class Case:
     fault: dict | None
     since: int
     snr: float
-    snr_difference: float
+    snr_frame: float
 
 
 def draw(block: str, source: str, kind: str, number: int) -> Case | None:
@@ -79,19 +80,20 @@ def draw(block: str, source: str, kind: str, number: int) -> Case | None:
     if len(plain) > 8 and rng.uniform() < 1.0 / 3.0:
         since = int(rng.integers(*(round(share * len(plain)) for share in MIDDLE)))
         voltage = np.concatenate([plain[:since], voltage[since:]])
-    shown = wander(sessions.control.voltage, plain)
+    noise = wander(sessions.control.voltage, sessions.later.voltage).noise
     moved = np.nan_to_num(voltage[since:] - plain[since:]).mean(axis=0)
-    own = np.linalg.norm(shown.across(shown.change)) / np.sqrt(shown.count)
-    snr_difference = float(np.linalg.norm(shown.across(moved)) / max(own, 1.0))
+    snr_frame = float(np.linalg.norm(moved / np.maximum(noise, TINY_V)))
     later = replace(sessions.later, voltage=voltage)
-    return Case(sessions.control, later, fault, since, snr, snr_difference)
+    return Case(sessions.control, later, fault, since, snr, snr_frame)
 
 
 def _harmed(
     sessions: Sessions, kind: str, rng: np.random.Generator
 ) -> tuple[np.ndarray, dict, float] | None:
-    """The later readings with a fault, the fault, and its SNR in one frame."""
-    noise = np.maximum(wander(sessions.control.voltage, sessions.later.voltage).noise, 1e-12)
+    """The later readings with a fault, the fault, and its SNR in the difference."""
+    shown = wander(sessions.control.voltage, sessions.later.voltage)
+    own = np.linalg.norm(shown.across(shown.change)) / np.sqrt(shown.count)
+    noise = np.maximum(shown.scale * max(own, 1.0), TINY_V)
     if kind == "electrode-swap" and sessions.crossed is not None:
         electrodes, crossed = sessions.crossed
         change = (crossed.voltage - sessions.later.voltage).mean(axis=0) / noise
@@ -116,7 +118,7 @@ def judged(case: Case, said: Difference) -> dict:
         "where": _where(fault) if fault else "",
         "since": case.since,
         "snr": case.snr,
-        "snr_difference": case.snr_difference,
+        "snr_frame": case.snr_frame,
         "said": "; ".join(_said(one) for one in given),
         "evidence": max((one.explained.evidence for one in said.found), default=np.nan),
         "margin": said.found[0].margin if said.found else np.nan,
@@ -177,7 +179,7 @@ def table(judged_rows: pd.DataFrame) -> str:
     """Markdown: what was found, and what was said without a fault, with 95 % intervals."""
     faults = judged_rows[judged_rows["kind"] != planted.NONE]
     exact = faults["kind"].isin(["lost-channels", "electrode-swap"])
-    enough = faults[exact | (faults["snr_difference"] >= ENOUGH)]
+    enough = faults[exact | (faults["snr"] >= ENOUGH / 1.05)]
     none = judged_rows[judged_rows["kind"] == planted.NONE]
     lines = [
         "| pairs | n | at the site | by name | something false |",

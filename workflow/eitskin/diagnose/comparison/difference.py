@@ -19,6 +19,7 @@ from eitskin.diagnose.comparison import faults
 from eitskin.diagnose.comparison.evidence import Evidence, Explained
 from eitskin.diagnose.comparison.faults import Control, Signature
 from eitskin.diagnose.comparison.interference import limit, louder, tone_power
+from eitskin.diagnose.comparison.potentials import Potentials
 from eitskin.diagnose.comparison.wander import Wander, wander
 from eitskin.errors import InputError
 
@@ -29,6 +30,7 @@ MOST_FOUND = 3
 QUARTERS = 4
 FEWEST_A_QUARTER = 3  # frames
 DEAD = 0.05  # of a reading that a dead channel has at most
+CLIPPED, MAINS = "adc-nonlinearity", "mains-interference"
 ALIKE = ("voltage", "values", "unit")
 
 
@@ -74,7 +76,8 @@ class Found:
     @property
     def named(self) -> bool:
         """Whether it may be given as the answer."""
-        return self.explained.evidence >= THRESHOLD and self.margin >= MARGIN
+        enough = self.explained.evidence >= THRESHOLD and self.margin >= MARGIN
+        return enough and not self.explained.spread
 
 
 @dataclass(frozen=True)
@@ -131,20 +134,32 @@ def _untouched(recording: Recording, name: str) -> np.ndarray:
 def difference(control: Recording, later: Recording, names: tuple[str, str]) -> Difference:
     """Two recordings of one skin compared, as above; InputError as `pair`."""
     both = pair(control, later, names)
-    begun = [_Begun(both, first) for first in _beginnings(len(both.later))]
-    judged = begun[0]
-    best = max(begun[1:], key=_Begun.most, default=judged)
-    if best.most() > max(judged.most() + BEGINS, THRESHOLD):
-        judged = best
+    read = np.isfinite(both.control).any(axis=0) & np.isfinite(both.later).any(axis=0)
+    potentials = Potentials(both.channels, both.n, read)
+    judged = _begun(both, potentials)
     found = []
     while judged.ranked and judged.most() >= THRESHOLD:
         one = judged.found()
         found.append(one)
         if not one.named or len(found) == MOST_FOUND:
             break
-        judged = _Begun(both, judged.first, [p for f in found for p in f.explained.parts])
+        known = [part for each in found for part in each.explained.parts]
+        judged = _Begun(both, judged.first, potentials, known)
     common = _common(judged.wander)
     return Difference(both, found, _lost(both), judged.wander, common)
+
+
+def _begun(both: Pair, potentials: Potentials) -> "_Begun":
+    """The pair judged from the frame on from which a fault has the most evidence."""
+    tried = {first: _Begun(both, first, potentials) for first in _beginnings(len(both.later))}
+    for _ in range(2):
+        best = max(tried.values(), key=_Begun.most)
+        first = best.beginning() if best.ranked else 0
+        if first in tried:
+            break
+        tried[first] = _Begun(both, first, potentials)
+    best = max(tried.values(), key=_Begun.most)
+    return best if best.most() > tried[0].most() + BEGINS else tried[0]
 
 
 def _beginnings(count: int) -> list[int]:
@@ -170,32 +185,35 @@ class _Begun:
     """The pair judged as if a fault began with an untouched frame of the later recording; `known`
     are signatures that are found already."""
 
-    def __init__(self, both: Pair, first: int, known: Sequence[Signature] = ()):
+    def __init__(
+        self, both: Pair, first: int, potentials: Potentials, known: Sequence[Signature] = ()
+    ):
         self.pair, self.first = both, first
         self.before = np.concatenate([both.control, both.later[:first]])
         self.after = both.later[first:]
         self.wander = wander(self.before, self.after)
         usable = self.wander.usable
-        self.control = Control(
-            both.channels, both.n, self.wander.mean, usable, both.signed, both.moment_s
-        )
+        if not np.array_equal(potentials.read, usable):
+            potentials = Potentials(both.channels, both.n, usable)
+        self.control = Control(potentials, self.wander.mean, both.signed, both.moment_s)
         self.evidence = Evidence(self.wander, known)
-        self.families = self._families() if usable.sum() > self.wander.nuisance.shape[1] else []
-        self.ranked = sorted(
-            (self._best(family) for family in self.families),
-            key=lambda e: -e.evidence,
-        )
+        self.families = self._families(known) if self.wander.count > 0 else []
+        ranked = [self._best(family) for family in self.families]
+        self.ranked = sorted(ranked, key=lambda e: -e.evidence)
 
-    def _families(self) -> list[list[Signature]]:
+    def _families(self, known: Sequence[Signature]) -> list[list[Signature]]:
         found = faults.families(self.control)
         found += [[each] for each in faults.everywhere(self.control)]
         found.append(faults.crossed(self.control, self.wander.change, self.wander.scale))
         self.tones = faults.tones(self.control)
-        found.append(self.tones)
-        self.clip = limit(self.before, self.after)
+        done = {part.name for part in known if part.kind is None}
+        found = [[each for each in family if each.name not in done] for family in found]
+        self.clip = None if CLIPPED in done else limit(self.before, self.after)
         if self.clip is not None:
             found.append([faults.clipped(self.control, self.clip[0])])
-        return [family for family in found if family]
+        if MAINS in done:
+            self.tones = []
+        return [family for family in [*found, self.tones] if family]
 
     def _best(self, family: list[Signature]) -> Explained:
         if family is self.tones:
@@ -235,8 +253,10 @@ class _Begun:
         alternatives = tuple(name for name in dict.fromkeys(near) if name != best.name)
         change = self._change(best)
         moved = change != 0
-        size = float(np.abs(change[moved]).sum() / np.abs(self.wander.mean[moved]).sum())
-        return Found(best, rival, alternatives, self._since(change), size)
+        whole = np.abs(self.wander.mean[moved]).sum()
+        size = float(np.abs(change[moved]).sum() / whole) if whole > 0 else np.inf
+        first = self.beginning(change)
+        return Found(best, rival, alternatives, int(self.pair.rows[first]) if first else 0, size)
 
     def _change(self, best: Explained) -> np.ndarray:
         """(M,) V: what the fault changed, its free sizes fitted."""
@@ -246,23 +266,19 @@ class _Begun:
         sizes = np.linalg.lstsq(self.wander.across(basis), left, rcond=None)[0]
         return basis @ sizes + known
 
-    def _since(self, change: np.ndarray) -> int:
-        """The row of the later recording where the change begins: a step in each frame's share of
-        it (least squares), the first row where no step is much better than none."""
-        filter_ = self.wander.across(change)
-        filter_ = filter_ / (filter_ @ filter_ or 1.0)
+    def beginning(self, change: np.ndarray | None = None) -> int:
+        """The untouched frame of the later recording with which a change (M,), by default the best
+        fault's, begins: a step in each frame's share of it (least squares), 0 where no step is much
+        better than none."""
+        if change is None:
+            change = self._change(self.ranked[0])
+        direction = self.wander.across(change)
+        direction = direction / (direction @ direction or 1.0)
         about = np.nan_to_num(self.pair.later - self.wander.mean)
-        share = (self.wander.across(about.T)).T @ filter_
-        share = np.clip(share, -1.0, 2.0)
+        share = np.clip(self.wander.across(about.T).T @ direction, -1.0, 2.0)
         count = len(share)
-        left = np.array(
-            [
-                (share[:first] ** 2).sum() + ((share[first:] - share[first:].mean()) ** 2).sum()
-                for first in range(count)
-            ]
-        )
+        rest = [((share[k:] - share[k:].mean()) ** 2).sum() for k in range(count)]
+        left = np.cumsum(np.append(0.0, share[:-1] ** 2)) + rest + np.finfo(float).tiny
         first = int(np.argmin(left))
-        gained = 0.5 * count * np.log(left[0] / left[first]) if left[first] > 0 else np.inf
-        if first == 0 or not gained > BEGINS + np.log(count):
-            return 0
-        return int(self.pair.rows[first])
+        gained = 0.5 * count * np.log(left[0] / left[first])
+        return first if gained > BEGINS + np.log(count) else 0

@@ -18,15 +18,17 @@ from eitskin.diagnose.comparison.wander import Wander
 MOST_SITES = 3  # of one fault
 ADDED = 6.0  # nats that one more site must bring
 MANY = 40  # of a family beyond which only those that take most by themselves are looked at
-TINY = 1e-6  # of a signature's length that is left once what others explain is taken away
+TINY = 1e-6  # of a signature's square that is left once what others explain is taken away
 
 
 @dataclass(frozen=True)
 class Explained:
-    """What explains a difference: signatures of one kind of fault, one a site, their evidence."""
+    """What explains a difference: signatures of one kind of fault, one a site, their evidence;
+    spread: whether yet more sites would add to it, so that it is no fault of a few."""
 
     parts: tuple[Signature, ...]
     evidence: float
+    spread: bool = False
 
     @property
     def name(self) -> str:
@@ -55,7 +57,7 @@ class Evidence:
         self, part: Signature, left: np.ndarray, basis: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, float]:
         """What is left of the difference, what has been explained, with one part more, and how
-        much of the square it took: less where the skin wanders that way of itself."""
+        much of the square it took."""
         gained = 0.0
         if part.shift is not None:
             shift = self.wander.across(part.shift)
@@ -64,7 +66,7 @@ class Evidence:
         if part.basis.shape[1]:
             free = _spanned(self.wander.across(part.basis), basis)
             taken = free.T @ left
-            gained += _square(taken) / self.wander.liveliness(free)
+            gained += _square(taken)
             left = left - free @ taken
             basis = np.column_stack([basis, free])
         return left, basis, gained
@@ -84,11 +86,13 @@ class Evidence:
     def best(self, family: Sequence[Signature]) -> Explained:
         """The best of a family, with more sites as long as each brings enough."""
         chosen = self.of([self._next((), family)], len(family))
-        while len(chosen.parts) < min(MOST_SITES, len(family)):
+        while len(chosen.parts) < len(family):
             more = self._next(chosen.parts, family)
             joined = self.of([*chosen.parts, more], len(family))
             if joined.evidence < chosen.evidence + ADDED:
                 break
+            if len(chosen.parts) == MOST_SITES:
+                return replace(chosen, spread=True)
             chosen = joined
         return chosen
 
@@ -126,5 +130,6 @@ def _spanned(columns: np.ndarray, basis: np.ndarray) -> np.ndarray:
     length = np.sqrt((columns**2).sum(axis=0))
     columns = columns[:, length > 0] / length[length > 0]
     rest = columns - basis @ (basis.T @ columns)
-    left, size, _ = np.linalg.svd(rest, full_matrices=False)
-    return left[:, size > TINY**0.5]
+    square, turn = np.linalg.eigh(rest.T @ rest)
+    kept = square > TINY
+    return rest @ (turn[:, kept] / np.sqrt(square[kept]))

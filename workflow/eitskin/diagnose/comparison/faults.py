@@ -5,7 +5,7 @@ a constant, memory by the reading before, and crossed wires read what other chan
 (`potentials`). What follows no such law is a block of channels, each with a value of its own.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,20 +30,33 @@ class Signature:
 
 @dataclass(frozen=True)
 class Control:
-    """What signatures are made from: channels (M, 4), electrodes n, their mean readings (M,) with
-    0 where lost, whether they are signed, and when each is read (M,) s, None where unknown."""
+    """What signatures are made from: the channels that were read, their mean readings (M,) with 0
+    where lost, whether they are signed, and when each is read (M,) s, None where unknown."""
 
-    channels: np.ndarray
-    n: int
+    potentials: Potentials
     mean: np.ndarray
-    read: np.ndarray
     signed: bool
     moment_s: np.ndarray | None = None
-    sign: np.ndarray | None = field(init=False)
 
-    def __post_init__(self):
-        signs = np.ones(len(self.mean)) if self.signed else _signs(self.channels, self.n)
-        object.__setattr__(self, "sign", signs)
+    @property
+    def channels(self) -> np.ndarray:
+        """(M, 4): source, sink, plus, minus."""
+        return self.potentials.channels
+
+    @property
+    def n(self) -> int:
+        """Electrodes."""
+        return self.potentials.n
+
+    @property
+    def read(self) -> np.ndarray:
+        """(M,): which channels have readings."""
+        return self.potentials.read
+
+    @property
+    def sign(self) -> np.ndarray | None:
+        """(M,): what makes readings signed; None where nobody can tell."""
+        return np.ones(len(self.mean)) if self.signed else _signs(self.channels, self.n)
 
 
 def _signs(channels: np.ndarray, n: int) -> np.ndarray | None:
@@ -114,8 +127,7 @@ def _pairs_of(e: int, control: Control) -> Signature:
 
 def _wire_gains(control: Control) -> list[Signature]:
     """One electrode's voltage before the difference is taken, relative to all electrodes' mean."""
-    potentials = Potentials(control.channels, control.n, control.read)
-    impedances = potentials.impedances(control.mean)
+    impedances = control.potentials.impedances(control.mean)
     source, sink, plus, minus = control.channels.T
     found = []
     for e in range(control.n):
@@ -157,10 +169,11 @@ def crossed(control: Control, change: np.ndarray, scale: np.ndarray) -> list[Sig
 
     Channels that would read what follows from none that was read have a value of their own.
     """
-    if control.sign is None:
+    sign = control.sign
+    if sign is None:
         return []
-    potentials = Potentials(control.channels, control.n, control.read)
-    impedances = potentials.impedances(control.sign * control.mean)
+    potentials = control.potentials
+    impedances = potentials.impedances(sign * control.mean)
     white = change / scale
     used = np.unique(control.channels).tolist()
     tried = []

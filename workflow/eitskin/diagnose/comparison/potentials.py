@@ -5,7 +5,7 @@ A reading is (e_source - e_sink) · Z (e_plus - e_minus), Z the transfer impedan
 skin and without reciprocity, whatever the pattern: so does what crossed wires would read.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -20,6 +20,7 @@ class Potentials:
     channels: np.ndarray
     n: int
     read: np.ndarray
+    _crossed: dict[tuple[int, int], np.ndarray] = field(default_factory=dict, repr=False)
 
     @cached_property
     def _factors(self) -> tuple[np.ndarray, np.ndarray]:
@@ -45,18 +46,23 @@ class Potentials:
         follow from what was read (M,)."""
         wires = np.arange(self.n)
         wires[[a, b]] = b, a
-        source, sink, plus, minus = wires[self.channels].T
-        values = (
-            impedances[source, plus]
-            - impedances[source, minus]
-            - impedances[sink, plus]
-            + impedances[sink, minus]
-        )
-        outside = self._factors[1].reshape(self.n, self.n, -1)
-        missed = (
-            outside[source, plus]
-            - outside[source, minus]
-            - outside[sink, plus]
-            + outside[sink, minus]
-        )
-        return values, (np.abs(missed) < SPANNED).all(axis=1)
+        return _between(impedances, wires[self.channels]), self._known(a, b)
+
+    def _known(self, a: int, b: int) -> np.ndarray:
+        if (a, b) not in self._crossed:
+            known = self.read.copy()
+            moved = np.isin(self.channels, (a, b)).any(axis=1)
+            wires = np.arange(self.n)
+            wires[[a, b]] = b, a
+            open_ = self._factors[1].reshape(self.n, self.n, -1)
+            missed = np.abs(_between(open_, wires[self.channels[moved]]))
+            known[moved] = (missed < SPANNED).all(axis=-1)
+            self._crossed[a, b] = known
+        return self._crossed[a, b]
+
+
+def _between(impedances: np.ndarray, channels: np.ndarray) -> np.ndarray:
+    """(M, ...): what channels (M, 4) read of impedances (n, n, ...)."""
+    source, sink, plus, minus = channels.T
+    from_source = impedances[source, plus] - impedances[source, minus]
+    return from_source - impedances[sink, plus] + impedances[sink, minus]

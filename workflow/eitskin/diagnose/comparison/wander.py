@@ -16,6 +16,7 @@ SPIKE = 5.0  # sd from a session's median at which a reading is held
 EDGE = 1.5  # times what white noise alone gives a direction
 SHARED = 4.0  # samples that the scatter of all channels counts for in each one's
 WALK = 4.0  # variance between the means of two sessions, over that within one, of a random walk
+MOST_KEPT = 0.95  # of a covariance between channels
 PRIOR = 20.0  # channels that the scatter within sessions counts for in that between them
 
 
@@ -36,8 +37,8 @@ class Wander:
     noise: np.ndarray
     scale: np.ndarray
     nuisance: np.ndarray
-    samples: np.ndarray
-    free: int
+    turn: np.ndarray
+    eased: np.ndarray
     prior: float
 
     @property
@@ -45,18 +46,17 @@ class Wander:
         """Free values of the difference."""
         return int(self.usable.sum()) - self.nuisance.shape[1]
 
-    def liveliness(self, direction: np.ndarray) -> float:
-        """How much more a skin wanders along orthonormal directions (M, k), in units of scale, than
-        if its channels wandered each for itself: a ratio of variances, 1 or more."""
-        if not self.free or not direction.shape[1]:
-            return 1.0
-        square = ((self.samples @ direction) ** 2).sum() / direction.shape[1]
-        return max(1.0, float(square + SHARED) / (self.free + SHARED))
-
     def across(self, values: np.ndarray) -> np.ndarray:
         """Values (M,) or (M, k), V, in units of scale, without what a skin does without a fault."""
         white = values / (self.scale if values.ndim == 1 else self.scale[:, None])
+        white = _eased(white, self.turn, self.eased)
         return white - self.nuisance @ (self.nuisance.T @ white)
+
+
+def _eased(white: np.ndarray, turn: np.ndarray, eased: np.ndarray) -> np.ndarray:
+    """Values (M,) or (M, k) times the inverse root of the covariance of unit channels."""
+    along = turn.T @ white
+    return white - turn @ ((1.0 - eased) * along.T).T
 
 
 def wander(control: np.ndarray, later: np.ndarray) -> Wander:
@@ -69,10 +69,11 @@ def wander(control: np.ndarray, later: np.ndarray) -> Wander:
     sessions = [_held(each[:, usable]) for each in (control, later)]
     mean, after = (each.mean(axis=0) for each in sessions)
     noise, known = _white(sessions, mean)
-    scale, directions, samples, free = _scatter([each / noise for each in sessions])
+    scale, directions, samples = _scatter([each / noise for each in sessions])
     scale = scale * noise
+    turn, eased = _together(samples)
     found = np.column_stack([mean / scale, noise[:, None] * directions / scale[:, None]])
-    nuisance = np.linalg.qr(found)[0]
+    nuisance = np.linalg.qr(_eased(found, turn, eased))[0]
 
     def everywhere(values: np.ndarray, other: float = 0.0) -> np.ndarray:
         full = np.full((len(usable), *values.shape[1:]), other)
@@ -86,8 +87,8 @@ def wander(control: np.ndarray, later: np.ndarray) -> Wander:
         everywhere(noise),
         everywhere(scale, np.inf),
         everywhere(nuisance),
-        everywhere(samples.T).T,
-        free,
+        everywhere(turn),
+        eased,
         min(PRIOR, known),
     )
 
@@ -124,15 +125,16 @@ def _blocks(session: np.ndarray) -> np.ndarray:
     return means - means.mean(axis=0)
 
 
-def _scatter(sessions: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+def _scatter(sessions: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sd of the difference of the sessions' means in each channel across the directions (M,), those
-    (M, q), both in units of white noise; samples (s, M) and how many of them are free."""
+    (M, q), both in units of white noise; samples (s, M) of the rest, each channel in units of its
+    own, the squares of which add to the number of free ones."""
     white = sum(1.0 / len(each) for each in sessions)
     blocks = np.concatenate([_blocks(each) for each in sessions])
     count, width = blocks.shape
     free = count - len(sessions)
     if free < 1:
-        return np.full(width, np.sqrt(white)), np.zeros((width, 0)), np.zeros((0, width)), 0
+        return np.full(width, np.sqrt(white)), np.zeros((width, 0)), np.zeros((0, width))
     length = sum(map(len, sessions)) / count
     _, sizes, rows = np.linalg.svd(blocks, full_matrices=False)
     edge = EDGE * (np.sqrt(free) + np.sqrt(width)) / np.sqrt(length)
@@ -144,4 +146,23 @@ def _scatter(sessions: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.nda
     square = (rest**2).sum(axis=0) / left
     square = (left * square + SHARED * square.mean()) / (left + SHARED)
     walked = WALK * np.maximum(square - 1.0 / length, 0.0)
-    return np.sqrt(walked + white), directions, rest / np.sqrt(square), left
+    spread = np.sqrt(square * left / len(rest))
+    return np.sqrt(walked + white), directions, rest / np.where(spread > 0, spread, 1.0)
+
+
+def _together(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (M, s) in which channels scatter together, from samples (s, M), and the roots (s,)
+    of what channels by themselves scatter over that along them: the covariance is shrunk towards
+    independent channels as far as chance asks for (Ledoit & Wolf 2004)."""
+    count, width = samples.shape
+    if count < 2:
+        return np.zeros((width, 0)), np.zeros(0)
+    gram = samples @ samples.T / count
+    square = (gram**2).sum() / width
+    apart = square - 1.0
+    by_chance = (np.diag(gram) ** 2).sum() / width - square / count
+    kept = float(np.clip(1.0 - by_chance / apart, 0.0, MOST_KEPT)) if apart > 0 else 0.0
+    size, rows = np.linalg.eigh(gram)
+    there = size > 1e-9 * size.max()
+    turn = samples.T @ rows[:, there] / np.sqrt(count * size[there])
+    return turn, np.sqrt((1.0 - kept) / (1.0 - kept + kept * size[there]))
