@@ -180,9 +180,7 @@ def simulated(rng: np.random.Generator) -> Sessions:
     return Sessions(recorded(here[: counts[0]]), recorded(here[later]), swapped)
 
 
-def _walk(
-    rng: np.random.Generator, count: int, plain: np.ndarray, noise: np.ndarray
-) -> np.ndarray:
+def _walk(rng: np.random.Generator, count: int, plain: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """(N, k): how much of each impedance (k, M) is there in each frame; the first stays whole, the
     others walk, each by as much within a session of 40 frames as WALKED times the noise."""
     size = np.exp(rng.uniform(*np.log(WALKED)))

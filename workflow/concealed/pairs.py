@@ -1,6 +1,7 @@
 """`python -m concealed.pairs BLOCK OUT`: faults between two sessions of one skin, found or not.
 
-BLOCK is development, on which the threshold was set, or report. A control recording and a later one
+BLOCK is development, on which the threshold was set, or report. A run goes on where an earlier one
+of the same folder was stopped. A control recording and a later one
 of the same skin (`pair_skins`) are compared as `eitskin compare` does, with one of ten faults of
 the instrument planted in the later one, in a third of all from somewhere in its middle on, or with
 none. Its SNR is log-uniform in 8 to 40, of the sessions' difference in units of what that is
@@ -8,6 +9,7 @@ without a fault, beside an overall factor (`planted`); crossed wires, lost chann
 largest size show what they show.
 """
 
+import json
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -120,8 +122,8 @@ def judged(case: Case, said: Difference) -> dict:
         "snr": case.snr,
         "snr_frame": case.snr_frame,
         "said": "; ".join(_said(one) for one in given),
-        "evidence": max((one.explained.evidence for one in said.found), default=np.nan),
-        "margin": said.found[0].margin if said.found else np.nan,
+        "evidence": said.found[0].explained.evidence if said.found else None,
+        "margin": min(said.found[0].margin, 1e6) if said.found else None,
         "said_since": given[0].since if given else -1,
     }
     if said.lost:
@@ -156,8 +158,8 @@ def _said(one) -> str:
     return f"{one.name} {kind} {[int(s) for s in sites]}" if kind else one.name
 
 
-def rows(block: str) -> pd.DataFrame:
-    """Every pair of a block, judged."""
+def rows(block: str, folder: Path) -> pd.DataFrame:
+    """Every pair of a block, judged; those that lie in the folder already are taken from there."""
     found = []
     there = pair_skins.sources(block)
     for source, (each, without) in NUMBERS[block].items():
@@ -166,13 +168,24 @@ def rows(block: str) -> pd.DataFrame:
         plan = [(kind, i) for kind in planted.FAULTS for i in range(each)]
         plan += [(planted.NONE, i) for i in range(without)]
         for kind, number in plan:
-            case = draw(block, source, kind, number)
-            if case is None:
-                continue
-            said = difference(case.control, case.later, NAMES)
-            first = {"source": source, "kind": kind, "number": number}
-            found.append(first | judged(case, said))
+            file = folder / "rows" / f"{source}-{kind}-{number}.json"
+            if not file.exists():
+                row = _row(block, source, kind, number)
+                with atomic_path(file) as temporary:
+                    temporary.write_text(json.dumps(row) + "\n", "utf-8")
+            row = json.loads(file.read_text("utf-8"))
+            if row is not None:
+                found.append(row)
     return pd.DataFrame(found)
+
+
+def _row(block: str, source: str, kind: str, number: int) -> dict | None:
+    case = draw(block, source, kind, number)
+    if case is None:
+        return None
+    said = difference(case.control, case.later, NAMES)
+    first = {"source": source, "kind": kind, "number": number, "electrodes": said.pair.n}
+    return first | judged(case, said)
 
 
 def table(judged_rows: pd.DataFrame) -> str:
@@ -219,8 +232,8 @@ def _share(hits: int, n: int) -> str:
 
 def main(block: str, folder: Path) -> None:
     """Write pairs.csv and pairs.md of a block."""
-    found = rows(block)
-    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "rows").mkdir(parents=True, exist_ok=True)
+    found = rows(block, folder)
     text = table(found)
     for name, content in (("pairs.csv", found.to_csv(index=False)), ("pairs.md", text)):
         with atomic_path(folder / name) as temporary:

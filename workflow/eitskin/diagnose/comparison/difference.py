@@ -4,7 +4,7 @@ The control and the later recording share whatever their simulation does not exp
 of their difference beside that which a skin does without a fault (`wander`) is explained by the
 fault with the most `evidence`, of those whose change the control's own readings foretell
 (`faults`). A name is given where the evidence reaches a threshold and no fault at another site has
-nearly as much. A fault that begins within the later recording is looked for from each of its
+nearly as much, but for one that can do the same by more freedom. A fault that begins within the later recording is looked for from each of its
 quarters on; the frames before that count for the control.
 """
 
@@ -23,9 +23,10 @@ from eitskin.diagnose.comparison.potentials import Potentials
 from eitskin.diagnose.comparison.wander import Wander, wander
 from eitskin.errors import InputError
 
-THRESHOLD = 14.0  # nats; set by `python -m concealed.pairs development`
-MARGIN = 3.0  # nats to the best fault at another site
+THRESHOLD = 24.0  # nats; set on pairs without a fault: `python -m concealed.pairs development OUT`
+MARGIN = 5.0  # nats to the best fault at another site
 BEGINS = 6.0  # nats that a beginning within the later recording must bring
+NARROWER = 0.8  # of a wider fault's evidence, with which a narrower one is preferred
 MOST_FOUND = 3
 QUARTERS = 4
 FEWEST_A_QUARTER = 3  # frames
@@ -210,7 +211,8 @@ class _Begun:
         found = [[each for each in family if each.name not in done] for family in found]
         self.clip = None if CLIPPED in done else limit(self.before, self.after)
         if self.clip is not None:
-            found.append([faults.clipped(self.control, self.clip[0])])
+            self.clipped = faults.clipped(self.control, self.clip[0])
+            found.append([self.clipped])
         if MAINS in done:
             self.tones = []
         return [family for family in [*found, self.tones] if family]
@@ -219,7 +221,7 @@ class _Begun:
         if family is self.tones:
             return self._mains()
         best = self.evidence.best(family)
-        if self.clip is not None and best.parts[0].shift is not None and not best.place[1]:
+        if self.clip is not None and family[0] is self.clipped:
             return replace(best, evidence=max(best.evidence, 0.0) + self.clip[1])
         return best
 
@@ -232,7 +234,7 @@ class _Begun:
         turning = louder(*powers)
         told = []
         for tone, nats in zip(self.tones, turning, strict=True):
-            at_rest = self.evidence.of([tone], len(self.tones))
+            at_rest = self.evidence.of([tone], self.tones)
             told.append(replace(at_rest, evidence=max(at_rest.evidence, 0.0) + float(nats)))
         return max(told, key=lambda e: e.evidence)
 
@@ -242,13 +244,14 @@ class _Begun:
 
     def found(self) -> Found:
         """The best fault, with its rival."""
-        best = self.ranked[0]
+        best = self._simplest()
         family = next(f for f in self.families if any(best.parts[0] is p for p in f))
-        others = [e for e in self.ranked[1:] if e.place != best.place]
+        others = [e for e in self.ranked if e.place != best.place]
         if family is not self.tones and len(family) > 1:
             others.append(self.evidence.elsewhere(best, family))
-        rival = max(others, key=lambda e: e.evidence, default=None)
-        near = [e for e in self.ranked[1:] if e.place == best.place]
+        others.sort(key=lambda e: -e.evidence)
+        rival = next((e for e in others if not self.evidence.holds(e, best)), None)
+        near = [e for e in self.ranked if e.place == best.place]
         near = [e.name for e in near if e.evidence > best.evidence - MARGIN]
         alternatives = tuple(name for name in dict.fromkeys(near) if name != best.name)
         change = self._change(best)
@@ -257,6 +260,16 @@ class _Begun:
         size = float(np.abs(change[moved]).sum() / whole) if whole > 0 else np.inf
         first = self.beginning(change)
         return Found(best, rival, alternatives, int(self.pair.rows[first]) if first else 0, size)
+
+    def _simplest(self) -> Explained:
+        """The best fault, or a narrower one that it holds with nearly as much evidence."""
+        best = self.ranked[0]
+        for other in self.ranked[1:]:
+            if other.evidence < NARROWER * self.ranked[0].evidence or other.spread:
+                continue
+            if self.evidence.holds(best, other) and not self.evidence.holds(other, best):
+                best = other
+        return best
 
     def _change(self, best: Explained) -> np.ndarray:
         """(M,) V: what the fault changed, its free sizes fitted."""

@@ -197,7 +197,6 @@ def crossed(control: Control, change: np.ndarray, scale: np.ndarray) -> list[Sig
     ]
 
 
-def clipped(control: Control, limit: float) -> Signature:
-    """Readings that no longer go beyond a limit."""
-    shift = np.clip(control.mean, -limit, limit) - control.mean
-    return Signature("adc-nonlinearity", None, (), np.zeros((len(shift), 0)), shift)
+def clipped(control: Control, reached: np.ndarray) -> Signature:
+    """Readings that no longer go beyond a limit, which some channels (M,) reach."""
+    return Signature("adc-nonlinearity", None, (), np.eye(len(reached))[:, reached & control.read])

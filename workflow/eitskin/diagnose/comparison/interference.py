@@ -21,25 +21,24 @@ def tone_power(frames: np.ndarray, noise: np.ndarray, moment_s: np.ndarray) -> n
 
 def louder(control: np.ndarray, later: np.ndarray) -> np.ndarray:
     """Nats for another mean of the later powers (N', tones) than of the control's (N, tones), where
-    it is larger, the powers being exponential about their means; 0 where either has one frame."""
+    it is larger, the powers being exponential and their means told by medians, which a frame of
+    another state does not move; 0 where either has fewer than three."""
     first, second = len(control), len(later)
     if min(first, second) < 3:
         return np.zeros(control.shape[1])
-    a, b = control.mean(axis=0), later.mean(axis=0)
+    a, b = (np.median(each, axis=0) / np.log(2.0) for each in (control, later))
     both = (first * a + second * b) / (first + second)
     with np.errstate(divide="ignore"):
         nats = (first + second) * np.log(both) - first * np.log(a) - second * np.log(b)
     return np.where(b > a, nats, 0.0)
 
 
-def limit(control: np.ndarray, later: np.ndarray) -> tuple[float, float] | None:
-    """The largest size of the later readings (N', M), V, where several have it exactly and the
-    control's (N, M) go beyond; and the nats that these ties are worth. None without."""
-    size = np.abs(later[np.isfinite(later)])
-    largest = float(size.max())
-    ties = int((size == largest).sum())
-    before = np.abs(control[np.isfinite(control)])
-    at_most = int((before == before.max()).sum())
-    if ties < TIES or ties < 2 * at_most or not (before > largest).any():
+def limit(control: np.ndarray, later: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """Which channels (M,) reach the largest size of the later readings (N', M), where many have it
+    exactly and few of the control's (N, M) theirs; and the nats that these ties are worth. None
+    without."""
+    before, after = (np.abs(np.nan_to_num(each)) for each in (control, later))
+    ties, at_most = ((each == each.max()) for each in (after, before))
+    if not after.max() > 0 or ties.sum() < max(TIES, 2 * at_most.sum() + 1):
         return None
-    return largest, NATS_A_TIE * min(ties, MOST_TIES)
+    return ties.any(axis=0), NATS_A_TIE * min(int(ties.sum()), MOST_TIES)
