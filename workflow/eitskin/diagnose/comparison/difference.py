@@ -4,13 +4,13 @@ The control and the later recording share whatever their simulation does not exp
 of their difference beside that which a skin does without a fault (`wander`) is explained by the
 fault with the most `evidence`, of those whose change the control's own readings foretell
 (`faults`). A name is given where the evidence reaches a threshold and no fault at another site has
-nearly as much, but for one that can do the same by more freedom. A fault that begins within the later recording is looked for from each of its
-quarters on; the frames before that count for the control.
+nearly as much, but for one that can do the same by more freedom. A fault that begins within the
+later recording is looked for from each of its quarters on; the frames before that count for the
+control.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -56,13 +56,14 @@ class Found:
     """A fault that was found. rival: the best at another site, None without one; named: whether it
     has the evidence and the margin; alternatives: names of others at the same site that have nearly
     as much; since: the row of the later recording where it begins, 0 if it was there from the
-    first; size: of its change over that of the same readings."""
+    first; change (M,): what it changed, V; ratio: by which share of the same readings."""
 
     explained: Explained
     rival: Explained | None
     alternatives: tuple[str, ...]
     since: int
-    size: float
+    change: np.ndarray
+    ratio: float
 
     @property
     def name(self) -> str:
@@ -255,17 +256,18 @@ class _Begun:
         near = [e.name for e in near if e.evidence > best.evidence - MARGIN]
         alternatives = tuple(name for name in dict.fromkeys(near) if name != best.name)
         change = self._change(best)
-        moved = change != 0
-        whole = np.abs(self.wander.mean[moved]).sum()
-        size = float(np.abs(change[moved]).sum() / whole) if whole > 0 else np.inf
+        mean = np.where(change != 0, self.wander.mean, 0.0)
+        ratio = float(change @ mean / (mean @ mean)) if mean.any() else np.inf
         first = self.beginning(change)
-        return Found(best, rival, alternatives, int(self.pair.rows[first]) if first else 0, size)
+        since = int(self.pair.rows[first]) if first else 0
+        return Found(best, rival, alternatives, since, change, ratio)
 
     def _simplest(self) -> Explained:
         """The best fault, or a narrower one that it holds with nearly as much evidence."""
         best = self.ranked[0]
         for other in self.ranked[1:]:
-            if other.evidence < NARROWER * self.ranked[0].evidence or other.spread:
+            enough = max(THRESHOLD, NARROWER * self.ranked[0].evidence)
+            if other.evidence < enough or other.spread:
                 continue
             if self.evidence.holds(best, other) and not self.evidence.holds(other, best):
                 best = other

@@ -118,7 +118,7 @@ class Evidence:
     def _chain(
         self, parts: Sequence[Signature], family: Sequence[Signature]
     ) -> tuple[Signature, ...]:
-        """Parts, and those of a family that take most of the rest, to as many as a fault may have."""
+        """Parts, and those of a family that take most of the rest: as many as a fault may have."""
         chain = tuple(parts)
         lawless = max(part.basis.shape[1] for part in family) > MOST_FREE
         while len(chain) < (1 if lawless else min(MOST_SITES, len(family))):

@@ -15,7 +15,7 @@ SPANNED = 1e-6  # of a channel's length that may lie outside of what was read
 
 @dataclass(frozen=True)
 class Potentials:
-    """Channels (M, 4) of `n` electrodes: source, sink, plus, minus; read (M,): which have values."""
+    """Channels (M, 4) of n electrodes: source, sink, plus, minus; read (M,): which have values."""
 
     channels: np.ndarray
     n: int

@@ -12,8 +12,30 @@ from eitskin.diagnose.comparison.tested import Comparison, Tested
 from eitskin.effects.effect import SITES
 
 
+def of_difference(names: list[str], sentences: list[str], difference: dict | None) -> dict:
+    """comparison.json of two recordings that nobody diagnosed: their difference alone."""
+    return {
+        "format": "eit-comparison",
+        "version": 1,
+        "parts": names,
+        "sentences": sentences,
+        "difference": difference,
+        "effects": [],
+        "tested": [],
+        "p_value": None,
+        "held_out": None,
+    }
+
+
+def with_difference(said: dict, sentences: list[str], difference: dict) -> dict:
+    """comparison.json of diagnoses, with the difference of the recordings before it."""
+    changed = [] if said["sentences"] == [NOTHING] else said["sentences"]
+    return said | {"sentences": [*sentences, *changed], "difference": difference}
+
+
 def result(compared: Comparison) -> dict:
-    """comparison.json, as an object."""
+    """comparison.json of diagnoses, as an object; `difference` is null: the parts' parameters are
+    compared, not their readings."""
     tested = [_row(compared, test) for test in compared.tested]
     shared, found = compared.all_shared, compared.as_found
     gain, error = found.gain(shared)
@@ -22,6 +44,7 @@ def result(compared: Comparison) -> dict:
         "version": 1,
         "parts": compared.names,
         "sentences": [t.sentence for t in compared.tested if t.changed] or [NOTHING],
+        "difference": None,
         "effects": [
             {
                 "name": e.candidate.name,
