@@ -27,6 +27,7 @@ THRESHOLD = 24.0  # nats; set on pairs without a fault: `python -m concealed.pai
 MARGIN = 5.0  # nats to the best fault at another site
 BEGINS = 6.0  # nats that a beginning within the later recording must bring
 NARROWER = 0.8  # of a wider fault's evidence, with which a narrower one is preferred
+BESIDE = 0.1  # of the strongest fault's evidence, less than which its own misfit may give
 MOST_FOUND = 3
 QUARTERS = 4
 FEWEST_A_QUARTER = 3  # frames
@@ -142,6 +143,8 @@ def difference(control: Recording, later: Recording, names: tuple[str, str]) -> 
     found = []
     while judged.ranked and judged.most() >= THRESHOLD:
         one = judged.found()
+        if found and one.explained.evidence < BESIDE * found[0].explained.evidence:
+            break
         found.append(one)
         if not one.named or len(found) == MOST_FOUND:
             break

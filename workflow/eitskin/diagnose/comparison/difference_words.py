@@ -84,10 +84,11 @@ def sentences(found: Difference) -> list[str]:
             f"No fault shows between {control} and {later}: what differs is no more than a skin"
             " does by itself."
         )
-    elif found.found and found.found[-1].named is False:
+    elif any(not one.named for one in found.found):
         said.append(f"Most changed {_most(found)}.")
     share = odd_share(found)
-    if found.found and share is not None and share < PASSIVE:
+    unnamed = any(not one.named for one in found.found)
+    if unnamed and share is not None and share < PASSIVE:
         said.append(
             f"Only {share:.0%} of the change turns round when drive and measurement are exchanged:"
             " a passive skin's change does not, a fault of the instrument's mostly does."
@@ -144,7 +145,7 @@ def _converter(one: Found, found: Difference) -> str:
     at = np.flatnonzero(one.explained.parts[0].basis.any(axis=1))
     if len(at) < found.wander.usable.sum():
         limit = np.nanmax(np.abs(found.pair.later))
-        return f"no reading goes beyond {number(limit)}: {_channels(at, found)} reach it"
+        return f"no reading goes beyond {number(limit)}: reached by {_channels(at, found)}"
     return "readings change as their cube does: the converter is not linear"
 
 
