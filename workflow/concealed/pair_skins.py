@@ -1,8 +1,8 @@
 """Two sessions of one skin without a fault between them: control and later recording.
 
 Real ones are two stretches of one recording; the first half of each set is for development, the
-second for the report. Of the IIRC's tank they are frames with the rod carried round, dealt to the
-two sessions by twos; of the LCT's its three empty repeats, which are for the report alone.
+second for the reports. Of the IIRC's tank they are frames with the rod carried round, dealt to the
+two sessions by twos; of the LCT's its three empty repeats, which are for the reports alone.
 Simulated ones, for sites without any real recording, are of a skin whose contacts and conductivity
 walk, within a session and between the two, seen by a rig with gains of its own.
 """
@@ -23,7 +23,7 @@ from eitskin.physics.forward import Forward, channel_values
 from eitskin.physics.geometry import Geometry, even_angles
 from eitskin.physics.protocol import channel_table
 
-DEVELOPMENT, REPORT = "development", "report"
+DEVELOPMENT, REPORT, SECOND = "development", "report", "second-report"
 SIMULATED = "simulated"
 STRETCHES = ("hydrogel-skin-16", "hydrogel-skin-8")
 REPEATS, ROD = "lct-tank", "iirc-tank"
@@ -50,7 +50,7 @@ def sources(block: str) -> dict[str, Callable[[np.random.Generator], Sessions]]:
     """Where pairs of sessions come from, by name; real sets that are absent are left out."""
     found: dict[str, Callable[[np.random.Generator], Sessions]] = {SIMULATED: simulated}
     for name, path in listed().items():
-        if name not in (*STRETCHES, REPEATS, ROD) or (name == REPEATS and block != REPORT):
+        if name not in (*STRETCHES, REPEATS, ROD) or (name == REPEATS and block == DEVELOPMENT):
             continue
         if not path.exists():
             message = f"SKIPPED: no real recording {name} at {path}; set EITSKIN_DATA"

@@ -1,12 +1,13 @@
 """`python -m concealed.pairs BLOCK OUT`: faults between two sessions of one skin, found or not.
 
-BLOCK is development, on which the threshold was set, or report. A run goes on where an earlier one
-of the same folder was stopped. A control recording and a later one
-of the same skin (`pair_skins`) are compared as `eitskin compare` does, with one of ten faults of
-the instrument planted in the later one, in a third of all from somewhere in its middle on, or with
-none. Its SNR is log-uniform in 8 to 40, of the sessions' difference in units of what that is
-without a fault, beside an overall factor (`planted`); crossed wires, lost channels and what has a
-largest size show what they show.
+BLOCK is development, report, or second-report, of other seeds: on the first two, thresholds were
+set. A run goes on where an earlier one of the same folder was stopped.
+
+A control recording and a later one of the same skin (`pair_skins`) are compared as `eitskin
+compare` does, with one of ten faults of the instrument planted in the later one, in a third of all
+from somewhere in its middle on, or with none. Its SNR is log-uniform in 8 to 40, of the sessions'
+difference in units of what that is without a fault, beside an overall factor (`planted`); crossed
+wires, lost channels and what has a largest size show what they show.
 """
 
 import json
@@ -21,7 +22,7 @@ import pandas as pd
 from calibration.intervals import wilson
 from calibration.judge import site_kind
 from concealed import pair_skins, planted
-from concealed.pair_skins import DEVELOPMENT, REPORT, SIMULATED, Sessions
+from concealed.pair_skins import DEVELOPMENT, REPORT, SECOND, SIMULATED, Sessions
 from eitskin.atomic import atomic_path
 from eitskin.data.recording import Recording
 from eitskin.diagnose.comparison.difference import Difference, difference
@@ -41,13 +42,13 @@ NUMBERS = {
         "iirc-tank": (2, 8),
         SIMULATED: (6, 30),
     },
-    REPORT: {
-        "hydrogel-skin-16": (3, 12),
-        "hydrogel-skin-8": (2, 8),
-        "iirc-tank": (2, 8),
-        "lct-tank": (1, 3),
-        SIMULATED: (5, 30),
-    },
+}
+NUMBERS[REPORT] = NUMBERS[SECOND] = {
+    "hydrogel-skin-16": (3, 12),
+    "hydrogel-skin-8": (2, 8),
+    "iirc-tank": (2, 8),
+    "lct-tank": (1, 3),
+    SIMULATED: (5, 30),
 }
 
 

@@ -23,8 +23,8 @@ from eitskin.diagnose.comparison.potentials import Potentials
 from eitskin.diagnose.comparison.wander import Wander, wander
 from eitskin.errors import InputError
 
-THRESHOLD = 24.0  # nats; set on pairs without a fault: `python -m concealed.pairs development OUT`
-MARGIN = 5.0  # nats to the best fault at another site
+THRESHOLD = 26.0  # nats; set on `python -m concealed.pairs BLOCK OUT`, development and report
+MARGIN = 10.0  # nats to the best fault at another site
 BEGINS = 6.0  # nats that a beginning within the later recording must bring
 NARROWER = 0.8  # of a wider fault's evidence, with which a narrower one is preferred
 BESIDE = 0.1  # of the strongest fault's evidence, less than which its own misfit may give

@@ -13,6 +13,8 @@ import numpy as np
 BLOCK = 5  # frames whose mean is one sample of the wandering
 MOST_BLOCKS = 16  # of a session
 SPIKE = 5.0  # sd from a session's median at which a reading is held
+JUMP = 8.0  # white sd, of a step that noise does not give
+LOUD = 0.2  # of the channels that step in a loud frame
 EDGE = 1.5  # times what white noise alone gives a direction
 SHARED = 4.0  # samples that the scatter of all channels counts for in each one's
 WALK = 4.0  # variance between the means of two sessions, over that within one, of a random walk
@@ -69,7 +71,9 @@ def wander(control: np.ndarray, later: np.ndarray) -> Wander:
     sessions = [_held(each[:, usable]) for each in (control, later)]
     mean, after = (each.mean(axis=0) for each in sessions)
     noise, known = _white(sessions, mean)
-    scale, directions, samples = _scatter([each / noise for each in sessions])
+    white = [each / noise for each in sessions]
+    scale, directions, samples = _scatter(white)
+    scale = np.hypot(scale, _jumps(white))
     scale = scale * noise
     turn, eased = _together(samples)
     found = np.column_stack([mean / scale, noise[:, None] * directions / scale[:, None]])
@@ -116,6 +120,18 @@ def _white(sessions: list[np.ndarray], mean: np.ndarray) -> tuple[np.ndarray, in
     ratio = np.median(square / shape**2) or (square / shape**2).mean() or 1.0
     weight = len(steps) / (len(steps) + SHARED)
     return np.sqrt(weight * square + (1.0 - weight) * ratio * shape**2), len(steps)
+
+
+def _jumps(sessions: list[np.ndarray]) -> np.ndarray:
+    """The second largest of a channel's own steps (M,), 0 below JUMP: what steps to and fro within
+    a session, does between two; a fault that begins steps once. What steps in many channels at once
+    is a loud frame."""
+    steps = np.abs(np.concatenate([np.diff(each, axis=0) for each in sessions]))
+    if len(steps) < 2:
+        return np.zeros(steps.shape[1])
+    steps = steps[(steps > JUMP).mean(axis=1) < LOUD]
+    second = np.sort(steps, axis=0)[-2] if len(steps) > 1 else np.zeros(steps.shape[1])
+    return np.where(second > JUMP, second, 0.0)
 
 
 def _blocks(session: np.ndarray) -> np.ndarray:
