@@ -1,7 +1,7 @@
 """Compare two recordings of one skin: what they share and what changed between them."""
 
 from eitskin.data import recording
-from eitskin.diagnose.comparison import compare, difference_words, result
+from eitskin.diagnose.comparison import compare, result
 from eitskin.diagnose.diagnosis import diagnose
 from eitskin.errors import InputError, reported
 
@@ -10,10 +10,9 @@ with reported(snakemake.log[0]):
     if len(files) < 2:
         raise InputError("comparison", "recordings", f"{files} with itself", "two recordings")
     recordings = {name: recording.read(path) for name, path in files.items()}
-    found = difference_words.compared(*recordings.values(), tuple(recordings))
     founds = {
         name: diagnose(recorded, snakemake.params.seed, progress=True)
         for name, recorded in recordings.items()
     }
     said = result.result(compare.compare(founds))
-    result.write(result.with_difference(said, *found), snakemake.output[0])
+    result.write(result.with_difference(said, recordings), snakemake.output[0])

@@ -17,7 +17,11 @@ from eitskin.diagnose.comparison import faults
 from eitskin.diagnose.comparison.difference import difference
 from eitskin.diagnose.comparison.difference_words import compared, odd_share
 from eitskin.diagnose.comparison.potentials import Potentials
+from eitskin.diagnose.comparison.result import with_difference
+from eitskin.diagnose.comparison.sentences import NOTHING
 from eitskin.diagnose.comparison.wander import wander
+from eitskin.diagnose.report import comparison_page
+from eitskin.effects.effect import SITES
 from eitskin.errors import InputError
 from eitskin.physics.forward import channel_values
 from eitskin.physics.geometry import even_angles
@@ -228,6 +232,32 @@ def test_other_channels_get_one_message():
         difference(session(1), turned, NAMES)
     with pytest.raises(InputError, match="key voltage: found magnitude"):
         difference(session(1), session(2, voltage="magnitude"), NAMES)
+
+
+def test_the_difference_stands_before_what_diagnoses_say():
+    control, later = session(1), session(2)
+    pair = {"monday": control, "friday": replace(later, voltage=1.01 * later.voltage)}
+    harmed = {**pair, "friday": replace(later, voltage=planted.plant(later, [FAULTS["drive"]]))}
+    row = {key: None for key in ("p", "chi2", "dof", "q")} | {"calibration": True, "runs": [{}]}
+    row |= {"name": "factor", "sentence": "Since friday the factor is 2.", "changed": True}
+    row |= {"parts": {}, **{kind: [] for kind in SITES}}
+    held = {"frames": 3, "chi2_per_dof_as_found": 1.0, "chi2_per_dof_all_shared": 2.0}
+    held |= {"elpd_gain": 9.0, "elpd_se": 1.0}
+    quiet = {"parts": list(NAMES), "sentences": [NOTHING], "tested": [], "p_value": None}
+    quiet |= {"held_out": held, "difference": None}
+    loud = {**quiet, "sentences": [row["sentence"]], "tested": [row]}
+    for said, recordings, first, last in (
+        (quiet, pair, "No fault shows", "counted as no fault."),
+        (quiet, harmed, "In friday, what is driven from electrode 3", ")."),
+        (loud, harmed, "In friday, what is driven from electrode 3", row["sentence"]),
+    ):
+        both = with_difference(said, recordings)
+        assert both["sentences"][0].startswith(first) and both["sentences"][-1].endswith(last)
+        page = comparison_page.page(both)
+        assert both["sentences"][0] in page
+        assert (row["sentence"] if said is loud else NOTHING) in page
+    apart = replace(control, metadata={**control.metadata, "values": "difference"})
+    assert with_difference(quiet, {"monday": apart, "friday": later}) == quiet
 
 
 def test_the_command_writes_what_it_says(tmp_path, capsys, monkeypatch):

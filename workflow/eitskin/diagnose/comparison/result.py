@@ -1,12 +1,13 @@
 """comparison.json."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 from eitskin.atomic import atomic_path
-from eitskin.diagnose.comparison.joint import (
-    CALIBRATED,
-)
+from eitskin.data.recording import Recording
+from eitskin.diagnose.comparison import difference_words
+from eitskin.diagnose.comparison.joint import CALIBRATED
 from eitskin.diagnose.comparison.sentences import NOTHING
 from eitskin.diagnose.comparison.tested import Comparison, Tested
 from eitskin.effects.effect import SITES
@@ -27,10 +28,14 @@ def of_difference(names: list[str], sentences: list[str], difference: dict | Non
     }
 
 
-def with_difference(said: dict, sentences: list[str], difference: dict) -> dict:
-    """comparison.json of diagnoses, with the difference of the recordings before it."""
+def with_difference(said: dict, recordings: Mapping[str, Recording]) -> dict:
+    """comparison.json of two diagnoses, by name, with the difference of their recordings before it:
+    unchanged where recordings hold differences, which have no untouched frames to compare."""
+    if any(each.metadata["values"] != "absolute" for each in recordings.values()):
+        return said
+    told, difference = difference_words.compared(*recordings.values(), tuple(recordings))
     changed = [] if said["sentences"] == [NOTHING] else said["sentences"]
-    return said | {"sentences": [*sentences, *changed], "difference": difference}
+    return said | {"sentences": [*told, *changed], "difference": difference}
 
 
 def result(compared: Comparison) -> dict:
