@@ -23,6 +23,7 @@ MOVED = 0.002  # of all readings together, below which nothing is said of it
 PASSIVE = 0.2  # share of a change that exchanging drive and measurement turns round, of a skin's
 FEWEST_PAIRS = 10
 
+LAWLESS = ("electrode", "drive-pair", "measuring-pair")
 WHAT = {
     "channel-gain": "{where} {reads} {ratio}: a gain of the channel's own, or an offset",
     "drive-gain": "what is driven from {where} {reads} {ratio}",
@@ -87,11 +88,11 @@ def sentences(found: Difference) -> list[str]:
     elif any(not one.named for one in found.found):
         said.append(f"Most changed {_most(found)}.")
     share = odd_share(found)
-    unnamed = any(not one.named for one in found.found)
-    if unnamed and share is not None and share < PASSIVE:
+    open_ = any(not one.named or one.name in LAWLESS for one in found.found)
+    if open_ and share is not None and share < PASSIVE:
         said.append(
             f"Only {share:.0%} of the change turns round when drive and measurement are exchanged:"
-            " a passive skin's change does not, a fault of the instrument's mostly does."
+            " so it may be the skin itself near by, which is passive, rather than the instrument."
         )
     if abs(found.common) >= MOVED:
         said.append(
