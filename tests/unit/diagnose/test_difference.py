@@ -211,10 +211,11 @@ def test_a_passive_change_turns_nothing_round():
     control, later = session(1), session(2)
     change = channel_values(impedances(7), ADJACENT) * 0.01
     passive = difference(control, replace(later, voltage=later.voltage + change), NAMES)
-    assert odd_share(passive) < 0.05
+    assert odd_share(passive, passive.wander.change) < 0.05
     voltage = later.voltage.copy()
     voltage[:, 40] *= 1.1
-    assert odd_share(difference(control, replace(later, voltage=voltage), NAMES)) > 0.4
+    own = difference(control, replace(later, voltage=voltage), NAMES)
+    assert odd_share(own, own.wander.change) > 0.4
 
 
 def test_one_frame_each_is_compared():

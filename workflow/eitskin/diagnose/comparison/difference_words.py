@@ -23,7 +23,6 @@ MOVED = 0.002  # of all readings together, below which nothing is said of it
 PASSIVE = 0.2  # share of a change that exchanging drive and measurement turns round, of a skin's
 FEWEST_PAIRS = 10
 
-LAWLESS = ("electrode", "drive-pair", "measuring-pair")
 WHAT = {
     "channel-gain": "{where} {reads} {ratio}: a gain of the channel's own, or an offset",
     "drive-gain": "what is driven from {where} {reads} {ratio}",
@@ -45,7 +44,7 @@ def entries(found: Difference) -> dict:
         "found": [_entry(one, found) for one in found.found],
         "lost_channels": list(found.lost),
         "common_ratio": found.common,
-        "odd_share": odd_share(found),
+        "odd_share": odd_share(found, found.wander.change),
         "untouched_frames": [len(found.pair.control), len(found.pair.later)],
         "threshold_nats": THRESHOLD,
         "margin_nats": MARGIN,
@@ -61,6 +60,7 @@ def _entry(one: Found, found: Difference) -> dict:
         "ratio": one.ratio if np.isfinite(one.ratio) else None,
         "since_frame": one.since,
         "evidence_nats": one.explained.evidence,
+        "odd_share": odd_share(found, one.change),
         "rival": None if rival is None else {**_placed(rival), "evidence_nats": rival.evidence},
         "sentence": _sentence(one, found),
     }
@@ -87,13 +87,14 @@ def sentences(found: Difference) -> list[str]:
         )
     elif any(not one.named for one in found.found):
         said.append(f"Most changed {_most(found)}.")
-    share = odd_share(found)
-    open_ = any(not one.named or one.name in LAWLESS for one in found.found)
-    if open_ and share is not None and share < PASSIVE:
-        said.append(
-            f"Only {share:.0%} of the change turns round when drive and measurement are exchanged:"
-            " so it may be the skin itself near by, which is passive, rather than the instrument."
-        )
+    for one in found.found:
+        share = odd_share(found, one.change if one.named else found.wander.change)
+        if share is not None and share < PASSIVE and one.name != "electrode-swap":
+            said.append(
+                f"As much as {1.0 - share:.0%} of this is the same with drive and measurement"
+                " exchanged: so it may be the passive skin, or a contact, near by, rather than the"
+                " instrument."
+            )
     if abs(found.common) >= MOVED:
         said.append(
             f"All readings together moved by {_percent(found.common)}: the skin's or the current's,"
@@ -190,10 +191,10 @@ def _most(found: Difference) -> str:
     return f"the channels that use {listed(told)}"
 
 
-def odd_share(found: Difference) -> float | None:
-    """How much of the square of the change turns round when drive and measurement are exchanged:
-    none of a passive skin's, half of what changes each channel by itself. None where the recording
-    has too few such pairs."""
+def odd_share(found: Difference, change: np.ndarray) -> float | None:
+    """How much of the square of a change (M,), V, turns round when drive and measurement are
+    exchanged: none of a passive skin's, half of what changes each channel by itself. None where the
+    recording has too few such pairs, or nothing changed in them."""
     pairs, signs = reciprocal_channels(found.pair.channels)
     scale = found.wander.scale
     there = np.isfinite(scale[pairs]).all(axis=1)
@@ -202,7 +203,6 @@ def odd_share(found: Difference) -> float | None:
     first, second = pairs[there].T
     turned = signs[there] if found.pair.signed else np.ones(len(first))
     weight = np.hypot(scale[first], scale[second])
-    change = found.wander.change
     odd = ((change[first] - turned * change[second]) / weight) ** 2
     even = ((change[first] + turned * change[second]) / weight) ** 2
     whole = float((odd + even).sum())
