@@ -55,7 +55,7 @@ NUMBERS[REPORT] = NUMBERS[SECOND] = {
 @dataclass(frozen=True)
 class Case:
     """A pair as it is compared: the fault {name, sites, parameters} in `later` from a row on, None
-    without one; snr: of it in one frame, and in the sessions' difference."""
+    without one; snr: of it in the sessions' difference, snr_frame: in a frame's white noise."""
 
     control: Recording
     later: Recording

@@ -221,8 +221,18 @@ def test_a_passive_change_turns_nothing_round():
 def test_one_frame_each_is_compared():
     control, later = session(1, count=1), session(2, count=1)
     assert difference(control, later, NAMES).found == []
+    assert difference(control, control, NAMES).found == []
     voltage = planted.plant(later, [{**FAULTS["drive"], "parameters": {"gain": [1.1]}}])
     assert named(control, replace(later, voltage=voltage))[:1] == [("drive-gain", ("drives", (3,)))]
+
+
+def test_readings_without_noise_are_compared():
+    control, later = (session(1, count=20) for _ in range(2))
+    plain = np.tile(control.voltage[:1], (20, 1))
+    pair = [replace(each, voltage=plain) for each in (control, later)]
+    assert difference(*pair, NAMES).found == []
+    harmed = replace(pair[1], voltage=planted.plant(pair[1], [FAULTS["pair"]]))
+    assert named(pair[0], harmed) == [("measurement-gain", ("measures", (5,)))]
 
 
 def test_other_channels_get_one_message():

@@ -93,7 +93,8 @@ class Evidence:
             for part in self._chain(parts, family)[len(parts) :]:
                 left, basis, more = self._taken(part, left, basis)
                 rest += more
-        after = lively * (_square(left) + (self.wander.prior or TINY * self.before))
+        known = self.wander.prior or max(TINY * self.before, np.finfo(float).tiny)
+        after = lively * (_square(left) + known)
         ratio = (after + max(gained, 0.0) + rest) / (after + rest)
         nats = 0.5 * self.count * log(ratio) - 0.5 * free * log(self.count)
         return Explained(tuple(parts), nats - log(comb(len(family), len(parts))))

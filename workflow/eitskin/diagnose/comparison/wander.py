@@ -12,6 +12,7 @@ import numpy as np
 
 BLOCK = 5  # frames whose mean is one sample of the wandering
 MOST_BLOCKS = 16  # of a session
+ROUNDING = 1e-6  # of a reading, of the noise where there is none
 SPIKE = 5.0  # sd from a session's median at which a reading is held
 JUMP = 8.0  # white sd, of a step that noise does not give
 LOUD = 0.2  # of the channels that step in a loud frame
@@ -117,7 +118,7 @@ def _white(sessions: list[np.ndarray], mean: np.ndarray) -> tuple[np.ndarray, in
     square = 0.5 * (steps**2).mean(axis=0)
     if len(steps) >= 8:
         square = 0.5 * (1.4826 * np.median(np.abs(steps), axis=0)) ** 2
-    ratio = np.median(square / shape**2) or (square / shape**2).mean() or 1.0
+    ratio = np.median(square / shape**2) or (square / shape**2).mean() or ROUNDING**2
     weight = len(steps) / (len(steps) + SHARED)
     return np.sqrt(weight * square + (1.0 - weight) * ratio * shape**2), len(steps)
 
