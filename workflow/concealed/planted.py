@@ -174,7 +174,7 @@ def draw(kind: str, seed: int, paths: dict[str, Path] | None = None) -> Planted:
     noise = estimate(recorded).sd
     size = float(np.nanmedian(np.abs(recorded.voltage)))
     rng = np.random.default_rng([crc32(kind.encode()), seed])
-    planted, snr = _fault(rng, fault, recorded, noise)
+    planted, snr = drawn(rng, fault, recorded, noise)
     named = [] if planted is None or fault == "lost-channels" else [planted]
     sited = any(site_kind(item) for item in named)
     return Planted(
@@ -293,10 +293,11 @@ def _renumbered(frames: pd.DataFrame, begin: float) -> pd.DataFrame:
     )
 
 
-def _fault(
+def drawn(
     rng: np.random.Generator, name: str, recorded: Recording, noise: np.ndarray
 ) -> tuple[dict | None, float]:
-    """The fault drawn and what it shows in one frame; of lost channels and a control 0."""
+    """A fault of FAULTS or none, and what it shows in one frame of a recording, in noise (M,) V; of
+    lost channels and a control 0."""
     channels = recorded.channels
     if name == NONE:
         return None, 0.0

@@ -50,6 +50,13 @@ def _parser() -> argparse.ArgumentParser:
     diagnosing.add_argument("--out", help="the folder to write, by default diagnosis-NAME")
     _add_anyway(diagnosing)
     diagnosing.set_defaults(run=_diagnose)
+    comparing = commands.add_parser(
+        "compare", help="say what changed between two recordings of one skin"
+    )
+    comparing.add_argument("control", help="the earlier recording, in any known format")
+    comparing.add_argument("later", help="the later one, read in the same way")
+    comparing.add_argument("--out", help="the folder to write, by default comparison-A-vs-B")
+    comparing.set_defaults(run=_compare)
     rig.add(commands)
     return parser
 
@@ -137,6 +144,26 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     if said["other"]["sentence"]:
         print(f"What has no name: {said['other']['sentence']}")
     print(folder / "report.html")
+    return 0
+
+
+def _compare(arguments: argparse.Namespace) -> int:
+    from eitskin.diagnose.comparison import difference_words, result
+    from eitskin.diagnose.report import comparison_page
+
+    files = (arguments.control, arguments.later)
+    names = tuple(Path(file).stem for file in files)
+    if names[0] == names[1]:
+        names = files
+    recordings = (importers.load(file) for file in files)
+    sentences, difference = difference_words.compared(*recordings, names)
+    said = result.of_difference(list(names), sentences, difference)
+    stems = "-vs-".join(Path(file).stem for file in files)
+    folder = Path(arguments.out or f"comparison-{stems}")
+    folder.mkdir(parents=True, exist_ok=True)
+    result.write(said, folder / "comparison.json")
+    comparison_page.write(said, folder / "comparison.html")
+    print("\n".join([*sentences, str(folder / "comparison.html")]))
     return 0
 
 

@@ -9,8 +9,10 @@ with reported(snakemake.log[0]):
     files = {snakemake.wildcards[key]: snakemake.input[key] for key in ("a", "b")}
     if len(files) < 2:
         raise InputError("comparison", "recordings", f"{files} with itself", "two recordings")
+    recordings = {name: recording.read(path) for name, path in files.items()}
     founds = {
-        name: diagnose(recording.read(path), snakemake.params.seed, progress=True)
-        for name, path in files.items()
+        name: diagnose(recorded, snakemake.params.seed, progress=True)
+        for name, recorded in recordings.items()
     }
-    result.write(result.result(compare.compare(founds)), snakemake.output[0])
+    said = result.result(compare.compare(founds))
+    result.write(result.with_difference(said, recordings), snakemake.output[0])

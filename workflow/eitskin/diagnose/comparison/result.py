@@ -1,19 +1,46 @@
 """comparison.json."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 from eitskin.atomic import atomic_path
-from eitskin.diagnose.comparison.joint import (
-    CALIBRATED,
-)
+from eitskin.data.recording import Recording
+from eitskin.diagnose.comparison import difference_words
+from eitskin.diagnose.comparison.joint import CALIBRATED
 from eitskin.diagnose.comparison.sentences import NOTHING
 from eitskin.diagnose.comparison.tested import Comparison, Tested
 from eitskin.effects.effect import SITES
 
 
+def of_difference(names: list[str], sentences: list[str], difference: dict | None) -> dict:
+    """comparison.json of two recordings that nobody diagnosed: their difference alone."""
+    return {
+        "format": "eit-comparison",
+        "version": 1,
+        "parts": names,
+        "sentences": sentences,
+        "difference": difference,
+        "effects": [],
+        "tested": [],
+        "p_value": None,
+        "held_out": None,
+    }
+
+
+def with_difference(said: dict, recordings: Mapping[str, Recording]) -> dict:
+    """comparison.json of two diagnoses, by name, with the difference of their recordings before it:
+    unchanged where recordings hold differences, which have no untouched frames to compare."""
+    if any(each.metadata["values"] != "absolute" for each in recordings.values()):
+        return said
+    told, difference = difference_words.compared(*recordings.values(), tuple(recordings))
+    changed = [] if said["sentences"] == [NOTHING] else said["sentences"]
+    return said | {"sentences": [*told, *changed], "difference": difference}
+
+
 def result(compared: Comparison) -> dict:
-    """comparison.json, as an object."""
+    """comparison.json of diagnoses, as an object; `difference` is null: the parts' parameters are
+    compared, not their readings."""
     tested = [_row(compared, test) for test in compared.tested]
     shared, found = compared.all_shared, compared.as_found
     gain, error = found.gain(shared)
@@ -22,6 +49,7 @@ def result(compared: Comparison) -> dict:
         "version": 1,
         "parts": compared.names,
         "sentences": [t.sentence for t in compared.tested if t.changed] or [NOTHING],
+        "difference": None,
         "effects": [
             {
                 "name": e.candidate.name,

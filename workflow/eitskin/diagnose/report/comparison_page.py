@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from eitskin.atomic import atomic_path
+from eitskin.diagnose.comparison.sentences import NOTHING
 from eitskin.diagnose.report.page import CSS
 from eitskin.diagnose.words import sites
 from eitskin.plotting import AFTER, CULPRIT, QUIET, WIDTH_IN, style, svg
@@ -28,16 +29,21 @@ CAPTION = (
 
 def page(said: dict) -> str:
     """A comparison (comparison.json) as HTML: no scripts, and nothing that it would fetch."""
+    if said["held_out"] is None:
+        return _html(escape(listed(said["parts"])), _of_difference(said))
     changed = [row for row in said["tested"] if row["changed"]]
     shared = [row for row in said["tested"] if not row["changed"]]
     of = escape(listed(said["parts"]))
     lines = [f"<p class='quiet'>{of}: one skin compared</p>"]
+    if said.get("difference"):
+        lines = [*_of_difference(said), "<h2>Between the diagnoses</h2>"]
+    sentences = [row["sentence"] for row in changed] or [NOTHING]
     if changed:
         several = f"{len(changed)} values have" if len(changed) > 1 else "One value has"
         lines.append(f"<h1>{several} changed.</h1>")
-        lines += [f"<div class='effect'><p>{escape(s)}</p></div>" for s in said["sentences"]]
+        lines += [f"<div class='effect'><p>{escape(s)}</p></div>" for s in sentences]
     else:
-        lines += [f"<h1>{escape(s)}</h1>" for s in said["sentences"]]
+        lines += [f"<h1>{escape(s)}</h1>" for s in sentences]
     lines.append(_held_out(said["held_out"], bool(changed)))
     if not changed and said["p_value"] is not None:
         lines.append(
@@ -61,12 +67,40 @@ def page(said: dict) -> str:
     if len(rows) > MOST_ROWS:
         caption += f" The first {MOST_ROWS} of {len(rows)} are shown."
     lines.append(_table(heads, (_cells(row) for row in rows[:MOST_ROWS]), caption))
+    return _html(of, lines)
+
+
+def _html(title: str, lines: list[str]) -> str:
     body = "\n".join(lines)
     return (
         "<!DOCTYPE html>\n<html lang='en'>\n<head>\n<meta charset='utf-8'>\n"
         "<meta name='viewport' content='width=device-width, initial-scale=1'>\n"
-        f"<title>{of}</title>\n<style>{CSS}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n"
+        f"<title>{title}</title>\n<style>{CSS}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n"
     )
+
+
+def _of_difference(said: dict) -> list[str]:
+    """What the readings themselves say, without a model of the skin."""
+    found = said["difference"]
+    told = len(found["found"]) or bool(found["lost_channels"])
+    own = [one["sentence"] for one in found["found"]]
+    before = {row["sentence"] for row in said["tested"]}
+    rest = [s for s in said["sentences"] if s not in own and s not in before]
+    first = own or rest[:1]
+    lines = [f"<p class='quiet'>{escape(listed(said['parts']))}: one skin compared</p>"]
+    head = "Between the readings something changed." if told else first[0]
+    lines.append(f"<h1>{escape(head)}</h1>")
+    if told:
+        lines += [f"<div class='effect'><p>{escape(s)}</p></div>" for s in [*own, *rest]]
+    else:
+        lines += [f"<p>{escape(s)}</p>" for s in rest[1:]]
+    frames = " and ".join(str(n) for n in found["untouched_frames"])
+    lines.append(
+        f"<p class='quiet'>Found from {frames} untouched frames, without a model of the skin. A"
+        f" name needs {number(found['threshold_nats'])} nats of evidence and"
+        f" {number(found['margin_nats'])} more than any other site.</p>"
+    )
+    return lines
 
 
 def _p(row: dict) -> float:

@@ -1,0 +1,215 @@
+"""What a difference of two recordings says, in words, and as an entry of comparison.json."""
+
+import numpy as np
+
+from eitskin.data.recording import Recording
+from eitskin.diagnose.comparison.difference import (
+    DEAD,
+    MARGIN,
+    THRESHOLD,
+    Difference,
+    Found,
+    difference,
+)
+from eitskin.diagnose.comparison.evidence import Explained
+from eitskin.diagnose.words import sites
+from eitskin.effects.effect import SITES
+from eitskin.physics.protocol import reciprocal_channels
+from eitskin.quantities import MINUS, listed, number
+
+FEW = 8  # channels that are named one by one
+SHOWN = 3  # electrodes at which most changed
+MOVED = 0.002  # of all readings together, below which nothing is said of it
+PASSIVE = 0.2  # share of a change that exchanging drive and measurement turns round, of a skin's
+FEWEST_PAIRS = 10
+
+WHAT = {
+    "channel-gain": "{where} {reads} {ratio}: a gain of the channel's own, or an offset",
+    "drive-gain": "what is driven from {where} {reads} {ratio}",
+    "measurement-gain": "what is measured with its plus at {where} {reads} {ratio}",
+    "electrode-gain": "what one wire sees or drives, {where}, {reads} {ratio}",
+    "electrode": "the pairs that use {where} changed, each by its own share: a contact, or a wire",
+    "drive-pair": "what is driven from {where} changed, by no one share",
+    "measuring-pair": "what is measured with its plus at {where} changed, by no one share",
+    "electrode-swap": "the wires of {where} are exchanged",
+    "multiplexer-memory": "every reading holds a share of the reading before it",
+    "crosstalk": "every reading holds a share of its neighbours in order of reading",
+    "mains-interference": "the readings hold the mains",
+}
+
+
+def entries(found: Difference) -> dict:
+    """The key `difference` of comparison.json."""
+    return {
+        "found": [_entry(one, found) for one in found.found],
+        "lost_channels": list(found.lost),
+        "common_ratio": found.common,
+        "odd_share": odd_share(found, found.wander.change),
+        "untouched_frames": [len(found.pair.control), len(found.pair.later)],
+        "threshold_nats": THRESHOLD,
+        "margin_nats": MARGIN,
+    }
+
+
+def _entry(one: Found, found: Difference) -> dict:
+    rival = one.rival
+    return {
+        **_placed(one.explained),
+        "named": one.named,
+        "alternatives": list(one.alternatives),
+        "ratio": one.ratio if np.isfinite(one.ratio) else None,
+        "since_frame": one.since,
+        "evidence_nats": one.explained.evidence,
+        "odd_share": odd_share(found, one.change),
+        "rival": None if rival is None else {**_placed(rival), "evidence_nats": rival.evidence},
+        "sentence": _sentence(one, found),
+    }
+
+
+def _placed(explained: Explained) -> dict:
+    kind, where = explained.place
+    there = {each: [int(s) for s in where] if each == kind else [] for each in SITES}
+    return {"name": explained.name, **there}
+
+
+def sentences(found: Difference) -> list[str]:
+    """What changed, strongest first; what did not, where nothing was found."""
+    control, later = found.pair.names
+    said = []
+    if found.lost:
+        whose = _channels(found.lost, found)
+        said.append(f"{later} has no readings of {whose}, which {control} has.")
+    said += [_sentence(one, found) for one in found.found]
+    if not said:
+        said.append(
+            f"No fault shows between {control} and {later}: what differs is no more than a skin"
+            " does by itself."
+        )
+    elif any(not one.named for one in found.found):
+        said.append(f"Most changed {_most(found)}.")
+    for one in found.found:
+        share = odd_share(found, one.change if one.named else found.wander.change)
+        if share is not None and share < PASSIVE and one.name != "electrode-swap":
+            said.append(
+                f"As much as {1.0 - share:.0%} of this is the same with drive and measurement"
+                " exchanged: so it may be the passive skin, or a contact, near by, rather than the"
+                " instrument."
+            )
+    if abs(found.common) >= MOVED:
+        said.append(
+            f"All readings together moved by {_percent(found.common)}: the skin's or the current's,"
+            " and counted as no fault."
+        )
+    return said
+
+
+def _sentence(one: Found, found: Difference) -> str:
+    later = found.pair.names[1]
+    when = f"From frame {one.since} of {later} on" if one.since else f"In {later}"
+    nats = f"{one.explained.evidence:.0f} nats"
+    if not one.named:
+        why = "it sits at more sites than one fault has"
+        if one.rival is not None and one.margin < MARGIN:
+            why = f"{_short(one.rival)} explains it as well ({one.rival.evidence:.0f} nats)"
+        return (
+            f"{when} something changed, and what it is cannot be told: {_short(one.explained)}"
+            f" explains most ({nats}), but {why}."
+        )
+    text = f"{when}, {_what(one, found)} ({nats}"
+    if one.rival is not None:
+        text += f"; next, {_short(one.rival)}: {number(max(one.rival.evidence, 0.0), 2)}"
+    if one.alternatives:
+        text += f"; as well it may be {' or '.join(one.alternatives)}"
+    return f"{text})."
+
+
+def _what(one: Found, found: Difference) -> str:
+    name, where = one.name, _where(one.explained, found)
+    if name == "offset":
+        volt = float(np.median(one.change[one.change != 0]))
+        place = f"what is measured with its plus at {where}" if where else "every reading"
+        return f"{number(volt)} is added to {place}"
+    if name == "adc-nonlinearity":
+        return _converter(one, found)
+    if name == "channel-gain" and len(one.explained.parts) == 1:
+        m = one.explained.parts[0].sites[0]
+        left = np.abs(found.wander.mean[m] + one.change[m])
+        if left < DEAD * np.abs(found.wander.mean[m]):
+            return f"{where} reads next to nothing: it is dead"
+    several = len(one.explained.parts) > 1 and name == "channel-gain"
+    more = "more" if one.ratio > 0 else "less"
+    return WHAT[name].format(
+        where=where, reads="read" if several else "reads", ratio=f"{abs(one.ratio):.2%} {more}"
+    )
+
+
+def _converter(one: Found, found: Difference) -> str:
+    at = np.flatnonzero(one.explained.parts[0].basis.any(axis=1))
+    if len(at) < found.wander.usable.sum():
+        limit = np.nanmax(np.abs(found.pair.later))
+        return f"no reading goes beyond {number(limit)}: reached by {_channels(at, found)}"
+    return "readings change as their cube does: the converter is not linear"
+
+
+def _where(explained: Explained, found: Difference) -> str:
+    kind, there = explained.place
+    if kind == "channels":
+        return _channels(there, found)
+    if kind is None:
+        return ""
+    return f"electrode{'s' if len(there) > 1 else ''} {listed([int(s) for s in there])}"
+
+
+def _channels(which, found: Difference) -> str:
+    if len(which) > FEW:
+        return f"{len(which)} channels"
+    rows = found.pair.channels
+    named = [f"{m} ({rows[m][0]}–{rows[m][1]}, {rows[m][2]}–{rows[m][3]})" for m in which]  # noqa: RUF001
+    return f"channel{'s' if len(named) > 1 else ''} {listed(named)}"
+
+
+def _short(explained: Explained) -> str:
+    placed = _placed(explained)
+    return " at ".join(filter(None, [explained.name, sites(placed)]))
+
+
+def _percent(share: float) -> str:
+    return f"{'+' if share > 0 else MINUS}{abs(share):.1%}"
+
+
+def _most(found: Difference) -> str:
+    """The electrodes whose channels changed most, against what they would without a fault."""
+    white = found.wander.across(found.wander.change) ** 2
+    usable = found.wander.usable
+    mean = white[usable].mean()
+    size = []
+    for electrode in range(found.pair.n):
+        uses = (found.pair.channels == electrode).any(axis=1) & usable
+        size.append(white[uses].mean() / mean if uses.any() else 0.0)
+    first = np.argsort(size)[::-1][:SHOWN]
+    told = [f"electrode {e} ({number(size[e], 2)} times the mean square)" for e in first]
+    return f"the channels that use {listed(told)}"
+
+
+def odd_share(found: Difference, change: np.ndarray) -> float | None:
+    """How much of the square of a change (M,), V, turns round when drive and measurement are
+    exchanged: none of a passive skin's, half of what changes each channel by itself. None where the
+    recording has too few such pairs, or nothing changed in them."""
+    pairs, signs = reciprocal_channels(found.pair.channels)
+    scale = found.wander.scale
+    there = np.isfinite(scale[pairs]).all(axis=1)
+    if there.sum() < FEWEST_PAIRS:
+        return None
+    first, second = pairs[there].T
+    turned = signs[there] if found.pair.signed else np.ones(len(first))
+    weight = np.hypot(scale[first], scale[second])
+    odd = ((change[first] - turned * change[second]) / weight) ** 2
+    even = ((change[first] + turned * change[second]) / weight) ** 2
+    whole = float((odd + even).sum())
+    return float(odd.sum() / whole) if whole > 0 else None
+
+
+def compared(control: Recording, later: Recording, names: tuple[str, str]) -> tuple[list, dict]:
+    """Sentences of the difference of two recordings, and its entry; InputError as `difference`."""
+    found = difference(control, later, names)
+    return sentences(found), entries(found)
