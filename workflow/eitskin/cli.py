@@ -55,6 +55,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     comparing.add_argument("control", help="the earlier recording, in any known format")
     comparing.add_argument("later", help="the later one, read in the same way")
+    _add_reading(comparing)
     comparing.add_argument("--out", help="the folder to write, by default comparison-A-vs-B")
     comparing.set_defaults(run=_compare)
     rig.add(commands)
@@ -63,8 +64,13 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_source(command: argparse.ArgumentParser) -> None:
     """The recording that a command reads."""
-    formats = f"by default told by its content; {', '.join(importers.known())}"
     command.add_argument("file", help="a recording in any known format")
+    _add_reading(command)
+
+
+def _add_reading(command: argparse.ArgumentParser) -> None:
+    """What a file may not say of its own format, channels and skin."""
+    formats = f"by default told by its content; {', '.join(importers.known())}"
     command.add_argument("--format", help=formats)
     steps = "adjacent, opposite or skip-<n>"
     command.add_argument("--order", help="the order of the readings, as check names it")
@@ -79,11 +85,11 @@ def _add_anyway(command: argparse.ArgumentParser) -> None:
     )
 
 
-def _load(arguments: argparse.Namespace) -> Recording:
-    """The recording, with what its owner states of its channels and of the skin."""
+def _load(file: str, arguments: argparse.Namespace) -> Recording:
+    """A recording, with what its owner states of its channels and of the skin."""
     protocol = arguments.order, arguments.drive, arguments.measure
     said = {} if arguments.skin is None else stated.read(arguments.skin)
-    loaded = importers.load(arguments.file, arguments.format, *protocol)
+    loaded = importers.load(file, arguments.format, *protocol)
     return stated.apply(said, loaded, arguments.skin)
 
 
@@ -99,13 +105,13 @@ def _checked(recorded: Recording, arguments: argparse.Namespace) -> check.Check 
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    result = check.check(_load(arguments))
+    result = check.check(_load(arguments.file, arguments))
     print(check.text(result), end="")
     return 0 if result.ok else UNUSABLE
 
 
 def _import(arguments: argparse.Namespace) -> int:
-    recorded = _load(arguments)
+    recorded = _load(arguments.file, arguments)
     if _checked(recorded, arguments) is None:
         return UNUSABLE
     recording.write(recorded, arguments.out)
@@ -117,7 +123,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     from eitskin.diagnose import diagnosis, result, words
     from eitskin.diagnose.report import page
 
-    recorded = _load(arguments)
+    recorded = _load(arguments.file, arguments)
     if arguments.query is not None:
         result.read_query(arguments.query, recorded)
     checked = _checked(recorded, arguments)
@@ -155,7 +161,7 @@ def _compare(arguments: argparse.Namespace) -> int:
     names = tuple(Path(file).stem for file in files)
     if names[0] == names[1]:
         names = files
-    recordings = (importers.load(file) for file in files)
+    recordings = (_load(file, arguments) for file in files)
     sentences, difference = difference_words.compared(*recordings, names)
     said = result.of_difference(list(names), sentences, difference)
     stems = "-vs-".join(Path(file).stem for file in files)
