@@ -21,13 +21,12 @@ with socket.create_connection((sys.argv[1], {RTDE_PORT})) as robot:
 """
 LIFTING = f"""
 import signal, socket, sys
-def end(number, frame):
-    with socket.create_connection((sys.argv[1], {DASHBOARD_PORT})) as dashboard:
-        print(dashboard.makefile().readline().strip(), flush=True)
-    sys.exit(7)
-signal.signal(signal.SIGTERM, end)
+signal.pthread_sigmask(signal.SIG_BLOCK, {{signal.SIGTERM}})
 print("begun", flush=True)
-signal.pause()
+signal.sigwait({{signal.SIGTERM}})
+with socket.create_connection((sys.argv[1], {DASHBOARD_PORT})) as dashboard:
+    print(dashboard.makefile().readline().strip(), flush=True)
+sys.exit(7)
 """
 
 
