@@ -218,6 +218,22 @@ def test_a_passive_change_turns_nothing_round():
     assert odd_share(own, own.wander.change) > 0.4
 
 
+def test_a_change_of_the_whole_skin_is_no_fault_and_said():
+    control, later = session(1), session(2)
+    assert difference(control, later, NAMES).moved[1] > 0.01
+    change = channel_values(impedances(7), ADJACENT) * 0.01
+    told, entry = compared(control, replace(later, voltage=later.voltage + change), NAMES)
+    assert not any(one["named"] for one in entry["found"])
+    assert entry["moved"]["p_value"] < 1e-6 and entry["moved"]["times_scatter"] > 10.0
+    if not entry["found"]:
+        assert "times what they scatter" in told[0]
+
+
+def test_one_frame_each_tells_nothing_of_scatter():
+    control, later = session(1, count=1), session(2, count=1)
+    assert difference(control, later, NAMES).moved[1] == 1.0
+
+
 def test_one_frame_each_is_compared():
     control, later = session(1, count=1), session(2, count=1)
     assert difference(control, later, NAMES).found == []

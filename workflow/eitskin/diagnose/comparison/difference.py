@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import f
 
 from eitskin.data.recording import Recording
 from eitskin.diagnose.comparison import faults
@@ -94,6 +95,16 @@ class Difference:
     lost: tuple[int, ...]
     wander: Wander
     common: float
+
+    @property
+    def moved(self) -> tuple[float, float]:
+        """By how many times what readings scatter within the sessions they differ between them
+        (rms, less what a skin does by itself), and how often chance gives as much (F test)."""
+        if self.wander.count < 1:
+            return 0.0, 1.0
+        square = float(np.sum(self.wander.across(self.wander.change) ** 2)) / self.wander.count
+        known = self.wander.prior
+        return float(np.sqrt(square)), float(f.sf(square, self.wander.count, known) if known else 1)
 
 
 def pair(control: Recording, later: Recording, names: tuple[str, str]) -> Pair:

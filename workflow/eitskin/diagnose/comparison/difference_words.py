@@ -22,6 +22,7 @@ SHOWN = 3  # electrodes at which most changed
 MOVED = 0.002  # of all readings together, below which nothing is said of it
 PASSIVE = 0.2  # share of a change that exchanging drive and measurement turns round, of a skin's
 FEWEST_PAIRS = 10
+SIGNIFICANT = 0.01  # below which chance does not move readings so far
 
 WHAT = {
     "channel-gain": "{where} {reads} {ratio}: a gain of the channel's own, or an offset",
@@ -45,6 +46,7 @@ def entries(found: Difference) -> dict:
         "lost_channels": list(found.lost),
         "common_ratio": found.common,
         "odd_share": odd_share(found, found.wander.change),
+        "moved": dict(zip(("times_scatter", "p_value"), found.moved, strict=True)),
         "untouched_frames": [len(found.pair.control), len(found.pair.later)],
         "threshold_nats": THRESHOLD,
         "margin_nats": MARGIN,
@@ -81,10 +83,7 @@ def sentences(found: Difference) -> list[str]:
         said.append(f"{later} has no readings of {whose}, which {control} has.")
     said += [_sentence(one, found) for one in found.found]
     if not said:
-        said.append(
-            f"No fault shows between {control} and {later}: what differs is no more than a skin"
-            " does by itself."
-        )
+        said.append(_nothing(found))
     elif any(not one.named for one in found.found):
         said.append(f"Most changed {_most(found)}.")
     for one in found.found:
@@ -101,6 +100,20 @@ def sentences(found: Difference) -> list[str]:
             " and counted as no fault."
         )
     return said
+
+
+def _nothing(found: Difference) -> str:
+    """What is said where no fault was found."""
+    control, later = found.pair.names
+    times, p = found.moved
+    said = f"No fault shows between {control} and {later}: "
+    if p >= SIGNIFICANT:
+        return f"{said}what differs is no more than the readings scatter within a recording."
+    return (
+        f"{said}the readings differ by {number(times, 2)} times what they scatter within a"
+        " recording, but at no one site. A skin may do so by itself from one session to the next;"
+        " or its gel, its contacts or what lies on it changed."
+    )
 
 
 def _sentence(one: Found, found: Difference) -> str:
