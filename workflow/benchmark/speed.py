@@ -37,7 +37,6 @@ from benchmark.finite_elements import FiniteElements, straight_mesh
 from eitskin import cli
 from eitskin.atomic import atomic_path
 from eitskin.data import recording
-from eitskin.data.recording import Recording
 from eitskin.physics.forward import Forward, channel_values
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table
@@ -338,7 +337,7 @@ def diagnose(kind: str, seed: int, frames: int) -> tuple[float, float]:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "drawn.parquet"
         case = cases.draw(kind, seed, frames)
-        recording.write(Recording(case.states, case.voltage, None, None, case.metadata), path)
+        recording.write(case.recorded, path)
         start = time.perf_counter()
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             code = cli.main(["diagnose", str(path), "--out", str(Path(folder) / "out")])

@@ -7,7 +7,6 @@ import time
 import traceback
 from dataclasses import replace
 
-from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.search.screen import Null
 from eitskin.diagnose.tangents import Tangents
@@ -72,7 +71,7 @@ class ScoreTests:
     def best(self, case: Case, rig: str) -> dict:
         """{p_value, p_local, name, learned} of the best of all candidates about the calibration of
         a recording, which is as far as a diagnosis goes before it fits an effect."""
-        recorded = Recording(case.states, case.voltage, None, None, dict(case.metadata))
+        recorded = case.recorded
         _, search, _ = diagnosis.begun(recorded, self.seed)
         search.tangents.update(self.tangents)
         search.null = self.drawn.get(rig)

@@ -15,7 +15,6 @@ import pandas as pd
 
 from calibration.intervals import rms, wilson
 from eitskin.atomic import atomic_path
-from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.estimates import NORMAL_90
 from eitskin.diagnose.noise import Noise
@@ -208,7 +207,7 @@ def table(rows: list[dict]) -> pd.DataFrame:
 def measured(kind: str, seed: int) -> list[dict]:
     """`compared`, and its seed, of a recording in which nothing is wrong but one kind of error."""
     case = cases.draw(f"null+rig:{kind}", seed)
-    recorded = Recording(case.states, case.voltage, None, None, dict(case.metadata))
+    recorded = case.recorded
     noise, search, _ = diagnosis.begun(recorded, 1)
     state = search.calibrated()
     rows = compared(case, search.problem.whitening.mask, noise, state)

@@ -32,7 +32,7 @@ BESIDE = 2  # untouched frames that a step needs on either side
 
 def planted(case: Case, kind: str, size: float, rng: np.random.Generator) -> tuple[Recording, int]:
     """A case's recording with one step, and the first frame after it."""
-    recorded = recording_of(case)
+    recorded = case.recorded
     channels = recorded.channels
     pattern = rng.standard_normal(len(channels))
     if kind == "one electrode":
@@ -48,17 +48,12 @@ def planted(case: Case, kind: str, size: float, rng: np.random.Generator) -> tup
     return recorded, frame
 
 
-def recording_of(case: Case) -> Recording:
-    """What of a case a user has."""
-    return Recording(case.states, case.voltage, None, None, dict(case.metadata))
-
-
 def table(last_seed: int) -> Iterator[str]:
     """The lines of the table: false alarms by rig, then what is found by kind and size."""
     seeds = range(1, last_seed + 1)
     yield "no step planted: recordings with a step found"
     for rig in RIGS:
-        wrong = [seed for seed in seeds if steps(recording_of(cases.draw(rig, seed)))]
+        wrong = [seed for seed in seeds if steps(cases.draw(rig, seed).recorded)]
         yield f"  {rig}: {len(wrong)} of {last_seed} (seeds {wrong})"
     yield f"one step planted in {PLANTED_IN}, found: in the right gap, at the right frame; others"
     counts = {(kind, size): np.zeros(3) for kind in PLANTED for size in SIZES}

@@ -37,7 +37,7 @@ def trial(kind: str, seed: int) -> dict:
     The diagnosis is given the recording and nothing else; the truth is opened afterwards.
     """
     case = cases.draw(kind, seed)
-    recorded = Recording(case.states, case.voltage, None, None, dict(case.metadata))
+    recorded = case.recorded
     began = time.perf_counter(), time.process_time()
     found = diagnosis.diagnose(recorded)
     ended = time.perf_counter(), time.process_time()

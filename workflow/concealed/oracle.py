@@ -118,7 +118,7 @@ def control(kind: str, seed: int, name: str) -> list[dict]:
     """What a diagnosis names in a real recording's excerpt without the fault planted in it."""
     word, of, _ = kind.split(":")
     case = planted.draw(f"{word}:{of}:{planted.NONE}", seed)
-    recorded = Recording(case.states, case.voltage, None, None, case.metadata)
+    recorded = case.recorded
     return result.result(diagnosis.diagnose(recorded, 1), name)["effects"]
 
 

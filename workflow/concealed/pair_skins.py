@@ -10,6 +10,7 @@ walk, within a session and between the two, seen by a rig with gains of its own.
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -56,11 +57,11 @@ def sources(block: str) -> dict[str, Callable[[np.random.Generator], Sessions]]:
             message = f"SKIPPED: no real recording {name} at {path}; set EITSKIN_DATA"
             warnings.warn(message, stacklevel=2)
         elif name == ROD:
-            found[name] = _Dealt(_rod(path), block).draw
+            found[name] = partial(_dealt, _rod(path), block)
         elif name == REPEATS:
-            found[name] = _Repeats(importers.load(path)).draw
+            found[name] = partial(_repeats, importers.load(path))
         else:
-            found[name] = _Stretches(_still(importers.load(path)), block).draw
+            found[name] = partial(_stretches, _still(importers.load(path)), block)
     return found
 
 
@@ -75,62 +76,45 @@ def _still(recorded: Recording) -> Recording:
     return rows_of(recorded, np.flatnonzero(~recorded.frames["touch"].to_numpy(bool)))
 
 
-def _half(count: int, block: str) -> np.ndarray:
-    """Frames of a recording of `count` that belong to a block."""
+def _half(recorded: Recording, block: str) -> np.ndarray:
+    """Frames of a recording that belong to a block."""
+    count = len(recorded.frames)
     return np.arange(count // 2) if block == DEVELOPMENT else np.arange(count // 2, count)
 
 
-@dataclass(frozen=True)
-class _Stretches:
+def _stretches(recorded: Recording, block: str, rng: np.random.Generator) -> Sessions:
     """Two stretches of one half of a recording, in order."""
-
-    recorded: Recording
-    block: str
-
-    def draw(self, rng: np.random.Generator) -> Sessions:
-        rows = _half(len(self.recorded.frames), self.block)
-        first, second = rng.integers(FRAMES[0], FRAMES[1] + 1, 2)
-        room = len(rows) - first - second
-        between = int(rng.integers(0, min(room, FRAMES[1]) + 1))
-        begin = int(rng.integers(0, room - between + 1))
-        control = rows[begin : begin + first]
-        later = rows[begin + first + between :][:second]
-        return Sessions(*(rows_of(self.recorded, r) for r in (control, later)))
+    rows = _half(recorded, block)
+    first, second = rng.integers(FRAMES[0], FRAMES[1] + 1, 2)
+    room = len(rows) - first - second
+    between = int(rng.integers(0, min(room, FRAMES[1]) + 1))
+    begin = int(rng.integers(0, room - between + 1))
+    control = rows[begin : begin + first]
+    later = rows[begin + first + between :][:second]
+    return Sessions(*(rows_of(recorded, r) for r in (control, later)))
 
 
-@dataclass(frozen=True)
-class _Dealt:
+def _dealt(recorded: Recording, block: str, rng: np.random.Generator) -> Sessions:
     """Neighbouring frames of one half of a recording, one to each session."""
-
-    recorded: Recording
-    block: str
-
-    def draw(self, rng: np.random.Generator) -> Sessions:
-        rows = _half(len(self.recorded.frames), self.block)
-        twos = rng.permuted(rows[: len(rows) // 2 * 2].reshape(-1, 2), axis=1)
-        return Sessions(*(rows_of(self.recorded, r) for r in twos.T))
+    rows = _half(recorded, block)
+    twos = rng.permuted(rows[: len(rows) // 2 * 2].reshape(-1, 2), axis=1)
+    return Sessions(*(rows_of(recorded, r) for r in twos.T))
 
 
-@dataclass(frozen=True)
-class _Repeats:
+def _repeats(recorded: Recording, rng: np.random.Generator) -> Sessions:
     """Two of three repeats, and the third."""
-
-    recorded: Recording
-
-    def draw(self, rng: np.random.Generator) -> Sessions:
-        one, *others = rng.permutation(len(self.recorded.frames))
-        return Sessions(*(rows_of(self.recorded, np.sort(r)) for r in (others, [one])))
+    one, *others = rng.permutation(len(recorded.frames))
+    return Sessions(*(rows_of(recorded, np.sort(r)) for r in (others, [one])))
 
 
 def _rod(path) -> Recording:
     """The IIRC's frames with a rod at unknown places, as if nobody touched."""
+    reading = iirc_tank.readings(matlab(path, iirc_tank.ARRAYS)[iirc_tank.ARRAYS[1]]).real
     channels = channel_table(iirc_tank.N_ELECTRODES)
-    frames = matlab(path, iirc_tank.ARRAYS)[iirc_tank.ARRAYS[1]].T
-    reading = frames[:, iirc_tank.N_ELECTRODES * channels[:, 0] + channels[:, 2]].real
     angles = even_angles(iirc_tank.N_ELECTRODES)
     metadata = describe(channels, angles, f"{path.name}, rod", "signed")
-    still = frames_table(np.arange(len(frames)), np.zeros(len(frames), bool))
-    return Recording(still, reading.astype(float), None, None, metadata)
+    still = frames_table(np.arange(len(reading)), np.zeros(len(reading), bool))
+    return Recording(still, reading, None, None, metadata)
 
 
 def simulated(rng: np.random.Generator) -> Sessions:

@@ -95,8 +95,7 @@ def _harmed(
 ) -> tuple[np.ndarray, dict, float] | None:
     """The later readings with a fault, the fault, and its SNR in the difference."""
     shown = wander(sessions.control.voltage, sessions.later.voltage)
-    own = np.linalg.norm(shown.across(shown.change)) / np.sqrt(shown.count)
-    noise = np.maximum(shown.scale * max(own, 1.0), TINY_V)
+    noise = np.maximum(shown.scale * max(shown.moved, 1.0), TINY_V)
     if kind == "electrode-swap" and sessions.crossed is not None:
         electrodes, crossed = sessions.crossed
         change = (crossed.voltage - sessions.later.voltage).mean(axis=0) / noise

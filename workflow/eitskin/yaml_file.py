@@ -21,8 +21,10 @@ def read(path: str | Path) -> dict:
     except UnicodeDecodeError as error:
         raise InputError(path, "file", "bytes that are no UTF-8", "a YAML file") from error
     try:
-        _refuse_repeated_keys(path, yaml.compose(text, yaml.SafeLoader))
-        found = yaml.safe_load(text)
+        loader = yaml.SafeLoader(text)
+        document = loader.get_single_node()
+        _refuse_repeated_keys(path, document)
+        found = None if document is None else loader.construct_document(document)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         place = "file" if mark is None else f"line {mark.line + 1}, column {mark.column + 1}"

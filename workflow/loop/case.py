@@ -33,7 +33,7 @@ def write(
     """
     folder = Path(folder)
     case = cases.draw(kind, seed, frames, share=share)
-    recorded = Recording(case.states, case.voltage, None, None, case.metadata)
+    recorded = case.recorded
     told = {
         "kind": kind,
         "seed": seed,

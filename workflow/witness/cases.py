@@ -103,6 +103,11 @@ class Case:
     rig: tuple[RigError, ...]
     true_states: pd.DataFrame
 
+    @property
+    def recorded(self) -> recording.Recording:
+        """What its owner has of it."""
+        return recording.Recording(self.states, self.voltage, None, None, dict(self.metadata))
+
 
 class _Shown:
     """What a world makes of some states; of laws asked for before, the same again."""

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from eitskin.data import alignment, baseline
-from eitskin.data.check.measures import channel_noise
+from eitskin.data.check.measures import channel_noise, successive_noise
 from eitskin.data.recording import Recording
 from eitskin.errors import InputError
+from eitskin.physics.protocol import undriven
 
 EQUAL = 4.0  # standard deviations of noise, within which levels are one
 LEAST_CHANNELS = 4
@@ -47,9 +48,9 @@ def ceilings(recording: Recording) -> list[Ceiling]:
     level = np.full(values.shape[1], np.nan)
     level[whole] = np.nanmedian(values[free][:, whole], axis=0)
     noise = channel_noise(recording.voltage[free])
-    quiet = _successive(recording.voltage[free])
+    quiet = np.nan_to_num(successive_noise(np.diff(recording.voltage[free], axis=0)))
     channels = recording.channels
-    driven = (channels[:, :2, None] == channels[:, None, 2:]).any(axis=(1, 2))
+    driven = ~undriven(channels)
     response = _response(recording, whole)
     found = []
     for kind in (driven, ~driven):
@@ -67,15 +68,6 @@ def ceilings(recording: Recording) -> list[Ceiling]:
             at = (values[:, top] >= ceiling - EQUAL * sd).any(axis=1)
             found.append(Ceiling(top, ceiling, np.flatnonzero(at), sign))
     return found
-
-
-def _successive(values: np.ndarray) -> np.ndarray:
-    """(M,): median absolute successive difference of each channel, 0 where there is none."""
-    change = np.abs(np.diff(values, axis=0))
-    some = np.isfinite(change).any(axis=0)
-    result = np.zeros(values.shape[1])
-    result[some] = np.nanmedian(change[:, some], axis=0)
-    return result
 
 
 @dataclass(frozen=True)

@@ -210,8 +210,14 @@ def noise(recording: Recording) -> Noise | None:
         steps = steps[follow]
     if not np.isfinite(steps).any():
         return None
-    spread = NORMAL * _columns(np.nanmedian, np.abs(steps)) / np.sqrt(2.0)
+    spread = successive_noise(steps)
     return Noise(float(np.nanmedian(spread)), len(steps) + 1, not follow.any())
+
+
+def successive_noise(steps: np.ndarray) -> np.ndarray:
+    """(M,): sd of each channel's noise that successive differences (K, M) show, as of `noise`; NaN
+    where there are none."""
+    return NORMAL * _columns(np.nanmedian, np.abs(steps)) / np.sqrt(2.0)
 
 
 def channel_noise(values: np.ndarray) -> np.ndarray:
@@ -220,7 +226,7 @@ def channel_noise(values: np.ndarray) -> np.ndarray:
     """
     change = np.diff(values, axis=0)
     change[:, ~np.isfinite(change).any(axis=0)] = 0.0
-    spread = NORMAL * np.nanmedian(np.abs(change), axis=0) / np.sqrt(2.0)
+    spread = successive_noise(change)
     if not spread.any():
         spread[:] = np.sqrt(np.nanmean(change**2) / 2.0)
     middle = np.median(spread[spread > 0]) if spread.any() else 1.0

@@ -49,8 +49,15 @@ def load(path: Path) -> Recording:
     if reference.shape != (N_ELECTRODES**2, 1):
         raise InputError(path, "v_reference", reference.shape, "(256, 1)")
     channels = channel_table(N_ELECTRODES)
-    reading = reference[N_ELECTRODES * channels[:, 0] + channels[:, 2], 0].astype(complex)
+    reading = readings(reference)
     source = SOURCE.format(name=path.name, left_out=rotated.shape[1])
     metadata = describe(channels, even_angles(N_ELECTRODES), source, "signed", skin=SKIN)
     frames = frames_table(np.zeros(1), np.zeros(1, dtype=bool))
-    return Recording(frames, reading.real[None], reading.imag[None], None, metadata)
+    return Recording(frames, reading.real, reading.imag, None, metadata)
+
+
+def readings(frames: np.ndarray) -> np.ndarray:
+    """(F, 208) complex, in the order of `channel_table`, of frames (256, F) as the file has them:
+    those that share no electrode with their drive."""
+    channels = channel_table(N_ELECTRODES)
+    return frames[N_ELECTRODES * channels[:, 0] + channels[:, 2]].T.astype(complex)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from eitskin.data.channel_order import ORDERS
 from eitskin.data.importers.description import describe, swap_measured
 from eitskin.data.importers.tables import first_line, is_numbers, numbers
 from eitskin.data.recording import Recording, frames_table
@@ -20,6 +21,7 @@ from eitskin.physics.protocol import channel_table
 
 N_ELECTRODES = 16
 COLUMNS = 4
+ORDER = "drive-plus-ascending-own"
 SOURCE = (
     "CBZ199671/PyEIDORS, {name} (the reference frame; the target frame, objects at unknown places, "
     "left out)"
@@ -34,8 +36,7 @@ def matches(path: Path) -> bool:
 def channels_from_drive() -> np.ndarray:
     """(208, 4): each drive's pairs from its own sink onwards, wrapping round."""
     channels = channel_table(N_ELECTRODES)
-    after_source = (channels[:, 2] - channels[:, 0]) % N_ELECTRODES
-    return channels[np.lexsort((after_source, channels[:, 0]))]
+    return channels[ORDERS[ORDER].permutation(channels, N_ELECTRODES)]
 
 
 def load(path: Path) -> Recording:

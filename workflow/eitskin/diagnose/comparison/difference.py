@@ -102,9 +102,8 @@ class Difference:
         (rms, less what a skin does by itself), and how often chance gives as much (F test)."""
         if self.wander.count < 1:
             return 0.0, 1.0
-        square = float(np.sum(self.wander.across(self.wander.change) ** 2)) / self.wander.count
-        known = self.wander.prior
-        return float(np.sqrt(square)), float(f.sf(square, self.wander.count, known) if known else 1)
+        times, known = self.wander.moved, self.wander.prior
+        return times, float(f.sf(times**2, self.wander.count, known)) if known else 1.0
 
 
 def pair(control: Recording, later: Recording, names: tuple[str, str]) -> Pair:

@@ -6,6 +6,7 @@ channel. What two sessions differ by is of the same kind, by an unknown factor: 
 and by a common gain it may be of any size, across them its size is that of the scatter or more.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,6 +49,14 @@ class Wander:
     def count(self) -> int:
         """Free values of the difference."""
         return int(self.usable.sum()) - self.nuisance.shape[1]
+
+    @property
+    def moved(self) -> float:
+        """The rms of the difference, in units of scale, of what a skin does not do by itself; NaN
+        where no value is free."""
+        if self.count < 1:
+            return math.nan
+        return float(np.linalg.norm(self.across(self.change)) / np.sqrt(self.count))
 
     def across(self, values: np.ndarray) -> np.ndarray:
         """Values (M,) or (M, k), V, in units of scale, without what a skin does without a fault."""
