@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from eitskin.data.recording import Recording, presses
 from eitskin.diagnose import diagnosis
-from eitskin.diagnose.diagnosis import Judged
-from eitskin.diagnose.fit import Fit, fit
+from eitskin.diagnose.fit import Fit, Problem, fit
 from eitskin.diagnose.held_out import (
     LEAST_PRESSES,
     HeldOut,
@@ -19,9 +18,9 @@ from eitskin.diagnose.held_out import (
     reciprocal_groups,
     units,
 )
+from eitskin.diagnose.judged import Judged
 from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.search.search import Search
-from eitskin.diagnose.whitening import RigErrors
 from eitskin.physics.protocol import reciprocal_channels
 from small_skin import CHANNELS, METADATA, candidates_of, problem_of, small_recording, states
 
@@ -153,19 +152,21 @@ def judging():
     found = fit(problem, [], np.zeros(len(problem.model.calibrations)), polish=True)
     kept = aside(recorded, 2)
     white = replace(problem.whitening, mask=kept, rho=np.zeros(len(CHANNELS)))
-    none = np.zeros((0, *kept.shape))
-    common = 2.0 * white.sd.mean() * np.ones((1, *kept.shape))
-    errors = RigErrors(none, np.where(kept, common, 0.0), none)
-    return found, white, replace(white, errors=errors), units(recorded)
+    return found, white, {"common-noise": 2.0 * white.sd.mean()}, units(recorded)
+
+
+def judge(found, readings, white, sizes, unit):
+    problem = Problem(found.problem.model, readings, white)
+    return Judged(problem, sizes, 0.0, unit)
 
 
 def test_what_was_put_aside_is_judged_in_its_own_covariance(judging):
-    found, white, rigged, unit = judging
+    found, white, sizes, unit = judging
     draw = np.random.default_rng(2)
     noise = white.sd * draw.normal(size=white.mask.shape)
     noise += 2.0 * white.sd.mean() * draw.choice([-1.0, 1.0], (len(noise), 1))
     readings = np.where(white.mask, found.voltage() + noise, np.nan)
-    judged = Judged(readings, white, rigged, unit)
+    judged = judge(found, readings, white, sizes, unit)
     by, by_white = judged.by(found), judged.by_white(found)
     assert np.isclose(by_white.chi2_per_dof, ((noise / white.sd)[white.mask] ** 2).mean())
     assert by_white.chi2_per_dof > 3.0 and 0.85 < by.chi2_per_dof < 1.15
@@ -173,9 +174,9 @@ def test_what_was_put_aside_is_judged_in_its_own_covariance(judging):
     assert np.isclose(by.rms, np.sqrt((noise[white.mask] ** 2).mean()))
     assert not by.error[~white.mask].any() and not by.plain[~white.mask].any()
     assert judged.p_value(found, 1e6) > 0.01
-    assert Judged(readings, white, white, unit).p_value(found, 1e6) < 1e-6
+    assert judge(found, readings, white, {}, unit).p_value(found, 1e6) < 1e-6
     # A noise that nobody knows well is no ground to refuse a fit.
-    assert Judged(readings, white, white, unit).p_value(found, 1.0) > 1e-3
+    assert judge(found, readings, white, {}, unit).p_value(found, 1.0) > 1e-3
 
 
 @pytest.mark.parametrize("share", [0.0, 30.0])
@@ -191,22 +192,20 @@ def test_a_right_fit_is_seldom_refused(share):
     shape = recorded.voltage.shape
     plain = replace(problem.whitening, mask=np.broadcast_to(seen[:, None], shape))
     white = replace(problem.whitening, mask=np.broadcast_to(kept[:, None], shape).copy())
-    none = np.zeros((0, *shape))
-    common = np.sqrt(share) * white.sd * np.where(white.mask, 1.0, 0.0)[None]
-    rigged = replace(white, errors=RigErrors(none, common, none)) if share else white
-    assert np.isclose(rigged.rig_share, share)
+    assert np.ptp(white.sd) == 0.0
+    sizes = {"common-noise": np.sqrt(share) * white.sd[0]}
     theta = np.zeros(len(problem.model.calibrations) + dense.size)
     there = problem.voltage(theta, [dense])
     found = fit(replace(problem, recorded=there, whitening=plain), [dense], theta, polish=True)
     draw, p = np.random.default_rng(4), []
-    for _ in range(400):
+    for _ in range(150):
         error = found.root @ draw.normal(size=len(theta))
         off = np.tensordot(error, found.jacobian[:, 0] * problem.whitening.sd, 1)
         noise = white.sd * draw.normal(size=shape)
         noise += np.sqrt(share) * white.sd * draw.normal(size=(shape[0], 1))
         readings = np.where(white.mask, there + noise + off, np.nan)
-        p.append(Judged(readings, white, rigged, units(recorded)).p_value(found, 1e6))
-    assert np.mean(np.array(p) < 0.05) < 0.09
+        p.append(judge(found, readings, white, sizes, units(recorded)).p_value(found, 1e6))
+    assert np.mean(np.array(p) < 0.05) < 0.1
 
 
 def test_presses_of_unknown_force_are_not_put_aside(make_recording):
@@ -219,13 +218,14 @@ def test_presses_of_unknown_force_are_not_put_aside(make_recording):
 
 
 def test_a_gain_is_that_of_the_log_density(judging):
-    found, white, rigged, unit = judging
+    found, white, sizes, unit = judging
     draw = np.random.default_rng(3)
     noise = white.sd * draw.normal(size=white.mask.shape)
     readings = np.where(white.mask, found.voltage() + noise, np.nan)
-    judged = Judged(readings, white, rigged, unit)
+    judged = judge(found, readings, white, sizes, unit)
     off = Fit(found.problem, [], found.theta + 0.01, found.residual, found.slopes)
     gain, error = judged.gain(found, off)
+    rigged = judged.about(found).problem.whitening
     here, there = (rigged(np.where(white.mask, readings - f.voltage(), 0.0)) for f in (found, off))
     assert np.isclose(gain, 0.5 * ((there**2).sum() - (here**2).sum()))
     assert np.isclose(error, np.linalg.norm(here - there))
@@ -237,10 +237,11 @@ def test_a_gain_is_that_of_the_log_density(judging):
 @pytest.mark.parametrize("common", [0.0, 30.0])
 def test_what_predicts_plainly_worse_does_harm(judging, common):
     """Were the rig's errors ever so large: a covariance that excuses them is no excuse."""
-    found, white, rigged, unit = judging
+    found, white, sizes, unit = judging
     noise = white.sd * np.random.default_rng(3).normal(size=white.mask.shape)
     noise += common * white.sd.mean() * np.random.default_rng(4).normal(size=(len(noise), 1))
-    judged = Judged(np.where(white.mask, found.voltage() + noise, np.nan), white, rigged, unit)
+    readings = np.where(white.mask, found.voltage() + noise, np.nan)
+    judged = judge(found, readings, white, sizes, unit)
     off = Fit(found.problem, [], found.theta + 0.3, found.residual, found.slopes)
     plain = found.voltage() - off.voltage()
     here, there = (
@@ -252,13 +253,13 @@ def test_what_predicts_plainly_worse_does_harm(judging, common):
 
 
 def test_one_unit_a_little_worse_is_no_harm(judging):
-    found, white, rigged, unit = judging
+    found, white, sizes, unit = judging
     noise = white.sd * np.random.default_rng(3).normal(size=white.mask.shape)
     readings = np.where(white.mask, found.voltage() + noise, np.nan)
     here, there = (
         HeldOut(np.zeros(1), np.zeros(1), left, left, left.size) for left in (noise, 1.001 * noise)
     )
-    judged = Judged(readings, white, rigged, np.zeros_like(unit))
+    judged = judge(found, readings, white, sizes, np.zeros_like(unit))
     assert not judged.harms(found, found, (there, here))
 
 
@@ -267,6 +268,6 @@ def test_put_aside_leaves_out_what_was_lost(judging):
     lost = white.mask & (np.random.default_rng(4).random(white.mask.shape) < 0.3)
     fewer = replace(white, mask=white.mask & ~lost)
     readings = np.where(fewer.mask, found.voltage() + white.sd, np.nan)
-    told = put_aside(found, readings, fewer)
+    told = put_aside(replace(found, problem=Problem(found.problem.model, readings, fewer)))
     assert told.readings == fewer.mask.sum()
     assert np.isclose(told.chi2.sum(), told.readings) and np.isclose(told.chi2_per_dof, 1.0)

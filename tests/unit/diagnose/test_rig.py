@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from eitskin.diagnose import rig_words
 from eitskin.diagnose.diagnosis import begun
 from eitskin.diagnose.noise import Noise
-from eitskin.diagnose.rig import COMPONENTS, STRAIGHT, STRAYS, Rig, _walk
+from eitskin.diagnose.rig import COMPONENTS, LASTING, TAIL, TOGETHER, Rig, _walk
 from eitskin.diagnose.rig_sizes import HARDLY, MOST, NORMAL_90, _Scored, findings, learned
+from eitskin.diagnose.touches import straight
 from eitskin.diagnose.whitening import Whitening
 from small_skin import calibrated, problem_of, small_recording
 
@@ -179,13 +180,6 @@ def test_an_error_of_one_press_is_found():
         assert max(sizes, key=lambda key: sizes[key] / rig.scales[key]) == name
         # One of twenty has it all.
         assert 0.7 < sizes[name] / (size / np.sqrt(PRESSES)) < 1.6
-        if name == "place-per-press":
-            strays = rig.strays(sizes, residual + one)["x_mm"]
-            # As far as such a size is likely to leave one of them.
-            assert np.allclose(strays[rig.label == at], STRAYS * sizes[name])
-            assert 0.4 < strays.max() / size < 1.0
-            assert np.abs(strays[rig.label != at]).max() < 0.25 * size
-            assert not strays[rig.label < 0].any()
 
 
 def test_what_is_assumed_has_the_size_of_the_prior():
@@ -415,26 +409,55 @@ def test_a_correlation_is_as_sure_as_the_values_it_was_found_from():
     assert one["high"] == 1.0 and 0.0 < one["low"] < 0.9
 
 
-@pytest.mark.parametrize("others", [[], ["common-noise"]], ids=["alone", "beside-frames"])
-def test_strays_are_what_is_to_be_expected(others):
-    name = "place-per-press"
-    rig = made([name, *others])
-    sizes = {one: SIZES[one] for one in [name, *others]}
-    residual = drawn(rig, sizes, np.random.default_rng(13))
-    # The mean of unit normal numbers that the residual tells of, in what frames have left.
-    own = (rig.label == np.arange(PRESSES)[:, None])[:, None, :, None]
-    whitening = rig.whitening({one: sizes[one] for one in others})
-    columns = (own * whitening(sizes[name] * rig.columns[name])).reshape(2 * PRESSES, -1)
-    left = whitening(residual).ravel()
-    mean = np.linalg.solve(columns @ columns.T + np.eye(2 * PRESSES), columns @ left)
-    expected = sizes[name] * np.append(mean.reshape(PRESSES, 2), np.zeros((1, 2)), axis=0)
-    strays = rig.strays(sizes, residual)
-    for key, along in zip(("x_mm", "y_mm"), expected[rig.label].T, strict=True):
-        assert np.allclose(strays[key], along, rtol=1e-8)
+def test_touches_stray_by_all_that_moves_them():
+    rig = made(["place-per-press", "common-noise"])
+    courses = {
+        "place-per-frame": [("x_mm", np.ones(FRAMES)), ("y_mm", np.ones(FRAMES))],
+        "place-per-press": [("x_mm", np.full(FRAMES, 2.0)), ("y_mm", np.zeros(FRAMES))],
+        "force-zero-walk": [("force_N", wave) for wave in _walk(clock(FRAMES), 6)],
+    }
+    tangents = {**rig.tangents, "force_N": np.ones((FRAMES, CHANNELS))}
+    rig = replace(rig, courses=courses, tangents=tangents)
+    spread = rig.spread({"place-per-frame": 0.4, "place-per-press": 0.15, "force-zero-walk": 3.0})
+    assert np.allclose(spread["x_mm"], 0.5) and np.allclose(spread["y_mm"], 0.4)
+    walk = 3.0 * np.sqrt((_walk(clock(FRAMES), 6) ** 2).sum(axis=0))
+    assert np.allclose(spread["force_N"], walk)
+    strays = {"x_mm": np.linspace(0.0, 1.0, FRAMES), "y_mm": np.full(FRAMES, -0.3)}
+    strays["force_N"] = np.zeros(FRAMES)
     followed = sum(strays[key][:, None] * rig.tangents[key] for key in ("x_mm", "y_mm"))
     assert np.allclose(rig.followed(strays), followed)
-    straight = {**sizes, name: 0.99 * STRAIGHT[name]}
-    assert rig.strays(straight, residual) == {}
+
+
+def test_a_frame_alone_has_what_moves_its_readings_together():
+    rig = made(correlation=0.5)
+    alone = rig.alone(SIZES)
+    values = np.random.default_rng(2).normal(size=(FRAMES, CHANNELS))
+    row, there = 7, rig.plain.mask[7]
+    covariance = np.diag(rig.plain.sd[there] ** 2)
+    for name in TOGETHER:
+        if name in SIZES:
+            columns = SIZES[name] * rig.columns[name][:, row, there]
+            covariance += columns.T @ columns
+    expected = values[row, there] @ np.linalg.solve(covariance, values[row, there])
+    assert np.isclose((alone(values)[row] ** 2).sum(), expected)
+    # What is of a channel or a press is none of its own.
+    assert np.allclose(alone(values), rig.alone({n: SIZES[n] for n in FRAME})(values))
+
+
+def test_fits_have_wide_quadrature_and_lasting_errors_linked():
+    rig = made()
+    rig.columns["quadrature"] = made(["quadrature"]).columns["quadrature"]
+    sizes = {"quadrature": 1e-3, "touch-discrepancy": 0.1, "channel-drift": 6e-4}
+    beside = {**sizes, "place-per-press": 0.6}
+    learning, fitted = (rig.whitening(beside, fitted=one).errors for one in (False, True))
+    assert learning.linked is None or not len(learning.linked)
+    wide = TAIL * 1e-3 * rig.columns["quadrature"]
+    assert np.allclose(fitted.linked, np.concatenate([wide, 0.1 * rig.columns[LASTING[2]]]))
+    assert len(fitted.channel) == len(rig.columns["channel-drift"])
+    assert np.allclose(fitted.whole, wide / TAIL / np.sqrt(2.0))
+    # Beside noise alone they are exact as they are.
+    errors = rig.whitening(sizes, fitted=True).errors
+    assert errors.linked is None and len(errors.channel) == 2 + len(fitted.channel)
 
 
 def test_no_covariance_of_its_own_without_sizes():
@@ -528,9 +551,9 @@ def test_a_diagnosis_begins_where_no_touch_has_force():
     recorded.frames["force_N"] = 0.0
     _, search, _ = begun(recorded, 1)
     assert np.isfinite(search.calibrated().log_evidence)
-    states = search.problem.model.states
-    strays = {key: np.full(len(states), 1.0) for key in ("x_mm", "y_mm")}
-    assert not search._near(calibrated(search.problem), strays)
+    model = search.problem.model
+    far = {key: np.full(len(model.states), 1.0) for key in ("x_mm", "y_mm")}
+    assert not straight(far, model)
 
 
 def test_sizes_that_a_rig_has_no_columns_for_add_nothing():
@@ -540,6 +563,6 @@ def test_sizes_that_a_rig_has_no_columns_for_add_nothing():
     own = {name: SIZES[name] for name in FRAME}
     residual = drawn(rig, own, np.random.default_rng(15))
     assert bare.log_likelihood(SIZES, residual) == bare.log_likelihood(own, residual)
-    assert bare.strays(SIZES, residual) == {}
+    assert bare.spread(SIZES) == {}
     moved = bare.followed({"x_mm": np.ones(FRAMES), "y_mm": np.ones(FRAMES)})
     assert moved.shape == residual.shape and not moved.any()

@@ -13,7 +13,6 @@ from eitskin.diagnose import diagnosis, result, tangents
 from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.corrected import items
 from eitskin.diagnose.fit import fit, whitened_anew
-from eitskin.diagnose.rig import TAIL
 from eitskin.diagnose.search import search
 from eitskin.diagnose.search.screen import NULL_DRAWS, score
 from eitskin.diagnose.search.search import Search, State
@@ -257,7 +256,7 @@ def test_names_that_a_rig_error_holds_are_found_as_if_all_were_scored_without_it
     found = {s.candidate.key: s for s in held._without_component(state, "force-per-press", set())}
     without = {**state.sizes, "force-per-press": 0.0}
     here = held.linearised(state).fit
-    problem = replace(here.problem, whitening=state.rig.whitening(without, tail=TAIL))
+    problem = replace(here.problem, whitening=state.rig.whitening(without, fitted=True))
     seen = Tangents(whitened_anew(here, problem))
     best = {}
     for one in held.scores(state):

@@ -71,16 +71,17 @@ def test_values_of_several_axes_are_whitened_alike():
 
 
 def rigged(seed, frames, channels, counts, correlation=0.0, rho=0.0):
-    """With columns of every channel, of every frame, of the whole and of every press, as many as
-    counts says; rho: None where the constant is free. Up to three presses, of unequal lengths, and
-    frames of none; numbers that leave some out."""
+    """With columns of every channel, of every frame, of the whole, of every press and linked ones,
+    as many as counts says; rho: None where the constant is free. Up to three presses, of unequal
+    lengths, and frames of none; numbers that leave some out."""
     voltage, sd, _, draw = drawn(seed, frames, channels)
     plain = Whitening.of(voltage, sd, rho is None, np.sqrt(rho or 0.0) * sd)
     columns = [draw.normal(size=(count, frames, channels)) for count in counts]
     label = draw.integers(-1, 3, frames) * 5
     label[draw.integers(frames)] = 10
     clock = 7 + np.cumsum(np.random.default_rng([seed, 1]).choice([1, 1, 2, 5], frames))
-    errors = RigErrors(*columns, label=np.maximum(label, -1))
+    linked = columns.pop() if len(columns) > 4 else None
+    errors = RigErrors(*columns, label=np.maximum(label, -1), linked=linked)
     return replace(plain, correlation=correlation, errors=errors, clock=clock)
 
 
@@ -94,6 +95,7 @@ def written_out(whitening, constant):
     everywhere, label = np.ones_like(same), errors.label[row]
     for columns, together in (
         (errors.channel, same),
+        (errors.channel[:0] if errors.linked is None else errors.linked, same),
         (errors.frame, apart == 0),
         (errors.whole, everywhere),
         (errors.press, (label[:, None] == label) & (label >= 0)),
@@ -184,6 +186,14 @@ def test_errors_of_frames_and_of_their_presses_are_taken_out_exactly(seed, frame
     assert_is(whitening, written_out(whitening, np.zeros(channels)))
 
 
+@given(SEEDS, FRAMES, CHANNELS, st.integers(1, 2), st.integers(0, 2))
+def test_linked_errors_beside_frames_and_presses_are_taken_out_exactly(
+    seed, frames, channels, own, whole
+):
+    whitening = rigged(seed, frames, channels, (0, 2, whole, 1, own))
+    assert_is(whitening, written_out(whitening, np.zeros(channels)))
+
+
 @given(SEEDS, FRAMES, CHANNELS, CORRELATIONS)
 def test_frames_with_their_presses_then_channels(seed, frames, channels, correlation):
     whitening = rigged(seed, frames, channels, (2, 2, 2, 2), correlation)
@@ -266,7 +276,7 @@ def test_a_free_constant_beside_errors(seed, frames, channels, own, correlation)
 def test_back_undone_and_determinant_of_errors_of_all_kinds(
     seed, frames, channels, correlation, rho
 ):
-    whitening = rigged(seed, frames, channels, (1, 2, 2, 2), correlation, rho)
+    whitening = rigged(seed, frames, channels, (1, 2, 2, 2, 1), correlation, rho)
     a, b = np.random.default_rng(seed + 1).normal(size=(2, frames, channels))
     forth = whitening(a)
     assert np.isclose((forth * b).sum(), (a * whitening.back(b)).sum(), rtol=1e-9, atol=1e-9)

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from scipy.stats import norm
 
 from eitskin.data.recording import Recording
 from eitskin.diagnose.atlas import atlas
@@ -14,11 +13,11 @@ from eitskin.diagnose.candidates import Scales, catalogue
 from eitskin.diagnose.excerpt import excerpt
 from eitskin.diagnose.fit import Fit, Problem, difference, fit
 from eitskin.diagnose.gaps import Gap, gaps, strengths
-from eitskin.diagnose.harm import harm
-from eitskin.diagnose.held_out import HeldOut, aside, folds, put_aside, units
+from eitskin.diagnose.held_out import aside, folds, units
+from eitskin.diagnose.judged import Judged
 from eitskin.diagnose.noise import Noise, estimate
 from eitskin.diagnose.remainder import Other, other, unlike
-from eitskin.diagnose.rig import TAIL, Rig
+from eitskin.diagnose.rig import Rig
 from eitskin.diagnose.rig_sizes import findings
 from eitskin.diagnose.search.search import STANDARD_ERRORS, Search, State
 from eitskin.diagnose.simulator import RecordingSimulator
@@ -32,8 +31,6 @@ from eitskin.physics.geometry import Geometry
 
 FIRST_FRAMES = 120  # on which the search begins, where there are twice as many
 FIRST_SHARE = 2 / 3  # of what may be solved, that the search on these may take
-FORM = 0.1  # of a rig error, by which readings may differ from what its tangents say
-MOST_RATIO = 1.05  # of the rms errors with and without an effect
 FORCES = np.linspace(1.0, 0.0, 11)  # of a query's largest, up to which predictions are tried
 
 
@@ -49,74 +46,13 @@ class Diagnosis:
     before: State
     after: State
     aside: np.ndarray
-    judged: "Judged"
+    judged: Judged
     rig: list[dict]
     atlas_before: pd.DataFrame
     atlas_after: pd.DataFrame
     gaps: list[list[Gap]]
     strengths: dict[str, float]
     other: Other
-
-
-@dataclass(frozen=True)
-class Judged:
-    """Readings put aside, which no fit has seen, in one covariance before and after: noise
-    (`white`), or noise and the rig's errors as the final fit has them (`rigged`); where none could
-    be put aside, those of the fit. unit: as of `units`."""
-
-    recorded: np.ndarray
-    white: Whitening
-    rigged: Whitening
-    unit: np.ndarray
-
-    def by(self, fit: Fit) -> HeldOut:
-        """What a fit predicts for them, with noise and rig errors in their covariance."""
-        return put_aside(fit, self.recorded, self.rigged)
-
-    def by_white(self, fit: Fit) -> HeldOut:
-        """What a fit predicts for them, against noise alone."""
-        return put_aside(fit, self.recorded, self.white)
-
-    def p_value(self, fit: Fit, noise_dof: float) -> float:
-        """How probable a chi squared at least as large is, if the fit is right but for what its
-        coordinates' covariance leaves open. noise_dof: degrees of freedom of the noise's scale."""
-        found, count = self.by(fit), self.rigged.size
-        along = self._open(fit)
-        gram = along @ along.T
-        expected = 1.0 + np.trace(gram) / count
-        variance = 2.0 * (count + 2.0 * np.trace(gram) + (gram**2).sum()) / count**2
-        variance += 2.0 * expected**2 / max(noise_dof, 1.0)
-        variance += (FORM**2 * self.rigged.rig_share) ** 2
-        return float(norm.sf((found.chi2_per_dof - expected) / np.sqrt(variance)))
-
-    def _open(self, fit: Fit) -> np.ndarray:
-        """(P, D): what independent unit errors of a fit's coordinates do to what was put aside,
-        whitened."""
-
-        def voltage(theta: np.ndarray) -> np.ndarray:
-            return fit.problem.voltage(theta, fit.effects)
-
-        there = voltage(fit.theta)
-        moved = [difference(voltage, fit.theta, there, i) for i in range(len(fit.theta))]
-        slopes = np.array([self.rigged(one).ravel() for one in moved])
-        return fit.root.T @ slopes.reshape(len(fit.theta), -1)
-
-    def gain(self, fit: Fit, other: Fit) -> tuple[float, float]:
-        """Log density of a fit above another's, and its standard error."""
-        return self.by(fit).gain(self.by(other))
-
-    def harms(self, after: Fit, before: Fit, folds: tuple[HeldOut, HeldOut]) -> bool:
-        """Whether a fit predicts readings plainly worse than another: in the recording's unit,
-        those put aside and, of folds, those of the frames that the search saw. Of one unit, which
-        has no standard error, by what it is worse alone."""
-        aside, seen = self.white.mask, after.problem.whitening.mask
-        left = [
-            np.where(aside, self.by_white(fit).plain, np.where(seen, fold.plain, np.nan))
-            for fit, fold in zip((after, before), folds, strict=True)
-        ]
-        found = harm(*left, np.where(aside | seen, 0.0, np.nan), self.unit)
-        larger = found["rmse_V"] > MOST_RATIO * found["rmse_before_V"]
-        return larger or found["standard_errors"] > STANDARD_ERRORS
 
 
 def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diagnosis:
@@ -308,9 +244,8 @@ def _judged(
     if white.size <= 0:
         # Nothing could be put aside: what was seen has to do.
         readings, white = search.problem.recorded, plain
-    rig = Rig.about(state.fit, white, search.rounding)
-    rigged = rig.whitening(state.sizes, discrepancy=False, tail=TAIL)
-    return Judged(readings, white, rigged, units(recorded))
+    aside = Problem(search.problem.model, readings, white)
+    return Judged(aside, state.sizes, search.rounding, units(recorded))
 
 
 def _few(problem: Problem, recorded: Recording) -> Problem:

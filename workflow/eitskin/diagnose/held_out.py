@@ -10,7 +10,6 @@ import numpy as np
 
 from eitskin.data.recording import TOUCH_KEYS, Recording, presses
 from eitskin.diagnose.fit import ENOUGH, FARTHEST, Fit, inverse_root
-from eitskin.diagnose.whitening import Whitening
 from eitskin.errors import InputError
 from eitskin.physics.protocol import tied_channels
 
@@ -169,8 +168,10 @@ def _refitted(fit: Fit, out: np.ndarray, root: np.ndarray) -> np.ndarray:
     return left
 
 
-def put_aside(fit: Fit, recorded: np.ndarray, whitening: Whitening) -> HeldOut:
-    """What a fit predicts for readings (N, M) that it has not seen, in their own covariance."""
+def put_aside(fit: Fit) -> HeldOut:
+    """What a fit predicts for the readings of its problem, which it has not seen, in their
+    covariance."""
+    recorded, whitening = fit.problem.recorded, fit.problem.whitening
     plain = np.where(whitening.mask, recorded - fit.voltage(), 0.0)
     error = whitening(plain)
     free = np.isinf(whitening.rho)
@@ -178,4 +179,5 @@ def put_aside(fit: Fit, recorded: np.ndarray, whitening: Whitening) -> HeldOut:
         level = plain.sum(axis=0) / np.maximum(whitening.mask.sum(axis=0), 1)
         plain = np.where(whitening.mask & free, plain - level, plain)
     chi2 = (error**2).sum(axis=1)
-    return HeldOut(chi2, -0.5 * chi2, error, plain, whitening.size)
+    density = -0.5 * (chi2 + whitening.log_determinant / len(chi2))
+    return HeldOut(chi2, density, error, plain, whitening.size)

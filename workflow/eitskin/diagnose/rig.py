@@ -23,11 +23,10 @@ SLOW_WALKS = 6  # of a channel's own, or of a force's zero
 # Quadrature adds its square, whose tail is exponential: a channel is told from the others by as
 # much as outweighs that.
 TAIL = 2.5
+LASTING = ("quadrature", "static-discrepancy", "touch-discrepancy")  # a value a channel
+TOGETHER = ("amplitude-per-frame", "common-noise", "gain-walk")  # move a frame's readings as one
 LEAST_FRAMES = 6  # of touches, fewer of which show no scatter
 LEAST_PRESSES = 3
-STRAYS = 3.0  # sd of a component, by which touches are followed at most: more is another fault's
-# Sizes up to which readings follow a stray in proportion.
-STRAIGHT = {"place-per-frame": 0.1, "place-per-press": 0.1, "force-per-press": 0.03}
 
 
 @dataclass(frozen=True)
@@ -86,15 +85,15 @@ class Rig:
         """The components that a recording can have, about a fit; rounding: as of `Noise`."""
         voltage = fit.voltage()
         level = _level(fit.problem)
-        tangents = _tangents(fit, voltage)
+        slopes = tangents(fit)
         courses = {
             name: own
             for name, own in _courses(fit.problem.model).items()
-            if all(key in tangents for key, _ in own)
+            if all(key in slopes for key, _ in own)
         }
         columns = dict(_columns(fit.problem.model, voltage, rounding))
         for name, own in courses.items():
-            columns[name] = np.array([course[:, None] * tangents[key] for key, course in own])
+            columns[name] = np.array([course[:, None] * slopes[key] for key, course in own])
         scales = {
             name: COMPONENTS[name].scale * (level if COMPONENTS[name].reading else 1.0)
             for name in columns
@@ -105,7 +104,7 @@ class Rig:
         few = len(np.unique(label[label >= 0])) < LEAST_PRESSES
         own = ("place-per-press", "force-per-press", "force-zero-walk")
         assumed = frozenset(name for name in own if few and name in columns)
-        return cls(plain, columns, scales, tangents, courses, label, assumed)
+        return cls(plain, columns, scales, slopes, courses, label, assumed)
 
     @property
     def of_press(self) -> np.ndarray:
@@ -113,16 +112,23 @@ class Rig:
         return (np.unique(self.label[self.label >= 0])[:, None] == self.label).astype(float)
 
     def whitening(
-        self, sizes: Mapping[str, float], discrepancy: bool = True, tail: float = 1.0
+        self, sizes: Mapping[str, float], discrepancy: bool = True, fitted: bool = False
     ) -> Whitening:
-        """The covariance with components of these sizes, quadrature's `tail` times as wide; those
-        that this rig has no columns for add nothing."""
-        parts = {"channel": [], "frame": [], "whole": [], "press": []}
+        """The covariance with components of these sizes; those that this rig has no columns for add
+        nothing. fitted: as fits have it, quadrature TAIL times as wide and with its mean, errors
+        of a channel that stay as they are linked, where frames or presses have any."""
+        parts = {"channel": [], "frame": [], "whole": [], "press": [], "linked": []}
         for name, size in sizes.items():
             one = COMPONENTS[name]
             if size > 0.0 and name in self.columns and (discrepancy or not one.discrepancy):
-                wide = tail if name == "quadrature" else 1.0
-                parts[one.each].append(wide * size * self.columns[name])
+                wide = TAIL if fitted and name == "quadrature" else 1.0
+                each = "linked" if fitted and name in LASTING else one.each
+                parts[each].append(wide * size * self.columns[name])
+                if fitted and name == "quadrature":
+                    # A square with a mean of sqrt(2) times less than its sd: all readings are more.
+                    parts["whole"].append(size / np.sqrt(2.0) * self.columns[name])
+        if not parts["frame"] and not parts["press"]:
+            parts["channel"] += parts.pop("linked")
         empty = np.zeros((0, *self.plain.mask.shape))
         if not any(parts.values()):
             return self.plain
@@ -140,30 +146,22 @@ class Rig:
         chi2 = float((whitening(residual) ** 2).sum())
         return -0.5 * (chi2 + whitening.log_determinant) + self.log_prior(sizes)
 
-    def strays(self, sizes: Mapping[str, float], residual: np.ndarray) -> dict[str, np.ndarray]:
-        """By how much the places (mm) and forces (N) of the frames are off, (N,) each, by their
-        columns of the states: what is to be expected, given a residual (N, M), within STRAYS.
-        Empty where errors are so small that readings follow them in proportion."""
-        if all(sizes.get(name, 0.0) < most for name, most in STRAIGHT.items()):
-            return {}
-        whitening = self.whitening(sizes)
-        white = whitening(residual)
-        found = {key: np.zeros(len(residual)) for key in self.tangents}
+    def spread(self, sizes: Mapping[str, float]) -> dict[str, np.ndarray]:
+        """Sd (N,) with which touches stray, mm and N, by columns of the states."""
+        found = {key: np.zeros(len(self.label)) for key in self.tangents}
         for name, courses in self.courses.items():
-            if sizes.get(name, 0.0) > 0.0:
-                each = COMPONENTS[name].each
-                if each == "whole":
-                    products = whitening(self.columns[name]) * white
-                else:
-                    columns = whitening.entered(self.columns[name], each)
-                    products = columns * whitening.left(white, each)
-                along = summed(products, each, self.of_press)
-                along = np.clip(sizes[name] * along, -STRAYS, STRAYS) * sizes[name]
-                if each == "press":
-                    along = along @ self.of_press
-                for (key, course), size in zip(courses, along, strict=True):
-                    found[key] += size * course
-        return found
+            for key, course in courses:
+                found[key] += (sizes.get(name, 0.0) * course) ** 2
+        return {key: np.sqrt(square) for key, square in found.items()}
+
+    def alone(self, sizes: Mapping[str, float]) -> Whitening:
+        """Each frame's covariance by itself with its touch where it is: noise, and what moves its
+        readings together."""
+        own = [sizes.get(n, 0.0) * self.columns[n] for n in TOGETHER if n in self.columns]
+        none = np.zeros((0, *self.plain.mask.shape))
+        errors = RigErrors(none, np.concatenate([none, *own]), none)
+        still = np.zeros_like(self.plain.rho)
+        return replace(self.plain, rho=still, correlation=0.0, errors=errors)
 
     def followed(self, strays: Mapping[str, np.ndarray]) -> np.ndarray:
         """(N, M): what strays (N,) change in the readings, in proportion; 0 where the physics has
@@ -243,7 +241,7 @@ def _courses(model: RecordingSimulator) -> dict[str, list[tuple[str, np.ndarray]
     return found
 
 
-def _tangents(fit: Fit, voltage: np.ndarray) -> dict[str, np.ndarray]:
+def tangents(fit: Fit) -> dict[str, np.ndarray]:
     """Derivatives (N, M) of readings by place and force of each frame's touch; none by force where
     no touch has any, none at all where nobody touches or the physics has none."""
     model = fit.problem.model
@@ -258,7 +256,7 @@ def _tangents(fit: Fit, voltage: np.ndarray) -> dict[str, np.ndarray]:
     }
     if most > 0.0:
         steps["force_N"] = STEP_FORCE * np.where(force > STEP_FORCE * most, -force, most)
-    found = {}
+    found, voltage = {}, fit.voltage()
     for key, step in steps.items():
         try:
             there = model.displaced({key: step}).voltage(knobs, chosen)

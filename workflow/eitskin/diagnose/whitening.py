@@ -4,7 +4,9 @@ The covariance is built from within: noise correlated in time, channel by channe
 each frame has of its own over the channels; what each press has; what each channel has of its own
 over the frames; and what all readings have together. Each is of low rank in what is already
 whitened, so that its inverse root is cheap (Woodbury 1950). Frames come before channels: touches
-that are not where they are said to be weigh most, and nothing of them must be left.
+that are not where they are said to be weigh most, and nothing of them must be left. A channel's
+error that is large and the same for long is carried on to other channels by what frames and presses
+take out: `linked` errors are followed there.
 """
 
 from dataclasses import dataclass, field
@@ -24,7 +26,8 @@ class RigErrors:
     channel (R, N, M): of every channel, independent from channel to channel; frame (K, N, M): of
     every frame, independent from frame to frame; whole (Q, N, M): of all readings together; press
     (P, N, M): of every press, independent from press to press, which press each frame is of, -1
-    none, in `label` (N,).
+    none, in `label` (N,); linked (L, N, M): as those of a channel, but followed into the channels
+    that what is taken out of frames and presses carries them to.
     """
 
     channel: np.ndarray
@@ -32,10 +35,12 @@ class RigErrors:
     whole: np.ndarray
     press: np.ndarray | None = None
     label: np.ndarray | None = None
+    linked: np.ndarray | None = None
 
 
 TOGETHER = 16  # columns that are whitened at once
-ORDER = ("frame", "press", "channel", "whole")  # in which errors are taken out
+ORDER = ("frame", "press", "linked", "channel", "whole")  # in which errors are taken out
+TINY = 1e-9  # squared length of a linked error, below which it is none
 
 
 class _LowRank:
@@ -109,6 +114,52 @@ class _LowRank:
         return float(np.log1p(self.length).sum())
 
 
+class _Linked(_LowRank):
+    """The same for columns C (L, N, M) of every channel as parts F of the frames and P of the
+    presses have left them: P F C, which is in other channels too."""
+
+    def __init__(self, columns: np.ndarray, before: list[_LowRank]):
+        self.each, self.shape, self.before = "linked", columns.shape[1:], before
+        self.own = columns
+        length, turn = np.linalg.eigh(self._gram())
+        there = length > TINY
+        self.length = length[None, there]
+        self.turn = turn[:, there] / np.sqrt(length[there])
+
+    def _gram(self) -> np.ndarray:
+        """(LM, LM): (P F C)^T P F C, by the units of frames and of presses."""
+        count, width = len(self.own), self.shape[1]
+        found = np.zeros((count, width, count, width))
+        channel = np.arange(width)
+        found[:, channel, :, channel] = np.einsum("knm,lnm->mkl", self.own, self.own)
+        found = found.reshape(count * width, -1)
+        for number, part in enumerate(self.before):
+            units = part.columns
+            for one in reversed(self.before[:number]):
+                units = one.apply(units, one.root)
+            along = self.own[:, None] * units
+            if part.each == "press":
+                none = np.zeros((*along.shape[:2], 1, width))
+                along = np.concatenate([along, none], axis=2)[:, :, part.rows].sum(axis=3)
+            # (LM, K, B), B frames or presses.
+            along = along.transpose(0, 3, 1, 2).reshape(count * width, len(units), -1)
+            found += np.einsum("ckb,bk,dkb->cd", along, part.precision, along, optimize=True)
+        return found
+
+    def apply(self, values: np.ndarray, more: np.ndarray) -> np.ndarray:
+        """(..., N, M): values, and `more` (1, K) times their parts along the units."""
+        flat = values.reshape(-1, *self.shape)
+        back = flat
+        for part in reversed(self.before):
+            back = part.apply(back, part.root)
+        along = np.einsum("lnm,vnm->vlm", self.own, back).reshape(len(flat), -1)
+        along = ((along @ self.turn) * more[0]) @ self.turn.T
+        moved = np.einsum("lnm,vlm->vnm", self.own, along.reshape(len(flat), len(self.own), -1))
+        for part in self.before:
+            moved = part.apply(moved, part.root)
+        return values + moved.reshape(values.shape)
+
+
 def _rows(label: np.ndarray) -> np.ndarray:
     """(B, L): the frames of every press, N where it has fewer than the longest."""
     own = [np.flatnonzero(label == one) for one in np.unique(label[label >= 0])]
@@ -148,16 +199,6 @@ class Whitening:
         """Number of readings, less those that a free constant takes."""
         free = np.isinf(self.rho) & self.mask.any(axis=0)
         return int(self.mask.sum() - free.sum())
-
-    @property
-    def rig_share(self) -> float:
-        """Mean variance that rig errors have in a reading, over that of its noise."""
-        if self.errors is None:
-            return 0.0
-        errors = self.errors
-        own = [errors.frame, errors.channel, errors.whole, errors.press]
-        square = sum(float(((c / self.sd) ** 2 * self.mask).sum()) for c in own if c is not None)
-        return square / max(int(self.mask.sum()), 1)
 
     @property
     def by_channel(self) -> bool:
@@ -290,8 +331,9 @@ class Whitening:
         if self.errors is not None:
             own |= {"frame": self.errors.frame, "channel": self.errors.channel}
             own |= {"whole": self.errors.whole}
-            if self.errors.press is not None:
-                own["press"] = self.errors.press
+            for each in ("press", "linked"):
+                if getattr(self.errors, each) is not None:
+                    own[each] = getattr(self.errors, each)
         found: list[_LowRank] = []
         if self._free:
             found.append(_LowRank(self._filtered(constant), "channel"))
@@ -307,6 +349,9 @@ class Whitening:
                 if each == "whole":
                     for part in found:
                         columns = part.apply(columns, part.root)
+                if each == "linked":
+                    found.append(_Linked(columns, found[self._free :]))
+                    continue
                 label = self.errors.label if each == "press" else None
                 found.append(_LowRank(columns, each, label))
         return found

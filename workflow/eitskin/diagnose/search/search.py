@@ -8,12 +8,13 @@ own absence; at the end against every other name in its place.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
+from eitskin.diagnose import touches
 from eitskin.diagnose.candidates import Candidate, without_site
 from eitskin.diagnose.fit import (
     MOST_ROUNDS,
@@ -26,7 +27,7 @@ from eitskin.diagnose.fit import (
     whitened_anew,
 )
 from eitskin.diagnose.held_out import HeldOut, held_out
-from eitskin.diagnose.rig import COMPONENTS, STRAIGHT, TAIL, Rig
+from eitskin.diagnose.rig import COMPONENTS, Rig
 from eitskin.diagnose.rig_sizes import SETTLED, learned
 from eitskin.diagnose.search import channels, tones
 from eitskin.diagnose.search.screen import (
@@ -50,7 +51,6 @@ WORTH_TRYING, HOPE = 0.05, 1.0
 COMPETING = 2  # ... and so many of the names that an error of the rig may have taken to itself
 STANDARD_ERRORS = 2.0
 MOST_EFFECTS = 5
-HALVED = 4  # times that the way to where a touch seems to be is tried, each half of the last
 LEARNED = 4  # times at most that sizes of rig errors and a fit follow each other
 LEAST_EVIDENCE = 3.0  # nats by which an effect, or a further site of one, must raise the evidence
 LEAD = 1.0  # nats by which another name in an effect's place must be better
@@ -172,69 +172,19 @@ class Search:
         on for them. Where touches are far from where they are said to be, the readings are taken to
         follow in proportion from where they seem to be (Lindstrom, Bates, Biometrics 46, 1990)."""
         sizes, _ = learned(rig, fitted.misfit, sizes)
-        problem, strays, followed = self.problem, rig.strays(sizes, fitted.misfit), False
-        if strays and self._near(fitted, strays):
-            problem = fitted.problem
-        elif strays:
-            there, followed = self._strayed(fitted, strays), True
-            moved = self._moved(there, strays)
-            rig = Rig.about(replace(fitted, problem=there), problem.whitening, self.rounding)
-            problem = replace(there, recorded=problem.recorded + rig.followed(moved))
-        problem = replace(problem, whitening=rig.whitening(sizes, tail=TAIL))
+        there, problem = touches.followed(self.problem, fitted, rig, sizes), fitted.problem
+        followed = there is not problem.model
+        if followed:
+            moved = replace(fitted, problem=replace(self.problem, model=there))
+            rig = Rig.about(moved, self.problem.whitening, self.rounding)
+            strays = touches.moved(there, self.problem.model)
+            recorded = self.problem.recorded + rig.followed(strays)
+            problem = replace(self.problem, model=there, recorded=recorded)
+        problem = replace(problem, whitening=rig.whitening(sizes, fitted=True))
         here = whitened_anew(fitted, problem)
         moved = stepped(here)
         gained = np.inf if followed else 0.5 * (here.cost - moved.cost)
         return moved, sizes, rig, gained
-
-    def _moved(self, problem: Problem, columns: Iterable[str]) -> dict[str, np.ndarray]:
-        """By how much (N,) a problem has touches elsewhere than they are said to be, by columns of
-        the states."""
-        there, said = problem.model.states, self.problem.model.states
-        return {k: np.nan_to_num((there[k] - said[k]).to_numpy(float)) for k in columns}
-
-    def _near(self, fitted: Fit, strays: dict[str, np.ndarray]) -> bool:
-        """Whether a fit has touches so near to where they stray that readings follow the rest in
-        proportion."""
-        now, model = self._moved(fitted.problem, strays), self.problem.model
-        touched = model.touched & model.known
-        left = {k: np.sqrt(((s - now[k])[touched] ** 2).mean()) for k, s in strays.items()}
-        far = left.get("force_N", 0.0) / (model.force_max_N or 1.0) / STRAIGHT["force-per-press"]
-        return max(far, *(left[k] / STRAIGHT["place-per-frame"] for k in ("x_mm", "y_mm"))) < 1.0
-
-    def _strayed(self, fitted: Fit, strays: dict[str, np.ndarray]) -> Problem:
-        """The problem with touches where they seem to be: by all of their strays (N,) in mm and N
-        where that brings the frame's readings nearer than the fit has them, else by less."""
-        plain = self.problem
-        now = fitted.problem.model.states
-        found, left, share = fitted.problem.model, None, 1.0
-        settings = plain.split(fitted.theta, fitted.effects)
-        for _ in range(HALVED):
-            steps = {
-                k: share * (plain.model.states[k] + s - now[k]).to_numpy(float)
-                for k, s in strays.items()
-            }
-            steps = {k: np.nan_to_num(s) for k, s in steps.items()}
-            if left is None:
-                left = self._frame_misfit(found.voltage(*settings))
-                worse = np.ones(len(left), bool)
-            try:
-                trial = found.displaced({k: np.where(worse, s, 0.0) for k, s in steps.items()})
-                farther = self._frame_misfit(trial.voltage(*settings)) > left
-            except InputError:
-                share *= 0.5
-                continue
-            better = worse & ~farther
-            found = found.displaced({k: np.where(better, s, 0.0) for k, s in steps.items()})
-            worse, share = worse & farther, 0.5 * share
-            if not worse.any():
-                break
-        return replace(plain, model=found)
-
-    def _frame_misfit(self, voltage: np.ndarray) -> np.ndarray:
-        """(N,): chi squared of every frame against noise alone."""
-        whitening = self.problem.whitening
-        left = np.where(whitening.mask, self.problem.recorded - voltage, 0.0) / whitening.sd
-        return (left**2).sum(axis=1)
 
     def calibrated(self) -> State:
         """The owner's beliefs with their calibrations fitted, no effect."""
@@ -253,7 +203,7 @@ class Search:
         kept = {n: s for n, s in state.sizes.items() if not COMPONENTS[n].discrepancy}
         if state.rig is None or sum(kept.values()) == sum(state.sizes.values()):
             return fitted
-        whitening = state.rig.whitening(kept, tail=TAIL)
+        whitening = state.rig.whitening(kept, fitted=True)
         return whitened_anew(fitted, replace(fitted.problem, whitening=whitening))
 
     def settled(self, state: State) -> State:
@@ -544,7 +494,7 @@ class Search:
         """The best scores of COMPETING names where a component is none of the covariance. Without
         it a candidate's information is no less, so that the score with it bounds that without."""
         here = self.linearised(state)
-        whitening = state.rig.whitening({**state.sizes, name: 0.0}, tail=TAIL)
+        whitening = state.rig.whitening({**state.sizes, name: 0.0}, fitted=True)
         problem = replace(here.fit.problem, whitening=whitening)
         tangents = Tangents(whitened_anew(here.fit, problem), [here])
         weights = whitening.back(tangents.residual.reshape(tangents.voltage.shape)).ravel()

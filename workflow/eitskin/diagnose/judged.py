@@ -1,0 +1,103 @@
+"""A fit judged by readings that no fit has seen: how well it predicts them, if it does harm."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.stats import norm
+
+from eitskin.diagnose import touches
+from eitskin.diagnose.fit import Fit, Problem, difference
+from eitskin.diagnose.harm import harm
+from eitskin.diagnose.held_out import HeldOut, put_aside
+from eitskin.diagnose.rig import Rig
+from eitskin.diagnose.search.search import STANDARD_ERRORS
+from eitskin.diagnose.whitening import Whitening
+
+MOST_RATIO = 1.05  # of the rms errors with and without an effect
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Readings put aside, of the frames of `problem`, which has touches where they are said to be
+    and noise alone in its covariance; where none could be put aside, those of the fit. sizes: of
+    the rig's errors, as the final fit has them, before and after; rounding: as of `Noise`; unit: as
+    of `units`."""
+
+    problem: Problem
+    sizes: Mapping[str, float]
+    rounding: float
+    unit: np.ndarray
+    _about: dict[int, tuple[Fit, Fit]] = field(default_factory=dict, repr=False)
+
+    @property
+    def white(self) -> Whitening:
+        """The covariance of noise alone."""
+        return self.problem.whitening
+
+    def about(self, fit: Fit) -> Fit:
+        """A fit set to what was put aside: noise and the rig's errors in its covariance, these in
+        proportion about where the readings have the touches."""
+        if id(fit) not in self._about:
+            there = replace(fit, problem=self.problem)
+            rig = Rig.about(there, self.white, self.rounding)
+            model = touches.followed(self.problem, there, rig, self.sizes)
+            recorded = self.problem.recorded
+            if model is not self.problem.model:
+                there = replace(fit, problem=replace(self.problem, model=model))
+                rig = Rig.about(there, self.white, self.rounding)
+                recorded = recorded + rig.followed(touches.moved(model, self.problem.model))
+            whitening = rig.whitening(self.sizes, discrepancy=False, fitted=True)
+            problem = Problem(model, recorded, whitening)
+            self._about[id(fit)] = fit, replace(fit, problem=problem)
+        return self._about[id(fit)][1]
+
+    def by(self, fit: Fit) -> HeldOut:
+        """What a fit predicts for them, with noise and rig errors in their covariance; plain: where
+        touches are said to be."""
+        return replace(put_aside(self.about(fit)), plain=self.by_white(fit).plain)
+
+    def by_white(self, fit: Fit) -> HeldOut:
+        """What a fit predicts for them, against noise alone."""
+        return put_aside(replace(fit, problem=self.problem))
+
+    def p_value(self, fit: Fit, noise_dof: float) -> float:
+        """How probable a chi squared at least as large is, if the fit is right but for what its
+        coordinates' covariance leaves open. noise_dof: degrees of freedom of the noise's scale."""
+        there = self.about(fit)
+        found, count = self.by(fit), there.problem.whitening.size
+        along = _open(there)
+        gram = along @ along.T
+        expected = 1.0 + np.trace(gram) / count
+        variance = 2.0 * (count + 2.0 * np.trace(gram) + (gram**2).sum()) / count**2
+        variance += 2.0 * expected**2 / max(noise_dof, 1.0)
+        return float(norm.sf((found.chi2_per_dof - expected) / np.sqrt(variance)))
+
+    def gain(self, fit: Fit, other: Fit) -> tuple[float, float]:
+        """Log density of a fit above another's, and its standard error."""
+        return self.by(fit).gain(self.by(other))
+
+    def harms(self, after: Fit, before: Fit, folds: tuple[HeldOut, HeldOut]) -> bool:
+        """Whether a fit predicts readings plainly worse than another: in the recording's unit,
+        those put aside and, of folds, those of the frames that the search saw. Of one unit, which
+        has no standard error, by what it is worse alone."""
+        aside, seen = self.white.mask, after.problem.whitening.mask
+        left = [
+            np.where(aside, self.by_white(fit).plain, np.where(seen, fold.plain, np.nan))
+            for fit, fold in zip((after, before), folds, strict=True)
+        ]
+        found = harm(*left, np.where(aside | seen, 0.0, np.nan), self.unit)
+        larger = found["rmse_V"] > MOST_RATIO * found["rmse_before_V"]
+        return larger or found["standard_errors"] > STANDARD_ERRORS
+
+
+def _open(fit: Fit) -> np.ndarray:
+    """(P, D): what independent unit errors of a fit's coordinates do to its readings, whitened."""
+
+    def voltage(theta: np.ndarray) -> np.ndarray:
+        return fit.problem.voltage(theta, fit.effects)
+
+    there, whitening = voltage(fit.theta), fit.problem.whitening
+    moved = [difference(voltage, fit.theta, there, i) for i in range(len(fit.theta))]
+    slopes = np.array([whitening(one).ravel() for one in moved])
+    return fit.root.T @ slopes.reshape(len(fit.theta), -1)
