@@ -5,8 +5,8 @@ from eitskin.errors import InputError
 from witness.outside import OUTSIDE
 from witness.strengths import DRAWN
 
-# Of every kind; sizes stay far below the step. Those from 200 001 on were reported, and seen, before
-# touches were followed frame by frame.
+# Of every kind; sizes stay far below the step. Those from 200 001 on were reported, and seen,
+# before touches were followed frame by frame.
 FIRST_SEED = {
     "development": 1,
     "report": 400_001,
