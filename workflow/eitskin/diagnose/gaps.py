@@ -12,6 +12,7 @@ import numpy as np
 from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.fit import fit, whitened_anew
+from eitskin.diagnose.identities import declared
 from eitskin.diagnose.search.screen import explained, sparse
 from eitskin.diagnose.search.search import Search, State, discrete, gross
 from eitskin.diagnose.tangents import Tangents
@@ -59,7 +60,18 @@ def gaps(search: Search, state: State, index: int, within: float = CLOSE * CONFU
         if worth and candidate.size:
             gap = min(gap, _fitted_gap(target, tangents, less.effects, candidate, snr))
         found.append(Gap(name, float(gap), snr))
-    return sorted(found, key=lambda g: g.gap)
+    return sorted(_with_identities(search, state, index, found, snr), key=lambda g: g.gap)
+
+
+def _with_identities(
+    search: Search, state: State, index: int, found: list[Gap], snr: float
+) -> list[Gap]:
+    """Gaps found of single names, less where an identity has a name on its other side."""
+    nearest = {g.rival: g.gap for g in found}
+    for identity, side in declared(search, state, index):
+        for name in identity.instead:
+            nearest[name] = min(nearest.get(name, snr), side.gap)
+    return [Gap(name, gap, snr) for name, gap in nearest.items()]
 
 
 def _rivals(candidates: list[Candidate], effect: Candidate) -> list[Candidate]:
