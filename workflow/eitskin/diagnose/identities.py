@@ -18,6 +18,7 @@ from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.estimates import estimates
 from eitskin.diagnose.search.screen import explained, sparse
 from eitskin.diagnose.search.search import Search, State
+from eitskin.diagnose.tangents import Tangents
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Moment, Setting, SkinEffect
 from eitskin.errors import InputError
@@ -79,22 +80,23 @@ class Found:
         """(N, M) readings with other effects; InputError where there is no such skin."""
         return self.model.voltage(self.knobs, chosen)
 
-    def apart(self, voltage: np.ndarray, dense: tuple[str, ...] = ()) -> float:
+    def apart(self, voltage: np.ndarray, places_follow: bool = False) -> float:
         """Length, in noise units, of what readings (N, M) have beyond those found once calibrations
-        and other effects have followed, and of those named in `dense` each site: to first order,
-        the gap."""
+        and other effects have followed, or all that is fitted and the place of every electrode: to
+        first order, the gap."""
         fit = self.state.fit
         there = self.simulated(fit.settings())
         change = fit.problem.whitening(voltage - there).ravel()
         place = fit.place(self.index)
         columns = np.delete(fit.jacobian, np.arange(place.start, place.stop), axis=0)
         columns = columns.reshape(len(columns), -1)
-        if dense:
-            tangents = self.search.linearised(self.state)
-            change, columns = tangents.away(change), np.zeros((0, change.size))
-            free = [c for c in self.search.candidates if c.name in dense and c.scope == "dense"]
-            columns = np.concatenate([tangents.of(c) for c in free])
-        followed, _ = explained(columns, change) if len(columns) else (0.0, 0)
+        if places_follow:
+            places = tuple(range(len(self.model.believed.electrode_deg)))
+            like, shift = self.effect, EFFECTS["electrode-position"]
+            every = Candidate(shift, "electrodes", places, "dense", {}, like.skin, like.scales)
+            tangents = Tangents(fit, reversed(self.search.tangents.values()))
+            change, columns = tangents.away(change), tangents.of(every)
+        followed, _ = explained(columns, change)
         return float(np.sqrt(max(change @ change - followed, 0.0)))
 
 
@@ -204,21 +206,26 @@ def _outlines(found: Found) -> tuple[Geometry, Geometry]:
     return there, Geometry.from_skin(found.model.skin(found.knobs))
 
 
+def _degrees(axis: float) -> str:
+    """The direction of an axis in words."""
+    return f"{number(round(axis % 180.0, 1) % 180.0)}°"
+
+
 def _pressed_out_of_round(found: Found) -> Side:
     """Of an anisotropy: gel that conducts alike in all directions, its rim pressed out of round
     and the electrodes with it."""
     there, base = _outlines(found)
-    ratio, angle = there.anisotropy_ratio, there.anisotropy_deg
-    chosen = [*found.others(OUTLINE), *carried(there, base, ratio, angle)]
+    ratio, along = there.anisotropy_ratio, there.anisotropy_deg
+    chosen = [*found.others(OUTLINE), *carried(there, base, ratio, along)]
     across = 2.0 * there.radius_mm * (1.0 + there.shape_cos.get(0, 0.0))
     long, short = across * ratio**0.25, across * ratio**-0.25
     reading = (
         "As well the gel may conduct alike in all directions and the rim be an ellipse that carries"
-        f" its electrodes along: {number(long)} mm across along"
-        f" {number(round((angle + 90.0) % 180.0, 1))}° and {number(short)} mm along {number(round(angle % 180.0, 1))}°."
+        f" its electrodes along: {number(long)} mm across along {_degrees(along + 90.0)} and"
+        f" {number(short)} mm along {_degrees(along)}."
         " Measure it with a ruler."
     )
-    return Side(found.apart(found.simulated(chosen), dense=("electrode-position",)), reading)
+    return Side(found.apart(found.simulated(chosen), places_follow=True), reading)
 
 
 def _directed(found: Found) -> Side | None:
@@ -234,7 +241,7 @@ def _directed(found: Found) -> Side | None:
     tensor = Setting(EFFECTS["anisotropy"], None, {"ratio": ratio, "angle_deg": angle})
     reading = (
         f"As well the skin may be round, and its gel conduct {number(ratio)} times as well along"
-        f" {number(round(angle % 180.0, 1))}° as across. Measure the rim with a ruler."
+        f" {_degrees(angle)} as across. Measure the rim with a ruler."
     )
     chosen = [*found.others(OUTLINE), tensor]
     if found.effect.name == "domain-shape":
@@ -418,7 +425,7 @@ def _load_cell(found: Found) -> Side:
     force = model.states["force_N"].to_numpy(float)
     if found.effect.name == "contact-law":
         exponent = float(found.values["exponent"])
-        true, how = force**exponent, f"the power of {number(exponent)} of its reading, in newton"
+        true, how = force**exponent, f"its reading, in newton, to the power of {number(exponent)}"
     else:
         ratio = float(found.values["ratio"])
         true, how = ratio * force, f"{number(ratio)} times its reading"
@@ -460,3 +467,6 @@ IDENTITIES = (
     *(Identity(name, (), _load_cell) for name in FORCE),
     Identity("conductivity-drift", (), _gain_drift),
 )
+# Names that, even as another's alternative, do not stand without their other side. Gains need one
+# another to have one.
+TWO_SIDED = {i.name for i in IDENTITIES if i.instead and i.name not in GAINS}
