@@ -63,7 +63,7 @@ def gaps(search: Search, state: State, index: int, within: float = CLOSE * CONFU
             fitted = _fitted(target, tangents, less.effects, candidate)
         if fitted is not None:
             gap = min(gap, float(np.sqrt(fitted.chi2)))
-            if gap < CONFUSED:
+            if gap < CONFUSED and name in TWO_SIDED:
                 trial = replace(state, fit=fitted)
                 _declare(nearest, search, trial, len(less.effects), gap)
         nearest[name] = min(float(gap), nearest.get(name, np.inf))
@@ -78,8 +78,6 @@ def _declare(
 ) -> None:
     """Puts the other sides of an effect's identities among the nearest names; gap: the effect's own
     to what was found, beyond which they may be."""
-    if state.effects[index].name not in TWO_SIDED:
-        return
     for identity, side in declared(search, state, index):
         for name in identity.instead:
             nearest[name] = min(max(gap, side.gap), nearest.get(name, np.inf))

@@ -62,10 +62,6 @@ class Found:
         """(P,): coordinates of the calibrations."""
         return self.state.fit.theta[: len(self.model.calibrations)]
 
-    def all(self, name: str) -> list[Setting]:
-        """The state's effects of a name, at their values."""
-        return [s for s in self.state.fit.settings() if s.effect.name == name]
-
     @property
     def values(self) -> dict:
         """The effect's parameters."""
@@ -136,10 +132,14 @@ def declared(search: Search, state: State, index: int) -> list[tuple[Identity, S
     return found
 
 
-def readings(search: Search, state: State, index: int) -> list[str]:
-    """What effect `index` of a state may be as well, in sentences that an owner can check."""
-    found = declared(search, state, index)
-    return [side.reading for _, side in found if side.gap < CONFUSED and side.reading]
+def readings(search: Search, state: State, index: int, alternatives: list[str]) -> list[str]:
+    """What effect `index` of a state may be as well, in sentences that an owner can check: the
+    other sides within CONFUSED, and those that have a name among its alternatives."""
+    return [
+        side.reading
+        for identity, side in declared(search, state, index)
+        if side.reading and (side.gap < CONFUSED or {*identity.instead} & {*alternatives})
+    ]
 
 
 class _Conductivity(SkinEffect):
@@ -221,34 +221,27 @@ def _pressed_out_of_round(found: Found) -> Side:
     long, short = across * ratio**0.25, across * ratio**-0.25
     reading = (
         "As well the gel may conduct alike in all directions and the rim be an ellipse that carries"
-        f" its electrodes along: {number(long)} mm across along {_degrees(along + 90.0)} and"
-        f" {number(short)} mm along {_degrees(along)}."
-        " Measure it with a ruler."
+        f" its electrodes along, {number(long / short)} times as long along"
+        f" {_degrees(along + 90.0)} as across ({number(long)} and {number(short)} mm, if its area"
+        " is right). Measure it with a ruler."
     )
     return Side(found.apart(found.simulated(chosen), places_follow=True), reading)
 
 
 def _directed(found: Found) -> Side | None:
-    """Of a rim of harmonic 2 whose electrodes have places of their own: a circle of gel that
-    conducts better across the rim's long axis."""
-    second = [s for s in found.all("domain-shape") if s.values["harmonic"] == 2]
-    shifted = [c.scope for c in found.state.effects if c.name == "electrode-position"]
-    if not second or shifted != ["dense"] or found.effect.start.get("harmonic", 2) != 2:
+    """Of a rim of harmonic 2, its electrodes' angles kept: a circle of gel that conducts better
+    across the rim's long axis, by ln ratio = 2 amplitude, to first order. Conformal maps to the
+    circle move the electrodes by amplitude sin(2 phi - phase) in both cases."""
+    if found.effect.start.get("harmonic") != 2:
         return None
-    amplitude, phase = second[0].values["amplitude"], second[0].values["phase_deg"]
-    ratio = ((1.0 + amplitude) / (1.0 - amplitude)) ** 2
-    angle = 0.5 * phase + 90.0
+    ratio = float(np.exp(2.0 * found.values["amplitude"]))
+    angle = 0.5 * found.values["phase_deg"] + 90.0
     tensor = Setting(EFFECTS["anisotropy"], None, {"ratio": ratio, "angle_deg": angle})
     reading = (
         f"As well the skin may be round, and its gel conduct {number(ratio)} times as well along"
         f" {_degrees(angle)} as across. Measure the rim with a ruler."
     )
-    chosen = [*found.others(OUTLINE), tensor]
-    if found.effect.name == "domain-shape":
-        there, base = _outlines(found)
-        outline = carried(there, base, 1.0 / ratio, angle)
-        chosen += [s for s in outline if s.effect.name == "electrode-position"]
-    return Side(found.apart(found.simulated(chosen)), reading)
+    return Side(found.apart(found.simulated([*found.others(), tensor])), reading)
 
 
 # ---- scales
@@ -453,7 +446,7 @@ def _gain_drift(found: Found) -> Side:
 ELLIPSE = ("domain-shape", "electrode-position")
 IDENTITIES = (
     Identity("anisotropy", ELLIPSE, _pressed_out_of_round),
-    *(Identity(name, ("anisotropy",), _directed) for name in ELLIPSE),
+    Identity("domain-shape", ("anisotropy",), _directed),
     *(
         Identity(name, (*GAINS, "channel-gain"), _all_gains)
         for name in ("contact-impedance", "domain-shape")

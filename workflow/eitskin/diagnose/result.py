@@ -109,7 +109,8 @@ def _entry(found: Diagnosis, index: int, certain: bool) -> dict:
     if candidate.kind is not None and candidate.scope != "common":
         entry[candidate.kind] = [int(site) for site in candidate.sites]
     said = words.finding(entry, EFFECTS[candidate.name])
-    entry["sentence"] = " ".join([said, *identities.readings(search, state, index)])
+    also = identities.readings(search, state, index, alternatives)
+    entry["sentence"] = " ".join([said, *also])
     return entry
 
 
