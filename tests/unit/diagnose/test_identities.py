@@ -288,8 +288,10 @@ def test_equal_gains_point_at_the_electrode_and_others_at_the_amplifiers(index):
 
 
 def test_equal_gains_have_the_electrodes_seat_among_their_names_where_noise_allows_it():
+    """Place, width and contact of two electrodes leave a sixth of it: no identity, but a class at
+    SNR 15 and less."""
     recorded = touched(*SEATED)
-    for noise, same in ((1e-3, False), (1e-2, True)):
+    for noise, same in ((1e-3, False), (0.08, True)):
         search, state = fitted(recorded, *SEATED, noise=noise)
         near = {g.rival for g in gaps(search, state, 0) if g.gap < CONFUSED}
         assert ({"contact-impedance", "electrode-position", "electrode-width"} <= near) == same
