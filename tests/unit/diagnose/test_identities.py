@@ -13,7 +13,7 @@ from eitskin.data.recording import Recording, frames_table
 from eitskin.diagnose import diagnosis, result
 from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.gaps import gaps
-from eitskin.diagnose.identities import IDENTITIES, TWO_SIDED, carried, declared, readings
+from eitskin.diagnose.identities import IDENTITIES, carried, declared, readings
 from eitskin.diagnose.search.search import Search
 from eitskin.effects import catalogue_names
 from eitskin.effects.effect import START
@@ -204,6 +204,32 @@ def test_a_rim_of_harmonic_2_is_an_anisotropy_to_second_order(amplitude, phase):
     assert both(0.0) < 0.15 * amplitude**2 and both(5.0) < 3e-3
 
 
+PLACES = {"name": "electrode-position", "parameters": {}}
+JITTER = {
+    "name": "electrode-position",
+    "parameters": {"shift_deg": [1.0, -1.0, 0.5, 0.8, -1.2, 1.1, -0.4, -0.8]},
+}
+
+
+def test_places_that_follow_a_stretch_are_an_anisotropy_in_untouched_frames_alone():
+    search, state = fitted(still(DIRECTED, noise=0.0), PLACES, scopes=("dense",), noise=5e-3)
+    near = {g.rival: g.gap for g in gaps(search, state, 0)}
+    assert max(near["anisotropy"], near["domain-shape"]) < CONFUSED
+    (said,) = readings(search, state, 0, list(near))
+    assert "1.30 times as well along 30° as across" in said
+    stretched = {"name": "electrode-position", "parameters": {"shift_deg": _stretch_deg()}}
+    for recorded in (still(JITTER, noise=0.0), touched(stretched)):
+        search, state = fitted(recorded, PLACES, scopes=("dense",), noise=5e-3)
+        near = {g.rival: g.gap for g in gaps(search, state, 0)}
+        assert min(near["anisotropy"], near["domain-shape"]) > 2.0 * CONFUSED
+
+
+def _stretch_deg() -> list[float]:
+    """Shifts by which, in untouched frames, electrodes give the readings of DIRECTED."""
+    wave = np.sin(2.0 * np.radians(np.array(SKIN.electrode_deg) - 30.0))
+    return np.degrees(0.5 * np.log(1.3) * wave).tolist()
+
+
 # ---- scales, turns, forces, times
 
 
@@ -369,4 +395,3 @@ def test_the_table_names_what_a_diagnosis_may_name():
     for identity in IDENTITIES:
         assert {identity.name, *identity.instead} <= names
         assert identity.name not in identity.instead
-    assert {"anisotropy", "domain-shape", "contact-impedance", "registration"} == TWO_SIDED

@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.estimates import estimates
+from eitskin.diagnose.fit import fit
 from eitskin.diagnose.search.screen import explained, sparse
 from eitskin.diagnose.search.search import Search, State
 from eitskin.diagnose.tangents import Tangents
@@ -33,6 +34,7 @@ OUTLINE = (
     "anisotropy",
 )
 HARMONICS = 16  # of a rim, the most that a domain-shape may have
+WAVE = 0.5  # of the variance of electrodes' shifts, that a stretch has at least
 RIM_PHI = np.linspace(0.0, 2.0 * np.pi, 4096, endpoint=False)
 SEAT = ("contact-impedance", "electrode-position", "electrode-width")
 GAINS = ("drive-gain", "measurement-gain")
@@ -244,6 +246,37 @@ def _directed(found: Found) -> Side | None:
     return Side(found.apart(found.simulated([*found.others(), tensor])), reading)
 
 
+def _stretched(found: Found) -> Side | None:
+    """Of electrodes each with its shift, most of it a wave A sin 2(phi - angle): one anisotropy,
+    ln ratio = 2 A to first order, the other effects found following; fitted on the full model."""
+    if found.effect.scope != "dense":
+        return None
+    phi = np.radians(found.model.skin(found.knobs).electrode_deg)
+    shift = np.radians(found.values["shift_deg"])
+    wave = 2j * np.mean((shift - shift.mean()) * np.exp(-2j * phi))
+    if 0.5 * abs(wave) ** 2 < WAVE * np.var(shift):
+        return None
+    problem, state = found.state.fit.problem, found.state
+    kind, like = EFFECTS["anisotropy"], found.effect
+    tensor = Candidate(kind, None, None, "", {}, like.skin, like.scales)
+    turn = 2.0 * np.conj(wave) / like.scales.of(kind.parameters["ratio"])
+    effects = [c for i, c in enumerate(state.effects) if i != found.index]
+    place = state.fit.place(found.index)
+    start = np.delete(state.fit.theta, np.arange(place.start, place.stop))
+    target = replace(problem, recorded=state.fit.voltage())
+    fitted = fit(target, [*effects, tensor], np.r_[start, turn.real, turn.imag], polish=True)
+    values = fitted.settings()[-1].values
+    reading = (
+        "As well all electrodes may sit where the drawing has them, and the gel conduct"
+        f" {number(values['ratio'])} times as well along {_degrees(values['angle_deg'])} as across,"
+        " or the rim be an ellipse that carries them along,"
+        f" {number(values['ratio'] ** 0.5)} times as long along"
+        f" {_degrees(values['angle_deg'] + 90.0)} as across. Measure the rim with a ruler."
+    )
+    ellipse = _pressed_out_of_round(Found(found.search, replace(state, fit=fitted), len(effects)))
+    return Side(max(float(np.sqrt(fitted.chi2)), ellipse.gap), reading)
+
+
 # ---- scales
 
 
@@ -447,6 +480,7 @@ ELLIPSE = ("domain-shape", "electrode-position")
 IDENTITIES = (
     Identity("anisotropy", ELLIPSE, _pressed_out_of_round),
     Identity("domain-shape", ("anisotropy",), _directed),
+    Identity("electrode-position", ("anisotropy", "domain-shape"), _stretched),
     *(
         Identity(name, (*GAINS, "channel-gain"), _all_gains)
         for name in ("contact-impedance", "domain-shape")
