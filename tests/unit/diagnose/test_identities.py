@@ -224,6 +224,14 @@ def test_places_that_follow_a_stretch_are_an_anisotropy_in_untouched_frames_alon
         assert min(near["anisotropy"], near["domain-shape"]) > 2.0 * CONFUSED
 
 
+def test_an_anisotropy_beside_places_of_their_own_is_an_ellipse_still():
+    """All that may follow has been fitted already."""
+    items = DIRECTED, PLACES
+    search, state = fitted(still(*items[:1], noise=0.0), *items, scopes=("common", "dense"))
+    near = {g.rival: g.gap for g in gaps(search, state, 0)}
+    assert near["domain-shape"] < CONFUSED
+
+
 def _stretch_deg() -> list[float]:
     """Shifts by which, in untouched frames, electrodes give the readings of DIRECTED."""
     wave = np.sin(2.0 * np.radians(np.array(SKIN.electrode_deg) - 30.0))

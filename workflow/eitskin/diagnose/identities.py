@@ -4,7 +4,8 @@ Each row of IDENTITIES says of a name that there is another cause of the same re
 is simulated at the values that follow from those found, and the gap is measured in the recording's
 own noise: an identity of untouched frames, say, breaks where touches have known places, and is
 not declared there. No row needs more causes than one on its other side: a rim of any shape is also
-a pattern of electrode angles on a circle, but each of them would have to be off by itself.
+a pattern of electrode angles on a circle, but each of them would have to be off by itself. Nor has
+the catalogue a name for every cause: a load cell or a gain that drifts is said in words alone.
 """
 
 from collections.abc import Callable
@@ -19,6 +20,7 @@ from eitskin.diagnose.estimates import estimates
 from eitskin.diagnose.fit import fit
 from eitskin.diagnose.search.screen import explained, sparse
 from eitskin.diagnose.search.search import Search, State
+from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.tangents import Tangents
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Moment, Setting, SkinEffect
@@ -55,7 +57,7 @@ class Found:
         return self.state.effects[self.index]
 
     @property
-    def model(self):
+    def model(self) -> RecordingSimulator:
         """The recording's simulator."""
         return self.state.fit.problem.model
 
@@ -82,19 +84,20 @@ class Found:
         """Length, in noise units, of what readings (N, M) have beyond those found once calibrations
         and other effects have followed, or all that is fitted and the place of every electrode: to
         first order, the gap."""
-        fit = self.state.fit
-        there = self.simulated(fit.settings())
-        change = fit.problem.whitening(voltage - there).ravel()
-        place = fit.place(self.index)
-        columns = np.delete(fit.jacobian, np.arange(place.start, place.stop), axis=0)
-        columns = columns.reshape(len(columns), -1)
+        own = self.state.fit
+        there = self.simulated(own.settings())
+        change = own.problem.whitening(voltage - there).ravel()
         if places_follow:
             places = tuple(range(len(self.model.believed.electrode_deg)))
             like, shift = self.effect, EFFECTS["electrode-position"]
             every = Candidate(shift, "electrodes", places, "dense", {}, like.skin, like.scales)
-            tangents = Tangents(fit, reversed(self.search.tangents.values()))
+            tangents = Tangents(own, reversed(self.search.tangents.values()))
             change, columns = tangents.away(change), tangents.of(every)
-        followed, _ = explained(columns, change)
+        else:
+            place = own.place(self.index)
+            columns = np.delete(own.jacobian, np.arange(place.start, place.stop), axis=0)
+            columns = columns.reshape(len(columns), -1)
+        followed = explained(columns, change)[0] if len(columns) else 0.0
         return float(np.sqrt(max(change @ change - followed, 0.0)))
 
 
@@ -167,11 +170,10 @@ def carried(geometry: Geometry, base: Geometry, ratio: float, angle_deg: float) 
     takes an anisotropy of ratio and angle away. Exact but for one thing: an even contact impedivity
     is uneven along a stretched electrode, by |A t| of its tangent t; its mean is kept.
     """
-    plane = Geometry.unfold
-    direction = geometry.with_values(anisotropy_ratio=ratio, anisotropy_deg=angle_deg)
+    plane = geometry.with_values(anisotropy_ratio=ratio, anisotropy_deg=angle_deg)
 
     def image(phi: np.ndarray) -> np.ndarray:
-        return plane(direction, geometry.rim(phi))
+        return plane.unfold(geometry.rim(phi))
 
     def angle(phi: np.ndarray) -> np.ndarray:
         return phi + np.angle(image(phi) * np.exp(-1j * phi))
@@ -193,7 +195,7 @@ def carried(geometry: Geometry, base: Geometry, ratio: float, angle_deg: float) 
     if not geometry.points:
         node, weight = np.polynomial.legendre.leggauss(16)
         slope = geometry.rim(phi[:, None] + half[:, None] * node, 1)
-        stretch = (np.abs(plane(direction, slope)) @ weight) / (np.abs(slope) @ weight)
+        stretch = (np.abs(plane.unfold(slope)) @ weight) / (np.abs(slope) @ weight)
         contact = geometry.contact_impedivity_ohm_m2 / base.contact_impedivity_ohm_m2
         per_electrode["electrode-width"] = {"width_mm": base.radius_mm * (last - first)}
         per_electrode["contact-impedance"] = {"ratio": contact * stretch}
