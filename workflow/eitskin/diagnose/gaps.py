@@ -11,7 +11,8 @@ import numpy as np
 
 from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.classes import CONFUSED
-from eitskin.diagnose.fit import fit, whitened_anew
+from eitskin.diagnose.fit import Fit, fit, whitened_anew
+from eitskin.diagnose.identities import TWO_SIDED, declared
 from eitskin.diagnose.search.screen import explained, sparse
 from eitskin.diagnose.search.search import Search, State, discrete, gross
 from eitskin.diagnose.tangents import Tangents
@@ -52,14 +53,34 @@ def gaps(search: Search, state: State, index: int, within: float = CLOSE * CONFU
         if gap is not None and gap < best.get(candidate.name, (np.inf, None))[0]:
             best[candidate.name] = gap, candidate
     ranked = sorted(best.items(), key=lambda pair: pair[1][0])
-    found = []
+    nearest: dict[str, float] = {}
     for rank, (name, (gap, candidate)) in enumerate(ranked):
         strong = snr > 20.0 and gap > 0.2 * snr and rank > 2
-        worth = rank < MOST_FITTED and gap < within and not strong and not search.spent
-        if worth and candidate.size:
-            gap = min(gap, _fitted_gap(target, tangents, less.effects, candidate, snr))
-        found.append(Gap(name, float(gap), snr))
+        worth = rank < MOST_FITTED and gap < within and not strong
+        worth = worth or (gap < CONFUSED and name in TWO_SIDED)
+        fitted = None
+        if worth and candidate.size and not search.spent:
+            fitted = _fitted(target, tangents, less.effects, candidate)
+        if fitted is not None:
+            gap = min(gap, float(np.sqrt(fitted.chi2)))
+            if gap < CONFUSED and name in TWO_SIDED:
+                trial = replace(state, fit=fitted)
+                _declare(nearest, search, trial, len(less.effects), gap)
+        nearest[name] = min(float(gap), nearest.get(name, np.inf))
+    _declare(nearest, search, state, index, 0.0)
+    nearest.pop(effect.name, None)
+    found = [Gap(name, min(gap, snr), snr) for name, gap in nearest.items()]
     return sorted(found, key=lambda g: g.gap)
+
+
+def _declare(
+    nearest: dict[str, float], search: Search, state: State, index: int, gap: float
+) -> None:
+    """Puts the other sides of an effect's identities among the nearest names; gap: the effect's own
+    to what was found, beyond which they may be."""
+    for identity, side in declared(search, state, index):
+        for name in identity.instead:
+            nearest[name] = min(max(gap, side.gap), nearest.get(name, np.inf))
 
 
 def _rivals(candidates: list[Candidate], effect: Candidate) -> list[Candidate]:
@@ -92,14 +113,15 @@ def _linear_gap(tangents: Tangents, signature: np.ndarray, candidate: Candidate)
     return float(np.sqrt(max(float(signature @ signature) - gain, 0.0)))
 
 
-def _fitted_gap(target, tangents: Tangents, effects, candidate: Candidate, snr: float) -> float:
-    """The gap with the rival fitted on the nonlinear model to the noise-free signature."""
+def _fitted(target, tangents: Tangents, effects, candidate: Candidate) -> Fit | None:
+    """The rival fitted on the nonlinear model to the noise-free signature; None where it cannot
+    be."""
     start = np.r_[tangents.fit.theta, np.zeros(candidate.size)]
     jacobian = np.concatenate([tangents.fit.jacobian, tangents.jacobian(candidate)])
     try:
-        return float(np.sqrt(fit(target, [*effects, candidate], start, jacobian).chi2))
+        return fit(target, [*effects, candidate], start, jacobian)
     except (InputError, np.linalg.LinAlgError):
-        return snr
+        return None
 
 
 def _gross_gaps(search: Search, state: State, index: int) -> list[Gap]:

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 from eitskin.atomic import atomic_path
 from eitskin.data import recording
 from eitskin.data.recording import Recording
-from eitskin.diagnose import corrected, validation, words
+from eitskin.diagnose import corrected, identities, validation, words
 from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.diagnosis import Diagnosis, predict
 from eitskin.diagnose.estimates import calibration, estimates
@@ -108,7 +108,9 @@ def _entry(found: Diagnosis, index: int, certain: bool) -> dict:
     }
     if candidate.kind is not None and candidate.scope != "common":
         entry[candidate.kind] = [int(site) for site in candidate.sites]
-    entry["sentence"] = words.finding(entry, EFFECTS[candidate.name])
+    said = words.finding(entry, EFFECTS[candidate.name])
+    also = identities.readings(search, state, index, alternatives)
+    entry["sentence"] = " ".join([said, *also])
     return entry
 
 
