@@ -198,6 +198,7 @@ def begun(
         scales,
         floating=not model.sink_grounded,
         timed=recorded.metadata["clock"] == "measured",
+        touched=bool(model.touched.any()),
     )
     return (
         noise,
