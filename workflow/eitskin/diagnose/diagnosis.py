@@ -32,6 +32,9 @@ from eitskin.physics.geometry import Geometry
 
 FIRST_FRAMES = 120  # on which the search begins, where there are twice as many
 FIRST_SHARE = 2 / 3  # of what may be solved, that the search on these may take
+# Of the median |v|: error of a body that is solved at accuracy train, in most channels; it is where
+# the noise of a frame's mean is so many times as much, and nobody touches.
+BODY, COARSE = 1e-4, 3.0
 FORM = 0.1  # of a rig error, by which readings may differ from what its tangents say
 MOST_RATIO = 1.05  # of the rms errors with and without an effect
 FORCES = np.linspace(1.0, 0.0, 11)  # of a query's largest, up to which predictions are tried
@@ -255,10 +258,13 @@ def problem_of(
     median = float(np.nanmedian(np.abs(readings[~model.touched])) or 0.0)
     if model.difference or not np.isfinite(median):
         median = float(np.nanmedian(np.abs(readings)))
+    share = float(np.median(noise.sd)) / np.sqrt(len(readings)) / (median or 1.0)
+    model.coarse = not model.touched.any() and share > COARSE * BODY
     geometry = Geometry.from_skin(model.believed)
     current = model.believed.current_A if model.unit != "ohm" else 1.0
     error = np.abs(current * untouched_error(geometry, recorded.channels, "diagnose"))
-    error = np.hypot(error, np.hypot(COHERENT * median, noise.rounding))
+    coherent = BODY if model.coarse else COHERENT
+    error = np.hypot(error, np.hypot(coherent * median, noise.rounding))
     whitening = Whitening.of(readings, noise.sd, model.difference, error)
     clock = recorded.frames["frame"].to_numpy()
     whitening = replace(whitening, correlation=noise.correlation, clock=clock)

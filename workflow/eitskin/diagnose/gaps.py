@@ -12,6 +12,7 @@ import numpy as np
 from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.fit import fit, whitened_anew
+from eitskin.diagnose.search import afar
 from eitskin.diagnose.search.screen import explained, sparse
 from eitskin.diagnose.search.search import Search, State, discrete, gross
 from eitskin.diagnose.tangents import Tangents
@@ -39,6 +40,8 @@ def gaps(search: Search, state: State, index: int, within: float = CLOSE * CONFU
     effect = state.effects[index]
     if gross(effect):
         return _gross_gaps(search, state, index)
+    if afar.is_far(effect) and search.fold.ndim == 2:
+        return _gaps_afar(search, state, index, within)
     less = search.less(state, index)
     problem = state.fit.problem
     target = replace(problem, recorded=state.fit.voltage())
@@ -60,6 +63,44 @@ def gaps(search: Search, state: State, index: int, within: float = CLOSE * CONFU
             gap = min(gap, _fitted_gap(target, tangents, less.effects, candidate, snr))
         found.append(Gap(name, float(gap), snr))
     return sorted(found, key=lambda g: g.gap)
+
+
+def _gaps_afar(search: Search, state: State, index: int, within: float) -> list[Gap]:
+    """Of an effect that no tangent leads to: its signature is what the rest, fitted to it, leaves,
+    and every rival within reach is fitted too; what a tangent promises is not kept so far away."""
+    less, problem = search.less(state, index), state.fit.problem
+    target = replace(problem, recorded=state.fit.voltage())
+    rough = replace(search.rough, recorded=target.recorded)
+    tangents = Tangents(fit(target, less.effects, less.fit.theta))
+    snr = float(np.sqrt(tangents.fit.chi2))
+    best: dict[str, tuple[float, Candidate]] = {}
+    for candidate in _rivals(search.candidates, state.effects[index]):
+        if afar.is_far(candidate):
+            gap = afar.start(rough, less.effects, tangents.fit.theta, candidate)[0]
+        else:
+            gap = _linear_gap(tangents, tangents.residual, candidate)
+        if gap is not None and gap < best.get(candidate.name, (np.inf, None))[0]:
+            best[candidate.name] = gap, candidate
+    found = []
+    for name, (gap, candidate) in best.items():
+        if search.spent:
+            gap = min(gap, snr)
+        elif afar.is_far(candidate):
+            theta = afar.start(rough, less.effects, tangents.fit.theta, candidate)[1]
+            gap = min(snr, _gap_from(target, rough, [*less.effects, candidate], theta, snr))
+        elif gap < within:
+            gap = min(snr, _fitted_gap(target, tangents, less.effects, candidate, snr))
+        found.append(Gap(name, float(gap), snr))
+    return sorted(found, key=lambda g: g.gap)
+
+
+def _gap_from(target, rough, effects, theta: np.ndarray, snr: float) -> float:
+    """The gap with effects fitted from afar: roughly, then to the noise-free signature."""
+    try:
+        theta = fit(rough, effects, theta, polish=True).theta
+        return float(np.sqrt(fit(target, effects, theta).chi2))
+    except (InputError, np.linalg.LinAlgError):
+        return snr
 
 
 def _rivals(candidates: list[Candidate], effect: Candidate) -> list[Candidate]:

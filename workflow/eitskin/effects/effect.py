@@ -55,8 +55,8 @@ class Effect:
     shown_by: the recording that would show the effect where another could not, as a noun phrase.
 
     What a diagnosis asks of it. needs: keys of the skin without which it is no candidate where the
-    skin is touched; far: so far from any tangent that its candidates are fitted in full wherever
-    nobody touches; common:
+    skin is touched; far: coordinates from which a fit begins where nobody
+    touches, because no tangent leads to it; common:
     whether one value for all sites is this effect, not another's; several: whether there may be
     more than one of it, told apart by the values from which their fits start; either: parameters
     that are laws of their own, of which a diagnosis names one; tone: whether it is a steady tone,
@@ -79,7 +79,7 @@ class Effect:
     composite = False
     polar: tuple[str, str, int] | None = None
     needs: tuple[str, ...] = ()
-    far = False
+    far: tuple[float, ...] = ()
     common = True
     several = False
     either: tuple[str, ...] = ()

@@ -26,7 +26,7 @@ class ThirdDimension(SkinEffect):
         "depth_mm": Parameter("mm", None, 0.1, 1000.0, scale=0.3, dense=False, optional=True),
         "electrode_height_mm": Parameter("mm", None, 0.1, 1000.0, scale=0.3, dense=False, optional=True),
     }
-    far = True
+    far = (0.0,)
     source = "Vauhkonen, Vauhkonen, Savolainen, Kaipio 1999"
     mend = "use electrodes that reach through the whole depth"
     finding = "Current spreads in depth too[, through {depth_mm}]."

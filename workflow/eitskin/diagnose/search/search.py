@@ -28,7 +28,7 @@ from eitskin.diagnose.fit import (
 from eitskin.diagnose.held_out import HeldOut, held_out
 from eitskin.diagnose.rig import COMPONENTS, STRAIGHT, TAIL, Rig
 from eitskin.diagnose.rig_sizes import SETTLED, learned
-from eitskin.diagnose.search import channels, tones
+from eitskin.diagnose.search import afar, channels, tones
 from eitskin.diagnose.search.screen import (
     AMPLITUDES,
     Null,
@@ -65,7 +65,6 @@ FEW_SITES = 2  # of a sparse effect; with more, single sites are tried in its pl
 MOST_JOINED = 8  # sites of an effect that is still called sparse
 AFAR = 0.05  # of the readings: what a fit from afar may leave, to begin with
 STARTS = 2  # of a name, from which it is fitted from afar
-SCALE = ("factor", "current_A")  # calibrations of which one is the readings' scale
 FAR = 16.0  # times chi squared: a change of so great a squared length cannot lower it
 FEW = 6  # coordinates; candidates with more are fitted after the others
 GROSS = 30.0  # chi squared over its degrees of freedom above which gross faults are tried first
@@ -394,7 +393,7 @@ class Search:
         hopeless = bool(state.effects) and self.fold.ndim == 1 and self._misfit(state) > GROSS
         found = []
         for candidate in self.candidates:
-            if candidate.key in taken or (candidate.effect.far and self.fold.ndim == 2):
+            if candidate.key in taken or (afar.is_far(candidate) and self.fold.ndim == 2):
                 continue
             if _of_channels(candidate):
                 scored = channels.scores(tangents, candidate)
@@ -585,7 +584,7 @@ class Search:
         if key not in self.trials:
             found: list[State] = []
             listed = shortlist(scores) if self._hopeful(scores) else []
-            listed += self._afar(state)
+            listed += self._afar(state, listed)
             competing = self._competing(state, {s.candidate.name for s in listed})
             for s in [*listed, *competing]:
                 if self.spent:
@@ -602,18 +601,18 @@ class Search:
             self.trials[key] = found
         return self.trials[key]
 
-    def _afar(self, state: State) -> list[Score]:
-        """Scores of candidates that no tangent leads to, where nobody touches: such a recording has
-        little else to be told by. Of every name the starts that, the beliefs and the state's other
-        effects as they are and one common factor free, leave least."""
+    def _afar(self, state: State, listed: list[Score]) -> list[Score]:
+        """Scores of candidates that no tangent leads to, but for `listed` ones, where nobody
+        touches: such a recording has little else to be told by. Of every name the few that begin
+        nearest to the readings."""
         if self.fold.ndim == 1:
             return []
-        there = {c.name for c in state.effects}
+        there = {c.name for c in state.effects} | {s.candidate.name for s in listed}
         left: dict[str, list[tuple[float, int]]] = {}
         for i, candidate in enumerate(self.candidates):
-            if candidate.effect.far and candidate.name not in there:
-                misfit = self._scaled([*state.effects, candidate], self._afresh(state, candidate))
-                left.setdefault(candidate.name, []).append((misfit[0], i))
+            if afar.is_far(candidate) and candidate.name not in there:
+                misfit, _ = afar.start(self.rough, state.effects, state.fit.theta, candidate)
+                left.setdefault(candidate.name, []).append((misfit, i))
         return [
             Score(self.candidates[i], 0.0, 1, -np.inf)
             for own in left.values()
@@ -622,41 +621,21 @@ class Search:
         ]
 
     @cached_property
-    def _rough(self) -> Problem:
+    def rough(self) -> Problem:
         """The problem, readings uncertain by AFAR: what no skin explains must not hide one that is
         nearly right, nor be fitted at any price."""
         if self.rig is None:
             return self.problem
         return replace(self.problem, whitening=self.rig.whitening({"static-discrepancy": AFAR}))
 
-    def _scaled(self, effects: list[Candidate], theta: np.ndarray) -> tuple[float, float]:
-        """Least chi squared of effects at theta (P,) times one common factor, and the factor; where
-        the physics has no such state, infinity."""
-        problem = self._rough
-        recorded = problem.whitening(problem.recorded)
-        try:
-            simulated = problem.whitening(problem.voltage(theta, effects))
-        except InputError:
-            return np.inf, 1.0
-        factor = float((simulated * recorded).sum() / (simulated**2).sum())
-        return float(((recorded - factor * simulated) ** 2).sum()), factor
-
-    def _afresh(self, state: State, candidate: Candidate) -> np.ndarray:
-        """(P,): the beliefs, a state's effects and a candidate at its start."""
-        knobs = len(self.problem.model.calibrations)
-        return np.r_[np.zeros(knobs), state.fit.theta[knobs:], np.zeros(candidate.size)]
-
     def _from_afar(self, state: State, candidate: Candidate) -> State | None:
         """`state` with a candidate fitted from the beliefs, whatever the state before has made of
-        them, but for the readings' scale where nobody knows it."""
-        effects, start = [*state.effects, candidate], self._afresh(state, candidate)
+        them."""
+        effects = [*state.effects, candidate]
         try:
             with self.problem.model.near.within(self.most_solved):
-                _, factor = self._scaled(effects, start)
-                for i, item in enumerate(self.problem.model.calibrations):
-                    if item.name in SCALE and factor > 0.0:
-                        start[i] = np.log(factor) / item.sd
-                rough = fit(self._rough, effects, start, polish=True)
+                _, start = afar.start(self.rough, state.effects, state.fit.theta, candidate)
+                rough = fit(self.rough, effects, start, polish=True)
                 found = self.state(rough, state.p_values, {"static-discrepancy": AFAR})
                 fitted = fit(found.fit.problem, effects, found.fit.theta)
                 return self.state(fitted, state.p_values, found.sizes, found.rig)
@@ -696,7 +675,7 @@ class Search:
                 return self._fitted(effects, start, None, state, enough)
             if not other.effect.several or other.start == candidate.start:
                 return None
-        if candidate.effect.far and self.fold.ndim == 2:
+        if afar.is_far(candidate) and self.fold.ndim == 2:
             return self._from_afar(state, candidate)
         start = np.r_[theta, np.zeros(candidate.size)]
         columns = self.linearised(state).jacobian(candidate)
