@@ -24,7 +24,9 @@ class ThirdDimension(SkinEffect):
     needs = ("electrode_height_mm",)
     parameters = {
         "depth_mm": Parameter("mm", None, 0.1, 1000.0, scale=0.3, dense=False, optional=True),
-        "electrode_height_mm": Parameter("mm", None, 0.1, 1000.0, scale=0.3, dense=False, optional=True),
+        "electrode_height_mm": Parameter(
+            "mm", None, 0.1, 1000.0, scale=0.3, dense=False, optional=True
+        ),
     }
     far = (0.0,)
     source = "Vauhkonen, Vauhkonen, Savolainen, Kaipio 1999"
