@@ -172,7 +172,7 @@ def catalogue(
     scales: Scales,
     floating: bool,
     timed: bool,
-    touched: bool,
+    touched: bool = True,
 ) -> list[Candidate]:
     """Every candidate: single sites, pairs where an effect needs two, all alike, each its own.
 
