@@ -172,21 +172,23 @@ def catalogue(
     scales: Scales,
     floating: bool,
     timed: bool,
+    touched: bool = True,
 ) -> list[Candidate]:
     """Every candidate: single sites, pairs where an effect needs two, all alike, each its own.
 
     owner: the skin as its owner believes it, None where unknown; skin: with a start for what is
     unknown; recorded_V (N, M); counts: how many sites of each kind; floating: the source is tied to
-    nothing; timed: the frames' times are known, else effects of time are left out. Effects on the
-    contacts of point electrodes are left out. Single channels stand in their dense form alone:
-    `channels` takes it apart.
+    nothing; timed: the frames' times are known, else effects of time are left out; touched: whether
+    anybody touches, else effects that `needs` would keep out are tried too. Effects on the contacts
+    of point electrodes are left out. Single channels stand in their dense form alone: `channels`
+    takes it apart.
     """
     found = []
     for effect in EFFECTS.values():
         points = skin.electrode_width_mm == 0
         if effect.composite or (points and getattr(effect, "on_contacts", False)):
             continue
-        if any(getattr(skin, key) is None for key in effect.needs):
+        if touched and any(getattr(skin, key) is None for key in effect.needs):
             continue
         if effect.driver == "time" and not timed:
             continue

@@ -31,6 +31,9 @@ from eitskin.physics.geometry import Geometry
 
 FIRST_FRAMES = 120  # on which the search begins, where there are twice as many
 FIRST_SHARE = 2 / 3  # of what may be solved, that the search on these may take
+# Of the median |v|: error of a body that is solved at accuracy train, in most channels; it is where
+# the noise of a frame's mean is so many times as much, and nobody touches.
+BODY, COARSE = 1e-4, 3.0
 FORCES = np.linspace(1.0, 0.0, 11)  # of a query's largest, up to which predictions are tried
 
 
@@ -134,6 +137,7 @@ def begun(
         scales,
         floating=not model.sink_grounded,
         timed=recorded.metadata["clock"] == "measured",
+        touched=bool(model.touched.any()),
     )
     return (
         noise,
@@ -190,10 +194,13 @@ def problem_of(
     median = float(np.nanmedian(np.abs(readings[~model.touched])) or 0.0)
     if model.difference or not np.isfinite(median):
         median = float(np.nanmedian(np.abs(readings)))
+    share = float(np.median(noise.sd)) / np.sqrt(len(readings)) / (median or 1.0)
+    model.coarse = not model.touched.any() and share > COARSE * BODY
     geometry = Geometry.from_skin(model.believed)
     current = model.believed.current_A if model.unit != "ohm" else 1.0
     error = np.abs(current * untouched_error(geometry, recorded.channels, "diagnose"))
-    error = np.hypot(error, np.hypot(COHERENT * median, noise.rounding))
+    coherent = BODY if model.coarse else COHERENT
+    error = np.hypot(error, np.hypot(coherent * median, noise.rounding))
     whitening = Whitening.of(readings, noise.sd, model.difference, error)
     clock = recorded.frames["frame"].to_numpy()
     whitening = replace(whitening, correlation=noise.correlation, clock=clock)

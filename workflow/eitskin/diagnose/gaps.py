@@ -13,6 +13,7 @@ from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.fit import Fit, fit, whitened_anew
 from eitskin.diagnose.identities import TWO_SIDED, declared
+from eitskin.diagnose.search import afar
 from eitskin.diagnose.search.screen import explained, sparse
 from eitskin.diagnose.search.search import Search, State, discrete, gross
 from eitskin.diagnose.tangents import Tangents
@@ -40,6 +41,8 @@ def gaps(search: Search, state: State, index: int, within: float = CLOSE * CONFU
     effect = state.effects[index]
     if gross(effect):
         return _gross_gaps(search, state, index)
+    if afar.is_far(effect) and search.fold.ndim == 2:
+        return _gaps_afar(search, state, index, within)
     less = search.less(state, index)
     problem = state.fit.problem
     target = replace(problem, recorded=state.fit.voltage())
@@ -81,6 +84,47 @@ def _declare(
     for identity, side in declared(search, state, index):
         for name in identity.instead:
             nearest[name] = min(max(gap, side.gap), nearest.get(name, np.inf))
+
+
+def _gaps_afar(search: Search, state: State, index: int, within: float) -> list[Gap]:
+    """Of an effect that no tangent leads to: its signature is what the rest, fitted to it, leaves,
+    and every rival within reach is fitted too; what a tangent promises is not kept so far away."""
+    less, problem = search.less(state, index), state.fit.problem
+    target = replace(problem, recorded=state.fit.voltage())
+    rough = replace(search.rough, recorded=target.recorded)
+    tangents = Tangents(fit(target, less.effects, less.fit.theta))
+    snr = float(np.sqrt(tangents.fit.chi2))
+    best: dict[str, tuple[float, Candidate]] = {}
+    for candidate in _rivals(search.candidates, state.effects[index]):
+        if afar.is_far(candidate):
+            gap = afar.start(rough, less.effects, tangents.fit.theta, candidate)[0]
+        else:
+            gap = _linear_gap(tangents, tangents.residual, candidate)
+        if gap is not None and gap < best.get(candidate.name, (np.inf, None))[0]:
+            best[candidate.name] = gap, candidate
+    nearest: dict[str, float] = {}
+    for name, (gap, candidate) in best.items():
+        fitted = None
+        if afar.is_far(candidate) and not search.spent:
+            theta = afar.start(rough, less.effects, tangents.fit.theta, candidate)[1]
+            fitted = _fitted_from(target, rough, [*less.effects, candidate], theta)
+        elif gap < within and not search.spent:
+            fitted = _fitted(target, tangents, less.effects, candidate)
+        nearest[name] = float(gap if fitted is None else np.sqrt(fitted.chi2))
+    _declare(nearest, search, state, index, 0.0)
+    nearest.pop(state.effects[index].name, None)
+    found = [Gap(name, min(gap, snr), snr) for name, gap in nearest.items()]
+    return sorted(found, key=lambda g: g.gap)
+
+
+def _fitted_from(target, rough, effects, theta: np.ndarray) -> Fit | None:
+    """Effects fitted from afar: roughly, then to the noise-free signature; None where they cannot
+    be."""
+    try:
+        theta = fit(rough, effects, theta, polish=True).theta
+        return fit(target, effects, theta)
+    except (InputError, np.linalg.LinAlgError):
+        return None
 
 
 def _rivals(candidates: list[Candidate], effect: Candidate) -> list[Candidate]:

@@ -12,6 +12,7 @@ from eitskin.data import alignment, recording
 from eitskin.data.recording import Recording
 from eitskin.effects.effect import START, Moment, Setting
 from eitskin.errors import InputError
+from eitskin.physics.depth import span
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.skin import Skin
 from eitskin.physics.solver import SolvedSkins
@@ -57,7 +58,10 @@ class RecordingSimulator:
 
     `states` are another query's frames; the recording's by default. Frames whose touch is not
     known well enough to be simulated are not `known` (N,). near: solved skins to share with.
+    coarse: bodies are solved at accuracy train.
     """
+
+    coarse = False
 
     def __init__(
         self,
@@ -148,11 +152,14 @@ class RecordingSimulator:
         return self._sense(coordinates, self.skin(coordinates), chosen, True, "diagnose").moments
 
     def voltage(
-        self, coordinates: np.ndarray, chosen: list[Setting], accuracy: str = "diagnose"
+        self, coordinates: np.ndarray, chosen: list[Setting], accuracy: str | None = None
     ) -> np.ndarray:
         """(N, M) at coordinates (P,) of the calibrations, with effects at definite values."""
         values = self.calibrated(coordinates)
         skin = self.skin(coordinates)
+        if accuracy is None:
+            coarse = self.coarse and span(self.geometry(coordinates, chosen)) is not None
+            accuracy = "train" if coarse else "diagnose"
         current = 1.0 if self.unit == "ohm" else skin.current_A
         sensed = self._sense(coordinates, skin, chosen, True, accuracy)
         signed = read(sensed, current, chosen, self.sink_grounded)

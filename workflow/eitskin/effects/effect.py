@@ -54,7 +54,9 @@ class Effect:
     agrees with the number of sites; [a part] is left out where a parameter in it is.
     shown_by: the recording that would show the effect where another could not, as a noun phrase.
 
-    What a diagnosis asks of it. needs: keys of the skin without which it is no candidate; common:
+    What a diagnosis asks of it. needs: keys of the skin without which it is no candidate where the
+    skin is touched; far: coordinates from which a fit begins where nobody
+    touches, because no tangent leads to it; common:
     whether one value for all sites is this effect, not another's; several: whether there may be
     more than one of it, told apart by the values from which their fits start; either: parameters
     that are laws of their own, of which a diagnosis names one; tone: whether it is a steady tone,
@@ -77,6 +79,7 @@ class Effect:
     composite = False
     polar: tuple[str, str, int] | None = None
     needs: tuple[str, ...] = ()
+    far: tuple[float, ...] = ()
     common = True
     several = False
     either: tuple[str, ...] = ()

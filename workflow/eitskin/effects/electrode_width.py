@@ -17,6 +17,7 @@ class ElectrodeWidth(SkinEffect):
     finding = "{site} {is|are} {width_mm} wide, unlike in the drawing."
     shown_by = "absolute values, with the driven electrodes measured too"
     confusable = ("contact-impedance", "third-dimension")
+    far = (-0.7, 0.0, 0.5, 0.8, 1.0, 1.2, 1.35)
 
     def neutral(self, key: str, skin: Skin) -> float | None:
         """The width believed."""

@@ -29,7 +29,7 @@ from eitskin.diagnose.fit import (
 from eitskin.diagnose.held_out import HeldOut, held_out
 from eitskin.diagnose.rig import COMPONENTS, Rig
 from eitskin.diagnose.rig_sizes import SETTLED, learned
-from eitskin.diagnose.search import channels, tones
+from eitskin.diagnose.search import afar, channels, tones
 from eitskin.diagnose.search.screen import (
     AMPLITUDES,
     Null,
@@ -63,6 +63,8 @@ ALIKE = 0.3  # squared correlation with the simulation, from which on names are 
 UNLIKE = "unlike"  # the step on the path that says so
 FEW_SITES = 2  # of a sparse effect; with more, single sites are tried in its place
 MOST_JOINED = 8  # sites of an effect that is still called sparse
+AFAR = 0.05  # of the readings: what a fit from afar may leave, to begin with
+STARTS = 2  # of a name, from which it is fitted from afar
 FAR = 16.0  # times chi squared: a change of so great a squared length cannot lower it
 FEW = 6  # coordinates; candidates with more are fitted after the others
 GROSS = 30.0  # chi squared over its degrees of freedom above which gross faults are tried first
@@ -341,7 +343,7 @@ class Search:
         hopeless = bool(state.effects) and self.fold.ndim == 1 and self._misfit(state) > GROSS
         found = []
         for candidate in self.candidates:
-            if candidate.key in taken:
+            if candidate.key in taken or (afar.is_far(candidate) and self.fold.ndim == 2):
                 continue
             if _of_channels(candidate):
                 scored = channels.scores(tangents, candidate)
@@ -532,6 +534,7 @@ class Search:
         if key not in self.trials:
             found: list[State] = []
             listed = shortlist(scores) if self._hopeful(scores) else []
+            listed += self._afar(state, listed)
             competing = self._competing(state, {s.candidate.name for s in listed})
             for s in [*listed, *competing]:
                 if self.spent:
@@ -547,6 +550,47 @@ class Search:
             found.sort(key=lambda s: -s.log_evidence)
             self.trials[key] = found
         return self.trials[key]
+
+    def _afar(self, state: State, listed: list[Score]) -> list[Score]:
+        """Scores of candidates that no tangent leads to, but for `listed` ones, where nobody
+        touches: such a recording has little else to be told by. Of every name the few that begin
+        nearest to the readings."""
+        if self.fold.ndim == 1:
+            return []
+        there = {c.name for c in state.effects} | {s.candidate.name for s in listed}
+        left: dict[str, list[tuple[float, int]]] = {}
+        for i, candidate in enumerate(self.candidates):
+            if afar.is_far(candidate) and candidate.name not in there:
+                misfit, _ = afar.start(self.rough, state.effects, state.fit.theta, candidate)
+                left.setdefault(candidate.name, []).append((misfit, i))
+        return [
+            Score(self.candidates[i], 0.0, 1, -np.inf)
+            for own in left.values()
+            for least, i in sorted(own)[:STARTS]
+            if least < np.inf
+        ]
+
+    @cached_property
+    def rough(self) -> Problem:
+        """The problem, readings uncertain by AFAR: what no skin explains must not hide one that is
+        nearly right, nor be fitted at any price."""
+        if self.rig is None:
+            return self.problem
+        return replace(self.problem, whitening=self.rig.whitening({"static-discrepancy": AFAR}))
+
+    def _from_afar(self, state: State, candidate: Candidate) -> State | None:
+        """`state` with a candidate fitted from the beliefs, whatever the state before has made of
+        them."""
+        effects = [*state.effects, candidate]
+        try:
+            with self.problem.model.near.within(self.most_solved):
+                _, start = afar.start(self.rough, state.effects, state.fit.theta, candidate)
+                rough = fit(self.rough, effects, start, polish=True)
+                found = self.state(rough, state.p_values, {"static-discrepancy": AFAR})
+                fitted = fit(found.fit.problem, effects, found.fit.theta)
+                return self.state(fitted, state.p_values, found.sizes, found.rig)
+        except (InputError, np.linalg.LinAlgError, Spent):
+            return None
 
     def with_effect(
         self, state: State, candidate: Candidate, enough: float = np.inf
@@ -581,6 +625,8 @@ class Search:
                 return self._fitted(effects, start, None, state, enough)
             if not other.effect.several or other.start == candidate.start:
                 return None
+        if afar.is_far(candidate) and self.fold.ndim == 2:
+            return self._from_afar(state, candidate)
         start = np.r_[theta, np.zeros(candidate.size)]
         columns = self.linearised(state).jacobian(candidate)
         return self._fitted(

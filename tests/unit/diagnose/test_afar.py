@@ -1,0 +1,95 @@
+"""Fits from afar, where nobody touches: a body whose depth and electrode height nobody knows."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from eitskin.data.recording import Recording
+from eitskin.diagnose import diagnosis
+from eitskin.diagnose.candidates import catalogue
+from eitskin.diagnose.held_out import folds
+from eitskin.diagnose.noise import Noise
+from eitskin.diagnose.search import afar
+from eitskin.diagnose.search.search import Search
+from eitskin.effects import EFFECTS
+from eitskin.effects.settings import site_counts
+from small_skin import CHANNELS, SKIN, small_recording
+
+NOISE = 1e-2
+TANK = replace(
+    SKIN,
+    thickness_mm=0.9 * SKIN.radius_mm,
+    electrode_height_mm=0.3 * SKIN.radius_mm,
+    electrode_z_mm=None,
+)
+
+
+def untouched(*items, skin=SKIN, **unknown) -> Recording:
+    """The untouched frames of a recording, of whose skin its owner knows less."""
+    every = small_recording(*items, noise=NOISE, places=1, skin=skin)
+    rows = np.flatnonzero(~every.frames["touch"].to_numpy(bool))
+    frames = every.frames.iloc[rows].reset_index(drop=True)
+    known = every.metadata["skin"] | unknown
+    known = {k: v for k, v in known.items() if v is not None or not k.startswith("electrode_h")}
+    return Recording(frames, every.voltage[rows], None, None, every.metadata | {"skin": known})
+
+
+def search_of(recorded: Recording) -> Search:
+    sd = np.full(len(CHANNELS), NOISE * np.median(np.abs(recorded.voltage)))
+    problem, scales = diagnosis.problem_of(recorded, Noise(sd, 1e3, "given"))
+    counts = site_counts(CHANNELS)
+    every = catalogue(
+        recorded.skin, problem.model.believed, recorded.voltage, counts, scales, True, True, False
+    )
+    model = problem.model
+    fold = folds(model.touched, model.press, CHANNELS, 1)
+    return Search(problem, every, fold, 1, lambda line: None, rigged=True)
+
+
+def test_a_body_is_fitted_from_the_nearest_of_its_starts():
+    body = {"name": "third-dimension"}
+    search = search_of(untouched(body, skin=TANK, thickness_mm=None, electrode_height_mm=None))
+    assert search.problem.model.coarse and search.fold.ndim == 2
+    sheet = search.calibrated()
+    first, *_ = [
+        s.candidate for s in search._afar(sheet, []) if s.candidate.name == "third-dimension"
+    ]
+    found = search.with_effect(sheet, first)
+    assert found.log_evidence > sheet.log_evidence + 15
+    assert found.fit.chi2 < 1.2 * search.problem.whitening.size
+
+
+def test_where_a_sheet_is_right_no_body_is_worth_its_name():
+    search = search_of(untouched(thickness_mm=None, electrode_height_mm=None))
+    sheet = search.calibrated()
+    tried = [search.with_effect(sheet, s.candidate) for s in search._afar(sheet, [])]
+    assert tried
+    assert all(t is None or t.log_evidence < sheet.log_evidence + 1 for t in tried)
+
+
+def test_a_touched_skin_of_unknown_height_has_no_body_among_its_candidates():
+    recorded = small_recording(noise=NOISE, places=1)
+    problem, scales = diagnosis.problem_of(
+        recorded, Noise(np.full(len(CHANNELS), 1e-6), 1e3, "given")
+    )
+    common = (
+        recorded.skin,
+        problem.model.believed,
+        recorded.voltage,
+        site_counts(CHANNELS),
+        scales,
+        True,
+        True,
+    )
+    assert "third-dimension" not in {c.name for c in catalogue(*common, touched=True)}
+    bodies = [c for c in catalogue(*common, touched=False) if c.name == "third-dimension"]
+    assert bodies and all(afar.is_far(c) for c in bodies)
+
+
+def test_starts_have_room_for_their_electrodes():
+    skin = replace(TANK, thickness_mm=None, electrode_height_mm=None, electrode_z_mm=6.0)
+    starts = EFFECTS["third-dimension"].starts(skin, np.zeros((1, 1)))
+    assert len(starts) > 8
+    for start in starts:
+        half = 0.5 * start["electrode_height_mm"]
+        assert 6.0 - half >= 0.0 and 6.0 + half <= start["depth_mm"]
