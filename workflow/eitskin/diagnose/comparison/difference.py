@@ -21,7 +21,7 @@ from eitskin.diagnose.comparison import faults
 from eitskin.diagnose.comparison.evidence import Evidence, Explained
 from eitskin.diagnose.comparison.faults import Control, Signature
 from eitskin.diagnose.comparison.interference import limit, louder, tone_power
-from eitskin.diagnose.comparison.objects import EXPLAINS, Objects, Sheet, Sought
+from eitskin.diagnose.comparison.objects import EXPLAINS, Objects, Sheet, sought
 from eitskin.diagnose.comparison.potentials import Potentials
 from eitskin.diagnose.comparison.wander import Wander, wander
 from eitskin.errors import InputError
@@ -260,8 +260,8 @@ class _Begun:
             return None
         if not sheet.agrees(self.wander.mean, self.wander.usable):
             return None
-        self.sought = Sought(sheet, self.evidence, known)
-        return self.sought.best()
+        self.sought = sought(sheet, self.evidence, known)
+        return None if self.sought is None else self.sought.best()
 
     def _families(self, known: Sequence[Signature]) -> list[list[Signature]]:
         found = faults.families(self.control)

@@ -5,7 +5,9 @@ an even sheet with point electrodes at the angles of the recording, and carried 
 share of each reading: (v1 - v0) / v0 = (u1 - u0) / u0, v measured, u simulated. So what an
 electrode, an amplifier or the depth of a tank does to a reading leaves the share as it is, to first
 order; what depth does to the change itself stays an error. Where a simulated reading is next to
-nothing, the share is taken of the overall scale instead.
+nothing, the share is taken of the overall scale instead. Boards that add one voltage to all readings
+spoil such shares, so these are tried of the readings less a common offset too, and the way that
+explains more with one object is taken.
 
 Conductivity inside over outside and radius hardly tell from one another where an object is small
 or the ratio large: ratio r and radius a act through a² (r - 1) / (r + 1) (Seagar et al. 1987).
@@ -100,10 +102,13 @@ class Sheet:
         square = float(a @ a) * float(b @ b)
         return square > 0 and float(a @ b) > 0 and (a @ b) ** 2 > AGREES * square
 
-    def gain(self, mean: np.ndarray, read: np.ndarray) -> np.ndarray:
-        """(M,) V by which each channel's simulated change is multiplied."""
+    def gain(self, mean: np.ndarray, read: np.ndarray, offset: bool) -> np.ndarray:
+        """(M,) V by which each channel's simulated change is multiplied; offset: whether a common
+        one is taken off the readings before."""
         here = read & self.known
-        scale = float(mean[here] @ self.plain[here]) / float(self.plain[here] @ self.plain[here])
+        columns = np.column_stack([self.plain, np.ones(len(mean))])[:, : 1 + offset]
+        scale, *rest = np.linalg.lstsq(columns[here], mean[here], rcond=None)[0]
+        mean = mean - sum(rest)
         faint = FAINT * float(np.median(np.abs(self.plain[here])))
         own = self.plain * (mean - scale * self.plain) / (self.plain**2 + faint**2)
         return np.where(here, scale + own, 0.0)
@@ -209,12 +214,15 @@ def _halves(disc: Disc) -> list[list[Disc]]:
 
 
 class Sought:
-    """Objects sought in what is left of one difference: `evidence`, with the control's mean."""
+    """Objects sought in what is left of one difference: `evidence`, in which `known` are explained;
+    offset: whether a common one of the control's readings is taken off them."""
 
-    def __init__(self, sheet: Sheet, evidence: Evidence, known: Sequence[Signature] = ()):
+    def __init__(
+        self, sheet: Sheet, evidence: Evidence, known: Sequence[Signature], offset: bool = False
+    ):
         self.sheet, self.evidence, self.known = sheet, evidence, known
         wander = evidence.wander
-        self.gain = sheet.gain(wander.mean, wander.usable)
+        self.gain = sheet.gain(wander.mean, wander.usable, offset)
         unknown = wander.usable & ~sheet.known
         self.own = np.eye(len(unknown))[:, unknown]
         self.outside = wander.across(self.own)
@@ -235,22 +243,25 @@ class Sought:
         gain = self.gain if values.ndim == 1 else self.gain[:, None]
         return self._free(self.evidence.wander.across(gain * values))
 
+    @cached_property
+    def one(self) -> OptimizeResult | None:
+        """The best fit with one object; None where the best disc of the grid explains next to
+        nothing."""
+        return self._one_more(np.zeros(0))
+
     def best(self) -> Explained | None:
-        """The objects that explain most, as many as bring enough; None where the best disc of the
-        grid explains next to nothing."""
-        chosen: OptimizeResult | None = None
-        for _ in range(MOST):
-            at = np.zeros(0) if chosen is None else chosen.x
-            better = self._one_more(at)
-            if better is None:
+        """The objects that explain most, as many as bring enough; None where `one` is."""
+        if self.one is None:
+            return None
+        chosen = self.one
+        while len(chosen.x) < FREE * MOST:
+            better = self._one_more(chosen.x)
+            if better is None or chosen.cost - better.cost < 0.5 * BRINGS * self.before:
                 break
-            before = self.before if chosen is None else 2.0 * chosen.cost
-            if before - 2.0 * better.cost < BRINGS * self.before:
-                break
-            if chosen is not None and self._told(better).evidence < self._told(chosen).evidence:
+            if self._told(better).evidence < self._told(chosen).evidence:
                 break
             chosen = better
-        return None if chosen is None else self._told(chosen)
+        return self._told(chosen)
 
     def _one_more(self, at: np.ndarray) -> OptimizeResult | None:
         """The best fit with one object more than those at (4 k,), or one of these cut in two."""
@@ -379,6 +390,14 @@ class Sought:
             count += int(out.sum())
         before, after = np.sqrt(square / max(count, 1)).tolist()
         return {"pairs": len(groups), "folds": FOLDS, "rms_before": before, "rms_after": after}
+
+
+def sought(sheet: Sheet, evidence: Evidence, known: Sequence[Signature]) -> Sought | None:
+    """Objects sought the way that explains more with one; None where one explains nothing."""
+    ways = (False, True) if sheet.signed else (False,)
+    tried = [Sought(sheet, evidence, known, offset) for offset in ways]
+    tried = [each for each in tried if each.one is not None]
+    return min(tried, key=lambda each: each.one.cost, default=None)
 
 
 def _bounds(start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
