@@ -1,4 +1,4 @@
-"""What changed between two recordings of one skin, without a model of the skin but for objects in it.
+"""What changed between two recordings of one skin; but for objects in it, without a model of it.
 
 The control and the later recording share whatever their simulation does not explain. What is left
 of their difference beside that which a skin does without a fault (`wander`) is explained by the
@@ -21,7 +21,7 @@ from eitskin.diagnose.comparison import faults
 from eitskin.diagnose.comparison.evidence import Evidence, Explained
 from eitskin.diagnose.comparison.faults import Control, Signature
 from eitskin.diagnose.comparison.interference import limit, louder, tone_power
-from eitskin.diagnose.comparison.objects import EXPLAINS, Objects, Sheet, sought
+from eitskin.diagnose.comparison.objects import EXPLAINS, Objects, Sheet, Sought, sought
 from eitskin.diagnose.comparison.potentials import Potentials
 from eitskin.diagnose.comparison.wander import Wander, wander
 from eitskin.errors import InputError
@@ -174,7 +174,7 @@ def difference(control: Recording, later: Recording, names: tuple[str, str]) -> 
     sheet = None
     if both.electrode_deg is not None:
         sheet = Sheet(both.channels, both.electrode_deg, both.signed)
-    judged = _begun(both, potentials, sheet)
+    judged = _begun(both, potentials, sheet).settled()
     found = []
     while judged.ranked and judged.most() >= THRESHOLD:
         one = judged.found()
@@ -184,7 +184,7 @@ def difference(control: Recording, later: Recording, names: tuple[str, str]) -> 
         if not one.named or len(found) == MOST_FOUND:
             break
         known = [part for each in found for part in each.explained.parts]
-        judged = _Begun(both, judged.first, potentials, sheet, known)
+        judged = _Begun(both, judged.first, potentials, sheet, known).settled()
     common = _common(judged.wander)
     return Difference(both, found, _lost(both), judged.wander, common)
 
@@ -246,22 +246,33 @@ class _Begun:
         self.evidence = Evidence(self.wander, known)
         self.families = self._families(known) if self.wander.count > 0 else []
         ranked = [self._best(family) for family in self.families]
-        objects = self._objects(sheet, known)
+        self.sought = self._sought(sheet, known)
+        self._rank(ranked, self.sought and self.sought.first())
+
+    def _rank(self, ranked: list[Explained], objects: Explained | None) -> None:
+        """Explanations, and objects with them, in order of their evidence."""
         if objects is not None:
-            ranked.append(objects)
+            ranked = [*ranked, objects]
             self.families.append(list(objects.parts))
         self.ranked = sorted(ranked, key=lambda e: -e.evidence)
 
-    def _objects(self, sheet: Sheet | None, known: Sequence[Signature]) -> Explained | None:
-        """The objects that explain most, None where none are sought."""
+    def settled(self) -> "_Begun":
+        """With as many objects as explain most: dear, so not for every frame to begin with."""
+        if self.sought is not None:
+            ranked = [e for e in self.ranked if not isinstance(e.parts[0], Objects)]
+            self.families = [f for f in self.families if not isinstance(f[0], Objects)]
+            self._rank(ranked, self.sought.best())
+        return self
+
+    def _sought(self, sheet: Sheet | None, known: Sequence[Signature]) -> Sought | None:
+        """Objects, where they can be simulated, none were found before and one explains some."""
         if sheet is None or self.wander.count < 1:
             return None
         if any(isinstance(part, Objects) for part in known):
             return None
         if not sheet.agrees(self.wander.mean, self.wander.usable):
             return None
-        self.sought = sought(sheet, self.evidence, known)
-        return None if self.sought is None else self.sought.best()
+        return sought(sheet, self.evidence, known)
 
     def _families(self, known: Sequence[Signature]) -> list[list[Signature]]:
         found = faults.families(self.control)

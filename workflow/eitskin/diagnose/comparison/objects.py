@@ -5,9 +5,9 @@ an even sheet with point electrodes at the angles of the recording, and carried 
 share of each reading: (v1 - v0) / v0 = (u1 - u0) / u0, v measured, u simulated. So what an
 electrode, an amplifier or the depth of a tank does to a reading leaves the share as it is, to first
 order; what depth does to the change itself stays an error. Where a simulated reading is next to
-nothing, the share is taken of the overall scale instead. Boards that add one voltage to all readings
-spoil such shares, so these are tried of the readings less a common offset too, and the way that
-explains more with one object is taken.
+nothing, the share is taken of the overall scale instead. Boards that add one voltage to all
+readings spoil such shares, so these are tried of the readings less a common offset too, and the way
+that explains more with one object is taken.
 
 Conductivity inside over outside and radius hardly tell from one another where an object is small
 or the ratio large: ratio r and radius a act through a² (r - 1) / (r + 1) (Seagar et al. 1987).
@@ -249,10 +249,12 @@ class Sought:
         nothing."""
         return self._one_more(np.zeros(0))
 
-    def best(self) -> Explained | None:
-        """The objects that explain most, as many as bring enough; None where `one` is."""
-        if self.one is None:
-            return None
+    def first(self) -> Explained:
+        """The object that explains most by itself."""
+        return self._told(self.one)
+
+    def best(self) -> Explained:
+        """The objects that explain most, as many as bring enough."""
         chosen = self.one
         while len(chosen.x) < FREE * MOST:
             better = self._one_more(chosen.x)
@@ -274,7 +276,9 @@ class Sought:
                     fits.append(self._fitted(start, self.left, self._white))
         for conducts in (True, False):
             for start in self._starts(at, conducts):
-                fits.append(self._fitted(np.append(at, _coordinates(start)), self.left, self._white))
+                fits.append(
+                    self._fitted(np.append(at, _coordinates(start)), self.left, self._white)
+                )
         return min(fits, key=lambda fit: fit.cost, default=None)
 
     def _starts(self, at: np.ndarray, conducts: bool) -> Iterator[Disc]:
