@@ -16,7 +16,7 @@ or the ratio large: ratio r and radius a act through a² (r - 1) / (r + 1) (Seag
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import comb, log
+from math import comb, exp, log, sqrt
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
@@ -165,10 +165,10 @@ def _discs(at: np.ndarray) -> list[Disc]:
     """Of coordinates (4 k,): two that turn no disc over the rim, the logarithms of radius and
     ratio."""
     found = []
-    for a, b, log_radius, log_ratio in at.reshape(-1, FREE):
-        radius = np.exp(log_radius)
-        reach = ROOM * (1.0 - radius) / np.sqrt(1.0 + a * a + b * b)
-        found.append(Disc(a * reach, b * reach, radius, np.exp(log_ratio)))
+    for a, b, log_radius, log_ratio in at.reshape(-1, FREE).tolist():
+        radius = exp(log_radius)
+        reach = ROOM * (1.0 - radius) / sqrt(1.0 + a * a + b * b)
+        found.append(Disc(a * reach, b * reach, radius, exp(log_ratio)))
     return found
 
 
