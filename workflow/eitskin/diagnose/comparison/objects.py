@@ -48,7 +48,8 @@ MOST_LOG_RATIO = 6.0
 MOST_TURN = 9.0  # of the coordinates that keep a disc on the skin
 ROOM = 0.98  # of the way to the rim, that a disc's edge comes to
 APART = 0.1  # of the smaller radius, between two discs
-STARTS = 2  # of each sign
+STARTS = 2  # of each sign, for the first object; one for more
+WIDE = 0.3  # radius of a disc that may be two
 NEAR = 0.2  # starts closer than this are one
 STEPS = 40
 BETTER = 1e-4  # of its square, that one more step of a fit must take
@@ -269,6 +270,8 @@ class Sought:
         """The best fit with one object more than those at (4 k,), or one of these cut in two."""
         fits = []
         for i, disc in enumerate(_discs(at)):
+            if disc.radius < WIDE:
+                continue
             rest = np.delete(at.reshape(-1, FREE), i, axis=0).ravel()
             for halves in _halves(disc):
                 if not _meet([*_discs(rest), *halves]):
@@ -293,7 +296,8 @@ class Sought:
         given: list[Disc] = []
         for i in np.argsort(-taken):
             disc = discs[i]
-            if taken[i] < (0.0 if there else WORTH * self.before) or len(given) == STARTS:
+            enough = 1 if there else STARTS
+            if taken[i] < (0.0 if there else WORTH * self.before) or len(given) == enough:
                 return
             if disc.conducts is not conducts or _meet([*there, disc]):
                 continue
