@@ -323,7 +323,7 @@ class _Begun:
             others.append(self.evidence.elsewhere(best, family))
         objects = isinstance(best.parts[0], Objects)
         if objects:
-            others += filter(None, [self.sought.other_sign(best)])
+            others += filter(None, [self.sought.other_sign(best), *self.sought.beside()])
         others.sort(key=lambda e: -e.evidence)
         rival = next((e for e in others if not self.evidence.holds(e, best)), None)
         near = [e for e in self.ranked if e.place == best.place]

@@ -9,6 +9,9 @@ nothing, the share is taken of the overall scale instead. Boards that add one vo
 readings spoil such shares, so these are tried of the readings less a common offset too, and the way
 that explains more with one object is taken.
 
+Electrodes that moved, all by themselves, and a conductivity that rises across the skin are the
+rivals that no fault of the instrument is: to first order, of the same sheet.
+
 Conductivity inside over outside and radius hardly tell from one another where an object is small
 or the ratio large: ratio r and radius a act through a² (r - 1) / (r + 1) (Seagar et al. 1987).
 """
@@ -39,7 +42,7 @@ AGREES = 0.8  # squared correlation of the control's readings with the sheet's
 FAINT = 0.05  # of the median simulated reading, below which a share of it means nothing
 WORTH = 0.1  # of the difference's square, that the best disc of the grid takes
 BRINGS = 0.05  # of the difference's square, that one more object takes
-EXPLAINS = 0.6  # of the difference's square beyond noise, that objects which are named take
+EXPLAINS = 0.75  # of the difference's square beyond noise, that objects which are named take
 RINGS = ((0.0, 1), (0.3, 8), (0.5, 12), (0.65, 16), (0.78, 24), (0.88, 32))
 RADII = (0.08, 0.18)
 LOG_RATIOS = (-4.0, -0.8, 0.8, 4.0)
@@ -52,6 +55,7 @@ STARTS = 2  # of each sign, for the first object; one for more
 WIDE = 0.3  # radius of a disc that may be two
 NEAR = 0.2  # starts closer than this are one
 STEPS = 40
+RISE = 0.02  # of the conductivity across the skin, for its tangent
 BETTER = 1e-4  # of its square, that one more step of a fit must take
 FOLDS = 5
 PERCENT_90 = 1.645
@@ -138,6 +142,28 @@ class Sheet:
             values = channel_values(self.forward.transfer_impedance(touches), self.channels)
             columns *= np.where(values < 0, -1.0, 1.0)[:, None]
         return columns
+
+    @cached_property
+    def tangents(self) -> dict[str, np.ndarray]:
+        """(M, k), by name: what a shift of each electrode, and a rise of the conductivity along x
+        and y, change, per unit."""
+        names = [f"electrode_deg[{i}]" for i in range(self.forward.electrodes.n)]
+        moved = self.forward.derivatives(parameters=names)
+        geometry = self.forward.geometry
+        tilted = [
+            Forward(geometry.with_values(gradient_across=RISE, gradient_deg=angle), ACCURACY)
+            for angle in (0.0, 90.0)
+        ]
+        rise = [(each.transfer_impedance() - self.forward.transfer_impedance()) for each in tilted]
+        found = {"electrode-position": [moved[name] for name in names]}
+        found["conductivity-gradient"] = [each / RISE for each in rise]
+        sign = np.where(self.known & (self.signed | (self.raw >= 0)), 1.0, -1.0 * self.known)
+        return {
+            name: np.column_stack(
+                [np.where(self.known, channel_values(z, self.channels), 0.0) * sign for z in all_]
+            )
+            for name, all_ in found.items()
+        }
 
     @cached_property
     def grid(self) -> tuple[list[Disc], np.ndarray]:
@@ -356,6 +382,15 @@ class Sought:
                 )
         best = min(rivals, key=lambda fit: fit.cost, default=None)
         return None if best is None else self._told(best)
+
+    def beside(self) -> list[Explained]:
+        """What else of the skin may explain: its rivals that are no faults of the instrument."""
+        found = []
+        for name, columns in self.sheet.tangents.items():
+            basis = np.column_stack([self.gain[:, None] * columns, self.own])
+            part = Signature(name, KIND, (), basis)
+            found.append(self.evidence.of([part], [part]))
+        return found
 
     def explained(self, found: Explained) -> float:
         """The share of the difference's square that objects take, noise left out where known."""
