@@ -153,17 +153,20 @@ def _against(truth, objects: list[dict]) -> dict:
 
 def circle(table: pd.DataFrame) -> dict:
     """The circle through the rod's places, in units of the tank's radius (least squares of x² + y²
-    = a x + b y + c), its rms, and what the steps round it differ from even ones by, in degrees."""
+    = a x + b y + c), the rms off it and off even steps on it, and the steps, in degrees."""
     x, y = (table[key].astype(float).to_numpy() for key in ("x", "y"))
     a, b, c = np.linalg.lstsq(np.column_stack([x, y, np.ones(len(x))]), x**2 + y**2, rcond=None)[0]
     centre, radius = np.array([a, b]) / 2.0, np.sqrt(c + (a * a + b * b) / 4.0)
     off = np.hypot(x - centre[0], y - centre[1]) - radius
     turn = np.degrees(np.unwrap(np.arctan2(y - centre[1], x - centre[0])))
     steps = np.diff(turn)
+    even = np.polyval(np.polyfit(np.arange(len(x)), turn, 1), np.arange(len(x)))
+    apart = x + 1j * y - complex(*centre) - radius * np.exp(1j * np.radians(even))
     return {
         "centre": centre,
         "radius": float(radius),
         "rms": float(np.sqrt((off**2).mean())),
+        "rms_even": float(np.sqrt((np.abs(apart) ** 2).mean())),
         "steps_deg": (
             float(steps.mean()),
             float(steps.std()),
@@ -204,7 +207,8 @@ def text(table: pd.DataFrame) -> str:
             mean, sd, low, high = found["steps_deg"]
             lines.append(
                 f"| {name}: circle | radius {found['radius']:.3f} of the tank's, rms off it"
-                f" {found['rms']:.3f} ({found['rms'] / found['radius']:.0%} of its own radius);"
+                f" {found['rms']:.3f} ({found['rms'] / found['radius']:.0%} of its own radius), off"
+                f" even steps on it {found['rms_even']:.3f};"
                 f" steps {mean:.1f}° ± {sd:.1f}° ({low:.1f}° to {high:.1f}°) |"
             )
     lines += [

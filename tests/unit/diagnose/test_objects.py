@@ -26,18 +26,20 @@ N, R_MM = 16, 100.0
 NAMES = ("empty", "later")
 ADJACENT = channel_table(N)
 BODY = boundary.Body(Shape(R_MM), even_angles(N), np.full(N, 10.0), 5.0)
-CONTACT = BODY.contact(np.full(N, 0.02))
 
 # x, y, radius in mm, conductivity inside over outside
 METAL, AIR = (50.0, 20.0, 15.0, 200.0), (-10.0, -45.0, 12.0, 0.005)
 WET, DRY = (-60.0, 30.0, 14.0, 2.0), (5.0, 10.0, 20.0, 0.5)
 
 
-def session(seed: int, inside=(), count: int = 10, voltage: str = "signed", **more) -> Recording:
+def session(
+    seed: int, inside=(), count: int = 10, voltage: str = "signed", body=BODY, **more
+) -> Recording:
     """Frames of a tank with objects inside, by electrodes of a width of their own and a board whose
     channels have gains: 2 % (sd), the same in every session."""
     discs = [boundary.Disc(x, y, radius) for x, y, radius, _ in inside]
-    admittance = BODY.place(discs).admittance(CONTACT, [ratio - 1.0 for *_, ratio in inside])
+    contact = body.contact(np.full(N, 0.02))
+    admittance = body.place(discs).admittance(contact, [ratio - 1.0 for *_, ratio in inside])
     plain = channel_values(np.linalg.pinv(admittance), ADJACENT)
     plain *= np.exp(np.random.default_rng(0).normal(0.0, 0.02, len(ADJACENT)))
     draw = np.random.default_rng(seed)
@@ -100,12 +102,26 @@ def test_exchanged_wires_are_no_object():
     control, later = session(1), session(2)
     wires = np.arange(N)
     wires[[4, 9]] = 9, 4
-    admittance = BODY.place([]).admittance(CONTACT, [])
+    admittance = BODY.place([]).admittance(BODY.contact(np.full(N, 0.02)), [])
     there, crossed = (
         channel_values(np.linalg.pinv(admittance), table) for table in (ADJACENT, wires[ADJACENT])
     )
     found = named(control, replace(later, voltage=later.voltage + crossed - there))
     assert found[0].explained.place == ("electrodes", (4, 9))
+
+
+SKINS = {
+    "electrodes moved": (Shape(R_MM), even_angles(N) + np.random.default_rng(3).normal(0, 0.3, N)),
+    "rising conductivity": (Shape(R_MM, tilt=0.1), even_angles(N)),
+    "out of round": (Shape(R_MM, {2: 0.01}), even_angles(N)),
+}
+
+
+@pytest.mark.parametrize("which", SKINS)
+def test_another_change_of_the_skin_is_no_object(which):
+    shape, angle = SKINS[which]
+    body = boundary.Body(shape, angle, np.full(N, 10.0), 5.0)
+    assert all(one.name != NAME for one in named(session(1), session(2, body=body)))
 
 
 def test_what_reads_as_no_sheet_is_not_simulated():
