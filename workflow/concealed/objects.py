@@ -263,7 +263,7 @@ def picture(table: pd.DataFrame, truths: dict[str, tuple | None]) -> Figure:
 def _title(case: str) -> str:
     words = case.split()
     told = words[1].replace("electrode", "").replace("_adj", "").replace("_", " ")
-    return f"{words[0].removesuffix('-tank')}: {told}"
+    return f"{words[0].removesuffix('-tank')}\n{told}"
 
 
 def _tank(ax, title: str) -> None:
