@@ -479,7 +479,8 @@ class _Beside:
 
 def ends(at: np.ndarray, spread: np.ndarray) -> list[dict[str, tuple[float, float, float]]]:
     """Value, low and high (90 %) of x, y, radius, ratio of each disc, from what their coordinates
-    scatter, to first order; a ratio that runs to its bound has no end there (infinite, or 0)."""
+    scatter, to first order; a ratio that runs to its bound has no end there (infinite, or 0), and
+    stays on its side of 1, since the other sign is an explanation of its own."""
     found = []
     turn = np.abs(_turns(at))
     for i, disc in enumerate(_discs(at)):
@@ -488,6 +489,7 @@ def ends(at: np.ndarray, spread: np.ndarray) -> list[dict[str, tuple[float, floa
         log_radius, log_ratio = at[FREE * i + 2], at[FREE * i + 3]
         one, two = PERCENT_90 * spread[FREE * i + 2 : FREE * i + 4]
         low, high = log_ratio - two, log_ratio + two
+        low, high = (max(low, 0.0), high) if disc.conducts else (low, min(high, 0.0))
         found.append(
             {
                 "x": (disc.x, disc.x - half[0], disc.x + half[0]),
