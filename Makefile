@@ -83,6 +83,7 @@ real: .venv/installed
 	else \
 	  echo "eitskin: learning from the real recordings in $(EITSKIN_DATA)"; \
 	  $(RUN) all $(REAL) --configfile workflow/config/real.yaml && cat $(SAID) \
+	    && $(BIN)/python -m concealed.objects results/objects \
 	    && { $(BIN)/eitskin check "$(BROKEN)"; [ $$? -eq 2 ]; }; \
 	fi
 

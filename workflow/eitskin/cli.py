@@ -56,6 +56,8 @@ def _parser() -> argparse.ArgumentParser:
     comparing.add_argument("control", help="the earlier recording, in any known format")
     comparing.add_argument("later", help="the later one, read in the same way")
     _add_reading(comparing)
+    part = "of LATER, frames otherwise left out: target (pyeidors-tank), v_rotate:K (iirc-tank)"
+    comparing.add_argument("--part", help=part)
     comparing.add_argument("--out", help="the folder to write, by default comparison-A-vs-B")
     comparing.set_defaults(run=_compare)
     rig.add(commands)
@@ -85,11 +87,11 @@ def _add_anyway(command: argparse.ArgumentParser) -> None:
     )
 
 
-def _load(file: str, arguments: argparse.Namespace) -> Recording:
+def _load(file: str, arguments: argparse.Namespace, part: str | None = None) -> Recording:
     """A recording, with what its owner states of its channels and of the skin."""
     protocol = arguments.order, arguments.drive, arguments.measure
     said = {} if arguments.skin is None else stated.read(arguments.skin)
-    loaded = importers.load(file, arguments.format, *protocol)
+    loaded = importers.load(file, arguments.format, *protocol, part)
     return stated.apply(said, loaded, arguments.skin)
 
 
@@ -159,9 +161,12 @@ def _compare(arguments: argparse.Namespace) -> int:
 
     files = (arguments.control, arguments.later)
     names = tuple(Path(file).stem for file in files)
-    if names[0] == names[1]:
+    if arguments.part is not None:
+        names = (names[0], f"{names[1]}, {arguments.part}")
+    elif names[0] == names[1]:
         names = files
-    recordings = (_load(file, arguments) for file in files)
+    parts = None, arguments.part
+    recordings = (_load(file, arguments, part) for file, part in zip(files, parts, strict=True))
     sentences, difference = difference_words.compared(*recordings, names)
     said = result.of_difference(list(names), sentences, difference)
     stems = "-vs-".join(Path(file).stem for file in files)

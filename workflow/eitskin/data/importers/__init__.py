@@ -3,7 +3,9 @@
 A format is a module of its name with `matches(path) -> bool`, by content, `load(path) -> Recording`
 and, where that reads more than one file, `files(path) -> list[Path]`; FORMATS has a line for each.
 `LEFT_OPEN` names the settings that its files do not state and `load` takes (`order`, `drive`,
-`measure`); `refusal(path) -> InputError | None` says what a file lacks to be one of the format.
+`measure`); `PARTS` the names of frames that it leaves out unless `load` is given one as `part`, of
+several frames with a number, `NAME:3`; `refusal(path) -> InputError | None` says what a file lacks
+to be one of the format.
 """
 
 from dataclasses import replace
@@ -62,13 +64,15 @@ def load(
     order: str | None = None,
     drive: str | None = None,
     measure: str | None = None,
+    part: str | None = None,
 ) -> Recording:
     """Read a recording of any known format, told by its content unless `format` names it.
 
     `order` takes its readings as standing in that one of `channel_order.ORDERS`; `drive` and
-    `measure` name the pairs where the format's files do not. Raises InputError for a file that is
-    not there, of no known format or not as its format has it, and for a setting that the format
-    states itself.
+    `measure` name the pairs where the format's files do not; `part` takes frames alone that the
+    format leaves out, as if nobody touched. Raises InputError for a file that is not there, of no
+    known format or not as its format has it, for a setting that the format states itself and for a
+    part that it has not.
     """
     path = Path(path)
     if format is not None and format not in known():
@@ -82,6 +86,12 @@ def load(
     taken = {
         key: given[key] for key in getattr(FORMATS.get(format), "LEFT_OPEN", ()) if key in given
     }
+    if part is not None:
+        parts = getattr(FORMATS.get(format), "PARTS", ())
+        if part.partition(":")[0] not in parts:
+            expected = f"one of {', '.join(parts)}" if parts else f"none: {format} has no parts"
+            raise InputError(path, "part", repr(part), expected)
+        taken["part"] = part
     for key in (key for key in given if key not in taken and key != "order"):
         expected = f"none: the format {format} states its own"
         raise InputError(path, f"setting {key}", repr(given[key]), expected)

@@ -6,7 +6,8 @@ u[j+1] with current entering at k: so the sign agrees with a homogeneous disc's 
 
 The rod's places were not written down, so its frames cannot be touches; and they are not untouched
 either. They are left out, as are the 48 readings that share an electrode with their drive (the
-drive pair itself reads 15 times less than its neighbour there): `source` says so.
+drive pair itself reads 15 times less than its neighbour there): `source` says so. As the part
+`v_rotate:K` the rod's frame K is read alone, as a skin that nobody touches.
 """
 
 from pathlib import Path
@@ -21,11 +22,13 @@ from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
 
 ARRAYS = ("v_reference", "v_rotate")
+PARTS = ARRAYS[1:]
 N_ELECTRODES = 16
 SOURCE = (
     "eidors3d/eidors-readonly, {name} (the empty tank; {left_out} frames with a rod at unknown "
     "places and 48 readings at driven electrodes left out)"
 )
+ROD = "eidors3d/eidors-readonly, {name} (frame {frame} with a rod at an unknown place)"
 # Tank 20 cm across, water 6 cm deep, round electrodes of 1 cm: the file's own description.
 SKIN = {
     "radius_mm": 100.0,
@@ -40,8 +43,9 @@ def matches(path: Path) -> bool:
     return matlab(path, ARRAYS) is not None
 
 
-def load(path: Path) -> Recording:
-    """The one frame of the empty tank; raises InputError for another size."""
+def load(path: Path, part: str | None = None) -> Recording:
+    """The one frame of the empty tank, or one with the rod; raises InputError for another size, and
+    for a frame that is not there."""
     content = matlab(path, ARRAYS)
     if content is None:
         raise InputError(path, "arrays", "not both", f"{', '.join(ARRAYS)} in a MATLAB file")
@@ -51,6 +55,13 @@ def load(path: Path) -> Recording:
     channels = channel_table(N_ELECTRODES)
     reading = readings(reference)
     source = SOURCE.format(name=path.name, left_out=rotated.shape[1])
+    if part is not None:
+        frame = part.partition(":")[2]
+        if not frame.isdigit() or int(frame) >= rotated.shape[1]:
+            expected = f"{ARRAYS[1]}:0 to {ARRAYS[1]}:{rotated.shape[1] - 1}"
+            raise InputError(path, "part", repr(part), expected)
+        reading = readings(rotated[:, [int(frame)]])
+        source = ROD.format(name=path.name, frame=int(frame))
     metadata = describe(channels, even_angles(N_ELECTRODES), source, "signed", skin=SKIN)
     frames = frames_table(np.zeros(1), np.zeros(1, dtype=bool))
     return Recording(frames, reading.real, reading.imag, None, metadata)

@@ -4,7 +4,8 @@ Columns: reference real, imaginary, target real, imaginary. Drive k is (k, k+1);
 j+1), j = k+2 ... k+14, wrap round and are read as u[j+1] - u[j] (the sign of a homogeneous disc,
 correlation -0.998 with the other). The target frame has objects in the tank, of which the folder's
 name tells the electrode but nobody the place: it is no touch at a known place and no untouched
-frame, so it is left out, and `source` says so.
+frame, so it is left out, and `source` says so. As the part `target` it is read alone, as a skin
+that nobody touches, to be compared with the reference.
 """
 
 from pathlib import Path
@@ -22,10 +23,12 @@ from eitskin.physics.protocol import channel_table
 N_ELECTRODES = 16
 COLUMNS = 4
 ORDER = "drive-plus-ascending-own"
+PARTS = ("target",)
 SOURCE = (
     "CBZ199671/PyEIDORS, {name} (the reference frame; the target frame, objects at unknown places, "
     "left out)"
 )
+TARGET = "CBZ199671/PyEIDORS, {name} (the target frame, objects at unknown places)"
 
 
 def matches(path: Path) -> bool:
@@ -39,8 +42,9 @@ def channels_from_drive() -> np.ndarray:
     return channels[ORDERS[ORDER].permutation(channels, N_ELECTRODES)]
 
 
-def load(path: Path) -> Recording:
-    """The one reference frame; raises InputError for another size or what is no number."""
+def load(path: Path, part: str | None = None) -> Recording:
+    """The one reference frame, or the target's; raises InputError for another size or what is no
+    number."""
     with path.open(encoding="utf-8-sig") as lines:
         table = numbers(path, lines, COLUMNS, ",")
     channels = channels_from_drive()
@@ -49,8 +53,9 @@ def load(path: Path) -> Recording:
     metadata = describe(
         swap_measured(channels),
         even_angles(N_ELECTRODES),
-        SOURCE.format(name=path.name),
+        (SOURCE if part is None else TARGET).format(name=path.name),
         "signed",
     )
     frames = frames_table(np.zeros(1), np.zeros(1, dtype=bool))
-    return Recording(frames, table[None, :, 0], table[None, :, 1], None, metadata)
+    real, imaginary = table[:, :2].T if part is None else table[:, 2:].T
+    return Recording(frames, real[None], imaginary[None], None, metadata)

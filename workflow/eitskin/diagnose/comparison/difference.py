@@ -1,9 +1,10 @@
-"""What changed between two recordings of one skin, without a model of the skin.
+"""What changed between two recordings of one skin; but for objects in it, without a model of it.
 
 The control and the later recording share whatever their simulation does not explain. What is left
 of their difference beside that which a skin does without a fault (`wander`) is explained by the
 fault with the most `evidence`, of those whose change the control's own readings foretell
-(`faults`). A name is given where the evidence reaches a threshold and no fault at another site has
+(`faults`), or by objects that conduct otherwise (`objects`), where the control reads as an even
+sheet does. A name is given where the evidence reaches a threshold and no fault at another site has
 nearly as much, but for one that can do the same by more freedom. A fault that begins within the
 later recording is looked for from each of its quarters on; the frames before that count for the
 control.
@@ -20,6 +21,7 @@ from eitskin.diagnose.comparison import faults
 from eitskin.diagnose.comparison.evidence import Evidence, Explained
 from eitskin.diagnose.comparison.faults import Control, Signature
 from eitskin.diagnose.comparison.interference import limit, louder, tone_power
+from eitskin.diagnose.comparison.objects import EXPLAINS, Objects, Sheet, Sought, sought
 from eitskin.diagnose.comparison.potentials import Potentials
 from eitskin.diagnose.comparison.wander import Wander, wander
 from eitskin.errors import InputError
@@ -41,7 +43,8 @@ ALIKE = ("voltage", "values", "unit")
 class Pair:
     """Untouched readings of two recordings of one skin: control (N, M), later (N', M), V, NaN where
     lost; rows (N',): which frames of the later recording these are; moment_s (M,): when each
-    channel is read, None where unknown."""
+    channel is read, None where unknown; electrode_deg (n,) and radius_mm of the skin, None where
+    unknown."""
 
     names: tuple[str, str]
     channels: np.ndarray
@@ -51,6 +54,8 @@ class Pair:
     control: np.ndarray
     later: np.ndarray
     rows: np.ndarray
+    electrode_deg: np.ndarray | None = None
+    radius_mm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -58,7 +63,8 @@ class Found:
     """A fault that was found. rival: the best at another site, None without one; named: whether it
     has the evidence and the margin; alternatives: names of others at the same site that have nearly
     as much; since: the row of the later recording where it begins, 0 if it was there from the
-    first; change (M,): what it changed, V; ratio: by which share of the same readings."""
+    first; change (M,): what it changed, V; ratio: by which share of the same readings; of objects,
+    inside: what is known of them."""
 
     explained: Explained
     rival: Explained | None
@@ -66,6 +72,7 @@ class Found:
     since: int
     change: np.ndarray
     ratio: float
+    inside: "Inside | None" = None
 
     @property
     def name(self) -> str:
@@ -81,7 +88,18 @@ class Found:
     def named(self) -> bool:
         """Whether it may be given as the answer."""
         enough = self.explained.evidence >= THRESHOLD and self.margin >= MARGIN
-        return enough and not self.explained.spread
+        clear = self.inside is None or self.inside.explained >= EXPLAINS
+        return enough and clear and not self.explained.spread
+
+
+@dataclass(frozen=True)
+class Inside:
+    """Of objects: the share of the difference's square that they explain, standard deviations of
+    their coordinates (4 k,), and the misfit on reciprocal pairs held out."""
+
+    explained: float
+    spread: np.ndarray
+    held_out: dict
 
 
 @dataclass(frozen=True)
@@ -130,7 +148,11 @@ def pair(control: Recording, later: Recording, names: tuple[str, str]) -> Pair:
     n = max(control.n_electrodes, later.n_electrodes)
     signed = control.metadata["voltage"] == "signed"
     readings = [r.voltage[rows] for r, rows in zip((control, later), still, strict=True)]
-    return Pair(names, control.channels, n, signed, moment_s, *readings, still[1])
+    skin = control.metadata["skin"]
+    angle = skin.get("electrode_deg")
+    angle = None if angle is None or len(angle) != n else np.array(angle, float)
+    place = angle, skin.get("radius_mm")
+    return Pair(names, control.channels, n, signed, moment_s, *readings, still[1], *place)
 
 
 def _untouched(recording: Recording, name: str) -> np.ndarray:
@@ -149,7 +171,10 @@ def difference(control: Recording, later: Recording, names: tuple[str, str]) -> 
     both = pair(control, later, names)
     read = np.isfinite(both.control).any(axis=0) & np.isfinite(both.later).any(axis=0)
     potentials = Potentials(both.channels, both.n, read)
-    judged = _begun(both, potentials)
+    sheet = None
+    if both.electrode_deg is not None:
+        sheet = Sheet(both.channels, both.electrode_deg, both.signed)
+    judged = _begun(both, potentials, sheet).settled()
     found = []
     while judged.ranked and judged.most() >= THRESHOLD:
         one = judged.found()
@@ -159,20 +184,22 @@ def difference(control: Recording, later: Recording, names: tuple[str, str]) -> 
         if not one.named or len(found) == MOST_FOUND:
             break
         known = [part for each in found for part in each.explained.parts]
-        judged = _Begun(both, judged.first, potentials, known)
+        judged = _Begun(both, judged.first, potentials, sheet, known).settled()
     common = _common(judged.wander)
     return Difference(both, found, _lost(both), judged.wander, common)
 
 
-def _begun(both: Pair, potentials: Potentials) -> "_Begun":
+def _begun(both: Pair, potentials: Potentials, sheet: Sheet | None) -> "_Begun":
     """The pair judged from the frame on from which a fault has the most evidence."""
-    tried = {first: _Begun(both, first, potentials) for first in _beginnings(len(both.later))}
+    tried = {}
+    for first in _beginnings(len(both.later)):
+        tried[first] = _Begun(both, first, potentials, sheet)
     for _ in range(2):
         best = max(tried.values(), key=_Begun.most)
         first = best.beginning() if best.ranked else 0
         if first in tried:
             break
-        tried[first] = _Begun(both, first, potentials)
+        tried[first] = _Begun(both, first, potentials, sheet)
     best = max(tried.values(), key=_Begun.most)
     return best if best.most() > tried[0].most() + BEGINS else tried[0]
 
@@ -201,7 +228,12 @@ class _Begun:
     are signatures that are found already."""
 
     def __init__(
-        self, both: Pair, first: int, potentials: Potentials, known: Sequence[Signature] = ()
+        self,
+        both: Pair,
+        first: int,
+        potentials: Potentials,
+        sheet: Sheet | None,
+        known: Sequence[Signature] = (),
     ):
         self.pair, self.first = both, first
         self.before = np.concatenate([both.control, both.later[:first]])
@@ -214,7 +246,33 @@ class _Begun:
         self.evidence = Evidence(self.wander, known)
         self.families = self._families(known) if self.wander.count > 0 else []
         ranked = [self._best(family) for family in self.families]
+        self.sought = self._sought(sheet, known)
+        self._rank(ranked, self.sought and self.sought.first())
+
+    def _rank(self, ranked: list[Explained], objects: Explained | None) -> None:
+        """Explanations, and objects with them, in order of their evidence."""
+        if objects is not None:
+            ranked = [*ranked, objects]
+            self.families.append(list(objects.parts))
         self.ranked = sorted(ranked, key=lambda e: -e.evidence)
+
+    def settled(self) -> "_Begun":
+        """With as many objects as explain most: dear, so not for every frame to begin with."""
+        if self.sought is not None:
+            ranked = [e for e in self.ranked if not isinstance(e.parts[0], Objects)]
+            self.families = [f for f in self.families if not isinstance(f[0], Objects)]
+            self._rank(ranked, self.sought.best())
+        return self
+
+    def _sought(self, sheet: Sheet | None, known: Sequence[Signature]) -> Sought | None:
+        """Objects, where they can be simulated, none were found before and one explains some."""
+        if sheet is None or self.wander.count < 1:
+            return None
+        if any(isinstance(part, Objects) for part in known):
+            return None
+        if not sheet.agrees(self.wander.mean, self.wander.usable):
+            return None
+        return sought(sheet, self.evidence, known)
 
     def _families(self, known: Sequence[Signature]) -> list[list[Signature]]:
         found = faults.families(self.control)
@@ -263,6 +321,9 @@ class _Begun:
         others = [e for e in self.ranked if e.place != best.place]
         if family is not self.tones and len(family) > 1:
             others.append(self.evidence.elsewhere(best, family))
+        objects = isinstance(best.parts[0], Objects)
+        if objects:
+            others += filter(None, [self.sought.other_sign(best), *self.sought.beside()])
         others.sort(key=lambda e: -e.evidence)
         rival = next((e for e in others if not self.evidence.holds(e, best)), None)
         near = [e for e in self.ranked if e.place == best.place]
@@ -273,7 +334,11 @@ class _Begun:
         ratio = float(change @ mean / (mean @ mean)) if mean.any() else np.inf
         first = self.beginning(change)
         since = int(self.pair.rows[first]) if first else 0
-        return Found(best, rival, alternatives, since, change, ratio)
+        inside = None
+        if objects:
+            told = (self.sought.explained, self.sought.spread, self.sought.held_out)
+            inside = Inside(*(each(best) for each in told))
+        return Found(best, rival, alternatives, since, change, ratio, inside)
 
     def _simplest(self) -> Explained:
         """The best fault, or a narrower one that it holds with nearly as much evidence."""

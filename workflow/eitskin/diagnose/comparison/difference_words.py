@@ -1,5 +1,7 @@
 """What a difference of two recordings says, in words, and as an entry of comparison.json."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from eitskin.data.recording import Recording
@@ -12,6 +14,7 @@ from eitskin.diagnose.comparison.difference import (
     difference,
 )
 from eitskin.diagnose.comparison.evidence import Explained
+from eitskin.diagnose.comparison.objects import EXPLAINS, NAME, Disc, ends
 from eitskin.diagnose.words import sites
 from eitskin.effects.effect import SITES
 from eitskin.physics.protocol import reciprocal_channels
@@ -60,12 +63,47 @@ def _entry(one: Found, found: Difference) -> dict:
         "named": one.named,
         "alternatives": list(one.alternatives),
         "ratio": one.ratio if np.isfinite(one.ratio) else None,
+        "objects": _objects(one, found),
+        "explained": one.inside and one.inside.explained,
+        "held_out": one.inside and one.inside.held_out,
         "since_frame": one.since,
         "evidence_nats": one.explained.evidence,
         "odd_share": odd_share(found, one.change),
         "rival": None if rival is None else {**_placed(rival), "evidence_nats": rival.evidence},
         "sentence": _sentence(one, found),
     }
+
+
+def _objects(one: Found, found: Difference) -> list[dict]:
+    """Objects, one an entry: which way they conduct, and where, in mm too where the skin's radius
+    is known; 90 % intervals, an end that nothing holds null."""
+    if one.inside is None:
+        return []
+    entries = []
+    part = one.explained.parts[0]
+    for disc, known in zip(part.discs, ends(part.at, one.inside.spread), strict=True):
+        entry = {"conducting": disc.conducts, "angle_deg": _angle(disc)}
+        for key, numbers in known.items():
+            name = "contrast" if key == "ratio" else f"{key}_of_radius"
+            entry[name] = _estimate(numbers, "1")
+            if key != "ratio":
+                radius = found.pair.radius_mm
+                scaled = radius and [radius * value for value in numbers]
+                entry[f"{key}_mm"] = _estimate(scaled, "mm") if radius else None
+        entries.append(entry)
+    return entries
+
+
+def _estimate(numbers: Sequence[float], unit: str) -> dict:
+    """Value, low and high; an infinite end, and the 0 of a ratio at its bound, are null."""
+    value, low, high = (float(each) for each in numbers)
+    held = {"low": low if low != 0 else None, "high": high if np.isfinite(high) else None}
+    return {"value": value, **held, "unit": unit}
+
+
+def _angle(disc: Disc) -> float:
+    """Degrees, as electrodes' angles are counted."""
+    return float(np.degrees(np.arctan2(disc.y, disc.x)) % 360.0)
 
 
 def _placed(explained: Explained) -> dict:
@@ -88,7 +126,9 @@ def sentences(found: Difference) -> list[str]:
         said.append(f"Most changed {_most(found)}.")
     for one in found.found:
         share = odd_share(found, one.change if one.named else found.wander.change)
-        if share is not None and share < PASSIVE and one.name != "electrode-swap":
+        if one.inside is not None:
+            said.append(_of_objects(one, found))
+        elif share is not None and share < PASSIVE and one.name != "electrode-swap":
             said.append(
                 f"As much as {1.0 - share:.0%} of this is the same with drive and measurement"
                 " exchanged: so it may be the passive skin, or a contact, near by, rather than the"
@@ -122,6 +162,8 @@ def _sentence(one: Found, found: Difference) -> str:
     nats = f"{one.explained.evidence:.0f} nats"
     if not one.named:
         why = "it sits at more sites than one fault has"
+        if one.inside is not None and one.inside.explained < EXPLAINS:
+            why = f"it leaves {1.0 - one.inside.explained:.0%} of the change's square unexplained"
         if one.rival is not None and one.margin < MARGIN:
             why = f"{_short(one.rival)} explains it as well ({one.rival.evidence:.0f} nats)"
         return (
@@ -144,6 +186,11 @@ def _what(one: Found, found: Difference) -> str:
         return f"{number(volt)} is added to {place}"
     if name == "adc-nonlinearity":
         return _converter(one, found)
+    if one.inside is not None:
+        discs = one.explained.parts[0].discs
+        told = listed([_object(disc, found) for disc in discs])
+        some = "something lies" if len(discs) == 1 else f"{len(discs)} things lie"
+        return f"{some} in the skin: {told}"
     if name == "channel-gain" and len(one.explained.parts) == 1:
         m = one.explained.parts[0].sites[0]
         left = np.abs(found.wander.mean[m] + one.change[m])
@@ -153,6 +200,28 @@ def _what(one: Found, found: Difference) -> str:
     more = "more" if one.ratio > 0 else "less"
     return WHAT[name].format(
         where=where, reads="read" if several else "reads", ratio=f"{abs(one.ratio):.2%} {more}"
+    )
+
+
+def _object(disc: Disc, found: Difference) -> str:
+    """One object: which way it conducts and where."""
+    which = "a conducting one" if disc.conducts else "an insulating one"
+    at = f"at {_angle(disc):.0f}°"
+    radius = found.pair.radius_mm
+    if radius is None:
+        return f"{which} {at}, {number(np.hypot(disc.x, disc.y), 2)} of the radius from the centre"
+    return f"{which} {at}, at x = {radius * disc.x:.0f} mm, y = {radius * disc.y:.0f} mm"
+
+
+def _of_objects(one: Found, found: Difference) -> str:
+    """How well objects explain, and what their simulation is."""
+    held = one.inside.held_out
+    left = number(held["rms_after"] / held["rms_before"], 2)
+    return (
+        f"Simulated on an even disc, this conductivity-patch explains {one.inside.explained:.0%} of"
+        " the change's square; on reciprocal pairs held out the misfit falls to"
+        f" {left} of what it is without. In a deep tank the disc is only the nearest: trust the"
+        " place more than the size."
     )
 
 
@@ -183,6 +252,11 @@ def _channels(which, found: Difference) -> str:
 
 def _short(explained: Explained) -> str:
     placed = _placed(explained)
+    if explained.name == NAME:
+        signs = [
+            "conducting" if disc.conducts else "insulating" for disc in explained.parts[0].discs
+        ]
+        return f"{NAME} ({listed(signs)})"
     return " at ".join(filter(None, [explained.name, sites(placed)]))
 
 

@@ -96,8 +96,8 @@ def _of_difference(said: dict) -> list[str]:
         lines += [f"<p>{escape(s)}</p>" for s in rest[1:]]
     frames = " and ".join(str(n) for n in found["untouched_frames"])
     lines.append(
-        f"<p class='quiet'>Found from {frames} untouched frames, without a model of the skin. A"
-        f" name needs {number(found['threshold_nats'])} nats of evidence and"
+        f"<p class='quiet'>Found from {frames} untouched frames, but for objects without a model of"
+        f" the skin. A name needs {number(found['threshold_nats'])} nats of evidence and"
         f" {number(found['margin_nats'])} more than any other site.</p>"
     )
     return lines
