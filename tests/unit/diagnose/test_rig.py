@@ -433,15 +433,19 @@ def test_a_frame_alone_has_what_moves_its_readings_together():
     alone = rig.alone(SIZES)
     values = np.random.default_rng(2).normal(size=(FRAMES, CHANNELS))
     row, there = 7, rig.plain.mask[7]
-    covariance = np.diag(rig.plain.sd[there] ** 2)
+    variance = rig.plain.sd**2
+    for name in CHANNEL:
+        square = (SIZES[name] * rig.columns[name]) ** 2
+        variance = variance + square.sum(axis=(0, 1)) / rig.plain.mask.sum(axis=0)
+    covariance = np.diag(variance[there])
     for name in TOGETHER:
         if name in SIZES:
             columns = SIZES[name] * rig.columns[name][:, row, there]
             covariance += columns.T @ columns
     expected = values[row, there] @ np.linalg.solve(covariance, values[row, there])
     assert np.isclose((alone(values)[row] ** 2).sum(), expected)
-    # What is of a channel or a press is none of its own.
-    assert np.allclose(alone(values), rig.alone({n: SIZES[n] for n in FRAME})(values))
+    # What is of a press is none of its own.
+    assert np.allclose(alone(values), rig.alone({n: SIZES[n] for n in FRAME + CHANNEL})(values))
 
 
 def test_fits_have_wide_quadrature_and_lasting_errors_linked():

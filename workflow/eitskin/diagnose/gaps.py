@@ -66,9 +66,7 @@ def gaps(search: Search, state: State, index: int, within: float = CLOSE * CONFU
             fitted = _fitted(target, tangents, less.effects, candidate)
         if fitted is not None:
             gap = min(gap, float(np.sqrt(fitted.chi2)))
-            if gap < CONFUSED and name in TWO_SIDED:
-                trial = replace(state, fit=fitted)
-                _declare(nearest, search, trial, len(less.effects), gap)
+            _declare_rival(nearest, search, state, fitted, gap)
         nearest[name] = min(float(gap), nearest.get(name, np.inf))
     _declare(nearest, search, state, index, 0.0)
     nearest.pop(effect.name, None)
@@ -84,6 +82,15 @@ def _declare(
     for identity, side in declared(search, state, index):
         for name in identity.instead:
             nearest[name] = min(max(gap, side.gap), nearest.get(name, np.inf))
+
+
+def _declare_rival(
+    nearest: dict[str, float], search: Search, state: State, fitted: Fit, gap: float
+) -> None:
+    """The same of a rival, the last effect of its fit, that could be what was found."""
+    if gap < CONFUSED and fitted.effects[-1].name in TWO_SIDED:
+        trial = replace(state, fit=fitted)
+        _declare(nearest, search, trial, len(fitted.effects) - 1, gap)
 
 
 def _gaps_afar(search: Search, state: State, index: int, within: float) -> list[Gap]:
@@ -110,7 +117,10 @@ def _gaps_afar(search: Search, state: State, index: int, within: float) -> list[
             fitted = _fitted_from(target, rough, [*less.effects, candidate], theta)
         elif gap < within and not search.spent:
             fitted = _fitted(target, tangents, less.effects, candidate)
-        nearest[name] = float(gap if fitted is None else np.sqrt(fitted.chi2))
+        if fitted is not None:
+            gap = float(np.sqrt(fitted.chi2))
+            _declare_rival(nearest, search, state, fitted, gap)
+        nearest[name] = min(float(gap), nearest.get(name, np.inf))
     _declare(nearest, search, state, index, 0.0)
     nearest.pop(state.effects[index].name, None)
     found = [Gap(name, min(gap, snr), snr) for name, gap in nearest.items()]

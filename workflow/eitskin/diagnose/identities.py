@@ -22,8 +22,14 @@ from eitskin.diagnose.search.screen import explained, sparse
 from eitskin.diagnose.search.search import Search, State
 from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.tangents import Tangents
-from eitskin.effects import EFFECTS
+from eitskin.effects.anisotropy import Anisotropy
+from eitskin.effects.contact_impedance import ContactImpedance
+from eitskin.effects.domain_shape import DomainShape
+from eitskin.effects.drive_gain import DriveGain
 from eitskin.effects.effect import Moment, Setting, SkinEffect
+from eitskin.effects.electrode_position import ElectrodePosition
+from eitskin.effects.electrode_width import ElectrodeWidth
+from eitskin.effects.registration import Registration
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
 from eitskin.quantities import listed, number, quantity
@@ -89,7 +95,7 @@ class Found:
         change = own.problem.whitening(voltage - there).ravel()
         if places_follow:
             places = tuple(range(len(self.model.believed.electrode_deg)))
-            like, shift = self.effect, EFFECTS["electrode-position"]
+            like, shift = self.effect, ElectrodePosition()
             every = Candidate(shift, "electrodes", places, "dense", {}, like.skin, like.scales)
             tangents = Tangents(own, reversed(self.search.tangents.values()))
             change, columns = tangents.away(change), tangents.of(every)
@@ -186,21 +192,21 @@ def carried(geometry: Geometry, base: Geometry, ratio: float, angle_deg: float) 
     for k in range(HARMONICS + 1):
         size, phase = abs(spectrum[k]) * (2.0 if k else 1.0), -np.degrees(np.angle(spectrum[k]))
         values = {"harmonic": k, "amplitude": size, "phase_deg": phase}
-        chosen.append(Setting(EFFECTS["domain-shape"], None, values))
+        chosen.append(Setting(DomainShape(), None, values))
     half = geometry.electrode_width_mm / (2.0 * geometry.radius_mm)
     phi = np.radians(geometry.electrode_deg)
     first, last = angle(phi - half), angle(phi + half)
     shift = np.degrees(0.5 * (first + last)) - base.electrode_deg
-    per_electrode = {"electrode-position": {"shift_deg": shift}}
+    per_electrode = [(ElectrodePosition(), {"shift_deg": shift})]
     if not geometry.points:
         node, weight = np.polynomial.legendre.leggauss(16)
         slope = geometry.rim(phi[:, None] + half[:, None] * node, 1)
         stretch = (np.abs(plane.unfold(slope)) @ weight) / (np.abs(slope) @ weight)
         contact = geometry.contact_impedivity_ohm_m2 / base.contact_impedivity_ohm_m2
-        per_electrode["electrode-width"] = {"width_mm": base.radius_mm * (last - first)}
-        per_electrode["contact-impedance"] = {"ratio": contact * stretch}
+        per_electrode.append((ElectrodeWidth(), {"width_mm": base.radius_mm * (last - first)}))
+        per_electrode.append((ContactImpedance(), {"ratio": contact * stretch}))
     sites = np.arange(len(phi))
-    chosen += [Setting(EFFECTS[n], sites, v, "electrodes") for n, v in per_electrode.items()]
+    chosen += [Setting(effect, sites, v, "electrodes") for effect, v in per_electrode]
     return chosen
 
 
@@ -240,7 +246,7 @@ def _directed(found: Found) -> Side | None:
         return None
     ratio = float(np.exp(2.0 * found.values["amplitude"]))
     angle = 0.5 * found.values["phase_deg"] + 90.0
-    tensor = Setting(EFFECTS["anisotropy"], None, {"ratio": ratio, "angle_deg": angle})
+    tensor = Setting(Anisotropy(), None, {"ratio": ratio, "angle_deg": angle})
     reading = (
         f"As well the skin may be round, and its gel conduct {number(ratio)} times as well along"
         f" {_degrees(angle)} as across. Measure the rim with a ruler."
@@ -259,7 +265,7 @@ def _stretched(found: Found) -> Side | None:
     if 0.5 * abs(wave) ** 2 < WAVE * np.var(shift):
         return None
     problem, state = found.state.fit.problem, found.state
-    kind, like = EFFECTS["anisotropy"], found.effect
+    kind, like = Anisotropy(), found.effect
     tensor = Candidate(kind, None, None, "", {}, like.skin, like.scales)
     turn = 2.0 * np.conj(wave) / like.scales.of(kind.parameters["ratio"])
     effects = [c for i, c in enumerate(state.effects) if i != found.index]
@@ -304,7 +310,7 @@ def _all_gains(found: Found) -> Side | None:
         return None
     better = Setting(_Conductivity(), None, {"ratio": ratio})
     drives = np.unique(found.model.channels[:, 0])
-    gain = Setting(EFFECTS["drive-gain"], drives, {"gain": ratio}, "drives")
+    gain = Setting(DriveGain(), drives, {"gain": ratio}, "drives")
     sigma = found.model.skin(found.knobs).conductivity_S_per_m * ratio
     reading = (
         f"As well all currents, or all readings, may be {number(ratio)} times what is stated, and"
@@ -315,7 +321,7 @@ def _all_gains(found: Found) -> Side | None:
 
 def _size(found: Found) -> Side | None:
     """Of contacts all alike: the size of the skin, its electrodes' angles kept."""
-    ratio, shape = _factor(found), EFFECTS["domain-shape"]
+    ratio, shape = _factor(found), DomainShape()
     if ratio is None or found.effect.name == "domain-shape":
         return None
     larger = 1.0 / ratio - 1.0
@@ -334,7 +340,7 @@ def _contacts(found: Found) -> Side | None:
     if ratio is None or found.effect.name == "contact-impedance":
         return None
     sites = np.arange(len(found.model.believed.electrode_deg))
-    every = Setting(EFFECTS["contact-impedance"], sites, {"ratio": ratio}, "electrodes")
+    every = Setting(ContactImpedance(), sites, {"ratio": ratio}, "electrodes")
     reading = (
         f"As well the skin may have its size and every contact {number(ratio)} times the impedance"
         " that is assumed. Measure the skin with a ruler."
@@ -423,13 +429,13 @@ def _turned(found: Found, shifted: bool) -> Side | None:
     if turned["low"] <= 0.0 <= turned["high"]:
         return None
     sites = np.arange(len(found.model.believed.electrode_deg))
-    ring = Setting(EFFECTS["electrode-position"], sites, {"shift_deg": -turn}, "electrodes")
+    ring = Setting(ElectrodePosition(), sites, {"shift_deg": -turn}, "electrodes")
     chosen, what = [*found.others(), ring], "The touches may as well be where they are reported"
     if shifted:
         shift = complex(found.values["dx_mm"], found.values["dy_mm"])
         shift *= np.exp(-1j * np.radians(turn))
         values = {"dx_mm": shift.real, "dy_mm": shift.imag, "rotation_deg": 0.0}
-        chosen.append(Setting(EFFECTS["registration"], None, values))
+        chosen.append(Setting(Registration(), None, values))
         what = "The touches may as well be shifted alone"
     reading = (
         f"{what} and all electrodes turned by {number(-turn)}°. Hold electrode 0 against a mark on"

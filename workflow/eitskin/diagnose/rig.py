@@ -155,13 +155,20 @@ class Rig:
         return {key: np.sqrt(square) for key, square in found.items()}
 
     def alone(self, sizes: Mapping[str, float]) -> Whitening:
-        """Each frame's covariance by itself with its touch where it is: noise, and what moves its
-        readings together."""
+        """Each frame's covariance by itself with its touch where it is: noise, what moves its
+        readings together, and the rms that the errors of a channel have. What physics without a
+        name may explain no touch is followed for."""
         own = [sizes.get(n, 0.0) * self.columns[n] for n in TOGETHER if n in self.columns]
         none = np.zeros((0, *self.plain.mask.shape))
+        variance = self.plain.sd**2
+        count = np.maximum(self.plain.mask.sum(axis=0), 1)
+        for name, columns in self.columns.items():
+            if COMPONENTS[name].each == "channel":
+                square = (sizes.get(name, 0.0) * columns) ** 2
+                variance = variance + square.sum(axis=(0, 1)) / count
         errors = RigErrors(none, np.concatenate([none, *own]), none)
         still = np.zeros_like(self.plain.rho)
-        return replace(self.plain, rho=still, correlation=0.0, errors=errors)
+        return replace(self.plain, sd=np.sqrt(variance), rho=still, correlation=0.0, errors=errors)
 
     def followed(self, strays: Mapping[str, np.ndarray]) -> np.ndarray:
         """(N, M): what strays (N,) change in the readings, in proportion; 0 where the physics has

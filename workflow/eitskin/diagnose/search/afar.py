@@ -1,7 +1,8 @@
-"""Where fits begin of candidates that no tangent leads to: a body in place of a sheet.
+"""Where fits begin that no tangent leads to: of a body in place of a sheet, of electrodes much
+wider than their owner would guess.
 
-What the beliefs and a candidate leave is computed at a few of its sizes and a few contact
-impedances, one common factor free; a fit from the best of these goes the rest of the way.
+What the beliefs and a candidate leave is computed at a few of its sizes and of what nobody knows of
+the contacts, one common factor free; a fit from the best of these goes the rest of the way.
 """
 
 from itertools import product
@@ -13,7 +14,8 @@ from eitskin.diagnose.fit import Problem
 from eitskin.errors import InputError
 
 SCALE = ("factor", "current_A")  # calibrations of which one is the readings' scale
-CONTACTS = (-2.0, 0.0, 2.0)  # coordinates of a contact impedance that nobody knows
+# Coordinates of a contact impedance and of a width that nobody knows.
+CONTACTS, WIDTHS = (-2.0, 0.0, 2.0), (0.0, 1.0, 2.0, 2.5)
 
 
 def is_far(candidate: Candidate) -> bool:
@@ -22,20 +24,28 @@ def is_far(candidate: Candidate) -> bool:
 
 
 def start(
-    problem: Problem, effects: list[Candidate], theta: np.ndarray, candidate: Candidate
+    problem: Problem, effects: list[Candidate], theta: np.ndarray, candidate: Candidate | None
 ) -> tuple[float, np.ndarray]:
     """Least chi squared that the beliefs, effects at theta (P,) and a candidate leave, and the
-    coordinates (P + size,) where they do; infinity where the physics has no such state."""
+    coordinates (P + size,) where they do; infinity where the physics has no such state. Without a
+    candidate, electrodes of unknown width are tried wider too."""
     names = [item.name for item in problem.model.calibrations]
-    contact = [i for i, name in enumerate(names) if name == "contact_impedivity_ohm_m2"]
+    contact, width = (
+        [i for i, own in enumerate(names) if own == name]
+        for name in ("contact_impedivity_ohm_m2", "electrode_width_mm")
+    )
     scale = [i for i, name in enumerate(names) if name in SCALE]
-    least, best = np.inf, np.r_[np.zeros(len(names)), theta[len(names) :], np.zeros(candidate.size)]
+    count, sizes = (candidate.size, candidate.effect.far) if candidate else (0, (0.0,))
+    tried = [candidate] if candidate else []
+    least, best = np.inf, np.r_[np.zeros(len(names)), theta[len(names) :], np.zeros(count)]
     recorded = problem.whitening(problem.recorded)
-    for size, z in product(candidate.effect.far, CONTACTS if contact else CONTACTS[:1]):
-        there = np.r_[np.zeros(len(names)), theta[len(names) :], np.full(candidate.size, size)]
-        there[contact] = z
+    contacts = CONTACTS if contact else CONTACTS[:1]
+    widths = WIDTHS if width and not candidate else WIDTHS[:1]
+    for size, z, w in product(sizes, contacts, widths):
+        there = np.r_[np.zeros(len(names)), theta[len(names) :], np.full(count, size)]
+        there[contact], there[width] = z, w
         try:
-            simulated = problem.whitening(problem.voltage(there, [*effects, candidate]))
+            simulated = problem.whitening(problem.voltage(there, [*effects, *tried]))
         except InputError:
             continue
         factor = float((simulated * recorded).sum() / (simulated**2).sum())

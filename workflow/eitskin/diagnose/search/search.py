@@ -154,7 +154,20 @@ class Search:
         rig: Rig | None = None,
     ) -> State:
         """A fit with its evidence and held-out density; sizes: those of the rig's errors that it
-        has, from which they are learned; rig: these errors about a fit like it."""
+        has, from which they are learned; rig: these errors about a fit like it. A discrepancy may
+        have taken what an effect has to explain: what the fit makes of it without one counts if
+        that is likelier."""
+        found = self._learned_state(fitted, p_values, sizes, rig)
+        named = self.named(found, found.fit)
+        if not found.effects or named is found.fit:
+            return found
+        own = {k: s for k, s in found.sizes.items() if not COMPONENTS[k].discrepancy}
+        other = self._learned_state(stepped(named), p_values, own, found.rig)
+        return found if other.log_evidence <= found.log_evidence else other
+
+    def _learned_state(
+        self, fitted: Fit, p_values: dict | None, sizes: dict[str, float] | None, rig: Rig | None
+    ) -> State:
         sizes, prior, rig = dict(sizes or {}), 0.0, rig or self.rig
         if rig is not None:
             for _ in range(LEARNED):
@@ -194,7 +207,9 @@ class Search:
         best = fit(self.problem, [], start, polish=True)
         if self.rigged and self.rig is None:
             self.rig = Rig.about(best, self.problem.whitening, self.rounding)
-        return self.state(best)
+        near = self.state(best)
+        far = self._from_afar(near, None) if self.rigged and self.fold.ndim == 2 else None
+        return near if far is None or far.log_evidence <= near.log_evidence else far
 
     def as_reported(self, fitted: Fit) -> np.ndarray:
         """(N, M): what a fit has for the touches where they are said to be."""
@@ -578,10 +593,10 @@ class Search:
             return self.problem
         return replace(self.problem, whitening=self.rig.whitening({"static-discrepancy": AFAR}))
 
-    def _from_afar(self, state: State, candidate: Candidate) -> State | None:
-        """`state` with a candidate fitted from the beliefs, whatever the state before has made of
-        them."""
-        effects = [*state.effects, candidate]
+    def _from_afar(self, state: State, candidate: Candidate | None) -> State | None:
+        """`state`, with a candidate where there is one, fitted from the beliefs, whatever the state
+        before has made of them."""
+        effects = [*state.effects, *([candidate] if candidate else [])]
         try:
             with self.problem.model.near.within(self.most_solved):
                 _, start = afar.start(self.rough, state.effects, state.fit.theta, candidate)
