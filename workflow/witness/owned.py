@@ -28,7 +28,9 @@ from witness.world import World
 
 LEVELS = (3e-4, 5e-3)  # noise over the median |v|, from and to
 FRAMES = (20, 60)  # of a recording that nobody touches
-SEEN = 40.0  # SNR of all frames that what is concealed has at least, where the noise can fall so far
+SEEN = (
+    40.0  # SNR of all frames that what is concealed has at least, where the noise can fall so far
+)
 STEP_SEEN = 20.0  # a step's length over one frame's noise, likewise
 MILD = (0.1, 1.0)  # of the usual size of a rig's error
 MILD_CORRELATION = (0.3, 0.9)
