@@ -239,11 +239,13 @@ def _mild(rng: np.random.Generator) -> tuple[RigError, ...]:
 
 
 def _ceiling(rng: np.random.Generator, clean: np.ndarray, channels: np.ndarray) -> float:
-    """A ceiling, V, over all that does not share an electrode with its drive, at which three to
-    nine in ten of the channels that do stop."""
-    level, free = np.abs(clean).max(axis=0), undriven(channels)
-    wanted = np.quantile(level[~free], 1.0 - rng.uniform(0.3, 0.9)) * rng.uniform(0.85, 0.98)
-    return float(f"{max(wanted, 1.05 * level[free].max()):.4g}")
+    """A ceiling, V, over all that shares no electrode with its drive, under all that does or under
+    the pairs that drive alone, which read most."""
+    level, free = np.abs(clean).min(axis=0), undriven(channels)
+    driving = (channels[:, :2] == channels[:, 2:]).all(axis=1)
+    least = level[driving if rng.uniform() < 0.5 else ~free].min()
+    largest = float(np.abs(clean[:, free]).max())
+    return float(f"{max(least * rng.uniform(0.85, 0.98), 1.05 * largest):.4g}")
 
 
 # ---- skins
@@ -273,12 +275,11 @@ def _tank(rng: np.random.Generator, electrodes: str, count: int = 16) -> Skin:
     widest = 0.4 * 2.0 * np.pi * radius / count
     width = _between(rng, 4.0, min(10.0, widest))
     height = {
-        "pins": max(width, depth / 8.0),
+        "pins": min(max(width, depth / 8.0), 0.6 * depth),
         "low strips": depth * rng.uniform(0.3, 0.6),
         "full strips": depth,
     }[electrodes]
-    height = min(float(f"{height:.3g}"), depth)
-    low = 0.5 * height
+    height = float(f"{height:.4g}")
     return Skin(
         radius_mm=radius,
         thickness_mm=depth,
@@ -289,7 +290,7 @@ def _tank(rng: np.random.Generator, electrodes: str, count: int = 16) -> Skin:
         current_A=_log_uniform(rng, 1e-4, 5e-3),
         contrast_per_N=0.0,
         electrode_height_mm=height,
-        electrode_z_mm=low + float(f"{rng.uniform(0.0, 1.0) * (depth - height):.3g}"),
+        electrode_z_mm=0.5 * height + float(np.floor(1e3 * rng.uniform() * (depth - height)) / 1e3),
     )
 
 
@@ -362,21 +363,21 @@ def _out_of_round(rng: np.random.Generator) -> _Plan:
 
 
 def carried(deg: tuple[float, ...], harmonic: int, amplitude: float, phase_deg: float) -> list:
-    """Shifts, degrees, of electrodes that stay where they are along a rim of
-    r = 1 + amplitude cos(harmonic phi - phase), first at the angle 0 of arc length.
+    """Shifts, degrees, of electrodes at `deg` that keep their places along a rim which is pressed
+    to r = 1 + amplitude cos(harmonic phi - phase) and not stretched; their mean is 0.
 
-    A rim that is pressed and not stretched: to first order by -amplitude / harmonic times
-    sin(harmonic phi - phase), but for a turn. By the arc length itself on even nodes.
+    To first order -amplitude / harmonic sin(harmonic phi - phase); here by the arc length itself.
     """
     phi = np.linspace(-2.0 * np.pi, 4.0 * np.pi, 60_001)
     turn = harmonic * phi - np.radians(phase_deg)
-    r, slope = 1.0 + amplitude * np.cos(turn), -harmonic * amplitude * np.sin(turn)
-    speed = np.hypot(r, slope)
+    speed = np.hypot(1.0 + amplitude * np.cos(turn), harmonic * amplitude * np.sin(turn))
     length = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(phi)))
     once = length[40_000] - length[20_000]
-    angle = np.radians(deg)
-    first = np.interp(length[20_000] + once * angle / (2.0 * np.pi), length, phi) - angle
-    return np.round(np.degrees(first - first.mean()), 4).tolist()
+    start, angle = length[20_000], np.radians(deg)
+    for _ in range(20):
+        shift = np.interp(start + once * angle / (2.0 * np.pi), length, phi) - angle
+        start -= shift.mean() * once / (2.0 * np.pi)
+    return np.round(np.degrees(shift), 4).tolist()
 
 
 def _clipped(rng: np.random.Generator) -> _Plan:
@@ -435,13 +436,16 @@ def _many_drives(rng: np.random.Generator) -> _Plan:
     table = str(rng.choice(list(TABLES)))
     count, patterns = TABLES[table]
     channels = np.concatenate([channel_table(count, drive) for drive in patterns])
-    true = _tank(rng, "low strips" if rng.uniform() < 0.5 else "full strips", count)
+    electrodes = str(rng.choice(["low strips", "full strips"]))
+    true = _tank(rng, electrodes, count)
     believed = _as_known(rng, true)
-    low = true.electrode_height_mm < true.thickness_mm
-    effects = [_depth(true, believed)] if low else [_fault(rng, count)]
-    if not low and rng.uniform() < 0.5:
-        effects = []
-    drawn = f"{table}, {'low strips' if low else ', '.join(map(_words, effects)) or 'sound'}"
+    effects, what = [], "sound"
+    if electrodes == "low strips":
+        effects, what = [_depth(true, believed)], "nothing else"
+    elif rng.uniform() < 0.5:
+        effects = [_fault(rng, count)]
+        what = _words(effects[0])
+    drawn = f"{table}, {electrodes}, {what}"
     truth = Truth(effects, tuple(law["name"] for law in effects))
     return _Plan(drawn, true, believed, channels, _solved(true, effects), truth)
 
