@@ -9,6 +9,7 @@ Equal kinds and seeds give the same recording bit for bit.
 """
 
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from zlib import crc32
 
@@ -146,7 +147,6 @@ def _made(kind: str, seed: int, plan: _Plan, rng: np.random.Generator) -> Owned 
     world = World(plan.true, plan.channels, frame_s)
     clean = world.readings(states, plan.laws)
     truth = plan.truth
-    largest = float(states["force_N"].max())
     level = _log_uniform(rng, *LEVELS)
     noise = np.full(clean.shape[1], level * float(np.median(np.abs(clean[0]))))
     seen = np.inf
@@ -157,32 +157,26 @@ def _made(kind: str, seed: int, plan: _Plan, rng: np.random.Generator) -> Owned 
         seen = np.linalg.norm((after[step] - clean[step]) / noise) / STEP_SEEN
         clean = np.where(np.arange(len(states))[:, None] < step, clean, after)
     elif plan.laws:
-        plain = world.readings(states, [])
-        seen = signature(clean, plain, noise) / SEEN
-    if seen < 1.0:
-        quieter = max(seen, LEVELS[0] / level)
-        if seen < quieter:
-            return None
-        level, noise = level * quieter, noise * quieter
+        seen = signature(clean, world.readings(states, []), noise) / SEEN
+    quieter = min(1.0, max(seen, LEVELS[0] / level))
+    if seen < quieter:
+        return None
+    level, noise = level * quieter, noise * quieter
     rig = _mild(rng) if rng.uniform() < 0.5 else ()
-    voltage = rig_errors.read(clean, rig, states, noise, rng)
-    later = None
+    read = [rig_errors.read(clean, rig, states, noise, rng)]
     if query is not None:
+        largest = float(states["force_N"].max())
         later = world.readings(query, plan.later or plan.laws, None, largest)
-        later = later + noise * rng.standard_normal(later.shape)
+        read.append(later + noise * rng.standard_normal(later.shape))
     if plan.clipped:
         ceiling = _ceiling(rng, clean, plan.channels)
         limit = {"name": "adc-nonlinearity", "parameters": {"limit_V": ceiling}}
-        truth = replace(truth, ceiling_V=ceiling, effects=[*truth.effects, limit])
-        after_it = DITHER * noise if rng.uniform() < 0.5 else 0.0 * noise
-
-        def stopped(read: np.ndarray) -> np.ndarray:
-            dither = after_it * rng.standard_normal(read.shape)
-            return np.clip(read, -ceiling, ceiling) + dither
-
-        voltage = stopped(voltage)
-        later = None if later is None else stopped(later)
-    order = np.arange(len(plan.channels)) if plan.order is None else plan.order
+        truth = replace(truth, ceiling_V=ceiling, effects=[limit])
+        dither = noise * (DITHER if rng.uniform() < 0.5 else 0.0)
+        read = [
+            np.clip(one, -ceiling, ceiling) + dither * rng.standard_normal(one.shape)
+            for one in read
+        ]
     metadata = {
         **recording.DEFAULTS,
         "format": "eit-recording",
@@ -194,17 +188,20 @@ def _made(kind: str, seed: int, plan: _Plan, rng: np.random.Generator) -> Owned 
         "source": "simulation",
         "skin": plan.believed.metadata(),
     }
-    errors = ", ".join(f"{error.kind} {error.size:.3g}" for error in rig)
+    order = slice(None) if plan.order is None else plan.order
+    made = [
+        Recording(frames, plan.sign * one[:, order], None, None, deepcopy(metadata))
+        for frames, one in zip((states, query), read, strict=False)
+    ]
+    errors = [f"{error.kind} {error.size:.3g}" for error in rig]
     return Owned(
         kind,
         seed,
-        f"{plan.drawn}; noise {level:.2g}{f'; {errors}' if errors else ''}",
+        "; ".join([plan.drawn, f"noise {level:.2g}", *errors]),
         truth,
         plan.true,
-        Recording(states, plan.sign * voltage[:, order], None, None, metadata),
-        None
-        if query is None
-        else Recording(query, plan.sign * later[:, order], None, None, metadata),
+        made[0],
+        made[1] if query is not None else None,
         clean,
         level,
         rig,
@@ -453,19 +450,9 @@ def _many_drives(rng: np.random.Generator) -> _Plan:
 def _order(rng: np.random.Generator) -> _Plan:
     true, believed, touched, words = _either_skin(rng)
     channels = channel_table(16)
-    ways = list(ORDERS)
-    way = ways[int(rng.integers(len(ways)))]
-    truth = Truth(wrong="order")
-    return _Plan(
-        f"{words}, {way}",
-        true,
-        believed,
-        channels,
-        [],
-        truth,
-        touched,
-        order=ORDERS[way](channels),
-    )
+    way = list(ORDERS)[int(rng.integers(len(ORDERS)))]
+    truth, drawn, order = Truth(wrong="order"), f"{words}, {way}", ORDERS[way](channels)
+    return _Plan(drawn, true, believed, channels, [], truth, touched, order=order)
 
 
 def _from_drive(channels: np.ndarray) -> np.ndarray:
