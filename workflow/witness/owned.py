@@ -343,6 +343,8 @@ def _static_body(rng: np.random.Generator) -> _Plan:
 
 
 def _out_of_round(rng: np.random.Generator) -> _Plan:
+    """Where nobody presses, a disc with electrodes elsewhere, of other widths and contacts, reads
+    the same (Riemann's map): the outline must then be among the alternatives."""
     true, believed, touched, words = _either_skin(rng)
     harmonic = int(rng.choice([2, 2, 3]))
     amplitude, phase = _between(rng, *OUT_OF_ROUND), _between(rng, 0.0, 360.0)
