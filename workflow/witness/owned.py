@@ -15,6 +15,7 @@ from zlib import crc32
 
 import numpy as np
 import pandas as pd
+from scipy.optimize import minimize_scalar
 
 from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table
@@ -33,6 +34,7 @@ SEEN = (
     40.0  # SNR of all frames that what is concealed has at least, where the noise can fall so far
 )
 STEP_SEEN = 20.0  # a step's length over one frame's noise, likewise
+CONTACTS = (-3.0, 12.0)  # logarithm of an unknown contact impedivity over the true one
 MILD = (0.1, 1.0)  # of the usual size of a rig's error
 MILD_CORRELATION = (0.3, 0.9)
 ERRORS = tuple(  # magnitudes would hide the sign that `owner:polarity` is about
@@ -157,7 +159,7 @@ def _made(kind: str, seed: int, plan: _Plan, rng: np.random.Generator) -> Owned 
         seen = np.linalg.norm((after[step] - clean[step]) / noise) / STEP_SEEN
         clean = np.where(np.arange(len(states))[:, None] < step, clean, after)
     elif plan.laws:
-        seen = signature(clean, world.readings(states, []), noise) / SEEN
+        seen = beyond(plan.true, plan.believed, world, states, clean, noise) / SEEN
     quieter = min(1.0, max(seen, LEVELS[0] / level))
     if seen < quieter:
         return None
@@ -206,6 +208,29 @@ def _made(kind: str, seed: int, plan: _Plan, rng: np.random.Generator) -> Owned 
         level,
         rig,
     )
+
+
+def beyond(
+    true: Skin,
+    believed: Skin,
+    world: World,
+    states: pd.DataFrame,
+    clean: np.ndarray,
+    noise_V: np.ndarray,
+) -> float:
+    """SNR in all frames of what the first, untouched, of readings (N, M) V has beyond a sheet whose
+    conductivity, and where the owner does not know it the contact impedivity, fits best; noise_V
+    (M,). A body with low electrodes may read as a sheet with worse contacts."""
+    first = states.iloc[:1]
+
+    def left(log_ratio: float) -> float:
+        contact = true.contact_impedivity_ohm_m2 * float(np.exp(log_ratio))
+        sheet = World(replace(true, contact_impedivity_ohm_m2=contact), world.channels, 1.0)
+        return signature(clean[:1], sheet.readings(first, []), noise_V) * np.sqrt(len(clean))
+
+    if believed.contact_impedivity_ohm_m2 is not None:
+        return left(0.0)
+    return float(minimize_scalar(left, bounds=CONTACTS, method="bounded").fun)
 
 
 def _still(count: int, frame_s: float) -> pd.DataFrame:
