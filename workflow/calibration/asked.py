@@ -227,7 +227,7 @@ def _real(kind: str, seed: int) -> Asked:
         message = f"no real recording {name} at {paths[name]}; set EITSKIN_DATA"
         raise FileNotFoundError(message)
     whole = importers.load(paths[name])
-    parted = _without_presses if presses(whole).max() + 1 >= LEAST_PRESSES else _without_channels
+    parted = _without_presses if presses(whole).max() + 1 >= LEAST_PRESSES else without_channels
     said, recorded, query, there = parted(whole, _rng(kind, seed))
     return Asked(kind, seed, f"{name}, {said}", recorded, query, there, units(query))
 
@@ -251,8 +251,11 @@ def _without_presses(whole: Recording, rng: np.random.Generator) -> tuple:
     return said, recorded, _part(whole, asked, begin), whole.voltage[asked]
 
 
-def _without_channels(whole: Recording, rng: np.random.Generator) -> tuple:
-    """All frames less some of the channels, reciprocal ones together; these of all the frames."""
+def without_channels(
+    whole: Recording, rng: np.random.Generator
+) -> tuple[str, Recording, Recording, np.ndarray]:
+    """All frames less one in KEPT_OUT of the channels, reciprocal ones together: in words; what is
+    left; a query of these channels in all the frames, and what was there (N, M), else NaN."""
     group, every = reciprocal_groups(whole.channels), np.ones(len(whole.frames), bool)
     label = rng.permutation(np.unique(group))
     out = np.isin(group, label[: len(label) // KEPT_OUT])

@@ -3,6 +3,7 @@ ones and those of p-values record skins of the plain ones anew."""
 
 from eitskin.errors import InputError
 from witness.outside import OUTSIDE
+from witness.owned import KINDS
 from witness.strengths import DRAWN
 
 # Of every kind; sizes stay far below the step. Those from 200 001 on were reported, and seen,
@@ -16,6 +17,8 @@ FIRST_SEED = {
     "p-values-report": 400_001,
     "queries-development": 1,
     "queries-report": 200_001,
+    "owners-development": 1,
+    "owners-report": 200_001,
 }
 SIZES = {
     "quick": {"null": 60, "single": 4, "pair": 24, "triple": 16, "outside": 36},
@@ -30,17 +33,32 @@ QUERY_SIZES = {  # kinds of `asked.draw`
     "quick": {"rig": 5, "belief": 3, "foreign": 3, "shuffled": 3, "garbage": 3, "real": 3},
     "full": {"rig": 50, "belief": 30, "foreign": 30, "shuffled": 30, "garbage": 30, "real": 30},
 }
+OWNER_SIZES = {  # kinds of `owned.draw`; 40 in all
+    "quick": dict.fromkeys(KINDS, 1),
+    "full": {
+        "static-body": 8,
+        "out-of-round": 6,
+        "clipped": 5,
+        "step": 6,
+        "many-drives": 5,
+        "order": 3,
+        "polarity": 3,
+        "beliefs": 4,
+    },
+}
 BATCH = 8
 TABLES = {  # by sort
     "diagnoses": ("summary", "effects", "confusion", "other_calibration", "rig", "rig_sizes"),
     "p-values": ("summary", "p_values"),
     "queries": ("summary", "queries"),
+    "owners": ("summary", "owners"),
 }
 
 
 def sort_of(block: str) -> str:
     """What a block is of, a key of TABLES: recordings that are diagnosed and judged; skins with
-    nothing left out, recorded again and again; queries that are compared before and after."""
+    nothing left out, recorded again and again; queries that are compared before and after; what
+    owners have, checked and diagnosed."""
     return next((sort for sort in TABLES if block.startswith(f"{sort}-")), "diagnoses")
 
 
@@ -55,10 +73,10 @@ def trials(block: str, size: str) -> list[tuple[str, int]]:
     block: "development" (seeds from 1), to tune on, or "report" (seeds from 400 001), to report;
     with ordinary- before it, the same skins recorded by rigs with errors of their own; with
     p-values- before it, skins, of kind "skin", for `nulls.trial`; with queries-, recordings of any
-    sort, of kinds that `asked.draw` knows. size: a key of SIZES: numbers of recordings, of "single"
-    for each name that the witness can draw; those of "outside" are spread over its laws. Every
-    stretch holds about the same mixture. A smaller size is part of the larger. Raises InputError
-    for an unknown block or size.
+    sort, of kinds that `asked.draw` knows; with owners-, of kinds that `owned.draw` does. size: a
+    key of SIZES: numbers of recordings, of "single" for each name that the witness can draw; those
+    of "outside" are spread over its laws. Every stretch holds about the same mixture. A smaller
+    size is part of the larger. Raises InputError for an unknown block or size.
     """
     for key, value, known in (("block", block, FIRST_SEED), ("size", size, SIZES)):
         if value not in known:
@@ -69,6 +87,8 @@ def trials(block: str, size: str) -> list[tuple[str, int]]:
     if sort_of(block) == "queries":
         number = {f"query:{kind}": n for kind, n in QUERY_SIZES[size].items()}
         return _mixed(_each(number, first))
+    if sort_of(block) == "owners":
+        return _mixed(_each({f"owner:{kind}": n for kind, n in OWNER_SIZES[size].items()}, first))
     if block.startswith("ordinary-"):
         return [(f"{kind}+rig", seed) for kind, seed in _drawn(ORDINARY_SIZES[size], first)]
     return _drawn(SIZES[size], first)

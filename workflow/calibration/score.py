@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from sklearn.linear_model import LogisticRegression
 
-from calibration import judge, p_value_score, query_score, rig_sizes
+from calibration import judge, owner_score, p_value_score, query_score, rig_sizes
 from calibration.blocks import sort_of, trials
 from calibration.intervals import wilson
 from calibration.lines import SUMMARY, line, median, over, share
@@ -457,6 +457,7 @@ SCORED: dict[str, Callable[[list[dict]], tuple[dict[str, pd.DataFrame], str]]] =
     "diagnoses": scored,
     "p-values": p_value_score.scored,
     "queries": query_score.scored,
+    "owners": owner_score.scored,
 }
 
 

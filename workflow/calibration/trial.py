@@ -5,15 +5,15 @@ import math
 import time
 import traceback
 import warnings
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 
-from calibration import asked, black_box, nulls, rig_sizes
+from calibration import asked, black_box, nulls, owners, rig_sizes
 from calibration.intervals import rms
 from eitskin.atomic import atomic_path
-from eitskin.data import importers, recording
+from eitskin.data import check, importers, recording
 from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis, result
 from eitskin.diagnose.candidates import Candidate
@@ -25,7 +25,7 @@ from eitskin.diagnose.search.search import Search, State, gross
 from eitskin.effects import catalogue_names, modules
 from eitskin.errors import InputError
 from eitskin.fingerprint import fingerprint
-from witness import cases
+from witness import cases, owned
 
 FOUND = [*modules(catalogue_names()), *importers.modules()]
 CODE = fingerprint("trials", FOUND)[:12]  # of this process
@@ -98,6 +98,12 @@ def query_trial(kind: str, seed: int) -> dict:
         warnings.warn(f"SKIPPED: {kind} {seed}: {error}", stacklevel=2)
         return {**head, "absent": str(error)}
     head["drawn"] = drawn.drawn
+    return head | _compared(kind, seed, drawn)
+
+
+def _compared(kind: str, seed: int, drawn: asked.Asked) -> dict:
+    """A recording diagnosed alone, and what is predicted of its query beside what was there; or
+    the text with which it is `refused`."""
     began = time.perf_counter(), time.process_time()
     try:
         for one in (drawn.recorded, drawn.query):
@@ -107,9 +113,8 @@ def query_trial(kind: str, seed: int) -> dict:
         after, _ = diagnosis.predict(found, drawn.query)
         before, _ = diagnosis.predict(found, drawn.query, found.before)
     except InputError as error:
-        return {**head, "seconds": time.perf_counter() - began[0], "refused": str(error)}
+        return {"seconds": time.perf_counter() - began[0], "refused": str(error)}
     return {
-        **head,
         "seconds": ended[0] - began[0],
         "cpu_seconds": ended[1] - began[1],
         "said": result.result(found, f"{kind} {seed}"),
@@ -117,9 +122,32 @@ def query_trial(kind: str, seed: int) -> dict:
     }
 
 
+def owner_trial(kind: str, seed: int) -> dict:
+    """Draw a recording as owners have them, and do with it what `eitskin diagnose` does: check it,
+    diagnose it where the check lets it pass, and predict readings that it never held.
+
+    What the check calls unusable is `unusable`: (topic, sentence) of each error.
+    """
+    owner = owned.draw(kind, seed)
+    drawn = owners.asked_of(owner)
+    checked = check.check(drawn.recorded)
+    row = {
+        "kind": kind,
+        "seed": seed,
+        "code": CODE,
+        "drawn": drawn.drawn,
+        "truth": asdict(owner.truth),
+        "check": owners.said_by_check(drawn.recorded, checked),
+    }
+    if not checked.ok:
+        errors = checked.of(check.ERROR)
+        return {**row, "unusable": [(one.topic, one.sentence) for one in errors]}
+    return row | _compared(kind, seed, drawn)
+
+
 def row(kind: str, seed: int) -> dict:
     """The row of a trial of any kind that `blocks.trials` has."""
-    of = {"skin": skin, "query": query_trial}
+    of = {"skin": skin, "query": query_trial, "owner": owner_trial}
     return of.get(kind.partition(":")[0], trial)(kind, seed)
 
 

@@ -18,7 +18,7 @@ rule trials:
         "../../envs/calibration.yaml"
     threads: 1
     resources:
-        mem_mb=2000,
+        mem_mb=lambda wildcards: 4000 if sort_of(wildcards.block) == "owners" else 2000,
         runtime=60,
     params:
         trials=lambda wildcards: batches(wildcards.block, wildcards.size)[int(wildcards.batch)],

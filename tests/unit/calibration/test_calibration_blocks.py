@@ -7,6 +7,7 @@ import pytest
 from calibration import trial
 from calibration.blocks import (
     FIRST_SEED,
+    OWNER_SIZES,
     P_VALUE_SIZES,
     QUERY_SIZES,
     SIZES,
@@ -16,6 +17,7 @@ from calibration.blocks import (
     trials,
 )
 from eitskin.errors import InputError
+from witness import owned
 from witness.cases import names_of
 from witness.outside import OUTSIDE
 from witness.strengths import DRAWN
@@ -86,6 +88,17 @@ def test_queries_are_of_every_kind(size, number):
     assert {kind for kind, _ in plan[: number // 3]} == {kind for kind, _ in plan}
 
 
+@pytest.mark.parametrize(("size", "number"), [("quick", 8), ("full", 40)])
+def test_owners_recordings_are_of_every_kind(size, number):
+    plan = trials("owners-report", size)
+    assert len(set(plan)) == len(plan) == number
+    assert Counter(kind for kind, _ in plan) == {
+        f"owner:{kind}": count for kind, count in OWNER_SIZES[size].items()
+    }
+    assert set(OWNER_SIZES[size]) == set(owned.KINDS)
+    assert not {s for _, s in plan} & {s for _, s in trials("owners-development", size)}
+
+
 @pytest.mark.parametrize("block", FIRST_SEED)
 def test_a_smaller_size_is_part_of_the_larger(block):
     assert set(trials(block, "quick")) <= set(trials(block, "full"))
@@ -96,14 +109,20 @@ def test_a_sort_of_block_has_tables_of_its_own():
     assert tables("report") == tables("ordinary-report") and "confusion" in tables("report")
     assert tables("p-values-report") == ("summary", "p_values")
     assert tables("queries-report") == ("summary", "queries")
+    assert tables("owners-report") == ("summary", "owners")
 
 
 @pytest.mark.parametrize(
     ("block", "how"),
-    [("ordinary-report", "trial"), ("p-values-report", "skin"), ("queries-report", "query_trial")],
+    [
+        ("ordinary-report", "trial"),
+        ("p-values-report", "skin"),
+        ("queries-report", "query_trial"),
+        ("owners-report", "owner_trial"),
+    ],
 )
 def test_every_kind_is_tried_as_its_sort_is(monkeypatch, block, how):
-    for name in ("trial", "skin", "query_trial"):
+    for name in ("trial", "skin", "query_trial", "owner_trial"):
         monkeypatch.setattr(trial, name, lambda kind, seed, name=name: (name, kind, seed))
     plan = trials(block, "quick")
     assert [trial.row(*one) for one in plan] == [(how, *one) for one in plan]

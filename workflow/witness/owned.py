@@ -1,0 +1,529 @@
+"""Recordings as owners of tanks and skins have them, with what is concealed in each.
+
+    draw("owner:static-body", 3), draw("owner:step", 200001)
+
+Bodies with electrodes over part of their height that nobody touches, outlines pressed out of round,
+clipped channels, steps in time, many electrodes and drives, wrong tables, beliefs missing. Solved
+by the boundary's integral equations (`world`); no line is shared with the diagnosis or its check.
+Equal kinds and seeds give the same recording bit for bit.
+"""
+
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
+from zlib import crc32
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import minimize_scalar
+
+from eitskin.data import recording
+from eitskin.data.recording import Recording, frames_table
+from eitskin.errors import InputError
+from eitskin.physics.protocol import channel_table, every_channel, undriven
+from eitskin.physics.skin import Skin
+from witness import rig_errors
+from witness.cases import signature
+from witness.rig_errors import USUAL, RigError
+from witness.schedule import Keep, query_frames, recording_frames
+from witness.world import World
+
+LEVELS = (3e-4, 5e-3)  # noise over the median |v|, from and to
+FRAMES = (20, 60)  # of a recording that nobody touches
+SEEN = (
+    40.0  # SNR of all frames that what is concealed has at least, where the noise can fall so far
+)
+STEP_SEEN = 20.0  # a step's length over one frame's noise, likewise
+CONTACTS = (-3.0, 12.0)  # logarithm of an unknown contact impedivity over the true one
+MILD = (0.1, 1.0)  # of the usual size of a rig's error
+MILD_CORRELATION = (0.3, 0.9)
+ERRORS = tuple(  # magnitudes would hide the sign that `owner:polarity` is about
+    kind for kind, usual in USUAL.items() if usual.of == "readings" and kind != "quadrature"
+)
+OUT_OF_ROUND = (0.03, 0.1)  # amplitude of the rim, over the radius
+MIDDLE = (0.25, 0.75)  # of a recording: where a step may be
+DITHER = 0.1  # of the noise, that a converter adds after its ceiling
+TABLES = {  # electrodes, patterns of the drives, read in adjacent pairs
+    "32 adjacent": (32, ("adjacent",)),
+    "32 skip-4": (32, ("skip-4",)),
+    "16 of four drives": (16, ("adjacent", "skip-1", "skip-2", "skip-4")),
+    "16 adjacent and opposite": (16, ("adjacent", "opposite")),
+}
+UNKNOWN = (
+    "radius_mm",
+    "thickness_mm",
+    "electrode_width_mm",
+    "contact_impedivity_ohm_m2",
+)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What a recording conceals. effects: laws that the owner's simulation leaves out, in the
+    configuration's form; wanted: names of those that must be said, the others may; step: the first
+    frame after one; ceiling_V: of the clipped channels; wrong: what of the channel table is, in the
+    check's word."""
+
+    effects: list[dict] = field(default_factory=list)
+    wanted: tuple[str, ...] = ()
+    step: int | None = None
+    ceiling_V: float | None = None
+    wrong: str | None = None
+
+
+@dataclass(frozen=True)
+class Owned:
+    """One recording with its truth.
+
+    drawn: what was done, in words; clean, voltage (N, M) V: readings without and with noise; query:
+    states after it and their readings, noise and all, (Q, M) V, where it is touched, else None;
+    true: the skin.
+    """
+
+    kind: str
+    seed: int
+    drawn: str
+    truth: Truth
+    true: Skin
+    recorded: Recording
+    query: Recording | None
+    clean: np.ndarray
+    level: float
+    rig: tuple[RigError, ...]
+
+    @property
+    def voltage(self) -> np.ndarray:
+        """(N, M) V."""
+        return self.recorded.voltage
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """A recording to be made: the skin as it is and as its owner has it, channels (M, 4), laws of
+    the skin, those after a step, the truth; order (M,): channel that stands in each column; sign:
+    of all readings; touched: whether anybody presses."""
+
+    drawn: str
+    true: Skin
+    believed: Skin
+    channels: np.ndarray
+    laws: list[dict]
+    truth: Truth
+    touched: bool = False
+    later: list[dict] | None = None
+    order: np.ndarray | None = None
+    sign: float = 1.0
+    clipped: bool = False
+
+
+def draw(kind: str, seed: int) -> Owned:
+    """One recording. kind: owner: and a key of KINDS.
+
+    static-body: pins, low strips or strips of full height in a tank; out-of-round: a tank of full
+    strips, or a pressed sheet, whose rim keeps its length; clipped: driven channels stop at a
+    ceiling; step: a contact or a gain changes at a frame; many-drives: of TABLES; order, polarity:
+    a table that is wrong; beliefs: one to four of UNKNOWN are. Noise 0.03 to 0.5 % of the median
+    |v|; half are recorded by a rig with one or two mild errors. Raises InputError for an unknown
+    kind.
+    """
+    word, _, name = kind.partition(":")
+    if word != "owner" or name not in KINDS:
+        expected = f"owner: and one of {', '.join(KINDS)}"
+        raise InputError("owned", "kind", repr(kind), expected)
+    rng = np.random.default_rng([crc32(kind.encode()), seed])
+    while True:
+        made = _made(kind, seed, KINDS[name](rng), rng)
+        if made is not None:
+            return made
+
+
+def _made(kind: str, seed: int, plan: _Plan, rng: np.random.Generator) -> Owned | None:
+    """The recording of a plan, None where nothing would be seen of what it conceals."""
+    frame_s = round(float(rng.uniform(0.2, 0.4)), 3)
+    radius, query = plan.true.radius_mm, None
+    if plan.touched:
+        states = recording_frames(rng, radius, frame_s, Keep())
+        query = query_frames(rng, states, radius, frame_s, Keep())
+    else:
+        states = _still(int(rng.integers(FRAMES[0], FRAMES[1] + 1)), frame_s)
+    world = World(plan.true, plan.channels, frame_s)
+    clean = world.readings(states, plan.laws)
+    truth = plan.truth
+    level = _log_uniform(rng, *LEVELS)
+    noise = np.full(clean.shape[1], level * float(np.median(np.abs(clean[0]))))
+    seen = np.inf
+    if plan.later is not None:
+        after = world.readings(states, plan.later)
+        step = int(len(states) * rng.uniform(*MIDDLE))
+        truth = replace(truth, step=step)
+        seen = np.linalg.norm((after[step] - clean[step]) / noise) / STEP_SEEN
+        clean = np.where(np.arange(len(states))[:, None] < step, clean, after)
+    elif plan.laws:
+        seen = beyond(plan.true, plan.believed, world, states, clean, noise) / SEEN
+    quieter = min(1.0, max(seen, LEVELS[0] / level))
+    if seen < quieter:
+        return None
+    level, noise = level * quieter, noise * quieter
+    rig = _mild(rng) if rng.uniform() < 0.5 else ()
+    read = [rig_errors.read(clean, rig, states, noise, rng)]
+    if query is not None:
+        largest = float(states["force_N"].max())
+        later = world.readings(query, plan.later or plan.laws, None, largest)
+        read.append(later + noise * rng.standard_normal(later.shape))
+    if plan.clipped:
+        ceiling = _ceiling(rng, clean, plan.channels)
+        limit = {"name": "adc-nonlinearity", "parameters": {"limit_V": ceiling}}
+        truth = replace(truth, ceiling_V=ceiling, effects=[limit])
+        dither = noise * (DITHER if rng.uniform() < 0.5 else 0.0)
+        read = [
+            np.clip(one, -ceiling, ceiling) + dither * rng.standard_normal(one.shape)
+            for one in read
+        ]
+    metadata = {
+        **recording.DEFAULTS,
+        "format": "eit-recording",
+        "version": 1,
+        "channels": plan.channels.tolist(),
+        "voltage": "signed",
+        "frame_s": frame_s,
+        "position_frame": "skin",
+        "source": "simulation",
+        "skin": plan.believed.metadata(),
+    }
+    order = slice(None) if plan.order is None else plan.order
+    made = [
+        Recording(frames, plan.sign * one[:, order], None, None, deepcopy(metadata))
+        for frames, one in zip((states, query), read, strict=False)
+    ]
+    errors = [f"{error.kind} {error.size:.3g}" for error in rig]
+    return Owned(
+        kind,
+        seed,
+        "; ".join([plan.drawn, f"noise {level:.2g}", *errors]),
+        truth,
+        plan.true,
+        made[0],
+        made[1] if query is not None else None,
+        clean,
+        level,
+        rig,
+    )
+
+
+def beyond(
+    true: Skin,
+    believed: Skin,
+    world: World,
+    states: pd.DataFrame,
+    clean: np.ndarray,
+    noise_V: np.ndarray,
+) -> float:
+    """SNR in all frames of what the first, untouched, of readings (N, M) V has beyond a sheet whose
+    conductivity, and where the owner does not know it the contact impedivity, fits best; noise_V
+    (M,). A body with low electrodes may read as a sheet with worse contacts."""
+    first = states.iloc[:1]
+
+    def left(log_ratio: float) -> float:
+        contact = true.contact_impedivity_ohm_m2 * float(np.exp(log_ratio))
+        sheet = World(replace(true, contact_impedivity_ohm_m2=contact), world.channels, 1.0)
+        return signature(clean[:1], sheet.readings(first, []), noise_V) * np.sqrt(len(clean))
+
+    if believed.contact_impedivity_ohm_m2 is not None:
+        return left(0.0)
+    return float(minimize_scalar(left, bounds=CONTACTS, method="bounded").fun)
+
+
+def _still(count: int, frame_s: float) -> pd.DataFrame:
+    """Frames one after another, nobody touching."""
+    time = np.round(1.05 * frame_s * np.arange(count), 4)
+    frames = frames_table(time, np.zeros(count, bool))
+    return frames.assign(contact=pd.array([None] * count, dtype="Int64"))
+
+
+def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(f"{np.exp(rng.uniform(np.log(low), np.log(high))):.3g}")
+
+
+def _between(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(f"{rng.uniform(low, high):.4g}")
+
+
+def _mild(rng: np.random.Generator) -> tuple[RigError, ...]:
+    """One or two errors of a rig's readings, none over its usual size."""
+    kinds = rng.choice(ERRORS, int(rng.integers(1, 3)), replace=False).tolist()
+    found = []
+    for kind in kinds:
+        usual = USUAL[kind].size
+        band = (MILD[0] * usual, MILD[1] * usual)
+        size = _log_uniform(rng, *(MILD_CORRELATION if kind == "correlated-noise" else band))
+        found.append(RigError(kind, size, int(rng.integers(2**31))))
+    return tuple(found)
+
+
+def _ceiling(rng: np.random.Generator, clean: np.ndarray, channels: np.ndarray) -> float:
+    """A ceiling, V, over all that shares no electrode with its drive, under all that does or under
+    the pairs that drive alone, which read most."""
+    level, free = np.abs(clean).min(axis=0), undriven(channels)
+    driving = (channels[:, :2] == channels[:, 2:]).all(axis=1)
+    least = level[driving if rng.uniform() < 0.5 else ~free].min()
+    largest = float(np.abs(clean[:, free]).max())
+    return float(f"{max(least * rng.uniform(0.85, 0.98), 1.05 * largest):.4g}")
+
+
+# ---- skins
+
+
+def _angles(count: int) -> tuple[float, ...]:
+    return tuple((360.0 / count * np.arange(count)).tolist())
+
+
+def _sheet(rng: np.random.Generator) -> Skin:
+    """A skin of 16 electrodes."""
+    return Skin(
+        radius_mm=_between(rng, 50.0, 90.0),
+        thickness_mm=_between(rng, 2.0, 4.0),
+        conductivity_S_per_m=_between(rng, 0.2, 1.0),
+        electrode_deg=_angles(16),
+        electrode_width_mm=_between(rng, 4.0, 9.0),
+        contact_impedivity_ohm_m2=_log_uniform(rng, 5e-4, 1e-2),
+        current_A=_log_uniform(rng, 1e-4, 5e-3),
+        contrast_per_N=_between(rng, 0.2, 1.0),
+    )
+
+
+def _tank(rng: np.random.Generator, electrodes: str, count: int = 16) -> Skin:
+    """A tank; electrodes: pins, as high as wide, low strips, or full ones over the whole depth."""
+    radius, depth = _between(rng, 60.0, 120.0), _between(rng, 10.0, 40.0)
+    widest = 0.4 * 2.0 * np.pi * radius / count
+    width = _between(rng, 4.0, min(10.0, widest))
+    height = {
+        "pins": min(max(width, depth / 8.0), 0.6 * depth),
+        "low strips": depth * rng.uniform(0.3, 0.6),
+        "full strips": depth,
+    }[electrodes]
+    height = float(f"{height:.4g}")
+    return Skin(
+        radius_mm=radius,
+        thickness_mm=depth,
+        conductivity_S_per_m=_between(rng, 0.1, 0.5),
+        electrode_deg=_angles(count),
+        electrode_width_mm=width,
+        contact_impedivity_ohm_m2=_log_uniform(rng, 5e-4, 1e-2),
+        current_A=_log_uniform(rng, 1e-4, 5e-3),
+        contrast_per_N=0.0,
+        electrode_height_mm=height,
+        electrode_z_mm=0.5 * height + float(np.floor(1e3 * rng.uniform() * (depth - height)) / 1e3),
+    )
+
+
+def _as_known(rng: np.random.Generator, true: Skin) -> Skin:
+    """The owner's skin: a conductivity up to 15 % off, no contrast that nobody pressed, and in half
+    no word of the contacts."""
+    off = float(true.conductivity_S_per_m * (1.0 + rng.uniform(-0.15, 0.15)))
+    known = replace(true, conductivity_S_per_m=off, contrast_per_N=true.contrast_per_N or None)
+    unknown = rng.uniform() < 0.5
+    return replace(known, contact_impedivity_ohm_m2=None) if unknown else known
+
+
+def _depth(true: Skin, believed: Skin) -> dict:
+    """third-dimension, of a skin that is one."""
+    unknown = believed.thickness_mm is None
+    given = {"depth_mm": true.thickness_mm} if unknown else {}
+    return {"name": "third-dimension", "parameters": given}
+
+
+def _solved(true: Skin, effects: list[dict]) -> list[dict]:
+    """Laws by which the world solves a skin: the depth is said, whatever its owner knows."""
+    own = [law for law in effects if law["name"] != "third-dimension"]
+    return own if len(own) == len(effects) else [*own, _depth(true, true)]
+
+
+# ---- kinds
+
+
+def _either_skin(rng: np.random.Generator) -> tuple[Skin, Skin, bool, str]:
+    """The true and the believed skin, whether it is touched, and what it is: a pressed sheet, or a
+    tank with strips of full height, which owe the third dimension nothing."""
+    touched = bool(rng.uniform() < 0.5)
+    true = _sheet(rng) if touched else _tank(rng, "full strips")
+    words = "a sheet, pressed" if touched else "a tank with full strips"
+    return true, _as_known(rng, true), touched, words
+
+
+def _static_body(rng: np.random.Generator) -> _Plan:
+    electrodes = str(rng.choice(["pins", "low strips", "full strips"], p=[0.5, 0.25, 0.25]))
+    true = _tank(rng, electrodes)
+    believed = _as_known(rng, true)
+    unsaid = int(rng.integers(3))
+    if unsaid:
+        believed = replace(believed, electrode_height_mm=None, electrode_z_mm=None)
+    if unsaid == 2:
+        believed = replace(believed, thickness_mm=None)
+    said = ("all said", "height of the electrodes not said", "depth and height not said")[unsaid]
+    drawn = f"a tank with {electrodes}, {said}"
+    effects = [] if electrodes == "full strips" else [_depth(true, believed)]
+    wanted = tuple(law["name"] for law in effects)
+    laws, truth = _solved(true, effects), Truth(effects, wanted)
+    return _Plan(drawn, true, believed, channel_table(16), laws, truth)
+
+
+def _out_of_round(rng: np.random.Generator) -> _Plan:
+    """Where nobody presses, a disc with electrodes elsewhere, of other widths and contacts, reads
+    the same (Riemann's map): the outline must then be among the alternatives."""
+    true, believed, touched, words = _either_skin(rng)
+    harmonic = int(rng.choice([2, 2, 3]))
+    amplitude, phase = _between(rng, *OUT_OF_ROUND), _between(rng, 0.0, 360.0)
+    shape = {"harmonic": harmonic, "amplitude": amplitude, "phase_deg": phase}
+    shift = carried(true.electrode_deg, harmonic, amplitude, phase)
+    moved = {
+        "name": "electrode-position",
+        "electrodes": list(range(16)),
+        "parameters": {"shift_deg": shift},
+    }
+    effects = [{"name": "domain-shape", "parameters": shape}, moved]
+    drawn = f"{words}, out of round by {amplitude:.3g} in harmonic {harmonic}"
+    truth = Truth(effects, ("domain-shape",))
+    return _Plan(drawn, true, believed, channel_table(16), effects, truth, touched)
+
+
+def carried(deg: tuple[float, ...], harmonic: int, amplitude: float, phase_deg: float) -> list:
+    """Shifts, degrees, of electrodes at `deg` that keep their places along a rim which is pressed
+    to r = 1 + amplitude cos(harmonic phi - phase) and not stretched; their mean is 0.
+
+    To first order -amplitude / harmonic sin(harmonic phi - phase); here by the arc length itself.
+    """
+    phi = np.linspace(-2.0 * np.pi, 4.0 * np.pi, 60_001)
+    turn = harmonic * phi - np.radians(phase_deg)
+    speed = np.hypot(1.0 + amplitude * np.cos(turn), harmonic * amplitude * np.sin(turn))
+    length = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(phi)))
+    once = length[40_000] - length[20_000]
+    start, angle = length[20_000], np.radians(deg)
+    for _ in range(20):
+        shift = np.interp(start + once * angle / (2.0 * np.pi), length, phi) - angle
+        start -= shift.mean() * once / (2.0 * np.pi)
+    return np.round(np.degrees(shift), 4).tolist()
+
+
+def _clipped(rng: np.random.Generator) -> _Plan:
+    true, believed, touched, words = _either_skin(rng)
+    channels = every_channel(16, "adjacent", "adjacent")
+    drawn = f"{words}, driven channels clipped"
+    return _Plan(drawn, true, believed, channels, [], Truth(), touched, clipped=True)
+
+
+def _fault(rng: np.random.Generator, count: int) -> dict:
+    """A contact, an amplifier or a source that is clearly off at one place."""
+    site = int(rng.integers(count))
+    factor = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.05, 0.25))
+    return [
+        {
+            "name": "contact-impedance",
+            "electrodes": [site],
+            "parameters": {"ratio": [_log_uniform(rng, 5.0, 30.0)]},
+        },
+        {
+            "name": "measurement-gain",
+            "measures": [site],
+            "parameters": {"gain": [float(f"{1.0 + factor:.4g}")]},
+        },
+        {
+            "name": "drive-gain",
+            "drives": [site],
+            "parameters": {"gain": [float(f"{1.0 + factor:.4g}")]},
+        },
+    ][int(rng.integers(3))]
+
+
+def _step(rng: np.random.Generator) -> _Plan:
+    true, believed, touched, words = _either_skin(rng)
+    fault = _fault(rng, 16)
+    if rng.uniform() < 0.25:
+        gain = _between(rng, 0.9, 0.98) ** float(rng.choice([-1.0, 1.0]))
+        fault = {
+            "name": "drive-gain",
+            "drives": list(range(16)),
+            "parameters": {"gain": [gain] * 16},
+        }
+    drawn = f"{words}, a step of {_words(fault)}"
+    truth = Truth([fault])
+    return _Plan(drawn, true, believed, channel_table(16), [], truth, touched, [fault])
+
+
+def _words(law: dict) -> str:
+    sites = next(law[kind] for kind in ("electrodes", "measures", "drives") if kind in law)
+    where = "all" if len(sites) > 1 else str(sites[0])
+    (values,) = law["parameters"].values()
+    return f"{law['name']} {values[0]:.3g} at {where}"
+
+
+def _many_drives(rng: np.random.Generator) -> _Plan:
+    table = str(rng.choice(list(TABLES)))
+    count, patterns = TABLES[table]
+    channels = np.concatenate([channel_table(count, drive) for drive in patterns])
+    electrodes = str(rng.choice(["low strips", "full strips"]))
+    true = _tank(rng, electrodes, count)
+    believed = _as_known(rng, true)
+    effects, what = [], "sound"
+    if electrodes == "low strips":
+        effects, what = [_depth(true, believed)], "nothing else"
+    elif rng.uniform() < 0.5:
+        effects = [_fault(rng, count)]
+        what = _words(effects[0])
+    drawn = f"{table}, {electrodes}, {what}"
+    truth = Truth(effects, tuple(law["name"] for law in effects))
+    return _Plan(drawn, true, believed, channels, _solved(true, effects), truth)
+
+
+def _order(rng: np.random.Generator) -> _Plan:
+    true, believed, touched, words = _either_skin(rng)
+    channels = channel_table(16)
+    way = list(ORDERS)[int(rng.integers(len(ORDERS)))]
+    truth, drawn, order = Truth(wrong="order"), f"{words}, {way}", ORDERS[way](channels)
+    return _Plan(drawn, true, believed, channels, [], truth, touched, order=order)
+
+
+def _from_drive(channels: np.ndarray) -> np.ndarray:
+    return np.lexsort(((channels[:, 2] - channels[:, 0]) % 16, channels[:, 0]))
+
+
+def _by_pair(channels: np.ndarray) -> np.ndarray:
+    return np.lexsort((channels[:, 0], channels[:, 2]))
+
+
+def _backwards(channels: np.ndarray) -> np.ndarray:
+    return np.lexsort((-channels[:, 2], channels[:, 0]))
+
+
+ORDERS: dict[str, Callable[[np.ndarray], np.ndarray]] = {  # channel in each column
+    "pairs from the drive's own on": _from_drive,
+    "pair by pair": _by_pair,
+    "pairs backwards": _backwards,
+}
+
+
+def _polarity(rng: np.random.Generator) -> _Plan:
+    true, believed, touched, words = _either_skin(rng)
+    truth, drawn = Truth(wrong="polarity"), f"{words}, plus and minus exchanged"
+    return _Plan(drawn, true, believed, channel_table(16), [], truth, touched, sign=-1.0)
+
+
+def _beliefs(rng: np.random.Generator) -> _Plan:
+    true, believed, touched, words = _either_skin(rng)
+    keys = rng.choice(UNKNOWN, int(rng.integers(1, len(UNKNOWN) + 1)), replace=False).tolist()
+    believed = replace(believed, **dict.fromkeys(keys))
+    effects = [_fault(rng, 16)] if rng.uniform() < 0.5 else []
+    drawn = f"{words}, {', '.join(map(_words, effects)) or 'sound'}; unknown: {', '.join(keys)}"
+    truth = Truth(effects, tuple(law["name"] for law in effects))
+    return _Plan(drawn, true, believed, channel_table(16), effects, truth, touched)
+
+
+KINDS: dict[str, Callable[[np.random.Generator], _Plan]] = {
+    "static-body": _static_body,
+    "out-of-round": _out_of_round,
+    "clipped": _clipped,
+    "step": _step,
+    "many-drives": _many_drives,
+    "order": _order,
+    "polarity": _polarity,
+    "beliefs": _beliefs,
+}
