@@ -204,6 +204,7 @@ def test_a_rim_of_harmonic_2_is_an_anisotropy_to_second_order(amplitude, phase):
     assert both(0.0) < 0.15 * amplitude**2 and both(5.0) < 3e-3
 
 
+@pytest.mark.long
 PLACES = {"name": "electrode-position", "parameters": {}}
 JITTER = {
     "name": "electrode-position",
@@ -340,6 +341,7 @@ def said(recorded: Recording) -> dict:
     return effect
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("item", [DIRECTED, OVAL])
 def test_a_diagnosis_of_untouched_frames_names_anisotropy_and_the_ellipse(item):
     effect = said(still(item))
@@ -357,6 +359,7 @@ def test_a_diagnosis_with_touches_tells_an_anisotropy_from_an_ellipse():
     assert "ruler" not in effect["sentence"]
 
 
+@pytest.mark.long
 def test_a_diagnosis_names_contacts_and_all_gains():
     effect = said(small_recording(CONTACTS))
     assert effect["name"] == "contact-impedance" and effect["scope"] == "common"
@@ -370,6 +373,7 @@ def test_a_diagnosis_names_a_turn_of_touches_and_one_of_electrodes():
     assert f"all electrodes turned by {MINUS}3.0" in effect["sentence"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("item", "check"),
     [

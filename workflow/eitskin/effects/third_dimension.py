@@ -31,7 +31,10 @@ class ThirdDimension(SkinEffect):
     far = (0.0,)
     source = "Vauhkonen, Vauhkonen, Savolainen, Kaipio 1999"
     mend = "use electrodes that reach through the whole depth"
-    finding = "Current spreads in depth too[, through {depth_mm}]."
+    finding = (
+        "Current spreads in depth too[, through {depth_mm}]"
+        "[, from electrodes {electrode_height_mm} high]."
+    )
     shown_by = "absolute values, with electrodes of known height"
     confusable = ("electrode-width",)
 
