@@ -204,7 +204,6 @@ def test_a_rim_of_harmonic_2_is_an_anisotropy_to_second_order(amplitude, phase):
     assert both(0.0) < 0.15 * amplitude**2 and both(5.0) < 3e-3
 
 
-@pytest.mark.long
 PLACES = {"name": "electrode-position", "parameters": {}}
 JITTER = {
     "name": "electrode-position",
@@ -212,6 +211,7 @@ JITTER = {
 }
 
 
+@pytest.mark.long
 def test_places_that_follow_a_stretch_are_an_anisotropy_in_untouched_frames_alone():
     search, state = fitted(still(DIRECTED, noise=0.0), PLACES, scopes=("dense",), noise=5e-3)
     near = {g.rival: g.gap for g in gaps(search, state, 0)}

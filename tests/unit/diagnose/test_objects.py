@@ -117,7 +117,14 @@ SKINS = {
 }
 
 
-@pytest.mark.parametrize("which", SKINS)
+@pytest.mark.parametrize(
+    "which",
+    [
+        "electrodes moved",
+        "out of round",
+        pytest.param("rising conductivity", marks=pytest.mark.long),
+    ],
+)
 def test_another_change_of_the_skin_is_no_object(which):
     shape, angle = SKINS[which]
     body = boundary.Body(shape, angle, np.full(N, 10.0), 5.0)
