@@ -341,8 +341,7 @@ def said(recorded: Recording) -> dict:
     return effect
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("item", [DIRECTED, OVAL])
+@pytest.mark.parametrize("item", [DIRECTED, pytest.param(OVAL, marks=pytest.mark.long)])
 def test_a_diagnosis_of_untouched_frames_names_anisotropy_and_the_ellipse(item):
     effect = said(still(item))
     assert effect["name"] == "anisotropy"
@@ -353,13 +352,13 @@ def test_a_diagnosis_of_untouched_frames_names_anisotropy_and_the_ellipse(item):
         assert "1.16 times as long along 0° as across" in effect["sentence"]
 
 
+@pytest.mark.long
 def test_a_diagnosis_with_touches_tells_an_anisotropy_from_an_ellipse():
     effect = said(small_recording(DIRECTED))
     assert effect["name"] == "anisotropy" and effect["alternatives"] == []
     assert "ruler" not in effect["sentence"]
 
 
-@pytest.mark.long
 def test_a_diagnosis_names_contacts_and_all_gains():
     effect = said(small_recording(CONTACTS))
     assert effect["name"] == "contact-impedance" and effect["scope"] == "common"
@@ -367,6 +366,7 @@ def test_a_diagnosis_names_contacts_and_all_gains():
     assert "Measure the current through a known resistor." in effect["sentence"]
 
 
+@pytest.mark.long
 def test_a_diagnosis_names_a_turn_of_touches_and_one_of_electrodes():
     effect = said(small_recording(TURN))
     assert (effect["name"], effect["alternatives"]) == ("registration", ["electrode-position"])
