@@ -28,6 +28,7 @@ from eitskin import cli
 from eitskin.atomic import atomic_path
 from eitskin.diagnose.comparison.objects import NAME
 from eitskin.physics.geometry import even_angles
+from eitskin.plotting import png
 from eitskin.quantities import MINUS
 
 LCT, PYEIDORS, ROD = "lct-tank", "pyeidors-tank", "iirc-tank"
@@ -297,7 +298,8 @@ def main(folder: Path) -> None:
         temporary.write_text(table.to_csv(index=False), "utf-8")
     with atomic_path(folder / "objects.md") as temporary:
         temporary.write_text(told, "utf-8")
-    drawn.savefig(folder / "objects.png", dpi=110)
+    with atomic_path(folder / "objects.png") as temporary:
+        temporary.write_bytes(png(drawn))
     print(told, end="")
 
 

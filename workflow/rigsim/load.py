@@ -22,6 +22,7 @@ HEADER = b"\r\nSerial Load Cell Converter version 1.2\r\nBy SparkFun Electronics
 KG, LBS = ("kg", 9.80665), ("lbs", 4.4482216)  # name, N of one
 MENU = b"\r\n1) Tare scale\r\nx) Exit\r\n>"
 ROOM_C = 24.75
+BOOT_S = 0.2  # of which no speedup makes less: a host that opens a port empties it first
 
 
 class LoadCell:
@@ -107,7 +108,8 @@ class OpenScale(LoadCell):
     began = 0.0
 
     async def setup(self) -> None:
-        """Its header."""
+        """Its header, once it has booted."""
+        await asyncio.sleep(BOOT_S)
         self.began, self.in_menu = time.monotonic(), False
         self.say(HEADER)
 

@@ -109,6 +109,21 @@ class Case:
         return recording.Recording(self.states, self.voltage, None, None, dict(self.metadata))
 
 
+def owners_metadata(channels: np.ndarray, frame_s: float, believed: Skin) -> dict:
+    """Metadata of a simulated recording as its owner writes them; channels (M, 4); frame_s: s."""
+    return {
+        **recording.DEFAULTS,
+        "format": "eit-recording",
+        "version": 1,
+        "channels": channels.tolist(),
+        "voltage": "signed",
+        "frame_s": frame_s,
+        "position_frame": "skin",
+        "source": "simulation",
+        "skin": believed.metadata(),
+    }
+
+
 class _Shown:
     """What a world makes of some states; of laws asked for before, the same again."""
 
@@ -375,18 +390,8 @@ def draw(
         world = World(true, channels, frame_s, grounded, generator=generator)
         clean = world.readings(states, effects, hidden)
     largest = float(states["force_N"].max())
-    metadata = {
-        **recording.DEFAULTS,
-        "format": "eit-recording",
-        "version": 1,
-        "channels": channels.tolist(),
-        "voltage": "signed",
-        "frame_s": frame_s,
-        "position_frame": "skin",
-        "source_reference": "sink-grounded" if grounded else "floating",
-        "source": "simulation",
-        "skin": believed.metadata(),
-    }
+    metadata = owners_metadata(channels, frame_s, believed)
+    metadata["source_reference"] = "sink-grounded" if grounded else "floating"
     errors = _rig_errors(rig, np.random.default_rng([zlib.crc32(f"{kind}+rig".encode()), seed]))
     plainly = Case(
         kind=whole,

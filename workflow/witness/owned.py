@@ -17,22 +17,19 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import minimize_scalar
 
-from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table, every_channel, undriven
 from eitskin.physics.skin import Skin
 from witness import rig_errors
-from witness.cases import signature
+from witness.cases import owners_metadata, signature
 from witness.rig_errors import USUAL, RigError
 from witness.schedule import Keep, query_frames, recording_frames
 from witness.world import World
 
 LEVELS = (3e-4, 5e-3)  # noise over the median |v|, from and to
 FRAMES = (20, 60)  # of a recording that nobody touches
-SEEN = (
-    40.0  # SNR of all frames that what is concealed has at least, where the noise can fall so far
-)
+SEEN = 40.0  # least SNR of all frames of what is concealed, where the noise can fall so far
 STEP_SEEN = 20.0  # a step's length over one frame's noise, likewise
 CONTACTS = (-3.0, 12.0)  # logarithm of an unknown contact impedivity over the true one
 MILD = (0.1, 1.0)  # of the usual size of a rig's error
@@ -114,6 +111,7 @@ class _Plan:
     order: np.ndarray | None = None
     sign: float = 1.0
     clipped: bool = False
+    room: float = 1.0
 
 
 def draw(kind: str, seed: int) -> Owned:
@@ -142,8 +140,9 @@ def _made(kind: str, seed: int, plan: _Plan, rng: np.random.Generator) -> Owned 
     frame_s = round(float(rng.uniform(0.2, 0.4)), 3)
     radius, query = plan.true.radius_mm, None
     if plan.touched:
-        states = recording_frames(rng, radius, frame_s, Keep())
-        query = query_frames(rng, states, radius, frame_s, Keep())
+        room = plan.room * radius
+        states = recording_frames(rng, room, frame_s, Keep())
+        query = query_frames(rng, states, room, frame_s, Keep())
     else:
         states = _still(int(rng.integers(FRAMES[0], FRAMES[1] + 1)), frame_s)
     world = World(plan.true, plan.channels, frame_s)
@@ -179,17 +178,7 @@ def _made(kind: str, seed: int, plan: _Plan, rng: np.random.Generator) -> Owned 
             np.clip(one, -ceiling, ceiling) + dither * rng.standard_normal(one.shape)
             for one in read
         ]
-    metadata = {
-        **recording.DEFAULTS,
-        "format": "eit-recording",
-        "version": 1,
-        "channels": plan.channels.tolist(),
-        "voltage": "signed",
-        "frame_s": frame_s,
-        "position_frame": "skin",
-        "source": "simulation",
-        "skin": plan.believed.metadata(),
-    }
+    metadata = owners_metadata(plan.channels, frame_s, plan.believed)
     order = slice(None) if plan.order is None else plan.order
     made = [
         Recording(frames, plan.sign * one[:, order], None, None, deepcopy(metadata))
@@ -368,26 +357,36 @@ def _static_body(rng: np.random.Generator) -> _Plan:
 
 
 def _out_of_round(rng: np.random.Generator) -> _Plan:
-    """Where nobody presses, a disc with electrodes elsewhere, of other widths and contacts, reads
-    the same (Riemann's map): the outline must then be among the alternatives."""
+    """Electrode edges keep their places along the rim. Where nobody presses, a disc with electrodes
+    elsewhere, of other widths and contacts, reads the same (Riemann's map): the outline must then
+    be among the alternatives."""
     true, believed, touched, words = _either_skin(rng)
     harmonic = int(rng.choice([2, 2, 3]))
     amplitude, phase = _between(rng, *OUT_OF_ROUND), _between(rng, 0.0, 360.0)
     shape = {"harmonic": harmonic, "amplitude": amplitude, "phase_deg": phase}
-    shift = carried(true.electrode_deg, harmonic, amplitude, phase)
-    moved = {
-        "name": "electrode-position",
-        "electrodes": list(range(16)),
-        "parameters": {"shift_deg": shift},
-    }
-    effects = [{"name": "domain-shape", "parameters": shape}, moved]
+    half = np.degrees(0.5 * true.electrode_width_mm / true.radius_mm)
+    edges = np.add.outer([-half, half], true.electrode_deg)
+    shift = np.reshape(carried(edges.ravel().tolist(), harmonic, amplitude, phase), edges.shape)
+    width = np.radians(2.0 * half + shift[1] - shift[0]) * true.radius_mm
+    seats = (("electrode-position", "shift_deg", shift.mean(axis=0)),)
+    seats += (("electrode-width", "width_mm", width),)
+    effects = [{"name": "domain-shape", "parameters": shape}]
+    effects += [
+        {
+            "name": name,
+            "electrodes": list(range(16)),
+            "parameters": {key: np.round(value, 5).tolist()},
+        }
+        for name, key, value in seats
+    ]
     drawn = f"{words}, out of round by {amplitude:.3g} in harmonic {harmonic}"
     truth = Truth(effects, ("domain-shape",))
-    return _Plan(drawn, true, believed, channel_table(16), effects, truth, touched)
+    room = 1.0 - amplitude
+    return _Plan(drawn, true, believed, channel_table(16), effects, truth, touched, room=room)
 
 
 def carried(deg: tuple[float, ...], harmonic: int, amplitude: float, phase_deg: float) -> list:
-    """Shifts, degrees, of electrodes at `deg` that keep their places along a rim which is pressed
+    """Shifts, degrees, of marks at `deg` that keep their places along a rim which is pressed
     to r = 1 + amplitude cos(harmonic phi - phase) and not stretched; their mean is 0.
 
     To first order -amplitude / harmonic sin(harmonic phi - phase); here by the arc length itself.

@@ -93,3 +93,31 @@ def test_starts_have_room_for_their_electrodes():
     for start in starts:
         half = 0.5 * start["electrode_height_mm"]
         assert 6.0 - half >= 0.0 and 6.0 + half <= start["depth_mm"]
+
+
+def test_a_place_that_nobody_knows_starts_off_the_middle_where_there_is_room():
+    skin = replace(TANK, electrode_height_mm=None)
+    starts = EFFECTS["third-dimension"].starts(skin, np.zeros((1, 1)))
+    depth, placed = skin.thickness_mm, [s for s in starts if "electrode_z_mm" in s]
+    assert placed and len(placed) < len(starts)
+    for start in placed:
+        half, z = 0.5 * start["electrode_height_mm"], start["electrode_z_mm"]
+        assert half <= z < 0.45 * depth
+    assert all("depth_mm" not in s for s in starts)
+
+
+def test_starts_of_a_name_differ_in_their_first_coordinate():
+    body = {"name": "third-dimension"}
+    search = search_of(untouched(body, skin=TANK, thickness_mm=None, electrode_height_mm=None))
+    begun = search._afar(search.calibrated(), [])
+    depths = [s.candidate.start["depth_mm"] for s in begun if s.candidate.name == body["name"]]
+    assert len(depths) == len(set(depths)) > 1
+
+
+def test_before_a_fit_from_afar_bodies_are_solved_coarsely():
+    search = search_of(untouched())
+    rough, problem = search.rough(search.calibrated()), search.problem
+    assert rough.model.coarse and rough.model.near is problem.model.near
+    assert rough.whitening.size == problem.whitening.size
+    residual = [p.residual(np.zeros(len(p.model.calibrations)), []) for p in (rough, problem)]
+    assert (residual[0] ** 2).sum() < (residual[1] ** 2).sum()

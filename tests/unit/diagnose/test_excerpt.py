@@ -55,13 +55,14 @@ def test_an_excerpt_can_be_cut_again():
     assert len(excerpt(once, 12).frames) < len(once.frames) < 34
 
 
-def test_noise_lasts_by_the_numbers_of_the_frames(monkeypatch):
+def test_noise_lasts_by_the_numbers_of_the_frames():
     """Of an excerpt, and where it is thinned again."""
     once = excerpt(small_recording(places=6), 20)
     problem, _ = problem_of(once)
     assert np.array_equal(problem.whitening.clock, once.frames["frame"])
     assert (np.diff(problem.whitening.clock) > 1).any()
-    monkeypatch.setattr(diagnosis, "FIRST_FRAMES", 12)
-    few = diagnosis._few(problem, once).whitening
+    _, search, _ = diagnosis.begun(once, 1)
+    fewer = excerpt(once, 12)
+    few = diagnosis._on_frames(search, once, fewer, 1, print, 1.0).problem.whitening
     assert np.array_equal(few.clock, excerpt(once, 12).frames["frame"])
     assert few.mask.shape[0] == len(few.clock) < len(problem.whitening.clock)

@@ -54,6 +54,7 @@ def test_tangents_are_differences(tangents, candidate):
 
 def test_tangents_about_a_body_are_differences_of_accurate_ones():
     skin = {**RECORDED.metadata["skin"], "thickness_mm": 14.0, "electrode_height_mm": 6.0}
+    skin["electrode_z_mm"] = 7.0
     recorded = replace(RECORDED, metadata={**RECORDED.metadata, "skin": skin})
     problem, scales = problem_of(recorded)
     every = candidates_of(recorded, problem, scales)

@@ -49,8 +49,10 @@ def entries(name: str):
 def test_every_placeholder_is_a_parameter_and_every_parameter_has_one(name):
     effect = EFFECTS[name]
     gaps = {gap.partition(":")[0] for gap in words.GAP.findall(effect.finding) if "|" not in gap}
-    assert gaps == {*effect.parameters, *(["site"] if effect.sites else [])}
-    optional = {key for key, parameter in effect.parameters.items() if parameter.optional}
+    own = effect.parameters.items()
+    flags = {key for key, parameter in own if parameter.whole and parameter.optional}
+    assert gaps == {*effect.parameters, *(["site"] if effect.sites else [])} - flags
+    optional = {key for key, parameter in own if parameter.optional} - flags
     parts = {
         g.partition(":")[0]
         for p in words.PART.findall(effect.finding)
@@ -145,6 +147,13 @@ def test_a_rim_of_another_size_is_no_shape():
             harmonic=(0.0, 0.0, 0.0),
             amplitude=(0.02, 0.01, 0.03),
             phase_deg=(phase, -360.0, 360.0),
+            carried=(0.0, 0.0, 0.0),
         )
         assert text == f"The skin is 2.0 (90 %: 1.0 to 3.0)\xa0% {word} than it should be."
     assert "harmonic 3 of" in said("domain-shape", harmonic=(3.0, 3.0, 3.0))
+
+
+def test_a_pressed_rim_carries_its_electrodes():
+    for carried in (0.0, 1.0):
+        text = said("domain-shape", harmonic=(2.0, 2.0, 2.0), carried=(carried,) * 3)
+        assert text.endswith("°, its electrodes carried along.") == bool(carried)

@@ -150,6 +150,29 @@ def test_the_middle_force_is_half_the_largest_unless_given():
     assert np.allclose(found / VOLTAGE, (1 + 0.01 * (FORCES - 5.0))[:, None])
 
 
+@pytest.mark.parametrize("harmonic", [2, 3, 5])
+def test_a_pressed_rim_keeps_what_lies_along_it(harmonic):
+    pressed = {"harmonic": harmonic, "amplitude": 0.08, "phase_deg": 40.0, "carried": 1}
+    uneven = np.array(GEOMETRY.electrode_deg) + 2.0 * np.sin(np.arange(16))
+    before = GEOMETRY.with_values(electrode_deg=uneven)
+    after = apply_skin(before, one("domain-shape", parameters=pressed), START)
+    lengths = []
+    for geometry in (before, after):
+        half = np.degrees(0.5 * geometry.electrode_width_mm / geometry.radius_mm)
+        angles = geometry.electrode_deg
+        edges = np.radians(np.sort(np.r_[angles - half, angles + half]))
+        pairs = zip(edges, np.append(edges[1:], edges[0] + 2.0 * np.pi), strict=True)
+        rims = [geometry.rim(np.linspace(*pair, 4001)) for pair in pairs]
+        along = [np.abs(np.diff(rim)).sum() for rim in rims]
+        lengths.append(np.array(along) / np.sum(along))
+    assert lengths[1] == pytest.approx(lengths[0], rel=1e-6)
+    kept = apply_skin(before, one("domain-shape", parameters=pressed | {"carried": 0}), START)
+    assert np.array_equal(kept.electrode_deg, uneven) and kept.shape_cos == after.shape_cos
+    turned = np.radians(after.electrode_deg - before.electrode_deg)
+    wave = np.sin(harmonic * np.radians(uneven) - np.radians(40.0))
+    assert turned == pytest.approx(-0.08 / harmonic * wave, abs=0.08**2)
+
+
 def test_an_ellipse_is_shape_and_shifts_to_first_order():
     """Of point electrodes; an arc would be stretched too."""
 

@@ -10,7 +10,7 @@ import pandas as pd
 from eitskin.data.recording import Recording
 from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.candidates import Scales, catalogue
-from eitskin.diagnose.excerpt import excerpt
+from eitskin.diagnose.excerpt import excerpt, of_frames
 from eitskin.diagnose.fit import Fit, Problem, difference, fit
 from eitskin.diagnose.gaps import Gap, gaps, strengths
 from eitskin.diagnose.held_out import aside, folds, units
@@ -19,7 +19,7 @@ from eitskin.diagnose.noise import Noise, estimate
 from eitskin.diagnose.remainder import Other, other, unlike
 from eitskin.diagnose.rig import Rig
 from eitskin.diagnose.rig_sizes import findings
-from eitskin.diagnose.search.search import STANDARD_ERRORS, Search, State
+from eitskin.diagnose.search.search import GROSS, STANDARD_ERRORS, UNEXPLAINED, Search, State
 from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.steadiness import refine
 from eitskin.diagnose.verdict import acceptable
@@ -34,6 +34,9 @@ FIRST_SHARE = 2 / 3  # of what may be solved, that the search on these may take
 # Of the median |v|: error of a body that is solved at accuracy train, in most channels; it is where
 # the noise of a frame's mean is so many times as much, and nobody touches.
 BODY, COARSE = 1e-4, 3.0
+# Where so much of the readings in untouched frames is left, these few at least are diagnosed
+# first, for this share of what may be solved.
+BARE, LEAST_BARE, BARE_SHARE = 3e-3, 5, 1 / 3
 FORCES = np.linspace(1.0, 0.0, 11)  # of a query's largest, up to which predictions are tried
 
 
@@ -73,16 +76,14 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
     if len(recorded.frames) < whole:
         report(f"an excerpt: {len(recorded.frames)} of {whole} frames")
     noise, search, kept = begun(recorded, seed, report)
-    start, cut_short = None, False
+    there = search.problem.whitening.mask
+    seen = replace(recorded, voltage=np.where(there, recorded.voltage, np.nan))
+    start, cut_short = _untouched_first(search, seen, seed, report), False
     if len(recorded.frames) >= 2 * FIRST_FRAMES:
-        there = search.problem.whitening.mask
-        seen = replace(recorded, voltage=np.where(there, recorded.voltage, np.nan))
-        problem = _few(search.problem, seen)
-        report(f"first on {len(problem.recorded)} frames")
-        first = _search(
-            problem, search.candidates, recorded.channels, seed, report, noise.rounding, FIRST_SHARE
-        )
-        start, cut_short = first.run()[1], first.spent
+        few = excerpt(seen, FIRST_FRAMES)
+        report(f"first on {len(few.frames)} frames")
+        first = _on_frames(search, seen, few, seed, report, FIRST_SHARE)
+        start, cut_short = first.run(start)[1], first.spent
         report(f"then on {len(recorded.frames)}")
     before, after = search.run(start)
     after, judged = _earned(search, search.settled(after), recorded, noise, kept)
@@ -255,14 +256,44 @@ def _judged(
     return Judged(aside, state.sizes, search.rounding, units(recorded))
 
 
-def _few(problem: Problem, recorded: Recording) -> Problem:
-    """The same problem on FIRST_FRAMES of the frames."""
-    few = excerpt(recorded, FIRST_FRAMES)
+def _on_frames(
+    search: Search,
+    recorded: Recording,
+    few: Recording,
+    seed: int,
+    report: Callable[[str], None],
+    share: float,
+) -> Search:
+    """A search like one of a recording, on a few of its frames."""
+    problem = search.problem
     model = RecordingSimulator(recorded, few, problem.model.near)
     readings = np.where(model.known[:, None], few.voltage, np.nan)
     clock = few.frames["frame"].to_numpy()
     whitening = replace(problem.whitening, mask=np.isfinite(readings), clock=clock)
-    return Problem(model, readings, whitening)
+    problem = Problem(model, readings, whitening)
+    channels = recorded.channels
+    return _search(problem, search.candidates, channels, seed, report, search.rounding, share)
+
+
+def _untouched_first(
+    search: Search, recorded: Recording, seed: int, report: Callable[[str], None]
+) -> State | None:
+    """What explains the frames in which nobody touches, where more than BARE of their readings is
+    left unexplained: so far off, touches would be followed to anywhere. None where nothing does."""
+    model = search.problem.model
+    count = int((~model.touched).sum())
+    if model.difference or count < LEAST_BARE or not model.touched.any():
+        return None
+    few = of_frames(recorded, ~model.touched)
+    first = _on_frames(search, recorded, few, seed, report, BARE_SHARE)
+    plain = fit(first.problem, [], np.zeros(len(model.calibrations)))
+    if plain.chi2 < GROSS * first.problem.whitening.size:
+        return None
+    if first.calibrated().sizes.get(UNEXPLAINED, 0.0) < BARE:
+        return None
+    report(f"first on the {count} frames in which nobody touches")
+    start = first.run()[1]
+    return start if start.effects else None
 
 
 def _named(search: Search, state: State) -> Fit:

@@ -29,6 +29,12 @@ def excerpt(recorded: Recording, most: int = MOST_FRAMES) -> Recording:
     room = round(most * len(untouched) / total)
     if room:
         kept[untouched[_evenly(len(untouched), room)]] = True
+    return of_frames(recorded, kept)
+
+
+def of_frames(recorded: Recording, kept: np.ndarray) -> Recording:
+    """The frames of a recording that are kept (N,), with their times, sessions and numbers."""
+    press = presses(recorded)
     frames = recorded.frames[kept].reset_index(drop=True)
     label = pd.Series(press[kept], dtype="Int64")
     frames["contact"] = label.where(label >= 0)

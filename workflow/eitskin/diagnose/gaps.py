@@ -41,7 +41,7 @@ def gaps(search: Search, state: State, index: int, within: float = CLOSE * CONFU
     effect = state.effects[index]
     if gross(effect):
         return _gross_gaps(search, state, index)
-    if afar.is_far(effect) and search.fold.ndim == 2:
+    if search.starts_afar(effect):
         return _gaps_afar(search, state, index, within)
     less = search.less(state, index)
     problem = state.fit.problem
@@ -68,8 +68,15 @@ def gaps(search: Search, state: State, index: int, within: float = CLOSE * CONFU
             gap = min(gap, float(np.sqrt(fitted.chi2)))
             _declare_rival(nearest, search, state, fitted, gap)
         nearest[name] = min(float(gap), nearest.get(name, np.inf))
+    return _ranked(nearest, search, state, index, snr)
+
+
+def _ranked(
+    nearest: dict[str, float], search: Search, state: State, index: int, snr: float
+) -> list[Gap]:
+    """Gaps of names, those of the effect's identities among them, the nearest first."""
     _declare(nearest, search, state, index, 0.0)
-    nearest.pop(effect.name, None)
+    nearest.pop(state.effects[index].name, None)
     found = [Gap(name, min(gap, snr), snr) for name, gap in nearest.items()]
     return sorted(found, key=lambda g: g.gap)
 
@@ -98,33 +105,31 @@ def _gaps_afar(search: Search, state: State, index: int, within: float) -> list[
     and every rival within reach is fitted too; what a tangent promises is not kept so far away."""
     less, problem = search.less(state, index), state.fit.problem
     target = replace(problem, recorded=state.fit.voltage())
-    rough = replace(search.rough, recorded=target.recorded)
+    rough = replace(search.rough(less), recorded=target.recorded)
     tangents = Tangents(fit(target, less.effects, less.fit.theta))
     snr = float(np.sqrt(tangents.fit.chi2))
     best: dict[str, tuple[float, Candidate]] = {}
     for candidate in _rivals(search.candidates, state.effects[index]):
         if afar.is_far(candidate):
-            gap = afar.start(rough, less.effects, tangents.fit.theta, candidate)[0]
+            misfit, _ = afar.start(rough, less.effects, tangents.fit.theta, candidate)
+            gap = float(np.sqrt(misfit))
         else:
             gap = _linear_gap(tangents, tangents.residual, candidate)
-        if gap is not None and gap < best.get(candidate.name, (np.inf, None))[0]:
+        if gap is not None and gap < best.get(candidate.name, (np.inf,))[0]:
             best[candidate.name] = gap, candidate
     nearest: dict[str, float] = {}
     for name, (gap, candidate) in best.items():
         fitted = None
         if afar.is_far(candidate) and not search.spent:
-            theta = afar.start(rough, less.effects, tangents.fit.theta, candidate)[1]
-            fitted = _fitted_from(target, rough, [*less.effects, candidate], theta)
+            _, start = afar.start(rough, less.effects, tangents.fit.theta, candidate)
+            fitted = _fitted_from(target, rough, [*less.effects, candidate], start)
         elif gap < within and not search.spent:
             fitted = _fitted(target, tangents, less.effects, candidate)
         if fitted is not None:
             gap = float(np.sqrt(fitted.chi2))
             _declare_rival(nearest, search, state, fitted, gap)
         nearest[name] = min(float(gap), nearest.get(name, np.inf))
-    _declare(nearest, search, state, index, 0.0)
-    nearest.pop(state.effects[index].name, None)
-    found = [Gap(name, min(gap, snr), snr) for name, gap in nearest.items()]
-    return sorted(found, key=lambda g: g.gap)
+    return _ranked(nearest, search, state, index, snr)
 
 
 def _fitted_from(target, rough, effects, theta: np.ndarray) -> Fit | None:

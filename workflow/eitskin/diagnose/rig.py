@@ -85,7 +85,7 @@ class Rig:
         """The components that a recording can have, about a fit; rounding: as of `Noise`."""
         voltage = fit.voltage()
         level = _level(fit.problem)
-        slopes = tangents(fit)
+        slopes = tangents(fit, voltage)
         courses = {
             name: own
             for name, own in _courses(fit.problem.model).items()
@@ -248,9 +248,10 @@ def _courses(model: RecordingSimulator) -> dict[str, list[tuple[str, np.ndarray]
     return found
 
 
-def tangents(fit: Fit) -> dict[str, np.ndarray]:
-    """Derivatives (N, M) of readings by place and force of each frame's touch; none by force where
-    no touch has any, none at all where nobody touches or the physics has none."""
+def tangents(fit: Fit, voltage: np.ndarray) -> dict[str, np.ndarray]:
+    """Derivatives (N, M) of a fit's readings `voltage` by place and force of each frame's touch;
+    none by force where no touch has any, none at all where nobody touches or the physics has
+    none."""
     model = fit.problem.model
     touched = model.touched & model.known
     knobs, chosen = fit.problem.split(fit.theta, fit.effects)
@@ -263,7 +264,7 @@ def tangents(fit: Fit) -> dict[str, np.ndarray]:
     }
     if most > 0.0:
         steps["force_N"] = STEP_FORCE * np.where(force > STEP_FORCE * most, -force, most)
-    found, voltage = {}, fit.voltage()
+    found = {}
     for key, step in steps.items():
         try:
             there = model.displaced({key: step}).voltage(knobs, chosen)

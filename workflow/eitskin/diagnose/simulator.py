@@ -126,6 +126,12 @@ class RecordingSimulator:
         moved._moved = moved.states[["x_mm", "y_mm", "force_N"]].to_numpy().tobytes()
         return moved
 
+    def coarsely(self) -> "RecordingSimulator":
+        """The same simulator, bodies solved at accuracy train."""
+        moved = copy(self)
+        moved.coarse = True
+        return moved
+
     @staticmethod
     def _median(voltage: np.ndarray) -> float:
         return float(np.nanmedian(np.abs(voltage)))

@@ -74,7 +74,8 @@ def followed(
         if better.any():
             there = there.displaced(dict(zip(keys, np.where(better, step, 0.0), strict=True)))
             white, off, cost = left(there)
-            slopes = tangents(replace(fitted, problem=replace(plain, model=there)))
+            now = replace(fitted, problem=replace(plain, model=there))
+            slopes = tangents(now, now.voltage())
             if not slopes:
                 break
     return there

@@ -7,12 +7,15 @@ from eitskin.physics.geometry import Geometry
 from eitskin.physics.skin import Skin
 
 HARMONICS = 6
+RIM = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)
+NEWTON = 8  # steps, from the same angle
 
 
 class DomainShape(SkinEffect):
     """r(phi) = R (1 + amplitude cos(harmonic phi - phase)); electrode edges keep their angles.
 
-    One entry a harmonic; harmonic 0 is the size.
+    One entry a harmonic; harmonic 0 is the size. With carried 1, a round rim was pressed into this
+    shape: electrode edges keep their shares of its length, and turn by nothing in the mean.
     """
 
     name = "domain-shape"
@@ -22,6 +25,7 @@ class DomainShape(SkinEffect):
         "harmonic": Parameter("1", None, 0, 16, dense=False, whole=True),
         "amplitude": Parameter("1", 0.0, 0.0, 0.3, scale=0.02, dense=False),
         "phase_deg": Parameter("°", 0.0, -360.0, 360.0, scale=90.0, dense=False),
+        "carried": Parameter("1", None, 0, 1, dense=False, whole=True, optional=True),
     }
     polar = ("amplitude", "phase_deg", 1)
     source = "Nissinen, Kolehmainen, Kaipio 2011"
@@ -34,11 +38,14 @@ class DomainShape(SkinEffect):
     confusable = ("anisotropy", "ellipse", "electrode-position", "conductivity-patch")
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
-        """The size and the harmonics that a rim is likely to have."""
-        return [{"harmonic": k} for k in range(HARMONICS + 1)]
+        """The size and the harmonics that a rim is likely to have, drawn wrongly or pressed."""
+        drawn = [{"harmonic": k} for k in range(HARMONICS + 1)]
+        return drawn + [{"harmonic": k, "carried": 1} for k in range(2, HARMONICS + 1)]
 
     def finding_at(self, values: dict) -> str:
         """Harmonic 0 is no shape."""
+        if values.get("carried"):
+            return f"{self.finding[:-1]}, its electrodes carried along."
         if values["harmonic"] > 0:
             return self.finding
         larger = np.cos(np.radians(values["phase_deg"])) > 0
@@ -52,4 +59,28 @@ class DomainShape(SkinEffect):
         cosines[k] = cosines.get(k, 0.0) + amplitude * np.cos(phase)
         if k > 0:
             sines[k] = sines.get(k, 0.0) + amplitude * np.sin(phase)
-        return geometry.with_values(shape_cos=cosines, shape_sin=sines)
+        shaped = geometry.with_values(shape_cos=cosines, shape_sin=sines)
+        return _carried(geometry, shaped) if setting.values.get("carried") else shaped
+
+
+def _carried(before: Geometry, shaped: Geometry) -> Geometry:
+    """`shaped` with electrode edges at the shares of the rim's length that they had before."""
+    half = before.electrode_width_mm / (2.0 * before.radius_mm)
+    edges = np.radians(before.electrode_deg) + np.array([-1.0, 1.0])[:, None] * half
+    share, first, last = _length(before, edges)[0], *edges.copy()
+    for _ in range(NEWTON):
+        there, rate = _length(shaped, np.array([first, last]))
+        first, last = np.array([first, last]) - (there - share) / rate
+    return shaped.with_values(
+        electrode_deg=np.degrees(0.5 * (first + last)),
+        electrode_width_mm=before.radius_mm * (last - first),
+    )
+
+
+def _length(geometry: Geometry, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The rim's length up to angles phi (any shape), 2 pi in all, and its rate; it is phi itself in
+    the mean over the rim."""
+    spectrum = np.fft.rfft(np.abs(geometry.rim(RIM, 1)))[: len(RIM) // 4] / len(RIM)
+    k = np.arange(1, len(spectrum))
+    wave = 2.0 * spectrum[1:] / spectrum[0].real * np.exp(1j * k * np.asarray(phi)[..., None])
+    return phi + (wave / (1j * k)).sum(axis=-1).real, 1.0 + wave.sum(axis=-1).real

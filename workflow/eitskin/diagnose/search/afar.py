@@ -2,7 +2,8 @@
 wider than their owner would guess.
 
 What the beliefs and a candidate leave is computed at a few of its sizes and of what nobody knows of
-the contacts, one common factor free; a fit from the best of these goes the rest of the way.
+the contacts, one common factor as free as the beliefs leave it; a fit from the best of these goes
+the rest of the way.
 """
 
 from itertools import product
@@ -13,9 +14,11 @@ from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.fit import Problem
 from eitskin.errors import InputError
 
-SCALE = ("factor", "current_A")  # calibrations of which one is the readings' scale
+# Calibrations of which the first that there is scales the readings, and by which power.
+SCALE = {"factor": 1.0, "current_A": 1.0, "conductivity_S_per_m": -1.0}
 # Coordinates of a contact impedance and of a width that nobody knows.
 CONTACTS, WIDTHS = (-2.0, 0.0, 2.0), (0.0, 1.0, 2.0, 2.5)
+MOST_SCALE = 2.0  # coordinate of the scale; it reaches no further than 3
 
 
 def is_far(candidate: Candidate) -> bool:
@@ -24,7 +27,10 @@ def is_far(candidate: Candidate) -> bool:
 
 
 def start(
-    problem: Problem, effects: list[Candidate], theta: np.ndarray, candidate: Candidate | None
+    problem: Problem,
+    effects: list[Candidate],
+    theta: np.ndarray,
+    candidate: Candidate | None,
 ) -> tuple[float, np.ndarray]:
     """Least chi squared that the beliefs, effects at theta (P,) and a candidate leave, and the
     coordinates (P + size,) where they do; infinity where the physics has no such state. Without a
@@ -34,7 +40,8 @@ def start(
         [i for i, own in enumerate(names) if own == name]
         for name in ("contact_impedivity_ohm_m2", "electrode_width_mm")
     )
-    scale = [i for i, name in enumerate(names) if name in SCALE]
+    scale, power = next((names.index(n), power) for n, power in SCALE.items() if n in names)
+    sd = problem.model.calibrations[scale].sd
     count, sizes = (candidate.size, candidate.effect.far) if candidate else (0, (0.0,))
     tried = [candidate] if candidate else []
     least, best = np.inf, np.r_[np.zeros(len(names)), theta[len(names) :], np.zeros(count)]
@@ -49,9 +56,10 @@ def start(
         except InputError:
             continue
         factor = float((simulated * recorded).sum() / (simulated**2).sum())
-        left = float(((recorded - factor * simulated) ** 2).sum())
-        if left < least and factor > 0.0:
-            least, best = left, there
-            for i in scale:
-                best[i] = np.log(factor) / problem.model.calibrations[i].sd
+        if factor > 0.0:
+            unlikely = np.log(factor) / sd
+            left = float(((recorded - factor * simulated) ** 2).sum() + unlikely**2)
+            if left < least:
+                least, best = left, there
+                best[scale] = np.clip(power * unlikely, -MOST_SCALE, MOST_SCALE)
     return least, best

@@ -58,13 +58,16 @@ WITHIN = 20.0  # nats of linear evidence below the best, or this share of its ga
 SHARE = 0.3
 MOST_NAMES = 12
 MOST_SOLVED = 24_000  # sheets, of one diagnosis
+UNEXPLAINED = "static-discrepancy"  # the component of a value a channel
 CUT_SHORT = "cut short"  # the step on the path that says so
 ALIKE = 0.3  # squared correlation with the simulation, from which on names are looked for
 UNLIKE = "unlike"  # the step on the path that says so
 FEW_SITES = 2  # of a sparse effect; with more, single sites are tried in its place
 MOST_JOINED = 8  # sites of an effect that is still called sparse
-AFAR = 0.05  # of the readings: what a fit from afar may leave, to begin with
-STARTS = 2  # of a name, from which it is fitted from afar
+# Of the readings: what a fit from afar may leave at most, to begin with, and at least, for bodies
+# are solved coarsely there.
+AFAR, COARSE = 0.05, 3e-4
+STARTS = 3  # of a name, no two of one depth or height, from which it is fitted from afar
 FAR = 16.0  # times chi squared: a change of so great a squared length cannot lower it
 FEW = 6  # coordinates; candidates with more are fitted after the others
 GROSS = 30.0  # chi squared over its degrees of freedom above which gross faults are tried first
@@ -142,6 +145,15 @@ class Search:
         return self.share * MOST_SOLVED
 
     @property
+    def untouched(self) -> bool:
+        """Whether nobody touches: folds are of channels then."""
+        return self.fold.ndim == 2
+
+    def starts_afar(self, candidate: Candidate) -> bool:
+        """Whether no tangent leads to a candidate, so that its fits begin as of `afar`."""
+        return self.untouched and afar.is_far(candidate)
+
+    @property
     def spent(self) -> bool:
         """Whether the search has taken so long that it ends with what it has."""
         return self.problem.model.near.spent > self.most_solved
@@ -208,7 +220,7 @@ class Search:
         if self.rigged and self.rig is None:
             self.rig = Rig.about(best, self.problem.whitening, self.rounding)
         near = self.state(best)
-        far = self._from_afar(near, None) if self.rigged and self.fold.ndim == 2 else None
+        far = self._from_afar(near, None) if self.rigged and self.untouched else None
         return near if far is None or far.log_evidence <= near.log_evidence else far
 
     def as_reported(self, fitted: Fit) -> np.ndarray:
@@ -298,7 +310,7 @@ class Search:
         """`state` with a gain, or an offset, of its own for every channel; None where their score
         is no better than that of plainer candidates. It is what a few plain effects must beat.
         None where nobody touches: they would fit whatever there is, and predict nothing."""
-        if self.fold.ndim == 2:
+        if self.untouched:
             return None
         plain = max((s.log_evidence for s in self.scores(state)), default=0.0)
         here = self.linearised(state)
@@ -355,10 +367,10 @@ class Search:
     def _scores(self, state: State, tangents: Tangents) -> list[Score]:
         taken = {c.key for c in state.effects}
         # So far off with effects in it, a set wants more than any few channels.
-        hopeless = bool(state.effects) and self.fold.ndim == 1 and self._misfit(state) > GROSS
+        hopeless = bool(state.effects) and not self.untouched and self._misfit(state) > GROSS
         found = []
         for candidate in self.candidates:
-            if candidate.key in taken or (afar.is_far(candidate) and self.fold.ndim == 2):
+            if candidate.key in taken or self.starts_afar(candidate):
                 continue
             if _of_channels(candidate):
                 scored = channels.scores(tangents, candidate)
@@ -570,39 +582,48 @@ class Search:
         """Scores of candidates that no tangent leads to, but for `listed` ones, where nobody
         touches: such a recording has little else to be told by. Of every name the few that begin
         nearest to the readings."""
-        if self.fold.ndim == 1:
-            return []
         there = {c.name for c in state.effects} | {s.candidate.name for s in listed}
-        left: dict[str, list[tuple[float, int]]] = {}
-        for i, candidate in enumerate(self.candidates):
-            if afar.is_far(candidate) and candidate.name not in there:
-                misfit, _ = afar.start(self.rough, state.effects, state.fit.theta, candidate)
-                left.setdefault(candidate.name, []).append((misfit, i))
+        problem = self.rough(state)
+        left: dict[str, dict] = {}
+        for candidate in self.candidates:
+            if not self.starts_afar(candidate) or candidate.name in there:
+                continue
+            misfit, _ = afar.start(problem, state.effects, state.fit.theta, candidate)
+            own, first = (
+                left.setdefault(candidate.name, {}),
+                next(iter(candidate.start.items()), ()),
+            )
+            if misfit < own.get(first, (np.inf, candidate))[0]:
+                own[first] = misfit, candidate
         return [
-            Score(self.candidates[i], 0.0, 1, -np.inf)
+            Score(candidate, 0.0, 1, -np.inf)
             for own in left.values()
-            for least, i in sorted(own)[:STARTS]
-            if least < np.inf
+            for _, candidate in sorted(own.values(), key=lambda pair: pair[0])[:STARTS]
         ]
 
-    @cached_property
-    def rough(self) -> Problem:
-        """The problem, readings uncertain by AFAR: what no skin explains must not hide one that is
-        nearly right, nor be fitted at any price."""
-        if self.rig is None:
+    def rough(self, state: State) -> Problem:
+        """The problem with bodies solved coarsely, readings uncertain by what a state leaves
+        unexplained, within COARSE and AFAR: what no skin explains must not hide one that is nearly
+        right, nor be fitted at any price."""
+        if state.rig is None:
             return self.problem
-        return replace(self.problem, whitening=self.rig.whitening({"static-discrepancy": AFAR}))
+        left = float(np.clip(state.sizes.get(UNEXPLAINED, 0.0), COARSE, AFAR))
+        whitening = state.rig.whitening({UNEXPLAINED: left})
+        return replace(self.problem, model=self.problem.model.coarsely(), whitening=whitening)
 
     def _from_afar(self, state: State, candidate: Candidate | None) -> State | None:
         """`state`, with a candidate where there is one, fitted from the beliefs, whatever the state
         before has made of them."""
         effects = [*state.effects, *([candidate] if candidate else [])]
+        problem, sizes = self.rough(state), {UNEXPLAINED: state.sizes.get(UNEXPLAINED, 0.0)}
         try:
             with self.problem.model.near.within(self.most_solved):
-                _, start = afar.start(self.rough, state.effects, state.fit.theta, candidate)
-                rough = fit(self.rough, effects, start, polish=True)
-                found = self.state(rough, state.p_values, {"static-discrepancy": AFAR})
-                fitted = fit(found.fit.problem, effects, found.fit.theta)
+                _, start = afar.start(problem, state.effects, state.fit.theta, candidate)
+                theta = fit(problem, effects, start, polish=True).theta
+                rough = fit(replace(problem, model=self.problem.model), effects, theta)
+                found = self.state(rough, state.p_values, sizes)
+                known = found.fit.theta, found.fit.jacobian
+                fitted = fit(found.fit.problem, effects, *known)
                 return self.state(fitted, state.p_values, found.sizes, found.rig)
         except (InputError, np.linalg.LinAlgError, Spent):
             return None
@@ -640,7 +661,7 @@ class Search:
                 return self._fitted(effects, start, None, state, enough)
             if not other.effect.several or other.start == candidate.start:
                 return None
-        if afar.is_far(candidate) and self.fold.ndim == 2:
+        if self.starts_afar(candidate):
             return self._from_afar(state, candidate)
         start = np.r_[theta, np.zeros(candidate.size)]
         columns = self.linearised(state).jacobian(candidate)
@@ -926,8 +947,9 @@ def _slow(candidate: Candidate) -> bool:
     return candidate.effect.stage == "skin" and candidate.effect.driver != "static"
 
 
-def _form(candidate: Candidate) -> tuple[str, bool]:
-    return candidate.scope, candidate.scope == "sparse" and len(candidate.sites) > 1
+def _form(candidate: Candidate) -> tuple[str, bool, tuple[str, ...]]:
+    few = candidate.scope == "sparse" and len(candidate.sites) > 1
+    return candidate.scope, few, tuple(candidate.start)
 
 
 def occam(fitted: Fit) -> float:

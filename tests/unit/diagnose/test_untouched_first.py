@@ -1,0 +1,58 @@
+"""What is far off where nobody touches is looked for there first."""
+
+import pytest
+
+from eitskin.diagnose import diagnosis
+from small_skin import small_recording
+from witness import owned
+
+PRESSED = {"harmonic": 2, "amplitude": 0.05, "phase_deg": 20.0, "carried": 1}
+OVAL = {"name": "domain-shape", "parameters": PRESSED}
+NOISE = 3e-4
+
+
+def first_of(recorded):
+    lines: list[str] = []
+    _, search, _ = diagnosis.begun(recorded, 1)
+    return diagnosis._untouched_first(search, recorded, 1, lines.append), lines
+
+
+def test_what_is_far_off_is_explained_without_the_touches():
+    start, lines = first_of(small_recording(OVAL, noise=NOISE))
+    assert start.effects and "nobody touches" in lines[0]
+    assert start.fit.chi2 < 1.3 * start.fit.problem.whitening.size
+
+
+@pytest.mark.long
+def test_touches_tell_a_pressed_rim_from_what_reads_like_it_without_them():
+    found = diagnosis.diagnose(small_recording(OVAL, noise=NOISE))
+    assert [c.name for c in found.after.effects] == ["domain-shape"]
+    values = found.after.fit.settings()[0].values
+    assert values["amplitude"] == pytest.approx(0.05, rel=1e-3) and values["carried"] == 1
+
+
+@pytest.mark.parametrize("item", [None, {"name": "touch-contrast", "parameters": {"ratio": 3.0}}])
+def test_what_is_right_without_touches_is_looked_for_with_them(item):
+    items = [item] if item else []
+    assert first_of(small_recording(*items, noise=NOISE)) == (None, [])
+
+
+def test_a_recording_of_touches_alone_has_no_frames_to_begin_with():
+    recorded = small_recording(OVAL, noise=NOISE)
+    touched = recorded.frames["touch"].to_numpy(bool)
+    recorded.frames = recorded.frames[touched].reset_index(drop=True)
+    recorded.voltage = recorded.voltage[touched]
+    assert first_of(recorded)[0] is None
+
+
+@pytest.mark.long
+def test_a_pressed_skin_of_the_witness_is_named_with_its_size():
+    one = owned.draw("owner:out-of-round", 3)
+    found = diagnosis.diagnose(one.recorded)
+    assert [c.name for c in found.after.effects] == ["domain-shape"]
+    (true, *_) = one.truth.effects
+    values = found.after.fit.settings()[0].values
+    for key in ("harmonic", "amplitude", "phase_deg"):
+        assert values[key] == pytest.approx(true["parameters"][key], rel=0.02)
+    gain, error = found.judged.gain(found.after.fit, found.before.fit)
+    assert gain > 2.0 * error
