@@ -37,6 +37,15 @@ def test_what_is_right_without_touches_is_looked_for_with_them(item):
     assert first_of(small_recording(*items, noise=NOISE)) == (None, [])
 
 
+def test_what_explains_these_frames_in_part_begins_nothing():
+    gains = [
+        {"name": "drive-gain", "drives": [4], "parameters": {"gain": 0.95}},
+        {"name": "measurement-gain", "measures": [4], "parameters": {"gain": 0.95}},
+    ]
+    start, lines = first_of(small_recording(*gains, noise=NOISE))
+    assert start is None and lines
+
+
 def test_a_recording_of_touches_alone_has_no_frames_to_begin_with():
     recorded = small_recording(OVAL, noise=NOISE)
     touched = recorded.frames["touch"].to_numpy(bool)

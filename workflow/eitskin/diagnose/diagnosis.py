@@ -37,6 +37,7 @@ BODY, COARSE = 1e-4, 3.0
 # Where so much of the readings in untouched frames is left, these few at least are diagnosed
 # first, for this share of what may be solved.
 BARE, LEAST_BARE, BARE_SHARE = 3e-3, 5, 1 / 3
+EXPLAINED = 2.0  # chi squared a degree of freedom, up to which these begin the search on all
 FORCES = np.linspace(1.0, 0.0, 11)  # of a query's largest, up to which predictions are tried
 
 
@@ -279,7 +280,8 @@ def _untouched_first(
     search: Search, recorded: Recording, seed: int, report: Callable[[str], None]
 ) -> State | None:
     """What explains the frames in which nobody touches, where more than BARE of their readings is
-    left unexplained: so far off, touches would be followed to anywhere. None where nothing does."""
+    left unexplained: so far off, touches would be followed to anywhere. None where nothing does:
+    a wrong name would stay."""
     model = search.problem.model
     count = int((~model.touched).sum())
     if model.difference or count < LEAST_BARE or not model.touched.any():
@@ -293,7 +295,8 @@ def _untouched_first(
         return None
     report(f"first on the {count} frames in which nobody touches")
     start = first.run()[1]
-    return start if start.effects else None
+    left = first.named(start, start.fit).chi2 / first.problem.whitening.size
+    return start if start.effects and left < EXPLAINED else None
 
 
 def _named(search: Search, state: State) -> Fit:
