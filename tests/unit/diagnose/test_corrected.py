@@ -10,9 +10,12 @@ import yaml
 from eitskin.configuration import validate
 from eitskin.data import recording
 from eitskin.diagnose import corrected
+from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.fit import fit
 from eitskin.diagnose.jacobian import Jacobian
 from eitskin.diagnose.simulator import RecordingSimulator
+from eitskin.effects import EFFECTS
+from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
 from eitskin.simulate.twin import write as write_twin
 from small_skin import (
@@ -144,3 +147,22 @@ def test_the_protocol_is_the_recording_s(measure, tmp_path):
     protocol = accepted(text, tmp_path)["protocol"]
     assert np.array_equal(channel_table(8, **protocol), channels)
     assert ("channels" in protocol) == (measure is None)
+
+
+def test_a_body_is_written_at_the_accuracy_that_it_was_fitted_at(tmp_path):
+    """Of electrodes as low as these, a finer solution has too many terms."""
+    recorded = small_recording(places=2)
+    problem, scales = problem_of(recorded)
+    problem.model.coarse = True
+    low = {"depth_mm": 3.0 * SKIN.radius_mm, "electrode_height_mm": 0.01 * SKIN.radius_mm}
+    body = Candidate(EFFECTS["third-dimension"], None, None, "common", low, SKIN, scales)
+    start = calibrated(problem)
+    theta = np.r_[start.theta, np.zeros(body.size)]
+    jacobian = Jacobian(np.zeros((len(theta), *recorded.voltage.shape)))
+    found = replace(start, effects=[body], theta=theta, slopes=jacobian)
+    with pytest.raises(InputError, match="apart"):
+        problem.model.voltage(*problem.split(theta, [body]), accuracy="diagnose")
+    (effect,) = accepted(corrected.text(found, recorded, np.full(40, 1e-5), "tank"), tmp_path)[
+        "twin"
+    ]["effects"]
+    assert effect["parameters"]["depth_mm"] == pytest.approx(low["depth_mm"])

@@ -56,6 +56,7 @@ def corrected(fit: Fit, recorded: Recording, noise: np.ndarray, name: str) -> di
         Skin.from_metadata(skin),
         model.channels,
         fit.settings(),
+        model.accuracy(knobs, fit.settings()),
         frame_s=model.frame_s,
         sink_grounded=model.sink_grounded,
         force_max_N=model.force_max_N,

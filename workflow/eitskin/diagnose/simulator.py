@@ -153,6 +153,11 @@ class RecordingSimulator:
         """The untouched skin's at coordinates (P,) of the calibrations, at the start."""
         return apply_skin(Geometry.from_skin(self.skin(coordinates)), chosen, START)
 
+    def accuracy(self, coordinates: np.ndarray, chosen: list[Setting]) -> str:
+        """At which a skin at coordinates (P,) of the calibrations is solved."""
+        coarse = self.coarse and span(self.geometry(coordinates, chosen)) is not None
+        return "train" if coarse else "diagnose"
+
     def moments(self, coordinates: np.ndarray, chosen: list[Setting]) -> list[Moment]:
         """(N,): when and how each frame finds its skin, at coordinates (P,) of the calibrations."""
         return self._sense(coordinates, self.skin(coordinates), chosen, True, "diagnose").moments
@@ -163,9 +168,7 @@ class RecordingSimulator:
         """(N, M) at coordinates (P,) of the calibrations, with effects at definite values."""
         values = self.calibrated(coordinates)
         skin = self.skin(coordinates)
-        if accuracy is None:
-            coarse = self.coarse and span(self.geometry(coordinates, chosen)) is not None
-            accuracy = "train" if coarse else "diagnose"
+        accuracy = accuracy or self.accuracy(coordinates, chosen)
         current = 1.0 if self.unit == "ohm" else skin.current_A
         sensed = self._sense(coordinates, skin, chosen, True, accuracy)
         signed = read(sensed, current, chosen, self.sink_grounded)
