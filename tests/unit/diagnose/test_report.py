@@ -359,6 +359,15 @@ def test_residuals_of_another_shape_are_refused(tmp_path):
         rewritten(folder)
 
 
+def test_touches_that_nothing_simulates_have_no_map(tmp_path):
+    folder, recording = diagnosed(tmp_path, "consistent")
+    found = evidence.read(folder, recording, SCHEMA)
+    touched = found.frames["touch"].to_numpy(bool)
+    for residual in (found.before, found.after):
+        residual[touched] = np.nan
+    assert "there is no map" in figures.misfit_place(found)
+
+
 def test_a_number_that_is_none_is_refused(tmp_path):
     folder, _ = diagnosed(tmp_path, "explained")
     path = folder / "evidence" / "identifiability.csv"

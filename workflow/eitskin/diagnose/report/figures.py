@@ -263,16 +263,16 @@ def misfit_time(evidence: Evidence) -> Figure:
 def misfit_place(evidence: Evidence) -> Figure | str:
     """Chi2 per reading of the touches at each place, a map over the skin."""
     known = evidence.frames[["x_mm", "y_mm"]].notna().all(axis=1)
-    touch = (evidence.frames["touch"] & known).to_numpy()
+    chi2 = _chi2(evidence)
+    touch = (evidence.frames["touch"] & known).to_numpy() & np.isfinite(chi2).all(axis=0)
     if not touch.any():
-        return "No frame was touched at a known place: there is no map of the misfit."
+        return "No touch at a known place could be simulated: there is no map of the misfit."
     angle, radius = layout(evidence)
     table = evidence.frames.loc[touch, ["x_mm", "y_mm"]]
-    table = table.assign(**{t: c[touch] for (t, _), c in zip(TITLES, _chi2(evidence), strict=True)})
+    table = table.assign(**{t: c[touch] for (t, _), c in zip(TITLES, chi2, strict=True)})
     places = table.groupby(["x_mm", "y_mm"], as_index=False).mean()
-    low = np.nanmin(places[["before", "after"]].to_numpy())
-    high = np.nanmax(places[["before", "after"]].to_numpy())
-    norm = LogNorm(min(0.5, 0.9 * max(low, 1e-3)), max(2.0, 1.1 * high))
+    shown = places[["before", "after"]].to_numpy()
+    norm = LogNorm(min(0.5, 0.9 * max(shown.min(), 1e-3)), max(2.0, 1.1 * shown.max()))
     figure = column(56)
     row = figure.subplots(1, 2, sharey=True)
     rim = radius * np.exp(1j * np.radians(angle))
