@@ -46,11 +46,18 @@ def hidden(block: Path, case: str) -> pd.DataFrame:
     after, _ = scoring.predicted(block / "verdicts" / case / "predicted.parquet", clean.shape)
     with np.load(block / "baselines" / f"{case}.npz", allow_pickle=False) as file:
         before = file["none"]
+    return table.assign(**errors(before, after, clean, noise))
 
-    def rms(voltage: np.ndarray) -> np.ndarray:
-        return np.sqrt((((voltage - clean) / noise) ** 2).mean(axis=1))
 
-    return table.assign(before=rms(before), after=rms(after))
+def errors(
+    before: np.ndarray, after: np.ndarray, clean: np.ndarray, noise: np.ndarray
+) -> dict[str, np.ndarray]:
+    """(N,) each: root mean square over the channels of two predictions (N, M) minus the truth, in
+    units of a reading's noise (M,)."""
+    return {
+        key: np.sqrt((((voltage - clean) / noise) ** 2).mean(axis=1))
+        for key, voltage in (("before", before), ("after", after))
+    }
 
 
 def truth_of(item: dict) -> str:
@@ -117,8 +124,8 @@ def _said(axes: Axes, shown: Evidence, truth: dict) -> None:
     if truth["outside"]:
         concealed = truth["outside"]["law"]
     for y, head, text, colour in (
-        (1.0, "said, and sealed", said, AFTER),
-        (0.36, "concealed, and opened afterwards", concealed, CULPRIT),
+        (1.0, "said of the recording", said, AFTER),
+        (0.36, "concealed in it", concealed, CULPRIT),
     ):
         lines = "\n".join(textwrap.wrap(text, WIDTH, max_lines=2))
         axes.text(0.24, y, head, color=QUIET, ha="right", va="top")

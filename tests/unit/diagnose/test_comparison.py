@@ -63,6 +63,7 @@ def named(recording: Recording, *wanted: tuple[str, tuple[int, ...] | None, str]
         rig=[],
         atlas_before=empty,
         atlas_after=empty,
+        named=after.fit,
         gaps=[[] for _ in found],
         strengths={},
         other=None,

@@ -44,7 +44,8 @@ FORCES = np.linspace(1.0, 0.0, 11)  # of a query's largest, up to which predicti
 @dataclass(frozen=True)
 class Diagnosis:
     """What was found of one recording, and the search that found it. aside (N, M): readings that
-    the search has not seen; judged: by which it is judged; rig: its errors, as of `findings`.
+    the search has not seen; judged: by which it is judged; rig: its errors, as of `findings`;
+    named: the fit of the state after, nothing without a name in its covariance.
     """
 
     recorded: Recording
@@ -57,6 +58,7 @@ class Diagnosis:
     rig: list[dict]
     atlas_before: pd.DataFrame
     atlas_after: pd.DataFrame
+    named: Fit
     gaps: list[list[Gap]]
     strengths: dict[str, float]
     other: Other
@@ -96,7 +98,8 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
     found = [gaps(search, after, i) for i in range(len(after.effects))]
     if search.spent or cut_short:
         search.cut_short(after)
-    atlas_after = _atlas(recorded, noise, _named(search, after))
+    named = _named(search, after)
+    atlas_after = _atlas(recorded, noise, named)
     if search.unlike(after):
         left = unlike(search.likeness(after))
     else:
@@ -112,6 +115,7 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
         findings(rig, after.sizes, after.fit.misfit, recorded.metadata["unit"], noise),
         _atlas(recorded, noise, _named(search, before)),
         atlas_after,
+        named,
         found,
         strengths(search, after),
         left,

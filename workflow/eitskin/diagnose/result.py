@@ -1,6 +1,7 @@
 """What a diagnosis found, as files: diagnosis.json, effects.yaml, predictions, evidence."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -161,12 +162,14 @@ def _write_predicted(query: str | Path, voltage: np.ndarray, sd: np.ndarray, out
 def _write_evidence(found: Diagnosis, folder: Path) -> None:
     before, after, problem = found.before.fit, found.after.fit, found.search.problem
     mask = problem.whitening.mask
+    # What the rig's errors leave of both; a discrepancy would hide what has no name.
+    plain = replace(before.problem, whitening=found.named.problem.whitening)
     frames = found.recorded.frames
     with atomic_path(folder / "residuals.npz") as path, path.open("wb") as file:
         np.savez_compressed(
             file,
-            before=np.where(mask, before.residual, np.nan),
-            after=np.where(mask, after.residual, np.nan),
+            before=np.where(mask, plain.residual(before.theta, before.effects), np.nan),
+            after=np.where(mask, found.named.residual, np.nan),
             noise_V=found.noise.sd,
             noise_source=np.array(found.noise.source),
             noise_dof=np.array(float(found.noise.dof)),
