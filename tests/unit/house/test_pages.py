@@ -1,0 +1,50 @@
+"""The pages that people read: their links lead somewhere, the front page is short, the sample that
+ships is what its command makes."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eitskin.data import recording
+from eitskin.diagnose import diagnosis, result
+from witness.sample import sample
+
+ROOT = Path(__file__).parents[3]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+MOST_WORDS = 900  # of the front page
+SAMPLE = ROOT / "docs" / "sample"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_to_files(page):
+    for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+        assert target.startswith("http") or (page.parent / target).exists(), target
+
+
+def test_every_page_is_reached_from_the_index():
+    index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+    for page in PAGES[1:]:
+        name = page.relative_to(ROOT / "docs").as_posix()
+        assert name == "README.md" or f"({name})" in index, name
+
+
+def test_the_front_page_is_short():
+    assert len(PAGES[0].read_text(encoding="utf-8").split()) < MOST_WORDS
+
+
+def test_the_sample_is_what_its_command_makes():
+    case, shipped = sample(), recording.read(SAMPLE / "recording.parquet")
+    assert np.allclose(shipped.voltage, case.voltage, rtol=1e-9, atol=1e-15)
+    assert shipped.frames["force_N"].to_numpy() == pytest.approx(case.states["force_N"].to_numpy())
+    truth = json.loads((SAMPLE / "truth.json").read_text(encoding="utf-8"))
+    assert truth["effects"] == case.effects
+
+
+@pytest.mark.long
+def test_the_sample_s_sentence_is_the_one_on_the_front_page():
+    found = diagnosis.diagnose(recording.read(SAMPLE / "recording.parquet"))
+    (effect,) = result.result(found, "sample")["effects"]
+    assert effect["sentence"] in PAGES[0].read_text(encoding="utf-8")
