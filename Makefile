@@ -1,4 +1,4 @@
-# make · make paper · make concealed · make concealed_final · make demo-capture · make test · make test-long · make rehearse · make lint · make real · make bench · make accuracy · make clean
+# make · make paper · make concealed · make concealed_final · make demo-capture · make test · make test-long · make rehearse · make lint · make docs · make real · make bench · make accuracy · make clean
 # Needs Python 3.11 or 3.12 (PYTHON=… picks one); after the installs nothing needs the network.
 
 BIN := .venv/bin
@@ -24,7 +24,7 @@ export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
 
 .DELETE_ON_ERROR:
-.PHONY: run paper concealed concealed_final demo-capture test test-long rehearse lint real bench accuracy clean
+.PHONY: run paper concealed concealed_final demo-capture test test-long rehearse lint docs real bench accuracy clean
 
 run: .venv/installed
 	@echo "eitskin: simulating, training and writing results/tables/table_1.csv on $(CORES) cores"
@@ -77,6 +77,10 @@ lint: .venv/installed-test
 	@$(BIN)/snakemake --lint
 	@$(BIN)/snakemake --lint $(DEMO)
 
+docs: .venv/installed-docs
+	@echo "eitskin: building the documentation; results/documentation/index.html"
+	@$(BIN)/sphinx-build -q -W --keep-going -b html -d results/documentation/.doctrees docs results/documentation
+
 real: .venv/installed
 	@if [ ! -d "$(EITSKIN_DATA)" ]; then \
 	  echo "SKIPPED: no real recordings at $(EITSKIN_DATA); set EITSKIN_DATA"; \
@@ -126,6 +130,9 @@ endef
 
 .venv/installed-rig: pyproject.toml envs/requirements.lock | .venv/installed
 	$(call install,.[rig])
+
+.venv/installed-docs: pyproject.toml envs/requirements.lock | .venv/installed
+	$(call install,.[docs])
 
 .venv/installed-test: pyproject.toml envs/requirements.lock | .venv/installed
 	$(call install,.[test])

@@ -401,6 +401,8 @@ def markdown(
     of = f"{len(rows)} of {planned}" if len(rows) < planned else f"{planned}"
     what = "skins" if sort_of(block) == "p-values" else "recordings"
     head = [
+        f"# The block {block}",
+        "",
         f"`{COMMAND}` with `calibration: {{block: {block}, size: {size}}}`: {of} {what},"
         f" 95 % intervals; {len(versions)} version{'s' * (len(versions) != 1)} of the diagnosis;"
         f" {note}.",

@@ -29,6 +29,7 @@ BESIDE = {  # what uses the tool, and what each may use of the others
     "calibration": {"witness"},
     "concealed": {"calibration", "witness"},
     "loop": {"witness"},
+    "manual": set(),
     "rigsim": set(),
     "studies": set(),
     "witness": set(),

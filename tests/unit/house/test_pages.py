@@ -10,6 +10,7 @@ import pytest
 
 from eitskin.data import recording
 from eitskin.diagnose import diagnosis, result
+from manual.__main__ import PAGES as WRITTEN
 from witness.sample import sample
 
 ROOT = Path(__file__).parents[3]
@@ -25,10 +26,15 @@ def test_links_lead_to_files(page):
 
 
 def test_every_page_is_reached_from_the_index():
-    index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     for page in PAGES[1:]:
         name = page.relative_to(ROOT / "docs").as_posix()
-        assert name == "README.md" or f"({name})" in index, name
+        assert name == "index.md" or f"({name})" in index, name
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_pages_from_the_code_are_as_it_is_now(name):
+    assert (ROOT / "docs" / name).read_text(encoding="utf-8") == WRITTEN[name]()
 
 
 def test_the_front_page_is_short():

@@ -1,0 +1,14 @@
+"""Write docs/effects.md and docs/configuration.md from the code: `python -m manual`."""
+
+from pathlib import Path
+
+from eitskin.atomic import atomic_path
+from manual import catalogue, keys
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGES = {"effects.md": catalogue.page, "configuration.md": keys.page}
+
+if __name__ == "__main__":
+    for name, page in PAGES.items():
+        with atomic_path(DOCS / name) as path:
+            path.write_text(page(), encoding="utf-8")

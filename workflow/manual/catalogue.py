@@ -1,0 +1,48 @@
+"""The catalogue of effects as a page, in the order in which they enter a simulation."""
+
+from eitskin.effects import EFFECTS
+from eitskin.effects.effect import STAGES, Effect, Parameter
+from eitskin.quantities import number
+
+HEAD = """# The catalogue of effects
+
+Written by `python -m manual` from `workflow/eitskin/effects`, one file an effect. Each is physics that a simulation may have, by
+`effects:` in `config.yaml`, and that a diagnosis may name. They enter in the order of the stages below.
+"""
+
+
+def page() -> str:
+    """The page as Markdown."""
+    parts = [HEAD]
+    for stage in STAGES:
+        own = [effect for effect in EFFECTS.values() if effect.stage == stage]
+        parts.append(f"## Stage: {stage}\n")
+        parts += [_entry(effect) for effect in sorted(own, key=lambda e: e.name)]
+    return "\n".join(parts)
+
+
+def _entry(effect: Effect) -> str:
+    lines = [f"### {effect.name}", "", *_text(effect), ""]
+    lines += ["| parameter | unit | does nothing at | from | to |", "|---|---|---|---|---|"]
+    lines += [_row(key, parameter) for key, parameter in effect.parameters.items()]
+    facts = {
+        "Varies with": effect.driver,
+        "Sites": ", ".join(effect.sites) or "the whole skin",
+        "Source": effect.source,
+        "Looks like": ", ".join(effect.confusable) or "nothing else",
+        "Shown by": effect.shown_by,
+        "On the bench": effect.mend,
+    }
+    lines += ["", *(f"- {head}: {text}" for head, text in facts.items()), ""]
+    return "\n".join(lines)
+
+
+def _text(effect: Effect) -> list[str]:
+    return [line.strip() for line in type(effect).__doc__.strip().splitlines()]
+
+
+def _row(key: str, parameter: Parameter) -> str:
+    nothing = "must be given" if parameter.neutral is None else number(parameter.neutral)
+    nothing = "may be left out" if parameter.optional else nothing
+    unit = "" if parameter.unit == "1" else parameter.unit
+    return f"| `{key}` | {unit} | {nothing} | {number(parameter.low)} | {number(parameter.high)} |"
