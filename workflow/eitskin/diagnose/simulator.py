@@ -56,7 +56,7 @@ class Calibration:
 class RecordingSimulator:
     """Readings (N, M) of the frames of one recording, in its own form and unit, by `voltage`.
 
-    `states` are another query's frames; the recording's by default. Frames whose touch is not
+    `states` and `channels` are a query's; the recording's by default. Frames whose touch is not
     known well enough to be simulated are not `known` (N,). near: solved skins to share with.
     coarse: bodies are solved at accuracy train.
     """
@@ -71,12 +71,12 @@ class RecordingSimulator:
     ):
         frames = recorded if query is None else query
         metadata = recorded.metadata
-        self.channels = recorded.channels
+        self.channels = frames.channels
         self.touched = frames.frames["touch"].to_numpy(bool)
         self.difference = metadata["values"] == "difference"
         self.magnitude = metadata["voltage"] == "magnitude"
         self.unit = metadata["unit"]
-        self.frame_s = metadata["frame_s"]
+        self.frame_s = frames.metadata["frame_s"] or metadata["frame_s"]
         self.sink_grounded = metadata["source_reference"] == "sink-grounded"
         self.press = recording.presses(frames)
         self.force_max_N = float(np.nanmax(recorded.frames["force_N"].fillna(0.0).to_numpy()))
