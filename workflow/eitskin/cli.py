@@ -151,6 +151,8 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         print(effect["sentence"])
     if said["other"]["sentence"]:
         print(f"What has no name: {said['other']['sentence']}")
+    for sentence in words.pinned(said["calibration"]):
+        print(sentence)
     print(folder / "report.html")
     return 0
 

@@ -30,6 +30,8 @@ UNKNOWN = {
 CONDUCTIVITY = (0.5, 0.2)
 FACTOR_SD = 10.0
 MOST = 3.0  # sd by which a calibration may be off
+SLIVER = 0.02  # of that: so near a bound, a fit has ended at it
+SLIVER = 0.02  # of that: so near a bound, a fit has ended at it
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,14 @@ class Calibration:
         if self.log:
             return self.start * math.exp(self.sd * coordinate)
         return self.start + self.sd * coordinate
+
+    def at_bound(self, coordinate: float) -> str | None:
+        """Whether the value at a coordinate is at the lower bound of what is tried, `low`, or at
+        the upper one, `high`; None: at neither."""
+        if abs(math.tanh(coordinate / MOST)) < 1.0 - SLIVER:
+            return None
+        rises = self.start > 0.0 or not self.log
+        return "high" if (coordinate > 0.0) == rises else "low"
 
 
 class RecordingSimulator:
