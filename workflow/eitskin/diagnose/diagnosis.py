@@ -9,10 +9,11 @@ import pandas as pd
 
 from eitskin.data.check import named
 from eitskin.data.recording import Recording
+from eitskin.data.subset import of_frames
 from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.candidates import Scales, catalogue
 from eitskin.diagnose.carried import carried, unknown
-from eitskin.diagnose.excerpt import excerpt, of_frames
+from eitskin.diagnose.excerpt import excerpt
 from eitskin.diagnose.fit import Fit, Problem, difference, fit
 from eitskin.diagnose.gaps import Gap, gaps, strengths
 from eitskin.diagnose.held_out import aside, folds, units

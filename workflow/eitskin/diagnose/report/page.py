@@ -191,7 +191,13 @@ def _warnings(found: Evidence) -> str:
     if not rows:
         return ""
     head = "The check of this recording warns:" if checked.ok else "This recording is not usable:"
-    return f"<div class='warning'><p>{head}</p><ul>{''.join(rows)}</ul></div>"
+    apart = ""
+    if checked.about("step"):
+        apart = (
+            "<p>What is before a step and what is after it can be diagnosed apart: <code>eitskin"
+            " check</code> prints the commands.</p>"
+        )
+    return f"<div class='warning'><p>{head}</p><ul>{''.join(rows)}</ul>{apart}</div>"
 
 
 def _answer(found: Evidence) -> str:
