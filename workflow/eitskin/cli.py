@@ -1,14 +1,18 @@
 """The command `eitskin`."""
 
 import argparse
+import re
+import shlex
 import sys
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 from eitskin.capture import cli as rig
-from eitskin.data import check, importers, recording, stated
+from eitskin.data import check, importers, recording, stated, subset
 from eitskin.data.recording import Recording
 from eitskin.errors import InputError
+from eitskin.quantities import listed
 
 UNUSABLE = 2
 SCHEMA = Path(__file__).parents[1] / "schemas" / "diagnosis.schema.yaml"
@@ -68,6 +72,12 @@ def _add_source(command: argparse.ArgumentParser) -> None:
     """The recording that a command reads."""
     command.add_argument("file", help="a recording in any known format")
     _add_reading(command)
+    command.add_argument(
+        "--frames",
+        type=_stretch,
+        metavar="FIRST:LAST",
+        help="of these frames alone, numbered from 0 as in the file, both counted",
+    )
 
 
 def _add_reading(command: argparse.ArgumentParser) -> None:
@@ -95,6 +105,22 @@ def _load(file: str, arguments: argparse.Namespace, part: str | None = None) -> 
     return stated.apply(said, loaded, arguments.skin)
 
 
+def _stretch(text: str) -> tuple[int, int]:
+    """The first and the last frame of FIRST:LAST."""
+    numbers = re.fullmatch(r"(\d+):(\d+)", text)
+    if numbers is None:
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected FIRST:LAST, such as 0:99")
+    return int(numbers[1]), int(numbers[2])
+
+
+def _source(arguments: argparse.Namespace) -> Recording:
+    """The recording that a command reads, or the stretch of it that is asked for."""
+    loaded = _load(arguments.file, arguments)
+    if arguments.frames is None:
+        return loaded
+    return subset.stretch(loaded, *arguments.frames, arguments.file)
+
+
 def _checked(recorded: Recording, arguments: argparse.Namespace) -> check.Check | None:
     """The check of a recording that one may go on with; else None, and its reasons on stderr."""
     result = check.check(recorded)
@@ -106,14 +132,33 @@ def _checked(recorded: Recording, arguments: argparse.Namespace) -> check.Check 
     return None
 
 
+def _print_apart(checked: check.Check, count: int, arguments: argparse.Namespace) -> None:
+    """Where a recording of so many frames has steps, the commands that diagnose apart what lies
+    between them."""
+    start = arguments.frames[0] if arguments.frames else 0
+    steps = sorted(start + finding.frame for finding in checked.about("step"))
+    if not steps:
+        return
+    given = vars(arguments)
+    options = ("format", "order", "drive", "measure", "skin", "query")
+    said = [(f"--{key}", given[key]) for key in options if given.get(key) is not None]
+    command = ["eitskin", "diagnose", arguments.file, *(word for pair in said for word in pair)]
+    where = f"A step at frame {steps[0]}" if len(steps) == 1 else f"Steps at frames {listed(steps)}"
+    print(f"{where}; what lies before and after, diagnosed apart:", flush=True)
+    for first, after in pairwise([start, *steps, start + count]):
+        print(f"  {shlex.join([*command, '--frames', f'{first}:{after - 1}'])}", flush=True)
+
+
 def _check(arguments: argparse.Namespace) -> int:
-    result = check.check(_load(arguments.file, arguments))
+    recorded = _source(arguments)
+    result = check.check(recorded)
     print(check.text(result), end="")
+    _print_apart(result, len(recorded.frames), arguments)
     return 0 if result.ok else UNUSABLE
 
 
 def _import(arguments: argparse.Namespace) -> int:
-    recorded = _load(arguments.file, arguments)
+    recorded = _source(arguments)
     if _checked(recorded, arguments) is None:
         return UNUSABLE
     recording.write(recorded, arguments.out)
@@ -125,15 +170,22 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     from eitskin.diagnose import diagnosis, result, words
     from eitskin.diagnose.report import page
 
-    recorded = _load(arguments.file, arguments)
+    recorded = _source(arguments)
     if arguments.query is not None:
         result.read_query(arguments.query, recorded)
     checked = _checked(recorded, arguments)
     if checked is None:
         return UNUSABLE
+    if arguments.frames is not None:
+        print(
+            "frames: {} to {} of the file, from here on numbered from 0.".format(*arguments.frames)
+        )
     for finding in (*checked.about("skin"), *checked.of(check.WARNING), *checked.of(check.ERROR)):
         print(f"{finding.topic}: {finding.sentence}", flush=True)
+    _print_apart(checked, len(recorded.frames), arguments)
     name = Path(arguments.file).stem
+    if arguments.frames is not None:
+        name += "-frames-{}-{}".format(*arguments.frames)
     folder = Path(arguments.out or f"diagnosis-{name}")
     folder.mkdir(parents=True, exist_ok=True)
     source = folder / "recording.parquet"
@@ -151,6 +203,8 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         print(effect["sentence"])
     if said["other"]["sentence"]:
         print(f"What has no name: {said['other']['sentence']}")
+    for sentence in words.pinned(said["calibration"]):
+        print(sentence)
     print(folder / "report.html")
     return 0
 

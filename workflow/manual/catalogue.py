@@ -6,8 +6,9 @@ from eitskin.quantities import number
 
 HEAD = """# The catalogue of effects
 
-Written by `python -m manual` from `workflow/eitskin/effects`, one file an effect. Each is physics that a simulation may have, by
-`effects:` in `config.yaml`, and that a diagnosis may name. They enter in the order of the stages below.
+Written by `python -m manual` from `workflow/eitskin/effects`, one file an effect. Each is physics
+that a simulation may have, by `effects:` in `config.yaml`, and that a diagnosis may name. They
+enter in the order of the stages below.
 """
 
 

@@ -59,6 +59,7 @@ rule import_recording:
             for key in ("format", "order", "drive", "measure")
         },
         skin=lookup(dpath="recordings/{recording}/skin", within=config, default=None),
+        frames=lookup(dpath="recordings/{recording}/frames", within=config, default=None),
         code=fingerprint("import_recording", IMPORTERS),
     message:
         "Reading the recording {wildcards.recording}"

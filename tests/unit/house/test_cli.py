@@ -102,12 +102,13 @@ def test_diagnose_writes_everything_and_says_what_it_found(tmp_path, capsys):
     assert np.sqrt(np.mean((values - truth) ** 2)) < 1e-3 * np.median(np.abs(truth))
 
 
-def test_a_query_of_other_channels_is_refused(make_recording, path, tmp_path, capsys):
+def test_a_query_of_other_electrodes_is_refused(make_recording, path, tmp_path, capsys):
     query, out = tmp_path / "query.parquet", tmp_path / "out"
     asked = small_recording(places=1)
     asked.voltage = None
     recording.write(asked, query)
     assert cli.main(["diagnose", str(path), "--query", str(query), "--out", str(out)]) == 1
     printed = capsys.readouterr().err
-    assert printed == f"{query}: channels: found another table, expected the recording's own\n"
+    place = "skin.electrode_deg"
+    assert printed == f"{query}: {place}: found 8 electrodes, expected the recording's 16\n"
     assert not out.exists()

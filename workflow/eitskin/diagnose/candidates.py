@@ -14,6 +14,7 @@ from eitskin.effects import EFFECTS
 from eitskin.effects.effect import ORDER, Effect, Parameter, Setting, site_of
 from eitskin.physics.skin import Skin
 
+SLIVER = 1e-3  # of a typical change: so near a bound, a parameter has ended at it
 OF_READINGS = {"V": 1.0, "1/V²": -2.0}
 
 
@@ -116,6 +117,20 @@ class Candidate:
                 per_site = self.scope in ("sparse", "dense") and parameter.dense
                 values[key] = value if per_site and sites is not None else float(value[0])
         return Setting(self.effect, sites, values, self.kind)
+
+    def at_bound(self, key: str, value: np.ndarray) -> np.ndarray:
+        """Which bound each of a parameter's values is at, `low` or `high`; None: at neither, or not
+        fitted. A size of 0, which has no direction, is at none."""
+        ended = np.full(np.shape(value), None)
+        if all(name != key for name, _ in self.names):
+            return ended
+        parameter = self.effect.parameters[key]
+        scaled = np.log if _logarithmic(parameter) else np.asarray
+        size = self.effect.polar is not None and key == self.effect.polar[0]
+        for bound in ("high",) if size else ("low", "high"):
+            short = np.abs(scaled(value) - scaled(getattr(parameter, bound)))
+            ended[short <= SLIVER * self.scales.of(parameter)] = bound
+        return ended
 
     def item(self, coordinates: np.ndarray) -> dict:
         """The effect as the configuration writes it."""

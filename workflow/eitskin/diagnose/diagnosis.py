@@ -7,10 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from eitskin.data.check import named
 from eitskin.data.recording import Recording
+from eitskin.data.subset import of_frames
 from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.candidates import Scales, catalogue
-from eitskin.diagnose.excerpt import excerpt, of_frames
+from eitskin.diagnose.carried import carried, unknown
+from eitskin.diagnose.excerpt import excerpt
 from eitskin.diagnose.fit import Fit, Problem, difference, fit
 from eitskin.diagnose.gaps import Gap, gaps, strengths
 from eitskin.diagnose.held_out import aside, folds, units
@@ -39,6 +42,7 @@ BODY, COARSE = 1e-4, 3.0
 BARE, LEAST_BARE, BARE_SHARE = 3e-3, 5, 1 / 3
 EXPLAINED = 2.0  # chi squared a degree of freedom, up to which these begin the search on all
 FORCES = np.linspace(1.0, 0.0, 11)  # of a query's largest, up to which predictions are tried
+WHERE = {"drives": "drive", "measures": "measuring pair", "channels": "channel"}
 
 
 @dataclass(frozen=True)
@@ -321,14 +325,17 @@ def _atlas(recorded: Recording, noise: Noise, fit: Fit) -> pd.DataFrame:
 def predict(
     found: Diagnosis, query: Recording, state: State | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Voltages (N, M) of a query's states, noise-free, and their standard deviations; by another
-    state than the one found, where that is given. InputError for touches of unknown state.
+    """Voltages (N, M) of a query's states by its own channels, noise-free, and their standard
+    deviations; by another state than the one found, where that is given. InputError for touches of
+    unknown state.
 
     Where the laws found have no physics at a force, as they may beyond the forces that they were
     found at, touches are predicted as at the largest one at which they have: a line on stderr says
-    so.
+    so. So does one of channels at whose drive or pair an effect could not be found: they are
+    predicted without it, as uncertain as its sites differ.
     """
     fit, force = (state or found.after).fit, query.frames["force_N"].to_numpy(float)
+    strange = _strange(fit, found.recorded, query)
     refused = None
     for most in np.nanmax(force, initial=0.0) * FORCES:
         lighter = query.frames.assign(force_N=np.minimum(force, most))
@@ -336,6 +343,7 @@ def predict(
         try:
             there = voltage(fit.theta)
             moved = [difference(voltage, fit.theta, there, i) for i in range(len(fit.theta))]
+            unlike = [voltage(fit.theta, index) - there for index in strange]
         except InputError as error:
             refused = refused or error
             continue
@@ -344,22 +352,40 @@ def predict(
             print(f"  {said}", file=sys.stderr, flush=True)
         slopes = np.array(moved).reshape(len(fit.theta), *there.shape)
         spread = np.einsum("pq,pnm->qnm", fit.root, slopes)
-        return there, np.sqrt((spread**2).sum(axis=0))
+        return there, np.sqrt((spread**2).sum(axis=0) + sum(one**2 for one in unlike))
     raise refused
 
 
-def simulator(
-    fit: Fit, recorded: Recording, query: Recording
-) -> Callable[[np.ndarray], np.ndarray]:
-    """Voltages (N, M) of a query's states, noise-free, of the coordinates (P,) of a recording's
-    fit. InputError for touches of unknown state."""
+def _strange(fit: Fit, recorded: Recording, query: Recording) -> list[int]:
+    """The effects of a recording's fit that some of a query's channels are predicted without; a
+    line on stderr each says of which."""
+    found = []
+    for index, setting in enumerate(fit.settings()):
+        rows = unknown(setting, recorded.channels, query.channels)
+        if len(rows):
+            found.append(index)
+            rows = named.channels(query, rows)
+            said = f"{setting.effect.name}: {rows} of the query are predicted without it, for the"
+            said += f" recording has no such {WHERE[setting.kind]}; std_V has its spread"
+            print(f"  {said}", file=sys.stderr, flush=True)
+    return found
+
+
+def simulator(fit: Fit, recorded: Recording, query: Recording) -> Callable[..., np.ndarray]:
+    """Voltages (N, M) of a query's states by its channels, noise-free, of the coordinates (P,) of a
+    recording's fit; `strange`: the index of an effect that sites which the recording does not have
+    differ in by its spread, else not at all. InputError for touches of unknown state."""
     problem = Problem(RecordingSimulator(recorded, query), np.zeros(1), fit.problem.whitening)
     if not problem.model.known.all():
         row = int(np.flatnonzero(~problem.model.known)[0])
         raise InputError("query", f"row {row}", "a touch of unknown state", "x, y, force and probe")
 
-    def voltage(theta: np.ndarray) -> np.ndarray:
+    def voltage(theta: np.ndarray, strange: int | None = None) -> np.ndarray:
         knobs, chosen = problem.split(theta, fit.effects)
+        chosen = [
+            carried(setting, recorded.channels, query.channels, float(index == strange))
+            for index, setting in enumerate(chosen)
+        ]
         return problem.model.voltage(knobs, chosen)
 
     return voltage

@@ -1,4 +1,7 @@
-"""Fitted values with their 90 % intervals."""
+"""Fitted values with their 90 % intervals.
+
+Of a value that ended at a bound of what is tried the interval means nothing: `at_bound` says which.
+"""
 
 import numpy as np
 
@@ -9,7 +12,7 @@ NUDGE = 1e-4
 
 
 def calibration(fit: Fit) -> dict[str, dict]:
-    """Every calibration: value, low, high, unit."""
+    """Every calibration: value, low, high, unit; `at_bound` (low or high) where it ended at one."""
     covariance = fit.covariance
     found = {}
     for i, item in enumerate(fit.problem.model.calibrations):
@@ -17,12 +20,16 @@ def calibration(fit: Fit) -> dict[str, dict]:
         value, low, high = (item.value(fit.theta[i] + s * half) for s in (0, -1, 1))
         low, high = min(low, high), max(low, high)
         found[item.name] = {"value": value, "low": low, "high": high, "unit": item.unit}
+        bound = item.at_bound(fit.theta[i])
+        if bound is not None:
+            found[item.name]["at_bound"] = bound
     return found
 
 
 def estimates(fit: Fit, index: int) -> dict[str, dict]:
-    """Every parameter of effect `index`: value, low, high, unit; of several sites as lists
-    parallel to them. By linear propagation, of the logarithm where a parameter stays above 0.
+    """Every parameter of effect `index`: value, low, high, unit, `at_bound` (low or high, in a list
+    None for neither) where one ended there; of several sites as lists parallel to them. By linear
+    propagation, of the logarithm where a parameter stays above 0.
     """
     effect, place = fit.effects[index], fit.place(index)
     covariance, theta = fit.covariance[place, place], fit.theta[place]
@@ -47,8 +54,11 @@ def estimates(fit: Fit, index: int) -> dict[str, dict]:
             low, high = at - half, at + half
         low, high = (np.clip(bound, parameter.low, parameter.high) for bound in (low, high))
         low, high = np.minimum(low, at), np.maximum(high, at)
+        ended = effect.at_bound(key, at)
         if effect.scope == "sparse" and at.shape == (1,):
-            at, low, high = at[0], low[0], high[0]
+            at, low, high, ended = at[0], low[0], high[0], ended[0]
         numbers = {"value": at.tolist(), "low": low.tolist(), "high": high.tolist()}
         found[key] = {**numbers, "unit": parameter.unit}
+        if np.not_equal(ended, None).any():
+            found[key]["at_bound"] = ended.tolist() if isinstance(ended, np.ndarray) else ended
     return found

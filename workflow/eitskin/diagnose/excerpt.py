@@ -1,9 +1,9 @@
 """What of a long recording is diagnosed: whole presses and untouched frames from all of it."""
 
 import numpy as np
-import pandas as pd
 
 from eitskin.data.recording import Recording, presses
+from eitskin.data.subset import of_frames
 
 MOST_FRAMES = 500
 
@@ -30,22 +30,6 @@ def excerpt(recorded: Recording, most: int = MOST_FRAMES) -> Recording:
     if room:
         kept[untouched[_evenly(len(untouched), room)]] = True
     return of_frames(recorded, kept)
-
-
-def of_frames(recorded: Recording, kept: np.ndarray) -> Recording:
-    """The frames of a recording that are kept (N,), with their times, sessions and numbers."""
-    press = presses(recorded)
-    frames = recorded.frames[kept].reset_index(drop=True)
-    label = pd.Series(press[kept], dtype="Int64")
-    frames["contact"] = label.where(label >= 0)
-    rows = np.flatnonzero(kept)
-    return Recording(
-        frames,
-        recorded.voltage[kept],
-        None if recorded.quadrature is None else recorded.quadrature[kept],
-        None if recorded.touches is None else [recorded.touches[row] for row in rows],
-        recorded.metadata,
-    )
 
 
 def _chosen(recorded: Recording, press: np.ndarray, most: int) -> np.ndarray:

@@ -317,7 +317,9 @@ def _driven(found: Diagnosis, run: _Run) -> Recipe | None:
     if len(full) <= len(table) or any(c.kind == "channels" for c in found.after.effects):
         return None
     again = run.again()
-    simulator = partial(_Driven, recorded, run.query(again), full)
+    metadata = recorded.metadata | {"channels": full.tolist()}
+    query = replace(run.query(again), metadata=metadata)
+    simulator = partial(RecordingSimulator, recorded, query)
     model = run.model
     skin = model.skin(found.after.fit.theta[: len(model.calibrations)])
     forward = forward_model(Geometry.from_skin(skin), "diagnose")
@@ -330,14 +332,6 @@ def _driven(found: Diagnosis, run: _Run) -> Recipe | None:
     mask = np.ones((len(again), len(full)), bool)
     covariance = Whitening(mask, np.median(whitening.sd) * larger, rho)
     return Recipe(simulator, covariance, 1.0 + len(again) / len(run.frames))
-
-
-class _Driven(RecordingSimulator):
-    """A query with a table of channels (M, 4) of its own."""
-
-    def __init__(self, recorded: Recording, query: Recording, channels: np.ndarray):
-        super().__init__(recorded, query)
-        self.channels = channels
 
 
 class _Rolled(RecordingSimulator):

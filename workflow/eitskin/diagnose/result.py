@@ -141,10 +141,14 @@ def write(
 
 
 def read_query(path: str | Path, recorded: Recording) -> Recording:
-    """The states of a query of a recording; InputError where it is of other channels."""
+    """The states and channels of a query of a recording, which may be others than the recording's;
+    InputError where it is of a skin with another number of electrodes."""
     query = recording.read(path)
-    if not np.array_equal(query.channels, recorded.channels):
-        raise InputError(path, "channels", "another table", "the recording's own")
+    count = recorded.n_electrodes
+    known = query.skin.electrode_deg is not None
+    if query.n_electrodes > count or (known and query.n_electrodes < count):
+        place, found = "skin.electrode_deg" if known else "channels", query.n_electrodes
+        raise InputError(path, place, f"{found} electrodes", f"the recording's {count}")
     return query
 
 

@@ -30,6 +30,8 @@ UNKNOWN = {
 CONDUCTIVITY = (0.5, 0.2)
 FACTOR_SD = 10.0
 MOST = 3.0  # sd by which a calibration may be off
+SLIVER = 0.02  # of that: so near a bound, a fit has ended at it
+SLIVER = 0.02  # of that: so near a bound, a fit has ended at it
 
 
 @dataclass(frozen=True)
@@ -52,11 +54,19 @@ class Calibration:
             return self.start * math.exp(self.sd * coordinate)
         return self.start + self.sd * coordinate
 
+    def at_bound(self, coordinate: float) -> str | None:
+        """Whether the value at a coordinate is at the lower bound of what is tried, `low`, or at
+        the upper one, `high`; None: at neither."""
+        if abs(math.tanh(coordinate / MOST)) < 1.0 - SLIVER:
+            return None
+        rises = self.start > 0.0 or not self.log
+        return "high" if (coordinate > 0.0) == rises else "low"
+
 
 class RecordingSimulator:
     """Readings (N, M) of the frames of one recording, in its own form and unit, by `voltage`.
 
-    `states` are another query's frames; the recording's by default. Frames whose touch is not
+    `states` and `channels` are a query's; the recording's by default. Frames whose touch is not
     known well enough to be simulated are not `known` (N,). near: solved skins to share with.
     coarse: bodies are solved at accuracy train.
     """
@@ -71,12 +81,12 @@ class RecordingSimulator:
     ):
         frames = recorded if query is None else query
         metadata = recorded.metadata
-        self.channels = recorded.channels
+        self.channels = frames.channels
         self.touched = frames.frames["touch"].to_numpy(bool)
         self.difference = metadata["values"] == "difference"
         self.magnitude = metadata["voltage"] == "magnitude"
         self.unit = metadata["unit"]
-        self.frame_s = metadata["frame_s"]
+        self.frame_s = frames.metadata["frame_s"] or metadata["frame_s"]
         self.sink_grounded = metadata["source_reference"] == "sink-grounded"
         self.press = recording.presses(frames)
         self.force_max_N = float(np.nanmax(recorded.frames["force_N"].fillna(0.0).to_numpy()))

@@ -111,6 +111,9 @@ def _check_estimate(estimate: dict, file: str | Path, place: str, at: str = "val
     if not low.shape == value.shape == high.shape:
         found = f"shapes {low.shape}, {value.shape}, {high.shape}"
         raise InputError(file, place, found, f"low, {at} and high of one shape")
+    ended = np.shape(estimate.get("at_bound", value))
+    if ended != value.shape:
+        raise InputError(file, f"{place}.at_bound", f"shape {ended}", "one a value")
     if not ((low <= value) & (value <= high)).all():
         found = f"{at} {estimate[at]}, low {estimate['low']}, high {estimate['high']}"
         raise InputError(file, place, found, f"low ≤ {at} ≤ high")

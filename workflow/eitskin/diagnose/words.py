@@ -6,7 +6,7 @@ import numpy as np
 
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Effect, site_of
-from eitskin.quantities import interval, listed, number
+from eitskin.quantities import interval, listed, number, quantity
 
 MOST_LISTED = 6  # sites; more are counted
 MOST_VALUES = 4  # of one parameter; of more, the least and the largest
@@ -42,6 +42,22 @@ CANDIDATES = (
     "The simulation leaves something out; what is named below are candidates, for the fit as a"
     " whole is not acceptable."
 )
+CALIBRATIONS = {
+    "conductivity_S_per_m": "the gel's conductivity",
+    "radius_mm": "the skin's radius",
+    "thickness_mm": "the skin's thickness",
+    "contact_impedivity_ohm_m2": "the contact impedivity of all electrodes",
+    "contrast_per_N": "the contrast of a touch per newton",
+    "electrode_rotation_deg": "the angle by which all electrodes are turned",
+    "electrode_width_mm": "the width of all electrodes",
+    "current_A": "the current",
+    "factor": "the factor of the readings' unit",
+    "robot_scale": "the scale of the robot's frame",
+    "robot_rotation_deg": "the angle of the robot's frame",
+    "robot_x_mm": "the shift of the robot's frame along x",
+    "robot_y_mm": "the shift of the robot's frame along y",
+}
+BOUNDS = {"low": "least", "high": "largest"}
 UNITS = {"V": "V", "ohm": "Ω", "arbitrary": "arbitrary units"}  # of readings
 
 
@@ -142,14 +158,39 @@ def _all_sites(entry: dict, effect: Effect) -> str:
     return f"all {count} {COUNTED[kind]}" if count else f"all {COUNTED[kind]}"
 
 
+def valued(estimate: dict, factor: float = 1.0, unit: str | None = None) -> list[str]:
+    """Each value of an estimate of diagnosis.json with its 90 % interval, times a factor in a unit
+    of its own; one that ended at a bound of what is tried without, for it has none."""
+    unit = estimate["unit"] if unit is None else unit
+    numbers = factor * np.array([np.atleast_1d(estimate[k]) for k in ("value", "low", "high")]).T
+    ended = np.atleast_1d(np.array(estimate.get("at_bound"), dtype=object))
+    return [
+        interval(*each, unit) if bound is None else _ended(each[0], unit, bound)
+        for each, bound in zip(numbers, np.broadcast_to(ended, len(numbers)), strict=True)
+    ]
+
+
+def _ended(value: float, unit: str, bound: str) -> str:
+    return f"{quantity(value, unit)} (the {BOUNDS[bound]} value tried, without an interval)"
+
+
+def pinned(calibration: dict) -> list[str]:
+    """A sentence for each calibration of diagnosis.json that ended at a bound of what is tried."""
+    found = []
+    for key, each in calibration.items():
+        if "at_bound" in each:
+            name, value = CALIBRATIONS.get(key, key), quantity(each["value"], each["unit"])
+            ended = f"ended at the {BOUNDS[each['at_bound']]} value tried, {value}"
+            found.append(f"{name[0].upper()}{name[1:]} {ended}; its interval means nothing.")
+    return found
+
+
 def _estimate(estimate: dict, whole: bool, percent: bool) -> str:
     """A value with its 90 % interval and unit; several in the order of their sites."""
-    factor, unit = (100.0, "%") if percent else (1.0, estimate["unit"])
-    numbers = factor * np.array([np.atleast_1d(estimate[k]) for k in ("value", "low", "high")]).T
+    values = np.atleast_1d(estimate["value"])
     if whole:
-        return number(numbers[0, 0])
-    if len(numbers) > MOST_VALUES:
-        least, largest = numbers[numbers[:, 0].argmin()], numbers[numbers[:, 0].argmax()]
-        return f"anything from {interval(*least, unit)} to {interval(*largest, unit)}"
-    texts = [interval(*each, unit) for each in numbers]
+        return number(values[0])
+    texts = valued(estimate, 100.0, "%") if percent else valued(estimate)
+    if len(texts) > MOST_VALUES:
+        return f"anything from {texts[values.argmin()]} to {texts[values.argmax()]}"
     return texts[0] if len(texts) == 1 else f"respectively {listed(texts)}"

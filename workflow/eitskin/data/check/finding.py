@@ -8,7 +8,8 @@ FACT, WARNING, ERROR, UNOBSERVABLE = "fact", "warning", "error", "unobservable"
 @dataclass(frozen=True)
 class Finding:
     """One statement: its topic, how grave it is, a sentence, a number where there is one (relative
-    unless the topic's function says otherwise), and for what cannot be told the frames to add.
+    unless the topic's function says otherwise), for what cannot be told the frames to add, and of
+    what happens at one frame that.
     """
 
     topic: str
@@ -16,6 +17,7 @@ class Finding:
     sentence: str
     value: float | None = None
     remedy: str | None = None
+    frame: int | None = None
 
 
 @dataclass(frozen=True)

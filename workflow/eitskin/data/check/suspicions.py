@@ -81,7 +81,7 @@ def steps_in_time(recording: Recording) -> list[Finding]:
         else:
             rows = named.channels(recording, step.channels)
             sentence += f", most in {rows}: the skin or the setup changed, or a cut"
-        found.append(Finding("step", WARNING, f"{sentence}.", step.size))
+        found.append(Finding("step", WARNING, f"{sentence}.", step.size, frame=step.frame))
     return found
 
 

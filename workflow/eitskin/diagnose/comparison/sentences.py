@@ -9,26 +9,12 @@ from eitskin.diagnose.comparison.joint import (
 )
 from eitskin.diagnose.comparison.tested import Tested
 from eitskin.diagnose.estimates import estimates
+from eitskin.diagnose.words import CALIBRATIONS
 from eitskin.diagnose.words import finding as in_words
 from eitskin.effects.effect import SITES
 from eitskin.quantities import interval, listed
 
 NOTHING = "Nothing has changed that these recordings could show."
-CALIBRATIONS = {
-    "conductivity_S_per_m": "the gel's conductivity",
-    "radius_mm": "the skin's radius",
-    "thickness_mm": "the skin's thickness",
-    "contact_impedivity_ohm_m2": "the contact impedivity of all electrodes",
-    "contrast_per_N": "the contrast of a touch per newton",
-    "electrode_rotation_deg": "the angle by which all electrodes are turned",
-    "electrode_width_mm": "the width of all electrodes",
-    "current_A": "the current",
-    "factor": "the factor of the readings' unit",
-    "robot_scale": "the scale of the robot's frame",
-    "robot_rotation_deg": "the angle of the robot's frame",
-    "robot_x_mm": "the shift of the robot's frame along x",
-    "robot_y_mm": "the shift of the robot's frame along y",
-}
 
 
 def _entry(candidate: Candidate, sites: tuple[int, ...] | None, parameters: dict) -> dict:

@@ -19,9 +19,9 @@ from eitskin.diagnose.report import evidence, figures
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.search.search import CUT_SHORT
 from eitskin.diagnose.verdict import LIKELY
-from eitskin.diagnose.words import UNITS, certain, headline, mend, sites, where
+from eitskin.diagnose.words import UNITS, certain, headline, mend, pinned, sites, valued, where
 from eitskin.effects.effect import SITES
-from eitskin.quantities import NONE, chance, interval, listed, number, quantity
+from eitskin.quantities import NONE, chance, listed, number, quantity
 
 MISFIT = 1.05  # chi squared per degree of freedom from which shares of it are told
 SIGNIFICANT = 0.05  # false discovery rate below which a row of the atlas counts
@@ -191,7 +191,13 @@ def _warnings(found: Evidence) -> str:
     if not rows:
         return ""
     head = "The check of this recording warns:" if checked.ok else "This recording is not usable:"
-    return f"<div class='warning'><p>{head}</p><ul>{''.join(rows)}</ul></div>"
+    apart = ""
+    if checked.about("step"):
+        apart = (
+            "<p>What is before a step and what is after it can be diagnosed apart: <code>eitskin"
+            " check</code> prints the commands.</p>"
+        )
+    return f"<div class='warning'><p>{head}</p><ul>{''.join(rows)}</ul>{apart}</div>"
 
 
 def _answer(found: Evidence) -> str:
@@ -213,6 +219,7 @@ def _answer(found: Evidence) -> str:
     elif diagnosis["verdict"] == "partly-explained":
         parts.append("<p>What is left there is more than the noise.</p>")
     parts += [_effect(k, effect, found) for k, effect in enumerate(diagnosis["effects"], start=1)]
+    parts += [f"<p>{escape(sentence)}</p>" for sentence in pinned(diagnosis["calibration"])]
     if diagnosis["effects"]:
         parts.append(
             "<p class='quiet'>Electrodes and channels are numbered from 0; brackets hold 90 %"
@@ -256,21 +263,19 @@ def _effect(k: int, effect: dict, found: Evidence) -> str:
 
 def _parameter(name: str, estimate: dict, effect: dict) -> str:
     """One parameter with its interval; of a list, its range and the value farthest out."""
-    keys = ("value", "low", "high")
-    label, unit = f"<code>{escape(name)}</code>", estimate["unit"]
+    label, unit, texts = f"<code>{escape(name)}</code>", estimate["unit"], valued(estimate)
     if not isinstance(estimate["value"], list):
-        return f"{label} = {escape(interval(*(estimate[key] for key in keys), unit))}"
-    value, low, high = (np.array(estimate[key]) for key in keys)
+        return f"{label} = {escape(texts[0])}"
+    value = np.array(estimate["value"])
     kind = next(kind for kind in SITES if effect[kind])
     if len(value) <= 4:
         each = [
-            f"{interval(*numbers, unit)} at {sites({kind: [site]})}"
-            for site, *numbers in zip(effect[kind], value, low, high, strict=True)
+            f"{text} at {sites({kind: [site]})}"
+            for site, text in zip(effect[kind], texts, strict=True)
         ]
         return f"{label} = {escape(listed(each))}"
     far = int(np.argmax(np.abs(value - np.median(value))))
-    most = interval(value[far], low[far], high[far], unit)
-    text = f"from {number(value.min())} to {quantity(value.max(), unit)}, farthest out {most}"
+    text = f"from {number(value.min())} to {quantity(value.max(), unit)}, farthest out {texts[far]}"
     return f"{label} {escape(f'{text} at {sites({kind: [effect[kind][far]]})}')}"
 
 
@@ -467,16 +472,10 @@ def _atlas(found: Evidence) -> str:
 
 def _calibration(found: Evidence) -> str:
     head = "<h2>Calibrated values</h2>"
-    rows = []
-    for name, each in found.diagnosis["calibration"].items():
-        keys = [each[key] for key in ("value", "low", "high")]
-        if isinstance(each["value"], list):
-            text = "; ".join(
-                interval(*numbers, each["unit"]) for numbers in zip(*keys, strict=True)
-            )
-        else:
-            text = interval(*keys, each["unit"])
-        rows.append([f"<code>{escape(name)}</code>", escape(text)])
+    rows = [
+        [f"<code>{escape(name)}</code>", escape("; ".join(valued(each)))]
+        for name, each in found.diagnosis["calibration"].items()
+    ]
     if not rows:
         return f"{head}\n<p>Nothing was calibrated.</p>"
     return f"{head}\n{_table(['name', 'value'], rows)}"
