@@ -8,6 +8,7 @@ from pathlib import Path
 from eitskin.capture import cli as rig
 from eitskin.data import check, importers, recording, stated
 from eitskin.data.recording import Recording
+from eitskin.diagnose.excerpt import LIMIT_GIB
 from eitskin.errors import InputError
 
 UNUSABLE = 2
@@ -48,6 +49,13 @@ def _parser() -> argparse.ArgumentParser:
     _add_source(diagnosing)
     diagnosing.add_argument("--query", help="states, a recording without voltages, to predict")
     diagnosing.add_argument("--out", help="the folder to write, by default diagnosis-NAME")
+    diagnosing.add_argument(
+        "--memory",
+        type=float,
+        default=LIMIT_GIB,
+        metavar="GIB",
+        help="what it may take, by default %(default)s GiB: as many frames as fit are diagnosed",
+    )
     _add_anyway(diagnosing)
     diagnosing.set_defaults(run=_diagnose)
     comparing = commands.add_parser(
@@ -122,12 +130,13 @@ def _import(arguments: argparse.Namespace) -> int:
 
 def _diagnose(arguments: argparse.Namespace) -> int:
     # seconds, which other commands spare
-    from eitskin.diagnose import diagnosis, result, words
+    from eitskin.diagnose import diagnosis, memory, result, words
     from eitskin.diagnose.report import page
 
     recorded = _load(arguments.file, arguments)
     if arguments.query is not None:
         result.read_query(arguments.query, recorded)
+    memory.most_frames(recorded, arguments.memory, arguments.file)
     checked = _checked(recorded, arguments)
     if checked is None:
         return UNUSABLE
@@ -138,7 +147,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     source = folder / "recording.parquet"
     recording.write(recorded, source)
-    found = diagnosis.diagnose(recorded, progress=True)
+    found = diagnosis.diagnose(recorded, progress=True, memory_GiB=arguments.memory)
     result.write(found, name, folder, SCHEMA, arguments.query)
     predicted = folder / "predicted.parquet"
     if arguments.query is None:
