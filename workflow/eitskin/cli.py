@@ -10,6 +10,7 @@ from eitskin.data import check, importers, recording, stated
 from eitskin.data.recording import Recording
 from eitskin.diagnose.excerpt import LIMIT_GIB
 from eitskin.errors import InputError
+from eitskin.physics.outline import EXPECTED, no_disc
 
 UNUSABLE = 2
 SCHEMA = Path(__file__).parents[1] / "schemas" / "diagnosis.schema.yaml"
@@ -114,6 +115,16 @@ def _checked(recorded: Recording, arguments: argparse.Namespace) -> check.Check 
     return None
 
 
+def _no_disc(recorded: Recording, arguments: argparse.Namespace) -> bool:
+    """Whether a skin's outline or its electrodes are such that nothing simulates them: then a line
+    on stderr says so."""
+    other = no_disc(recorded.skin)
+    if other is not None:
+        place, found = other
+        print(InputError(arguments.skin or arguments.file, place, found, EXPECTED), file=sys.stderr)
+    return other is not None
+
+
 def _check(arguments: argparse.Namespace) -> int:
     result = check.check(_load(arguments.file, arguments))
     print(check.text(result), end="")
@@ -123,6 +134,8 @@ def _check(arguments: argparse.Namespace) -> int:
 def _import(arguments: argparse.Namespace) -> int:
     recorded = _load(arguments.file, arguments)
     if _checked(recorded, arguments) is None:
+        return UNUSABLE
+    if not arguments.anyway and _no_disc(recorded, arguments):
         return UNUSABLE
     recording.write(recorded, arguments.out)
     return 0
@@ -136,6 +149,8 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     recorded = _load(arguments.file, arguments)
     if arguments.query is not None:
         result.read_query(arguments.query, recorded)
+    if _no_disc(recorded, arguments):
+        return UNUSABLE
     memory.most_frames(recorded, arguments.memory, arguments.file)
     checked = _checked(recorded, arguments)
     if checked is None:

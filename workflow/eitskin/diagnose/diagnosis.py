@@ -27,6 +27,7 @@ from eitskin.diagnose.verdict import acceptable
 from eitskin.diagnose.whitening import COHERENT, Whitening
 from eitskin.effects.settings import site_counts
 from eitskin.errors import InputError
+from eitskin.physics import outline
 from eitskin.physics.accuracy import untouched_error
 from eitskin.physics.geometry import Geometry
 
@@ -75,6 +76,7 @@ def diagnose(
     frames of it is where that on all begins. Equal seeds give equal results, bit for bit. Raises
     InputError where nothing can be simulated, and where it would take more memory.
     """
+    outline.refuse(recorded.skin, "recording")
 
     def report(line: str) -> None:
         if progress:
