@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -5,13 +7,15 @@ import pytest
 
 from eitskin import cli
 from eitskin.data import recording
-from eitskin.data.recording import Recording, frames_table
+from eitskin.data.recording import Recording, frames_table, presses
 from eitskin.diagnose.excerpt import LIMIT_GIB, MOST_FRAMES
 from eitskin.diagnose.memory import GIB, LEAST_FRAMES, Counts, foretold, most_frames
+from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
+from eitskin.simulate.readings import simulate
 from simulated_metadata import simulated_metadata
 from small_skin import small_recording
 
@@ -106,3 +110,41 @@ def test_the_command_refuses_before_anything_is_done(tmp_path, capsys, monkeypat
     assert printed.err.startswith(f"{path}: memory: found 40 channels of 8 electrodes, of which")
     assert "at most 0.1 GiB: fewer electrodes, or more memory by --memory GIB" in printed.err
     assert not out.exists()
+
+
+MEASURED = """
+import resource, sys
+from eitskin.data import recording
+from eitskin.diagnose import diagnosis
+diagnosis.diagnose(recording.read(sys.argv[1]), memory_GiB=float(sys.argv[2]))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("electrodes", "frames", "skin"),
+    [
+        (16, 120, {}),
+        (24, 60, {}),
+        (32, 40, {}),
+        (16, 20, {"thickness_mm": 40.0, "electrode_height_mm": 5.0, "electrode_z_mm": 18.0}),
+    ],
+)
+def test_what_is_foretold_is_more_than_it_takes_but_not_by_far(tmp_path, electrodes, frames, skin):
+    """A contact three times as poor; a body that nobody touches."""
+    channels = channel_table(electrodes)
+    recorded = of_channels(electrodes, channels, frames, not skin, **skin)
+    contact = {"name": "contact-impedance", "electrodes": [3], "parameters": {"ratio": [3.0]}}
+    item = {"name": "third-dimension"} if skin else contact
+    rows = recorded.frames.iloc[:2]
+    chosen = settings([item], site_counts(channels), (0, 0))
+    clean = simulate(rows, presses(recorded)[:2], recorded.skin, channels, chosen, "train")
+    draw = np.random.default_rng(0).normal(size=recorded.voltage.shape)
+    clean = np.tile(clean, (frames // 2, 1))
+    recorded.voltage = clean + 1e-3 * np.median(np.abs(clean)) * draw
+    recording.write(recorded, tmp_path / "skin.parquet")
+    command = [sys.executable, "-c", MEASURED, str(tmp_path / "skin.parquet"), "16"]
+    run = subprocess.run(command, capture_output=True, text=True, check=True)
+    peak, most = int(run.stdout), foretold(Counts.of(recorded), frames)
+    assert most / 4.0 < peak < most

@@ -46,9 +46,7 @@ def test_what_simulates_or_goes_before_it_ends_with_one_sentence(
     assert not out.exists()
 
 
-def test_an_import_goes_on_where_it_is_told_to_and_its_diagnosis_says_the_same(
-    path, said, tmp_path
-):
+def test_an_import_goes_on_anyway_and_its_diagnosis_says_the_same(path, said, tmp_path):
     file, found = said
     out = tmp_path / "out.parquet"
     assert cli.main(["import", str(path), str(out), "--skin", str(file), "--anyway"]) == 0
@@ -58,7 +56,7 @@ def test_an_import_goes_on_where_it_is_told_to_and_its_diagnosis_says_the_same(
 
 
 def test_a_check_warns(path, said, capsys):
-    file, found = said
+    file, _ = said
     assert cli.main(["check", str(path), "--skin", str(file)]) == 0
     printed = capsys.readouterr().out
     assert "What to look at:\n  outline: skin.outline says: " in printed and WAY_OUT in printed
