@@ -11,7 +11,9 @@ from pathlib import Path
 from eitskin.capture import cli as rig
 from eitskin.data import check, importers, recording, stated, subset
 from eitskin.data.recording import Recording
+from eitskin.diagnose.excerpt import LIMIT_GIB
 from eitskin.errors import InputError
+from eitskin.physics.outline import EXPECTED, no_disc
 from eitskin.quantities import listed
 
 UNUSABLE = 2
@@ -52,6 +54,13 @@ def _parser() -> argparse.ArgumentParser:
     _add_source(diagnosing)
     diagnosing.add_argument("--query", help="states, a recording without voltages, to predict")
     diagnosing.add_argument("--out", help="the folder to write, by default diagnosis-NAME")
+    diagnosing.add_argument(
+        "--memory",
+        type=float,
+        default=LIMIT_GIB,
+        metavar="GIB",
+        help="what it may take, by default %(default)s GiB: as many frames as fit are diagnosed",
+    )
     _add_anyway(diagnosing)
     diagnosing.set_defaults(run=_diagnose)
     comparing = commands.add_parser(
@@ -149,6 +158,16 @@ def _print_apart(checked: check.Check, count: int, arguments: argparse.Namespace
         print(f"  {shlex.join([*command, '--frames', f'{first}:{after - 1}'])}", flush=True)
 
 
+def _no_disc(recorded: Recording, arguments: argparse.Namespace) -> bool:
+    """Whether a skin's outline or its electrodes are such that nothing simulates them: then a line
+    on stderr says so."""
+    other = no_disc(recorded.skin)
+    if other is not None:
+        place, found = other
+        print(InputError(arguments.skin or arguments.file, place, found, EXPECTED), file=sys.stderr)
+    return other is not None
+
+
 def _check(arguments: argparse.Namespace) -> int:
     recorded = _source(arguments)
     result = check.check(recorded)
@@ -161,18 +180,23 @@ def _import(arguments: argparse.Namespace) -> int:
     recorded = _source(arguments)
     if _checked(recorded, arguments) is None:
         return UNUSABLE
+    if not arguments.anyway and _no_disc(recorded, arguments):
+        return UNUSABLE
     recording.write(recorded, arguments.out)
     return 0
 
 
 def _diagnose(arguments: argparse.Namespace) -> int:
     # seconds, which other commands spare
-    from eitskin.diagnose import diagnosis, result, words
+    from eitskin.diagnose import diagnosis, memory, result, words
     from eitskin.diagnose.report import page
 
     recorded = _source(arguments)
     if arguments.query is not None:
         result.read_query(arguments.query, recorded)
+    if _no_disc(recorded, arguments):
+        return UNUSABLE
+    memory.most_frames(recorded, arguments.memory, arguments.file)
     checked = _checked(recorded, arguments)
     if checked is None:
         return UNUSABLE
@@ -190,7 +214,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     source = folder / "recording.parquet"
     recording.write(recorded, source)
-    found = diagnosis.diagnose(recorded, progress=True)
+    found = diagnosis.diagnose(recorded, progress=True, memory_GiB=arguments.memory)
     result.write(found, name, folder, SCHEMA, arguments.query)
     predicted = folder / "predicted.parquet"
     if arguments.query is None:

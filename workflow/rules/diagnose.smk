@@ -35,7 +35,7 @@ rule diagnose:
         "../../envs/simulation.yaml"
     threads: 1
     resources:
-        mem_mb=4000,
+        mem_mb=4096,  # as many frames as fit in it are diagnosed; more by --set-resources
         runtime=10,
     params:
         name="{recording}",

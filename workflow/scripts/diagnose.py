@@ -11,6 +11,7 @@ with reported(snakemake.log[0]):
     query = snakemake.input.get("query")
     if query is not None:
         result.read_query(query, recorded)
-    found = diagnosis.diagnose(recorded, snakemake.params.seed, progress=True)
+    memory_GiB = snakemake.resources.mem_mb / 1024
+    found = diagnosis.diagnose(recorded, snakemake.params.seed, True, memory_GiB)
     folder = Path(snakemake.output.diagnosis).parent
     result.write(found, snakemake.params.name, folder, snakemake.input.schema, query)

@@ -205,3 +205,38 @@ def test_what_does_not_fit_together_in_the_challenge_is_refused(tmp_path):
         refused(path, match)
     scipy.io.savemat(path, {"Inj": currents, "Mpat": measured, "Uel": voltages})
     refused(path, "Uel alone: objects at places that nobody wrote down, expected Uelref")
+
+
+def model_of(rim, electrodes):
+    """A forward model with nodes on a rim (K, 2) and inside it, and electrodes at (n, 2)."""
+    nodes = np.concatenate([rim, 0.5 * (rim + rim.mean(axis=0)), electrodes])
+    first = len(nodes) - len(electrodes) + 1
+    own = np.zeros((1, len(electrodes)), dtype=[("nodes", object), ("z_contact", object)])
+    for k in range(len(electrodes)):
+        own[0, k] = np.array([[first + k]]), 0.01
+    return {"nodes": nodes, "electrode": own}
+
+
+def around(count, radius=1.0):
+    angle = 2.0 * np.pi * np.arange(count) / count
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("rim", "electrodes", "found"),
+    [
+        (around(48), around(16), None),
+        (around(48) * [1.0, 0.6], around(16) * [1.0, 0.6], "an outline of"),
+        (
+            np.array([[0, 0], [2, 0], [2, 1], [0, 1.0]]),
+            around(16, 0.1) + np.array([1, 0.5]),
+            "a rectangle",
+        ),
+        (around(48) + 5.0, around(16, 0.5) + 5.0, "electrode 0 and 15 more of 16 off the rim"),
+    ],
+)
+def test_a_forward_model_tells_what_the_outline_is(tmp_path, rim, electrodes, found):
+    path = tmp_path / "tank.mat"
+    scipy.io.savemat(path, {"vh": frames(), "fmdl": model_of(rim, electrodes)})
+    outline = importers.load(path).skin.outline
+    assert outline is None if found is None else outline.startswith(found)

@@ -13,6 +13,7 @@ import numpy as np
 from eitskin import yaml_file
 from eitskin.data.recording import CHOICES, Recording, check_reading, validate
 from eitskin.errors import InputError
+from eitskin.physics.outline import rim_angles
 from eitskin.physics.skin import Skin
 
 SKIN = tuple(field.name for field in fields(Skin))
@@ -57,6 +58,8 @@ def apply(said: dict, recording: Recording, file: str | Path = "skin") -> Record
         raise InputError(file, "electrode_deg", f"{len(angles)} angles", expected)
     source = f"{metadata['source']}; its owner states {', '.join(said)}"
     skin = metadata["skin"] | _part(said, SKIN)
+    if said.get("electrode_xy_mm") and angles is None:
+        skin["electrode_deg"] = rim_angles(said["electrode_xy_mm"]).tolist()
     changed = {**metadata, **_part(said, READING), "skin": skin, "source": source}
     told = replace(recording, metadata=changed)
     validate(told, file)

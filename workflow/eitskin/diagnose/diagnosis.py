@@ -13,11 +13,12 @@ from eitskin.data.subset import of_frames
 from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.candidates import Scales, catalogue
 from eitskin.diagnose.carried import carried, unknown
-from eitskin.diagnose.excerpt import excerpt
+from eitskin.diagnose.excerpt import LIMIT_GIB, excerpt
 from eitskin.diagnose.fit import Fit, Problem, difference, fit
 from eitskin.diagnose.gaps import Gap, gaps, strengths
 from eitskin.diagnose.held_out import aside, folds, units
 from eitskin.diagnose.judged import Judged
+from eitskin.diagnose.memory import most_frames
 from eitskin.diagnose.noise import Noise, estimate
 from eitskin.diagnose.remainder import Other, other, unlike
 from eitskin.diagnose.rig import Rig
@@ -29,6 +30,7 @@ from eitskin.diagnose.verdict import acceptable
 from eitskin.diagnose.whitening import COHERENT, Whitening
 from eitskin.effects.settings import site_counts
 from eitskin.errors import InputError
+from eitskin.physics import outline
 from eitskin.physics.accuracy import untouched_error
 from eitskin.physics.geometry import Geometry
 
@@ -68,18 +70,26 @@ class Diagnosis:
     other: Other
 
 
-def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diagnosis:
+def diagnose(
+    recorded: Recording,
+    seed: int = 1,
+    progress: bool = False,
+    memory_GiB: float = LIMIT_GIB,
+) -> Diagnosis:
     """Diagnose a recording: locate, name and model what its simulation leaves out.
 
-    Of a long recording, an excerpt; a search on a few frames of it is where that on all begins.
-    Equal seeds give equal results, bit for bit. Raises InputError where nothing can be simulated.
+    Of a long recording, an excerpt, as long as memory_GiB are foretold to allow; a search on a few
+    frames of it is where that on all begins. Equal seeds give equal results, bit for bit. Raises
+    InputError where nothing can be simulated, and where it would take more memory.
     """
+    outline.refuse(recorded.skin, "recording")
 
     def report(line: str) -> None:
         if progress:
             print(f"  {line}", file=sys.stderr, flush=True)
 
-    whole, recorded = len(recorded.frames), excerpt(recorded)
+    whole = len(recorded.frames)
+    recorded = excerpt(recorded, most_frames(recorded, memory_GiB))
     if len(recorded.frames) < whole:
         report(f"an excerpt: {len(recorded.frames)} of {whole} frames")
     noise, search, kept = begun(recorded, seed, report)
@@ -87,10 +97,7 @@ def diagnose(recorded: Recording, seed: int = 1, progress: bool = False) -> Diag
     seen = replace(recorded, voltage=np.where(there, recorded.voltage, np.nan))
     start, cut_short = _untouched_first(search, seen, seed, report), False
     if len(recorded.frames) >= 2 * FIRST_FRAMES:
-        few = excerpt(seen, FIRST_FRAMES)
-        report(f"first on {len(few.frames)} frames")
-        first = _on_frames(search, seen, few, seed, report, FIRST_SHARE)
-        start, cut_short = first.run(start)[1], first.spent
+        start, cut_short = _few_first(search, seen, seed, report, start)
         report(f"then on {len(recorded.frames)}")
     before, after = search.run(start)
     after, judged = _earned(search, search.settled(after), recorded, noise, kept)
@@ -282,6 +289,20 @@ def _on_frames(
     problem = Problem(model, readings, whitening)
     channels = recorded.channels
     return _search(problem, search.candidates, channels, seed, report, search.rounding, share)
+
+
+def _few_first(
+    search: Search,
+    recorded: Recording,
+    seed: int,
+    report: Callable[[str], None],
+    start: State | None,
+) -> tuple[State, bool]:
+    """What FIRST_FRAMES frames show, from a start, and whether the search on them was cut short."""
+    few = excerpt(recorded, FIRST_FRAMES)
+    report(f"first on {len(few.frames)} frames")
+    first = _on_frames(search, recorded, few, seed, report, FIRST_SHARE)
+    return first.run(start)[1], first.spent
 
 
 def _untouched_first(

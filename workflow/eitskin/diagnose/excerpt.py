@@ -6,6 +6,7 @@ from eitskin.data.recording import Recording, presses
 from eitskin.data.subset import of_frames
 
 MOST_FRAMES = 500
+LIMIT_GIB = 4.0  # of memory, within which as many of these are diagnosed as `memory` foretells
 
 
 def excerpt(recorded: Recording, most: int = MOST_FRAMES) -> Recording:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import erf
 
 from eitskin.diagnose.candidates import Candidate, own_channels
-from eitskin.diagnose.jacobian import Block, Jacobian
+from eitskin.diagnose.jacobian import Block, Jacobian, in_groups
 from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.whitening import Whitening
 from eitskin.effects.effect import Setting
@@ -293,7 +293,7 @@ def _slopes(problem, theta, effects, residual, known: np.ndarray | None = None) 
                 slopes.put(place, own, together)
             else:
                 alone = own[:, None, :] * whitening.undone(together)
-                slopes.columns[np.searchsorted(slopes.at, place)] = whitening(alone)
+                slopes.columns[np.searchsorted(slopes.at, place)] = in_groups(whitening, alone)
             unknown[place] = False
     for i in np.flatnonzero(unknown):
         every = np.ones((1, shape[1]), bool)

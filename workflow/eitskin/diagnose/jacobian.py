@@ -9,6 +9,23 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+# Bytes of columns: up to these they are mapped at once, more of them in groups of so many. On the
+# way they are there several times over.
+AT_ONCE, GROUP = 3 << 26, 1 << 25
+
+
+def in_groups(of: Callable[[np.ndarray], np.ndarray], columns: np.ndarray) -> np.ndarray:
+    """(K, ...): a function of columns (K, N, M) that maps each by itself."""
+    if columns.nbytes <= AT_ONCE:
+        return of(columns)
+    size = max(GROUP // columns[0].nbytes, 1)
+    first = of(columns[:size])
+    found = np.empty((len(columns), *first.shape[1:]))
+    found[:size] = first
+    for start in range(size, len(columns), size):
+        found[start : start + size] = of(columns[start : start + size])
+    return found
+
 
 @dataclass
 class Block:
@@ -64,8 +81,8 @@ class Jacobian:
         whether that keeps each channel's own."""
         if by_channel:
             blocks = [replace(b, column=of(b.column[None])[0]) for b in self.blocks]
-            return Jacobian(of(self.columns), blocks)
-        return Jacobian(of(self.full()))
+            return Jacobian(in_groups(of, self.columns), blocks)
+        return Jacobian(in_groups(of, self.full() if self.blocks else self.columns))
 
     def put(self, coordinates: np.ndarray, own: np.ndarray, values: np.ndarray) -> None:
         """Columns of coordinates (S,): of values (N, M) the channels that are each one's own, own

@@ -18,7 +18,9 @@ from eitskin.physics.skin import Skin
 from eitskin.physics.solver import SolvedSkins
 from eitskin.simulate.readings import Sensed, apply_skin, of_stage, read, sense
 
-KEPT = 48_000  # frames, of all the states that were solved last
+# Frames of all the states that were solved last, and bytes, of which those of many channels are
+# fewer.
+KEPT, KEPT_BYTES = 48_000, 3 << 28
 CURRENT_A = 1e-3  # where nobody knows it; the factor is calibrated then
 # Where fits start from, and the prior's sd of the logarithm, of what nobody knows.
 UNKNOWN = {
@@ -98,7 +100,7 @@ class RecordingSimulator:
             raise InputError("recording", "frames", found, "untouched frames, or touches known")
         base = None if query is None else RecordingSimulator(recorded)
         self.believed, self.calibrations = (
-            (base.believed, base.calibrations) if base else _beliefs(recorded)
+            (base.believed, base.calibrations) if base else beliefs(recorded)
         )
         self._sensed: OrderedDict[tuple, Sensed] = OrderedDict()
         self._moved = b""
@@ -225,7 +227,8 @@ class RecordingSimulator:
             near=self.near,
         )
         self._sensed[key] = sensed
-        while len(self._sensed) * len(states) > KEPT and len(self._sensed) > 1:
+        frames = KEPT_BYTES // (sensed.nbytes // len(states) + 1)
+        while len(self._sensed) * len(states) > min(KEPT, frames) and len(self._sensed) > 1:
             self._sensed.popitem(last=False)
         return sensed
 
@@ -247,7 +250,7 @@ def _states(frames: pd.DataFrame) -> pd.DataFrame:
     return states.astype({c: float for c in columns if c != "touch"})
 
 
-def _beliefs(recorded: Recording) -> tuple[Skin, list[Calibration]]:
+def beliefs(recorded: Recording) -> tuple[Skin, list[Calibration]]:
     """The skin with a start for what is unknown, and what is calibrated."""
     skin, metadata = recorded.skin, recorded.metadata
     n = recorded.n_electrodes

@@ -123,9 +123,10 @@ class Tangents:
     def jacobian(self, candidate: Candidate) -> np.ndarray:
         """(size, N, M): whitened derivatives by every coordinate, NaN for those without, and for
         those that are as soon found anew."""
-        found = np.full((candidate.size, *self.voltage.shape), np.nan)
+        shape = candidate.size, *self.voltage.shape
         if candidate.kind == "channels" and self._own_channels(candidate) is not None:
-            return found
+            return np.broadcast_to(np.nan, shape)
+        found = np.full(shape, np.nan)
         columns = self.of(candidate)
         linear = np.flatnonzero(candidate.linear)
         if len(columns) == len(linear):

@@ -322,6 +322,10 @@ class Whitening:
             values[..., previous[rows, channels], channels] -= later
         return np.where(self.mask, values, 0.0) / self.sd
 
+    def forget(self) -> None:
+        """Let go of `parts`, which are found anew where they are asked for."""
+        vars(self).pop("parts", None)
+
     @cached_property
     def parts(self) -> list[_LowRank]:
         """What is of low rank, in the order in which it is taken out, a free constant first."""

@@ -122,7 +122,14 @@ class BodyElectrodes:
         self._cut(accuracy)
         self._place()
         self.interaction = self._interaction()
-        self.matrix = self.interaction + self._contact_matrix()
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """As of Electrodes; made anew each time, for one of a large body is some 0.3 GB."""
+        found = self.interaction.copy()
+        blocks = found.reshape(self.n, self.order, self.n, self.order)
+        blocks[range(self.n), :, range(self.n)] += self.contact_blocks()
+        return found
 
     def moved(self, sheet: Electrodes, heights: Span) -> "BodyElectrodes":
         """The same expansion on a body that differs a little: what it shares with this one is kept,
@@ -132,7 +139,6 @@ class BodyElectrodes:
         if not other.agrees(self.geometry, self.heights):
             other._place()
             other.interaction = other._interaction()
-        other.matrix = other.interaction + other._contact_matrix()
         return other
 
     def agrees(self, geometry: Geometry, heights: Span) -> bool:
@@ -252,12 +258,6 @@ class BodyElectrodes:
             above = above * (-1.0) ** np.arange(self.up)[:, None]
         return np.einsum("act,ts,bds->abcd", overlap, kernel, above, optimize=True)
 
-    def _contact_matrix(self) -> np.ndarray:
-        n, order = self.n, self.order
-        blocks = np.zeros((n, order, n, order))
-        blocks[range(n), :, range(n)] = self.contact_blocks()
-        return blocks.reshape(n * order, n * order)
-
     def contact_blocks(self) -> np.ndarray:
         """(n, order, order): sigma depth z_l int (P_i P_j)^2 / 16 / (dA/dt ds) over the face."""
         g = self.geometry
@@ -329,7 +329,7 @@ class DepthForward(Forward):
         self.heights = heights
         if heights is not None:
             self._expand(near)
-            self._relax_electrodes()
+            self._relax_electrodes(self.electrodes.matrix)
 
     def _expand(self, near: Forward | None) -> None:
         """Modes on the faces, and what they take."""

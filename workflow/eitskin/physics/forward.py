@@ -158,21 +158,27 @@ class Forward:
             self.bulk = GradientBulk(geometry, self.disc) if geometry.gradient_across else None
             self.electrodes = Electrodes(geometry, self.disc, modes, self.bulk)
         self.sheet_resistance = 1e3 / (geometry.conductivity_S_per_m * geometry.thickness_mm)
-        self._relax_electrodes()
+        self._relax_electrodes(self.electrodes.matrix)
 
-    def _relax_electrodes(self) -> None:
-        """The electrodes' transfer impedance, their own modes at the least power."""
+    @property
+    def nbytes(self) -> int:
+        """Bytes of what it holds of its electrodes' modes, the factor of their matrix."""
+        return 8 * len(self._inner) ** 2
+
+    def _relax_electrodes(self, matrix: np.ndarray) -> None:
+        """The electrodes' transfer impedance, their own modes at the least power, of the matrix
+        (n order, n order) of the modes."""
         n, order = self.electrodes.n, self.electrodes.order
         whole = np.zeros(n * order, dtype=bool)
         whole[::order] = True
         self._whole, self._inner = np.flatnonzero(whole), np.flatnonzero(~whole)
-        matrix = self.electrodes.matrix
         self._inner_factor = None
         self._inner_currents = np.zeros((0, n))
         self._relative = matrix[np.ix_(self._whole, self._whole)]
         if len(self._inner):
             coupling = matrix[np.ix_(self._inner, self._whole)]
             inner = matrix[np.ix_(self._inner, self._inner)]
+            del matrix  # as large as its factor
             try:
                 self._inner_factor = cho_factor(inner, check_finite=False)
             except np.linalg.LinAlgError:

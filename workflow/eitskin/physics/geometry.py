@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from eitskin.errors import InputError
+from eitskin.physics import outline
 from eitskin.physics.skin import Skin
 
 MATERIAL = ("thickness_mm", "conductivity_S_per_m", "contact_impedivity_ohm_m2")
@@ -90,8 +91,9 @@ class Geometry:
 
     @classmethod
     def from_skin(cls, skin: Skin) -> "Geometry":
-        """The ideal geometry that a Skin describes; raises InputError where a needed key is
-        null."""
+        """The ideal geometry that a Skin describes; raises InputError where a needed key is null,
+        and for what is no disc."""
+        outline.refuse(skin)
         needed = ["radius_mm", "thickness_mm", "conductivity_S_per_m", "electrode_deg"]
         needed += ["electrode_width_mm"]
         if skin.electrode_width_mm:

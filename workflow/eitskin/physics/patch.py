@@ -8,7 +8,6 @@ and, where a touch comes near, on nodes graded towards it; the touch is kept as 
 in multipoles of the patched skin: fields that bend at the patch's edge as the current does.
 """
 
-import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -227,9 +226,7 @@ class PatchForward(Forward):
             self.at_patch = self._at_patch(bare.electrodes)
             change = self._change(bare.electrodes)
         self.change = change
-        self.electrodes = copy.copy(bare.electrodes)
-        self.electrodes.matrix = bare.electrodes.matrix + change
-        self._relax_electrodes()
+        self._relax_electrodes(bare.electrodes.matrix + change)
 
     def _at_patch(self, electrodes: Electrodes) -> np.ndarray:
         """(even nodes, n order): potentials of the electrodes' modes on the patch's edge."""

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, fields
 
 from eitskin.errors import InputError
 
-OPTIONAL = ("electrode_height_mm", "electrode_z_mm")
+OPTIONAL = ("electrode_height_mm", "electrode_z_mm", "outline", "electrode_xy_mm")
 POSITIVE = (
     "radius_mm",
     "thickness_mm",
@@ -22,6 +22,8 @@ class Skin:
     """A disc of gel with electrodes on its rim; None: unknown, to be calibrated.
 
     Units stand in the names; `electrode_width_mm` is an arc length, 0 for point electrodes.
+    outline: where it is no disc, a word for what it is, or its corners (x, y) in mm, one after the
+    other; electrode_xy_mm: (x, y) of every electrode.
     """
 
     radius_mm: float | None
@@ -34,6 +36,8 @@ class Skin:
     contrast_per_N: float | None
     electrode_height_mm: float | None = None
     electrode_z_mm: float | None = None
+    outline: str | tuple[tuple[float, float], ...] | None = None
+    electrode_xy_mm: tuple[tuple[float, float], ...] | None = None
 
     @classmethod
     def from_metadata(cls, metadata: dict, file: str = "skin") -> "Skin":
@@ -59,6 +63,8 @@ class Skin:
                 if len({round(angle % 360.0, 9) for angle in value}) < len(value):
                     raise InputError(file, f"skin.{key}", "two equal angles", "one an electrode")
                 value = tuple(float(angle) for angle in value)
+            elif key in ("outline", "electrode_xy_mm") and value is not None:
+                value = _checked_shape(file, key, value)
             elif value is not None:
                 value = _checked_number(file, key, value)
             values[key] = value
@@ -66,11 +72,27 @@ class Skin:
 
     def metadata(self) -> dict:
         """The recording format's `skin` object; optional keys only where given."""
-        values = {
-            key: list(value) if isinstance(value, tuple) else value
-            for key, value in asdict(self).items()
-        }
+        values = {key: _listed(value) for key, value in asdict(self).items()}
         return {k: v for k, v in values.items() if k not in OPTIONAL or v is not None}
+
+
+def _checked_shape(file: str, key: str, value: object) -> str | tuple[tuple[float, float], ...]:
+    if key == "outline" and isinstance(value, str) and value.strip():
+        return value
+    least = 3 if key == "outline" else 1
+    places = isinstance(value, list | tuple) and all(
+        isinstance(one, list | tuple) and len(one) == 2 and all(map(is_number, one))
+        for one in value
+    )
+    if not places or len(value) < least:
+        word = "a word for the shape, or " if key == "outline" else ""
+        expected = f"{word}places [x, y] in mm, {least} or more"
+        raise InputError(file, f"skin.{key}", repr(value)[:80], expected)
+    return tuple((float(x), float(y)) for x, y in value)
+
+
+def _listed(value: object) -> object:
+    return [_listed(one) for one in value] if isinstance(value, tuple) else value
 
 
 def is_number(value: object) -> bool:

@@ -26,6 +26,7 @@ from eitskin.simulate.leaks import leaking
 
 LEAST_CONDUCTIVITY = 1e-3  # of the background's, inside a touch
 KEPT_SKINS = 16
+KEPT_BYTES = 1 << 30  # of these, of which the largest bodies are fewer
 MOST_SKINS = 32  # spent on finding out between which others are interpolated
 FEW_SKINS = 4  # that are solved one by one
 # Where between the forces of its first and last channel, -1 to 1, a frame is solved.
@@ -174,6 +175,12 @@ class Sensed:
         """(N, M) V per A: readings without wiring and instrument."""
         voltage = measurable(channel_values(self.transfer_impedance, self.frames.channels))
         return _over_frame(voltage, self)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of its transfer impedances, its readings and the force that each of them sees."""
+        terminals = len(self.solve.base.electrode_deg)
+        return 8 * (len(self.solve.touches) * terminals**2 + 3 * self.within.size)
 
     @property
     def force_N(self) -> np.ndarray:
@@ -376,10 +383,12 @@ class _Skins:
         """The skin at a moment, solved."""
         key = (minutes, force_N, *place)
         if key not in self._solved:
-            if len(self._solved) >= KEPT_SKINS:
-                self._solved.pop(next(iter(self._solved)))
             geometry = self.geometry(minutes, force_N, place)
-            self._solved[key] = self.near.solve(geometry, self.accuracy)
+            solved = self.near.solve(geometry, self.accuracy)
+            room = KEPT_BYTES // max(solved.nbytes, 1)
+            while len(self._solved) >= max(min(KEPT_SKINS, room), 1):
+                self._solved.pop(next(iter(self._solved)))
+            self._solved[key] = solved
         return self._solved[key]
 
     def few(self, moments: np.ndarray, place: np.ndarray) -> list[np.ndarray] | None:

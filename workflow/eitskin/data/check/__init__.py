@@ -20,7 +20,8 @@ __all__ = ["ERROR", "FACT", "UNOBSERVABLE", "WARNING", "Check", "check", "text",
 def check(recording: Recording) -> Check:
     """Every finding about a recording or query (`recording.validate`d)."""
     findings = sentences.contents(recording) + sentences.skin(recording)
-    findings += sentences.repeated(recording) + suspicions.units(recording)
+    findings += sentences.outline(recording) + sentences.repeated(recording)
+    findings += suspicions.units(recording)
     if recording.voltage is not None:
         nothing = sentences.dead(recording)
         if nothing:

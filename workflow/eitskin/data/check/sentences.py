@@ -9,6 +9,7 @@ from eitskin.data.check import clipping, measures, named, wiring
 from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Finding
 from eitskin.data.check.missing import HOLD_S, missing
 from eitskin.data.recording import Recording
+from eitskin.physics.outline import EXPECTED, no_disc
 from eitskin.physics.skin import OPTIONAL
 from eitskin.quantities import quantity
 
@@ -165,6 +166,16 @@ def skin(recording: Recording) -> list[Finding]:
     source = recording.metadata["source_reference"]
     ends.append(f"the current source is taken as {source}")
     return [_fact("skin", f"{'; '.join(ends)}.")]
+
+
+def outline(recording: Recording) -> list[Finding]:
+    """A skin that is no disc with electrodes on its rim, which nothing here simulates."""
+    other = no_disc(recording.skin)
+    if other is None:
+        return []
+    place, found = other
+    sentence = f"{place} says: {found}. It is no skin to be diagnosed; that takes {EXPECTED}."
+    return [Finding("outline", WARNING, sentence)]
 
 
 def _angles(degrees: tuple[float, ...]) -> str:

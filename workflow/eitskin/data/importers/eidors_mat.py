@@ -9,18 +9,23 @@ with current entering at k. Other numbers of electrodes and other pairs: `drive`
 Of several such arrays the one whose name says that it is the reference (`vh`, `v_homg`, `ref...`)
 is read; the others, objects at places that nobody wrote down, are neither touches at known places
 nor untouched frames and are left out. Frames are nobody's touches: they are taken for untouched.
+
+A forward model in the file (`nodes`, `electrode(k).nodes`) says what the outline is, and whether
+electrodes lie off the rim; its unit is nobody's, so that no size is taken from it.
 """
 
 import re
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from eitskin.data.importers import bare_vectors
 from eitskin.data.importers.bare_vectors import REVERSED, Layout
 from eitskin.data.importers.matlab_file import arrays, is_matlab, shapes
 from eitskin.data.recording import Recording
 from eitskin.errors import InputError
+from eitskin.physics.outline import described, off_rim, ring
 
 LEFT_OPEN = ("order", "drive", "measure")
 DRIVE, MEASURE = "adjacent", f"adjacent{REVERSED}"
@@ -59,9 +64,37 @@ def load(
         bare_vectors.refuse_other_order(path, frames, drive, measure, layout)
     others = f"{', '.join(fitting)} left out, objects at unknown places" if fitting else ""
     said = bare_vectors.said(bare_vectors.UNTOUCHED, layout.left_out, others)
-    return bare_vectors.untouched(
+    made = bare_vectors.untouched(
         frames, layout, SOURCE.format(name=path.name, array=name, said=said)
     )
+    outline = _outline(found)
+    if outline is not None:
+        made.metadata["skin"]["outline"] = outline
+    return made
+
+
+def _outline(found: dict[str, np.ndarray]) -> str | None:
+    """What a forward model among arrays says of a skin that is no disc with electrodes on its rim;
+    None where it is one, or where there is no model. Seen along z, by the nodes' convex hull."""
+    for name, nodes in found.items():
+        model, _, field = name.rpartition(".")
+        if field != "nodes" or ".electrode" in name or nodes.ndim != 2 or nodes.shape[1] < 2:
+            continue
+        places = nodes[:, :2].astype(float)
+        try:
+            corners = places[ConvexHull(places).vertices]
+        except (QhullError, ValueError):
+            continue
+        outline = described(corners)
+        if outline is not None:
+            return f"{outline} ({name})"
+        centre, radius = ring(corners)
+        numbered = re.compile(re.escape(model) + r"\.electrode(\(\d+\))?\.nodes")
+        own = [found[one].ravel().astype(int) - 1 for one in found if numbered.fullmatch(one)]
+        if own and all(len(one) and 0 <= one.min() <= one.max() < len(places) for one in own):
+            middles = np.array([places[one].mean(axis=0) for one in own])
+            return off_rim(middles - [centre.real, centre.imag], radius)
+    return None
 
 
 def _laid_out(

@@ -25,6 +25,7 @@ from eitskin.diagnose.comparison.objects import EXPLAINS, Objects, Sheet, Sought
 from eitskin.diagnose.comparison.potentials import Potentials
 from eitskin.diagnose.comparison.wander import Wander, wander
 from eitskin.errors import InputError
+from eitskin.physics.outline import no_disc
 
 THRESHOLD = 26.0  # nats; set on `python -m concealed.pairs BLOCK OUT`, development and report
 MARGIN = 10.0  # nats to the best fault at another site
@@ -150,7 +151,9 @@ def pair(control: Recording, later: Recording, names: tuple[str, str]) -> Pair:
     readings = [r.voltage[rows] for r, rows in zip((control, later), still, strict=True)]
     skin = control.metadata["skin"]
     angle = skin.get("electrode_deg")
-    angle = None if angle is None or len(angle) != n else np.array(angle, float)
+    # Objects are looked for on a disc.
+    elsewhere = angle is None or len(angle) != n or no_disc(control.skin) is not None
+    angle = None if elsewhere else np.array(angle, float)
     place = angle, skin.get("radius_mm")
     return Pair(names, control.channels, n, signed, moment_s, *readings, still[1], *place)
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from eitskin.diagnose.candidates import Candidate, log_ways
+from eitskin.diagnose.jacobian import in_groups
 from eitskin.diagnose.search.screen import (
     AMPLITUDES,
     MOST_SITES,
@@ -59,8 +60,10 @@ def _sums(tangents: Tangents, dense: Candidate) -> tuple[np.ndarray, np.ndarray]
     shape = tangents.voltage.shape
     column = dense.scales.of(parameter) * dense.effect.slope(tangents.voltage)
     slope = (column * whitening.back(tangents.residual.reshape(shape))).sum(axis=0)
-    fitted = whitening.back(tangents.fitted.reshape(-1, *shape))
-    shared = np.einsum("pnm,nm->pm", fitted, column)
+    shared = in_groups(
+        lambda fitted: np.einsum("pnm,nm->pm", whitening.back(fitted), column),
+        tangents.fitted.reshape(-1, *shape),
+    )
     length = whitening.channel_lengths(column)
     information = length - (shared**2).sum(axis=0)
     for block in tangents.blocks:

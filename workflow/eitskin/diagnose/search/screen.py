@@ -159,9 +159,10 @@ class Null:
 
 def null(tangents: Tangents, candidates: list[Candidate], free: int, seed: int) -> Null:
     """Draw NULL_DRAWS recordings without any effect, as far as the score tests see them."""
-    groups, columns, at = [], [], {}
+    groups, at = [], {}
     rng = np.random.default_rng(seed)
     mark = rng.standard_normal(tangents.residual.size)  # one number tells a column from another
+    bank = np.empty((sum(map(tangents.count, candidates)), len(mark)))  # only what is filled counts
     for candidate in candidates:
         own = tangents.of(candidate)
         if not len(own):
@@ -169,13 +170,13 @@ def null(tangents: Tangents, candidates: list[Candidate], free: int, seed: int) 
         place = []
         for column, key in zip(own, own @ mark, strict=True):
             if key not in at:
-                at[key] = len(columns)
-                columns.append(column / np.linalg.norm(column))
+                bank[len(at)] = column / np.linalg.norm(column)
+                at[key] = len(at)
             place.append(at[key])
         groups.append(np.array(place))
     if not groups:
         return Null(np.ones(1), free)
-    bank = np.array(columns)
+    bank = bank[: len(at)]
     size, turn = np.linalg.eigh(bank @ bank.T)
     root = (turn * np.sqrt(np.maximum(size, 0.0))).astype(np.float32)
     root[np.abs(root) < np.finfo(np.float32).eps] = 0.0  # denormal numbers take a hundredfold time

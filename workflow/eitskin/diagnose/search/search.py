@@ -572,6 +572,7 @@ class Search:
                 if trial is not None:
                     trial.score = s
                     trial.p_values[added(state, trial).key] = self._own_p(s, state, trial)
+                    trial.fit.problem.whitening.forget()  # most trials are never looked at again
                     found.append(trial)
                     best = max(best, trial.log_evidence)
             found.sort(key=lambda s: -s.log_evidence)

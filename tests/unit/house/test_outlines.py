@@ -1,0 +1,88 @@
+"""Skins that are no disc, as their owners meet the answer: one sentence, whatever command."""
+
+import numpy as np
+import pytest
+
+from eitskin import cli
+from eitskin.data import check, recording, stated
+from eitskin.diagnose import diagnosis
+from eitskin.errors import InputError
+
+RECTANGLE = "outline: [[-60, -40], [60, -40], [60, 40], [-60, 40]]\n"
+FOUND = {
+    RECTANGLE: "outline: found a rectangle of 120 x 80 mm, expected a disc",
+    "outline: a glove\n": "outline: found a glove, expected a disc",
+}
+WAY_OUT = "`eitskin check` and `eitskin compare CONTROL LATER` work all the same"
+
+
+@pytest.fixture
+def path(make_recording, tmp_path):
+    path = tmp_path / "skin.parquet"
+    recording.write(make_recording(), path)
+    return path
+
+
+@pytest.fixture(params=FOUND)
+def said(request, tmp_path):
+    """A statement of the skin, and what is found in it."""
+    file = tmp_path / "skin.yaml"
+    file.write_text(request.param)
+    return file, FOUND[request.param]
+
+
+@pytest.mark.parametrize("command", ["diagnose", "import"])
+def test_what_simulates_or_goes_before_it_ends_with_one_sentence(
+    path, said, tmp_path, capsys, command
+):
+    file, found = said
+    out = tmp_path / "out"
+    target = ["--out", str(out)] if command == "diagnose" else [str(out)]
+    assert cli.main([command, str(path), *target, "--skin", str(file)]) == cli.UNUSABLE
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err.count("\n") == 1
+    assert printed.err.startswith(f"{file}: skin.{found}") and WAY_OUT in printed.err
+    assert "domain-shape" in printed.err
+    assert not out.exists()
+
+
+def test_an_import_goes_on_anyway_and_its_diagnosis_says_the_same(path, said, tmp_path):
+    file, found = said
+    out = tmp_path / "out.parquet"
+    assert cli.main(["import", str(path), str(out), "--skin", str(file), "--anyway"]) == 0
+    with pytest.raises(InputError, match=f"skin.{found}"):
+        diagnosis.diagnose(recording.read(out))
+    assert cli.main(["diagnose", str(out), "--anyway"]) == cli.UNUSABLE
+
+
+def test_a_check_warns(path, said, capsys):
+    file, _ = said
+    assert cli.main(["check", str(path), "--skin", str(file)]) == 0
+    printed = capsys.readouterr().out
+    assert "What to look at:\n  outline: skin.outline says: " in printed and WAY_OUT in printed
+    assert cli.main(["check", str(path)]) == 0
+    assert "outline" not in capsys.readouterr().out
+
+
+def test_sessions_are_compared_whatever_the_outline(path, said, tmp_path, capsys):
+    file, _ = said
+    out = tmp_path / "comparison"
+    command = ["compare", str(path), str(path), "--skin", str(file), "--out", str(out)]
+    assert cli.main(command) == 0
+    assert (out / "comparison.json").is_file()
+
+
+def test_electrodes_inside_the_skin_are_told(make_recording):
+    made = make_recording()
+    radius, angles = made.skin.radius_mm, np.radians(made.skin.electrode_deg)
+    on = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    told = stated.apply({"electrode_xy_mm": on.tolist()}, made)
+    assert np.allclose(told.skin.electrode_deg, made.skin.electrode_deg)
+    assert not check.check(told).about("outline")
+    on[2] *= 0.5
+    inside = stated.apply({"electrode_xy_mm": on.tolist()}, made)
+    (warning,) = check.check(inside).about("outline")
+    assert warning.severity == check.WARNING
+    assert "electrode 2 of 16 off the rim, at 50% of the radius" in warning.sentence
+    with pytest.raises(InputError, match="electrode 2 of 16 off the rim"):
+        diagnosis.diagnose(inside)
