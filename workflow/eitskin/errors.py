@@ -1,6 +1,7 @@
 """The one way in which eitskin refuses bad input."""
 
 import contextlib
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,18 +16,34 @@ class InputError(Exception):
 
     def __init__(self, file: str | Path, place: str, found: object, expected: str):
         super().__init__(f"{file}: {place}: found {found}, expected {expected}")
-        self.place, self.found, self.expected = place, found, expected
+        self.file, self.place, self.found, self.expected = file, place, found, expected
+
+
+def refused(
+    error: OSError,
+    file: str | Path | None = None,
+    place: str = "file",
+    expected: str = "one that can be read and written",
+) -> InputError:
+    """What the operating system refuses, as an InputError of `file`, else of the one it names."""
+    if error.errno is None:
+        reason = str(error).partition("\n")[0] or "an unknown error"
+    else:
+        reason = os.strerror(error.errno)
+    return InputError(file or error.filename or "eitskin", place, reason, expected)
 
 
 @contextlib.contextmanager
 def reported(log: str | Path) -> Iterator[None]:
-    """Run a workflow job; an InputError becomes one line on stderr, the same line and its notes
-    in `log`, and exit code 1."""
+    """Run a workflow job; an InputError or OSError becomes one line on stderr, the same line and
+    its notes in `log`, and exit code 1."""
     try:
         yield
-    except InputError as error:
+    except (InputError, OSError) as error:
+        line = error if isinstance(error, InputError) else refused(error)
         Path(log).parent.mkdir(parents=True, exist_ok=True)
         notes = "".join(getattr(error, "__notes__", []))
-        Path(log).write_text(f"{error}\n{notes}", encoding="utf-8")
-        print(error, file=sys.stderr)
+        with contextlib.suppress(OSError):  # no room on the disk for the log either
+            Path(log).write_text(f"{line}\n{notes}", encoding="utf-8")
+        print(line, file=sys.stderr)
         sys.exit(1)

@@ -44,6 +44,22 @@ def arrays(path: Path) -> dict[str, np.ndarray]:
     return {name: array for key, value in named.items() for name, array in _numeric(key, value)}
 
 
+def holds(path: Path, names: tuple[str, ...]) -> bool:
+    """Whether a file is one of MATLAB with arrays of numbers of these names."""
+    try:
+        return is_matlab(path) and arrays(path).keys() >= {*names}
+    except InputError:
+        return False
+
+
+def named(path: Path, names: tuple[str, ...]) -> list[np.ndarray]:
+    """The arrays of these names; raises InputError where one is not there, and as `arrays` does."""
+    found = arrays(path)
+    if not found.keys() >= {*names}:
+        raise InputError(path, "arrays", shapes(found), f"{', '.join(names)} among them")
+    return [found[name] for name in names]
+
+
 def shapes(found: dict[str, np.ndarray]) -> str:
     """`vh (208, 1), vi (208, 5)`, of some."""
     named = [f"{name} {array.shape}" for name, array in found.items()]
