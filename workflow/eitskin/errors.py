@@ -7,6 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 
+UNNAMED = ("recording", "skin", "states", "touch", "protocol", "patch", "effects")
+
+
 class InputError(Exception):
     """Input that cannot be used, told in one line: file, place, what was found, what was
     expected.
@@ -31,6 +34,19 @@ def refused(
     else:
         reason = os.strerror(error.errno)
     return InputError(file or error.filename or "eitskin", place, reason, expected)
+
+
+@contextlib.contextmanager
+def named(file: str | Path) -> Iterator[None]:
+    """Where code that was given no file refuses a recording, or what it says of the skin, name its
+    file."""
+    try:
+        yield
+    except InputError as error:
+        if error.file not in UNNAMED:
+            raise
+        place = error.place if error.file == "recording" else f"{error.file}, {error.place}"
+        raise InputError(file, place, error.found, error.expected) from error
 
 
 @contextlib.contextmanager

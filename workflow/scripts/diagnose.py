@@ -4,13 +4,14 @@ from pathlib import Path
 
 from eitskin.data import recording
 from eitskin.diagnose import diagnosis, result
-from eitskin.errors import reported
+from eitskin.errors import named, reported
 
 with reported(snakemake.log[0]):
     recorded = recording.read(snakemake.input.recording)
     query = snakemake.input.get("query")
     if query is not None:
         result.read_query(query, recorded)
-    found = diagnosis.diagnose(recorded, snakemake.params.seed, progress=True)
+    with named(snakemake.input.recording):
+        found = diagnosis.diagnose(recorded, snakemake.params.seed, progress=True)
     folder = Path(snakemake.output.diagnosis).parent
     result.write(found, snakemake.params.name, folder, snakemake.input.schema, query)

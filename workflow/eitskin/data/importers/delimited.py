@@ -14,6 +14,7 @@ import numpy as np
 
 from eitskin import text_file
 from eitskin.errors import InputError
+from eitskin.progress import patient
 
 LOST = ("", "nan", "na", "null", "none")
 
@@ -44,7 +45,7 @@ class Cells:
         Raises InputError naming line and column for what is no finite number.
         """
         table = np.empty((len(self.rows), len(columns)))
-        for k, row in enumerate(self.rows):
+        for k, row in enumerate(patient(self.rows, f"reading {self.path.name}")):
             try:
                 table[k] = [number(row[column], self.comma) for column in columns]
             except ValueError:
