@@ -32,7 +32,7 @@ def sound(tmp_path_factory):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_samples_are_sound(sound, name):
-    folder, path = sound[name]
+    _, path = sound[name]
     made = importers.load(path)
     assert made.voltage.size
     assert importers.load(path, name.removesuffix(f"-{KINDS[NAMES.index(name)][1].__name__}"))
@@ -75,7 +75,9 @@ def test_spoiled_files_are_read_or_refused_in_one_line(sound, tmp_path, name, da
             content[at:at] = data.draw(st.binary(max_size=20))
     file.write_bytes(content)
     format = KINDS[NAMES.index(name)][0]
-    loaded_or_refused(spoiled / path.relative_to(folder), data.draw(st.sampled_from([None, format])))
+    loaded_or_refused(
+        spoiled / path.relative_to(folder), data.draw(st.sampled_from([None, format]))
+    )
 
 
 HEADS = [b"", b"PAR1", b"MATLAB 5.0", b"\x93NUMPY", b"PK\x03\x04", b"#MEAS\n#Start\n", b"\xff\xfe"]
