@@ -31,9 +31,9 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     permission.
     """
     path = Path(path)
-    temporary = path.with_name(f".{path.name}.part")
-    with _told(path, temporary):
+    with _told(path):
         _refuse_others(path)
+        temporary = _beside(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         held = _locked(path, temporary)
         try:
@@ -70,18 +70,23 @@ def held_folder(folder: str | Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def _told(path: Path, temporary: Path) -> Iterator[None]:
+def _told(path: Path) -> Iterator[None]:
     """Tell what the operating system refuses of `path`; of other files it is left to others."""
     try:
         yield
     except (FileExistsError, NotADirectoryError) as error:
         raise InputError(path, PLACE, "a file above it", "a path in a folder") from error
     except OSError as error:
-        ours = (None, *map(str, (path, temporary, *path.parents)))
-        if error.filename not in ours and str(error.filename) not in ours:
+        ours = map(str, (path, _beside(path), *path.parents))
+        if error.filename is not None and str(error.filename) not in ours:
             raise
         expected = NEEDED.get(error.errno, "a path that can be written")
         raise refused(error, path, PLACE, expected) from error
+
+
+def _beside(path: Path) -> Path:
+    """Where a file is written before it is whole."""
+    return path.with_name(f".{path.name}.part")
 
 
 def _refuse_others(path: Path) -> None:

@@ -121,9 +121,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_source(importing)
     importing.add_argument("out", help="the Parquet file to write")
     _add_anyway(importing)
-    diagnosing = command(
-        "diagnose", _diagnose, "say what the simulation of a recording leaves out"
-    )
+    diagnosing = command("diagnose", _diagnose, "say what the simulation of a recording leaves out")
     _add_source(diagnosing)
     diagnosing.add_argument("--query", help="states, a recording without voltages, to predict")
     diagnosing.add_argument("--out", help="the folder to write, by default diagnosis-NAME")

@@ -306,11 +306,13 @@ def _indices(node: object) -> range:
 
 
 def file_of(place: list, config: dict, files: Iterable[str | Path]) -> str:
-    """The last file that holds what stands at `place`; for a missing key the first; or --config."""
+    """The last file that holds what stands at `place`; for a missing key the first, within a list
+    the one that the list is of; or --config."""
     files = [Path(file) for file in files]
     found = _at(place, config)
     if found is MISSING and files:
-        return str(files[0])
+        listed = any(isinstance(part, int) for part in place)
+        return file_of(place[:-1], config, files) if listed else str(files[0])
     for file in reversed(files):
         held = _at(place, read(file))
         if repr(held) == repr(found) or (isinstance(held, dict) and isinstance(found, dict)):

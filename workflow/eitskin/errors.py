@@ -6,7 +6,6 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-
 UNNAMED = ("recording", "skin", "states", "touch", "protocol", "patch", "effects")
 
 

@@ -43,7 +43,10 @@ def likeness(made):
 def test_an_unknown_file_is_refused_with_the_known_formats(tmp_path):
     path = tmp_path / "notes.txt"
     path.write_text("nothing of the kind\n")
-    refused(path, "found text that begins 'nothing of the kind', expected one of eit-recording, matrix, lo")
+    refused(
+        path,
+        "found text that begins 'nothing of the kind', expected one of eit-recording, matrix, lo",
+    )
     refused(tmp_path, "one of eit-recording")
     refused(tmp_path / "absent", "no such file")
     refused(path, "format: found 'csv', expected one of", "csv")

@@ -54,7 +54,8 @@ def _press_facts(recording: Recording) -> tuple[float, bool, bool]:
     """Longest hold in s, whether any press is unloaded, whether any place is pressed twice."""
     frames = recording.frames
     touch = frames["touch"].to_numpy(dtype=bool)
-    force, depth, time_s = (frames[key].to_numpy(float) for key in ("force_N", "depth_mm", "time_s"))
+    keys = ("force_N", "depth_mm", "time_s")
+    force, depth, time_s = (frames[key].to_numpy(float) for key in keys)
     press = presses(recording)[touch]
     rows = np.flatnonzero(touch)[np.argsort(press, kind="stable")]
     first = np.flatnonzero(np.diff(np.sort(press), prepend=-1))
@@ -72,7 +73,7 @@ def _press_facts(recording: Recording) -> tuple[float, bool, bool]:
 def _longest_hold(load: np.ndarray, time_s: np.ndarray) -> float:
     """The longest time within which the load (n,) varies by HOLD_SPREAD of its largest at most."""
     spread, longest, start = HOLD_SPREAD * load.max(), 0.0, 0
-    falling, rising = deque[int](), deque[int]()  # frames whose load no later one exceeds, undercuts
+    falling, rising = deque[int](), deque[int]()  # frames whose load none since exceeds, undercuts
     for stop in range(len(load)):
         for kept, sign in ((falling, 1.0), (rising, -1.0)):
             while kept and sign * load[kept[-1]] <= sign * load[stop]:

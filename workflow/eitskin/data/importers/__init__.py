@@ -14,8 +14,8 @@ from pathlib import Path
 
 from eitskin.data import recording
 from eitskin.data.channel_order import in_order
-from eitskin.data.recording import Recording
 from eitskin.data.importers.tables import first_line
+from eitskin.data.recording import Recording
 from eitskin.errors import InputError, refused
 
 OWN_FORMAT = "eit-recording"

@@ -1,8 +1,8 @@
 """Whether the elements of a MATLAB file hold together, before scipy reads them.
 
 MAT-File Format, level 5 (MathWorks): elements of a tag, type and bytes, and data up to the next
-eighth byte; an array's are its flags, dimensions, name and values, or further arrays. scipy's reader
-takes types on trust, and one that does not exist ends the process.
+eighth byte; an array's are its flags, dimensions, name and values, or further arrays. scipy's
+reader takes types on trust, and one that does not exist ends the process.
 """
 
 import struct
