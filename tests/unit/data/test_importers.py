@@ -315,7 +315,7 @@ def test_the_pyeidors_tank(tmp_path):
     path.write_text(pyeidors_lines(reading[:-1]))
     refused(path, "rows: found 207, expected 208")
     path.write_text("1.5,2,3,4\n1,2,x,4\n")
-    refused(path, "line 2, column 1: found 'x', expected a number")
+    refused(path, "line 2, column 2: found 'x', expected a number")
     path.write_text("1.5,2,3,4\n1,2,3\n")
     refused(path, "line 2: found 3 cells, expected 4")
 
