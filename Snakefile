@@ -3,9 +3,6 @@ from snakemake.utils import min_version
 min_version("9.0")
 
 
-configfile: "config.yaml"
-
-
 include: "workflow/rules/configuration.smk"
 include: "workflow/rules/in_use.smk"
 include: "workflow/rules/simulate.smk"

@@ -45,6 +45,24 @@ def test_a_wrong_configuration(fresh, tmp_path, config, message):
     assert not (house.folder / "results").exists()
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b"seed: [1\n", "config.yaml: line 2, column 1: found expected ',' or ']'"),
+        (b"# f\xfcr\nseed: 1\n", "config.yaml: line 1: found byte 0xfc, no UTF-8, expected a YAML"),
+        (b"__use_yte__: true\n", "config.yaml: __use_yte__: found a template, which runs code"),
+    ],
+)
+def test_the_file_of_defaults_is_refused_by_line(fresh, tmp_path, text, message):
+    house = fresh.copy(tmp_path / "house")
+    (house.folder / "config.yaml").write_bytes(text)
+    run = house.snakemake()
+    assert run.returncode != 0
+    assert run.stderr.splitlines()[-1].startswith(message)
+    assert "Traceback" not in run.stderr and "Snakefile" not in run.stderr
+    assert not (house.folder / "results").exists()
+
+
 def test_a_damaged_recording_leaves_nothing_half_written(fresh, tmp_path):
     house = fresh.copy(tmp_path / "house")
     (house.folder / "broken.parquet").write_bytes(b"PAR1 and no more")

@@ -1,56 +1,133 @@
 """The command `eitskin`."""
 
 import argparse
+import contextlib
+import os
 import re
 import shlex
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
 
+from eitskin import answers
+from eitskin.atomic import held_folder
 from eitskin.capture import cli as rig
 from eitskin.data import check, importers, recording, stated, subset
 from eitskin.data.recording import Recording
 from eitskin.diagnose.excerpt import LIMIT_GIB
-from eitskin.errors import InputError
+from eitskin.errors import InputError, named, refused
 from eitskin.physics.outline import EXPECTED, no_disc
 from eitskin.quantities import listed
 
-UNUSABLE = 2
+REFUSED, UNUSABLE, INTERRUPTED = 1, 2, 130
 SCHEMA = Path(__file__).parents[1] / "schemas" / "diagnosis.schema.yaml"
+EXIT_CODES = """\
+exit codes:
+  0      done
+  1      bad input, or a file that cannot be read or written: one line on stderr
+  2      wrong usage, a recording that is not usable, or a rig that is not ready
+  3      a capture that waits for another probe
+  4      a capture that ended after a fault
+  128+n  ended by signal n: 130 after Ctrl-C, 141 where nobody reads the output
+"""
+EXAMPLES = {
+    "check": """\
+examples:
+  eitskin check skin.parquet
+  eitskin check frames.csv --drive adjacent --measure adjacent
+  eitskin check tank.mat --skin tank.yaml --json | jq .usable
+""",
+    "import": """\
+examples:
+  eitskin import setup_00001.eit skin.parquet
+  eitskin import frames.csv skin.parquet --skin skin.yaml
+""",
+    "diagnose": """\
+examples:
+  eitskin diagnose skin.parquet
+  eitskin diagnose skin.parquet --skin skin.yaml --out monday
+  eitskin diagnose skin.parquet --query elsewhere.parquet --json > monday.json
+""",
+    "compare": """\
+examples:
+  eitskin compare monday.parquet friday.parquet
+  eitskin compare tank.csv tank.csv --part target --out objects
+""",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; the exit code: 0, 1 for bad input or a file that cannot be read or written
-    (one line on stderr), 2 for an unusable recording or a rig that is not ready; of a capture that
-    ended early 3 where a person must change the probe, 4 after a fault, 128 + n after signal n.
+    """Run one command; the exit code, one of EXIT_CODES.
 
-    Wrong usage leaves through argparse, with its own message and code 2.
+    What is refused is one line on stderr; with --json an object on stdout says it as well. Wrong
+    usage leaves through argparse, with its own message.
     """
     parsed = _parser().parse_args(arguments)
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")  # a file's name need be no text
     try:
-        return parsed.run(parsed)
+        code = parsed.run(parsed)
+        sys.stdout.flush()
+        return code
     except InputError as error:
-        print(error, file=sys.stderr)
+        refusal = error
+    except BrokenPipeError:
+        _let_go_of_stdout()
+        return 141
     except OSError as error:
-        print(f"{error.filename or 'eitskin'}: {error.strerror or error}", file=sys.stderr)
-    return 1
+        refusal = refused(error, error.filename or "standard output")
+        if not error.filename:
+            _let_go_of_stdout()
+    except MemoryError as error:
+        expected = "a smaller recording, or a larger machine"
+        refusal = InputError("eitskin", "memory", str(error) or "none left", expected)
+    except KeyboardInterrupt:
+        print("eitskin: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    print(refusal, file=sys.stderr)
+    if getattr(parsed, "json", False):
+        with contextlib.suppress(OSError):
+            answers.write(answers.refusal(refusal))
+    return REFUSED
+
+
+def _let_go_of_stdout() -> None:
+    """What is left to write goes nowhere, else Python would try again at its end."""
+    with contextlib.suppress(OSError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="eitskin", description="Recordings of EIT tactile skins.")
+    plain = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(
+        prog="eitskin",
+        description="Diagnoses of EIT tactile skins, and the recordings that they are made from.",
+        epilog=EXIT_CODES,
+        formatter_class=plain,
+    )
+    parser.add_argument("--version", action="version", version=f"eitskin {version('eitskin')}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    checking = commands.add_parser("check", help="say what a recording holds and cannot tell")
+
+    def command(name: str, run: object, what: str) -> argparse.ArgumentParser:
+        added = commands.add_parser(
+            name, help=what, description=what, epilog=EXAMPLES[name], formatter_class=plain
+        )
+        added.add_argument("--json", action="store_true", help="the answer as one JSON document")
+        added.set_defaults(run=run)
+        return added
+
+    checking = command("check", _check, "say what a recording holds and cannot tell")
     _add_source(checking)
-    checking.set_defaults(run=_check)
-    importing = commands.add_parser("import", help="turn a recording into an eit-recording")
+    importing = command("import", _import, "turn a recording into an eit-recording")
     _add_source(importing)
     importing.add_argument("out", help="the Parquet file to write")
     _add_anyway(importing)
-    importing.set_defaults(run=_import)
-    diagnosing = commands.add_parser(
-        "diagnose", help="say what the simulation of a recording leaves out"
-    )
+    diagnosing = command("diagnose", _diagnose, "say what the simulation of a recording leaves out")
     _add_source(diagnosing)
     diagnosing.add_argument("--query", help="states, a recording without voltages, to predict")
     diagnosing.add_argument("--out", help="the folder to write, by default diagnosis-NAME")
@@ -62,17 +139,13 @@ def _parser() -> argparse.ArgumentParser:
         help="what it may take, by default %(default)s GiB: as many frames as fit are diagnosed",
     )
     _add_anyway(diagnosing)
-    diagnosing.set_defaults(run=_diagnose)
-    comparing = commands.add_parser(
-        "compare", help="say what changed between two recordings of one skin"
-    )
+    comparing = command("compare", _compare, "say what changed between two recordings of one skin")
     comparing.add_argument("control", help="the earlier recording, in any known format")
     comparing.add_argument("later", help="the later one, read in the same way")
     _add_reading(comparing)
     part = "of LATER, frames otherwise left out: target (pyeidors-tank), v_rotate:K (iirc-tank)"
     comparing.add_argument("--part", help=part)
     comparing.add_argument("--out", help="the folder to write, by default comparison-A-vs-B")
-    comparing.set_defaults(run=_compare)
     rig.add(commands)
     return parser
 
@@ -132,12 +205,14 @@ def _source(arguments: argparse.Namespace) -> Recording:
 
 def _checked(recorded: Recording, arguments: argparse.Namespace) -> check.Check | None:
     """The check of a recording that one may go on with; else None, and its reasons on stderr."""
-    result = check.check(recorded)
+    result = check.check(recorded, progress=True)
     if result.ok or arguments.anyway:
         return result
     for finding in result.of(check.ERROR):
         print(f"{arguments.file}: {finding.topic}: {finding.sentence}", file=sys.stderr)
     print("Not usable as it stands; --anyway goes on all the same.", file=sys.stderr)
+    if arguments.json:
+        answers.write(answers.checked(result, arguments.file))
     return None
 
 
@@ -158,6 +233,17 @@ def _print_apart(checked: check.Check, count: int, arguments: argparse.Namespace
         print(f"  {shlex.join([*command, '--frames', f'{first}:{after - 1}'])}", flush=True)
 
 
+def _print_before(checked: check.Check, count: int, arguments: argparse.Namespace) -> None:
+    """What is said of a recording of so many frames before it is diagnosed."""
+    if arguments.frames is not None:
+        print(
+            "frames: {} to {} of the file, from here on numbered from 0.".format(*arguments.frames)
+        )
+    for finding in (*checked.about("skin"), *checked.of(check.WARNING), *checked.of(check.ERROR)):
+        print(f"{finding.topic}: {finding.sentence}", flush=True)
+    _print_apart(checked, count, arguments)
+
+
 def _no_disc(recorded: Recording, arguments: argparse.Namespace) -> bool:
     """Whether a skin's outline or its electrodes are such that nothing simulates them: then a line
     on stderr says so."""
@@ -170,19 +256,25 @@ def _no_disc(recorded: Recording, arguments: argparse.Namespace) -> bool:
 
 def _check(arguments: argparse.Namespace) -> int:
     recorded = _source(arguments)
-    result = check.check(recorded)
-    print(check.text(result), end="")
-    _print_apart(result, len(recorded.frames), arguments)
+    result = check.check(recorded, progress=True)
+    if arguments.json:
+        answers.write(answers.checked(result, arguments.file))
+    else:
+        print(check.text(result), end="")
+        _print_apart(result, len(recorded.frames), arguments)
     return 0 if result.ok else UNUSABLE
 
 
 def _import(arguments: argparse.Namespace) -> int:
     recorded = _source(arguments)
-    if _checked(recorded, arguments) is None:
+    result = _checked(recorded, arguments)
+    if result is None:
         return UNUSABLE
     if not arguments.anyway and _no_disc(recorded, arguments):
         return UNUSABLE
     recording.write(recorded, arguments.out)
+    if arguments.json:
+        answers.write(answers.checked(result, arguments.file) | {"out": arguments.out})
     return 0
 
 
@@ -200,28 +292,24 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     checked = _checked(recorded, arguments)
     if checked is None:
         return UNUSABLE
-    if arguments.frames is not None:
-        print(
-            "frames: {} to {} of the file, from here on numbered from 0.".format(*arguments.frames)
-        )
-    for finding in (*checked.about("skin"), *checked.of(check.WARNING), *checked.of(check.ERROR)):
-        print(f"{finding.topic}: {finding.sentence}", flush=True)
-    _print_apart(checked, len(recorded.frames), arguments)
-    name = Path(arguments.file).stem
+    name = answers.name(arguments.file)
     if arguments.frames is not None:
         name += "-frames-{}-{}".format(*arguments.frames)
-    folder = Path(arguments.out or f"diagnosis-{name}")
-    folder.mkdir(parents=True, exist_ok=True)
-    source = folder / "recording.parquet"
-    recording.write(recorded, source)
-    found = diagnosis.diagnose(recorded, progress=True, memory_GiB=arguments.memory)
-    result.write(found, name, folder, SCHEMA, arguments.query)
-    predicted = folder / "predicted.parquet"
-    if arguments.query is None:
-        predicted.unlink(missing_ok=True)  # an earlier query's
-        predicted = None
-    page.write(folder, source, SCHEMA, folder / "report.html", predicted)
+    with contextlib.redirect_stdout(sys.stderr if arguments.json else sys.stdout):
+        _print_before(checked, len(recorded.frames), arguments)
+    with held_folder(arguments.out or f"diagnosis-{name}") as folder, named(arguments.file):
+        report, source = folder / "report.html", folder / "recording.parquet"
+        predicted = folder / "predicted.parquet"
+        for earlier in (report, folder / "diagnosis.json", predicted):
+            earlier.unlink(missing_ok=True)  # what is not whole has no answer
+        recording.write(recorded, source)
+        found = diagnosis.diagnose(recorded, progress=True, memory_GiB=arguments.memory)
+        result.write(found, name, folder, SCHEMA, arguments.query)
+        page.write(folder, source, SCHEMA, report, None if arguments.query is None else predicted)
     said = result.result(found, name)
+    if arguments.json:
+        answers.write(said | {"report": str(report)})
+        return 0
     print(words.headline(said))
     for effect in said["effects"]:
         print(effect["sentence"])
@@ -229,7 +317,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         print(f"What has no name: {said['other']['sentence']}")
     for sentence in words.pinned(said["calibration"]):
         print(sentence)
-    print(folder / "report.html")
+    print(report)
     return 0
 
 
@@ -238,21 +326,26 @@ def _compare(arguments: argparse.Namespace) -> int:
     from eitskin.diagnose.report import comparison_page
 
     files = (arguments.control, arguments.later)
-    names = tuple(Path(file).stem for file in files)
+    names = tuple(map(answers.name, files))
     if arguments.part is not None:
         names = (names[0], f"{names[1]}, {arguments.part}")
     elif names[0] == names[1]:
         names = files
     parts = None, arguments.part
     recordings = (_load(file, arguments, part) for file, part in zip(files, parts, strict=True))
-    sentences, difference = difference_words.compared(*recordings, names)
+    with named(" and ".join(files)):
+        sentences, difference = difference_words.compared(*recordings, names)
     said = result.of_difference(list(names), sentences, difference)
-    stems = "-vs-".join(Path(file).stem for file in files)
-    folder = Path(arguments.out or f"comparison-{stems}")
-    folder.mkdir(parents=True, exist_ok=True)
-    result.write(said, folder / "comparison.json")
-    comparison_page.write(said, folder / "comparison.html")
-    print("\n".join([*sentences, str(folder / "comparison.html")]))
+    stems = "-vs-".join(map(answers.name, files))
+    with held_folder(arguments.out or f"comparison-{stems}") as folder:
+        report = folder / "comparison.html"
+        report.unlink(missing_ok=True)
+        result.write(said, folder / "comparison.json")
+        comparison_page.write(said, report)
+    if arguments.json:
+        answers.write(said | {"report": str(report)})
+    else:
+        print("\n".join([*sentences, str(report)]))
     return 0
 
 

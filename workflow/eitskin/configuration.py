@@ -29,6 +29,7 @@ from eitskin.simulate.sets import CONTINUOUS, sample_settings
 MISSING = object()
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 PATHS = ("path", "query")  # of a recording
+YTE = "__use_yte__"  # by which Snakemake takes a configuration for a template
 
 
 class _Refusal(Exception):
@@ -49,7 +50,7 @@ def validate(config: dict, schema_path: str | Path, files: Iterable[str | Path])
     """
     files = [Path(file) for file in files]
     for file in files:
-        yaml_file.read(file)
+        read(file)
     rules = Validator(schema(schema_path), registry=Registry(retrieve=_schema))
     errors = list(rules.iter_errors(config))
     try:
@@ -66,6 +67,15 @@ def validate(config: dict, schema_path: str | Path, files: Iterable[str | Path])
     for recording in config["recordings"].values():
         for key in recording.keys() & {*PATHS}:
             recording[key] = _expanded(recording[key])
+
+
+def read(file: str | Path) -> dict:
+    """The mapping in a file of the configuration; raises InputError as `yaml_file.read` does, and
+    for a template of Snakemake's, which would run code."""
+    found = yaml_file.read(file)
+    if YTE in found:
+        raise InputError(file, YTE, "a template, which runs code", "plain YAML")
+    return found
 
 
 def schema(path: str | Path) -> dict:
@@ -85,6 +95,8 @@ def schema(path: str | Path) -> dict:
     recording["properties"]["format"]["enum"] = importers.known()
     recording["properties"]["skin"]["propertyNames"] = {"enum": list(stated.KEYS)}
     recording["properties"]["order"]["enum"] = list(ORDERS)
+    kinds = f"^(single:({'|'.join(EFFECTS)})|pair|triple)$"
+    found["properties"]["loop"]["properties"]["cases"]["propertyNames"]["pattern"] = kinds
     model["enum"] = models.names()
     return found
 
@@ -156,7 +168,8 @@ def _channels(protocol: dict, place: list, n_electrodes: int) -> np.ndarray:
     for key in ("drive", "measure"):
         with _at_place([*place, key], {}):
             pattern_step(protocol[key], n_electrodes)
-    with _at_place(place, {}):
+    listed = range(len(protocol.get("channels", ())))
+    with _at_place(place, {f"channels[{k}]": ["channels", k] for k in listed}):
         return channel_table(n_electrodes, **protocol)
 
 
@@ -265,9 +278,16 @@ def _missing_recording(config: dict) -> tuple[list, str, str] | None:
             capture = path == captured_path(name)
             if capture and name in _rig_names(config):
                 continue
-            if (capture or not path.startswith("results/")) and not Path(path).exists():
+            if (capture or not path.startswith("results/")) and not _is_there(path):
                 return ["recordings", name, key], f"no file {path!r}", "a recording's path"
     return None
+
+
+def _is_there(path: str) -> bool:
+    try:
+        return Path(path).exists()
+    except OSError:  # a name too long, a folder that may not be looked into
+        return False
 
 
 def _probe_of_no_rig(config: dict) -> tuple[list, str, str] | None:
@@ -286,13 +306,15 @@ def _indices(node: object) -> range:
 
 
 def file_of(place: list, config: dict, files: Iterable[str | Path]) -> str:
-    """The last file that holds what stands at `place`; for a missing key the first; or --config."""
+    """The last file that holds what stands at `place`; for a missing key the first, within a list
+    the one that the list is of; or --config."""
     files = [Path(file) for file in files]
     found = _at(place, config)
     if found is MISSING and files:
-        return str(files[0])
+        listed = any(isinstance(part, int) for part in place)
+        return file_of(place[:-1], config, files) if listed else str(files[0])
     for file in reversed(files):
-        held = _at(place, yaml.safe_load(file.read_text(encoding="utf-8")))
+        held = _at(place, read(file))
         if repr(held) == repr(found) or (isinstance(held, dict) and isinstance(found, dict)):
             return str(file)
     return "--config"

@@ -1,9 +1,12 @@
 """The one way in which eitskin refuses bad input."""
 
 import contextlib
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+
+UNNAMED = ("recording", "skin", "states", "touch", "protocol", "patch", "effects")
 
 
 class InputError(Exception):
@@ -15,18 +18,47 @@ class InputError(Exception):
 
     def __init__(self, file: str | Path, place: str, found: object, expected: str):
         super().__init__(f"{file}: {place}: found {found}, expected {expected}")
-        self.place, self.found, self.expected = place, found, expected
+        self.file, self.place, self.found, self.expected = file, place, found, expected
+
+
+def refused(
+    error: OSError,
+    file: str | Path | None = None,
+    place: str = "file",
+    expected: str = "one that can be read and written",
+) -> InputError:
+    """What the operating system refuses, as an InputError of `file`, else of the one it names."""
+    if error.errno is None:
+        reason = str(error).partition("\n")[0] or "an unknown error"
+    else:
+        reason = os.strerror(error.errno)
+    return InputError(file or error.filename or "eitskin", place, reason, expected)
+
+
+@contextlib.contextmanager
+def named(file: str | Path) -> Iterator[None]:
+    """Where code that was given no file refuses a recording, or what it says of the skin, name its
+    file."""
+    try:
+        yield
+    except InputError as error:
+        if error.file not in UNNAMED:
+            raise
+        place = error.place if error.file == "recording" else f"{error.file}, {error.place}"
+        raise InputError(file, place, error.found, error.expected) from error
 
 
 @contextlib.contextmanager
 def reported(log: str | Path) -> Iterator[None]:
-    """Run a workflow job; an InputError becomes one line on stderr, the same line and its notes
-    in `log`, and exit code 1."""
+    """Run a workflow job; an InputError or OSError becomes one line on stderr, the same line and
+    its notes in `log`, and exit code 1."""
     try:
         yield
-    except InputError as error:
+    except (InputError, OSError) as error:
+        line = error if isinstance(error, InputError) else refused(error)
         Path(log).parent.mkdir(parents=True, exist_ok=True)
         notes = "".join(getattr(error, "__notes__", []))
-        Path(log).write_text(f"{error}\n{notes}", encoding="utf-8")
-        print(error, file=sys.stderr)
+        with contextlib.suppress(OSError):  # no room on the disk for the log either
+            Path(log).write_text(f"{line}\n{notes}", encoding="utf-8")
+        print(line, file=sys.stderr)
         sys.exit(1)

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import yaml
 
-from eitskin.errors import InputError
+from eitskin.errors import InputError, refused
 from eitskin.schema import dotted
+from eitskin.text_file import utf_8
 
 
 def read(path: str | Path) -> dict:
@@ -15,11 +16,9 @@ def read(path: str | Path) -> dict:
     a key that stands twice in a mapping, of which YAML would keep the last.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        text = utf_8(path, Path(path).read_bytes(), "a YAML file in UTF-8")
     except OSError as error:
-        raise InputError(path, "file", error.strerror or error, "a YAML file") from error
-    except UnicodeDecodeError as error:
-        raise InputError(path, "file", "bytes that are no UTF-8", "a YAML file") from error
+        raise refused(error, path, expected="a YAML file") from error
     try:
         loader = yaml.SafeLoader(text)
         document = loader.get_single_node()

@@ -1,8 +1,19 @@
 # What is configured, refused in one line where it is wrong, before any rule is read.
+from pathlib import Path
+
 from eitskin.capture.attached import attach
-from eitskin.configuration import validate, with_continuous
+from eitskin.configuration import read, validate, with_continuous
 from eitskin.errors import reported
 from eitskin.fingerprint import fingerprint
+
+# Snakemake's own reading says neither line nor column, and runs what a template holds.
+with reported("logs/configuration.log"):
+    if Path("config.yaml").exists():
+        read("config.yaml")
+
+
+configfile: "config.yaml"
+
 
 with reported("logs/configuration.log"):
     *overrides, default = workflow.configfiles

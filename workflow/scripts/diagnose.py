@@ -4,7 +4,7 @@ from pathlib import Path
 
 from eitskin.data import recording
 from eitskin.diagnose import diagnosis, result
-from eitskin.errors import reported
+from eitskin.errors import named, reported
 
 with reported(snakemake.log[0]):
     recorded = recording.read(snakemake.input.recording)
@@ -12,6 +12,7 @@ with reported(snakemake.log[0]):
     if query is not None:
         result.read_query(query, recorded)
     memory_GiB = snakemake.resources.mem_mb / 1024
-    found = diagnosis.diagnose(recorded, snakemake.params.seed, True, memory_GiB)
+    with named(snakemake.input.recording):
+        found = diagnosis.diagnose(recorded, snakemake.params.seed, True, memory_GiB)
     folder = Path(snakemake.output.diagnosis).parent
     result.write(found, snakemake.params.name, folder, snakemake.input.schema, query)

@@ -392,7 +392,10 @@ BROKEN = {
     "a word": (TEXT.replace("\n", "\nlost ", 1).encode(), "line 2, column 0: found 'lost "),
     "a word at first": (b"x," + TEXT.split(",", 1)[1].encode(), "line 1: found 'x', expected num"),
     "infinity": (TEXT.replace("\n", "\ninf,", 1).encode(), "line 2"),
-    "no text": (TEXT.encode() + b"\xff\xfe\xfa\n", "bytes that are no text, expected UTF-8"),
+    "no text": (
+        TEXT.encode() + b"\xff\xfe\xfa\n",
+        "line 4: found byte 0xff, no UTF-8, expected UTF-8",
+    ),
     "UTF-16 unmarked": (TEXT.encode("utf-16-le"), "UTF-16 without a byte-order mark"),
     "nothing": (b"", "no line of cells"),
     "names alone": (",".join(f"v{k}" for k in range(40)).encode(), "no row below the names"),
@@ -418,7 +421,7 @@ def test_a_broken_text_is_refused_without_a_description_too(write, name):
     content, match = BROKEN[name]
     refused(write(content), match)
     if name != "columns counted":
-        refused(write(content, None, "skin.dat"), "none that is known")
+        refused(write(content, None, "skin.dat"), "format: found .*, expected one of eit-recording")
 
 
 def test_broken_arrays_are_refused(write, tmp_path):

@@ -166,7 +166,7 @@ def test_a_broken_file_is_refused(tmp_path, name):
 def test_bytes_that_are_no_text_are_refused(tmp_path):
     path = tmp_path / "setup_00001.eit"
     path.write_bytes(eit_text(around()).encode() + b"\xff\xfe\xfa")
-    refused(path, "bytes that are no text")
+    refused(path, "found byte 0xff, no UTF-8, expected UTF-8")
 
 
 def test_another_makers_file_is_told_apart(tmp_path):

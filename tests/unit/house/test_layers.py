@@ -9,8 +9,8 @@ import pytest
 
 HOUSE = Path(__file__).parents[3] / "workflow"
 FLOORS = (  # from the ground up; what stands on one floor does not know each other
-    {"errors", "plotting", "quantities"},
-    {"atomic", "fingerprint"},
+    {"errors", "plotting", "progress", "quantities"},
+    {"atomic", "fingerprint", "text_file"},
     {"figure_files", "pins", "physics"},
     {"schema", "effects"},
     {"yaml_file"},
@@ -22,6 +22,7 @@ FLOORS = (  # from the ground up; what stands on one floor does not know each ot
     {"diagnose"},
     {"paper"},
     {"capture"},
+    {"answers"},
     {"cli"},
 )
 BESIDE = {  # what uses the tool, and what each may use of the others

@@ -219,8 +219,8 @@ def write(recording: Recording, path: str | Path) -> None:
         arrays["touches"] = pa.array(recording.touches, type=TOUCHES)
     text = json.dumps(recording.metadata, sort_keys=True, allow_nan=False)
     table = pa.table(arrays).replace_schema_metadata({SCHEMA_KEY: text.encode()})
-    with atomic_path(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd", write_page_checksum=True)
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        pq.write_table(table, stream, compression="zstd", write_page_checksum=True)
 
 
 def validate(recording: Recording, file: str | Path) -> None:
@@ -274,7 +274,10 @@ def _read_table(path: str | Path) -> pa.Table:
         raise InputError(path, "file", "an end cut off", "a whole Parquet file")
     try:
         # ParquetFile, not read_table: folders named like key=value add no columns.
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+        with (
+            path.open("rb") as stream,
+            pq.ParquetFile(stream, page_checksum_verification=True) as file,
+        ):
             return file.read()
     except (OSError, pa.ArrowException) as error:
         reason = str(error).splitlines()[0]

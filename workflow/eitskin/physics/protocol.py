@@ -14,7 +14,7 @@ def pattern_step(pattern: str, n_electrodes: int) -> int:
 
     Raises InputError for an unknown pattern or one that reaches round to its own electrode.
     """
-    skip = re.fullmatch(r"skip-(\d+)", pattern)
+    skip = re.fullmatch(r"skip-([0-9]{1,4})", pattern)
     if pattern == "adjacent":
         step = 1
     elif pattern == "opposite" and n_electrodes % 2 == 0:

@@ -41,6 +41,9 @@ def force_levels(
     """
     rng = np.random.default_rng([seed, 1])
     step = 10.0**-decimals
+    if levels > max_N / step + 1.0:
+        expected = f"at most {int(max_N / step) + 1} at {decimals} decimals up to {max_N:g} N"
+        raise InputError("config", "forces.levels", levels, expected)
     found: np.ndarray = np.zeros(0)
     for _ in range(1000):
         drawn = force_N(rng.standard_normal(levels), mean_N, sd_N, max_N)

@@ -13,12 +13,30 @@ from eitskin.data.check import sentences, suspicions
 from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Check
 from eitskin.data.recording import Recording
 from eitskin.errors import InputError
+from eitskin.progress import patient
 
 __all__ = ["ERROR", "FACT", "UNOBSERVABLE", "WARNING", "Check", "check", "text", "write"]
 
+EXAMINED = (  # of a recording with readings
+    suspicions.constant,
+    suspicions.unseen,
+    sentences.lost,
+    sentences.clipped,
+    sentences.noise,
+    sentences.drift,
+    suspicions.steps_in_time,
+    sentences.reciprocity,
+    suspicions.weak_drives,
+    sentences.channel_order,
+    sentences.polarity,
+    sentences.numbering,
+    sentences.unobservable,
+)
 
-def check(recording: Recording) -> Check:
-    """Every finding about a recording or query (`recording.validate`d)."""
+
+def check(recording: Recording, progress: bool = False) -> Check:
+    """Every finding about a recording or query (`recording.validate`d); progress: a bar on stderr
+    where it takes long."""
     findings = sentences.contents(recording) + sentences.skin(recording)
     findings += sentences.outline(recording) + sentences.repeated(recording)
     findings += suspicions.units(recording)
@@ -26,22 +44,8 @@ def check(recording: Recording) -> Check:
         nothing = sentences.dead(recording)
         if nothing:
             return Check((*findings, *nothing))
-        for examine in (
-            suspicions.constant,
-            suspicions.unseen,
-            sentences.lost,
-            sentences.clipped,
-            sentences.noise,
-            sentences.drift,
-            suspicions.steps_in_time,
-            sentences.reciprocity,
-            suspicions.weak_drives,
-            sentences.channel_order,
-            sentences.polarity,
-            sentences.numbering,
-        ):
+        for examine in patient(EXAMINED, "checking", progress):
             findings += examine(recording)
-        findings += sentences.unobservable(recording)
     return Check(tuple(findings))
 
 

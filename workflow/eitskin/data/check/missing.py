@@ -1,5 +1,7 @@
 """What a recording's frames and metadata lack, and so cannot tell."""
 
+from collections import deque
+
 import numpy as np
 
 from eitskin.data.recording import Recording, presses
@@ -50,23 +52,37 @@ def _missing_of_touches(recording: Recording) -> dict[str, bool]:
 
 def _press_facts(recording: Recording) -> tuple[float, bool, bool]:
     """Longest hold in s, whether any press is unloaded, whether any place is pressed twice."""
-    frames = recording.frames.assign(press=presses(recording))
+    frames = recording.frames
+    touch = frames["touch"].to_numpy(dtype=bool)
+    keys = ("force_N", "depth_mm", "time_s")
+    force, depth, time_s = (frames[key].to_numpy(float) for key in keys)
+    press = presses(recording)[touch]
+    rows = np.flatnonzero(touch)[np.argsort(press, kind="stable")]
+    first = np.flatnonzero(np.diff(np.sort(press), prepend=-1))
     longest, unloaded = 0.0, False
-    for _, press in frames[frames["press"] >= 0].groupby("press"):
-        load = press["force_N"] if press["force_N"].notna().all() else press["depth_mm"]
-        load = load.to_numpy(dtype=float)
+    for one in np.split(rows, first[1:]):
+        load = depth[one] if np.isnan(force[one]).any() else force[one]
         if len(load) < 2 or np.isnan(load).any():
             continue
         unloaded |= bool((np.maximum.accumulate(load) - load).max() > UNLOADED * load.max())
-        longest = max(longest, _longest_hold(load, press["time_s"].to_numpy()))
-    firsts = frames[frames["press"] >= 0].drop_duplicates("press")
-    return longest, unloaded, bool(firsts.duplicated(["x_mm", "y_mm"]).any())
+        longest = max(longest, _longest_hold(load, time_s[one]))
+    again = frames.loc[rows[first], ["x_mm", "y_mm"]].duplicated().any()
+    return longest, unloaded, bool(again)
 
 
 def _longest_hold(load: np.ndarray, time_s: np.ndarray) -> float:
-    start, longest = 0, 0.0
+    """The longest time within which the load (n,) varies by HOLD_SPREAD of its largest at most."""
+    spread, longest, start = HOLD_SPREAD * load.max(), 0.0, 0
+    falling, rising = deque[int](), deque[int]()  # frames whose load none since exceeds, undercuts
     for stop in range(len(load)):
-        while np.ptp(load[start : stop + 1]) > HOLD_SPREAD * load.max():
+        for kept, sign in ((falling, 1.0), (rising, -1.0)):
+            while kept and sign * load[kept[-1]] <= sign * load[stop]:
+                kept.pop()
+            kept.append(stop)
+        while load[falling[0]] - load[rising[0]] > spread:
             start += 1
+            for kept in (falling, rising):
+                if kept[0] < start:
+                    kept.popleft()
         longest = max(longest, float(time_s[stop] - time_s[start]))
     return longest

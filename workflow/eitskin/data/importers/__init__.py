@@ -14,10 +14,12 @@ from pathlib import Path
 
 from eitskin.data import recording
 from eitskin.data.channel_order import in_order
+from eitskin.data.importers.tables import first_line
 from eitskin.data.recording import Recording
-from eitskin.errors import InputError
+from eitskin.errors import InputError, refused
 
 OWN_FORMAT = "eit-recording"
+HEAD = 32  # of an unknown file, that its refusal repeats
 FORMATS = {
     name: import_module(f"{__name__}.{name.replace('-', '_')}")
     for name in (  # in the order in which a file's content is tried
@@ -108,9 +110,8 @@ def _imported(path: Path, format: str, taken: dict[str, str]) -> Recording:
     try:
         imported = FORMATS[format].load(path, **taken)
     except OSError as error:
-        raise InputError(path, "file", error.strerror, f"one of the format {format}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(path, "file", "bytes that are no text", f"the format {format}") from error
+        file = error.filename or path
+        raise refused(error, file, expected=f"one of the format {format}") from error
     recording.validate(imported, path)
     return imported
 
@@ -134,4 +135,18 @@ def _detect(path: Path) -> str:
         refusal = module.refusal(path) if hasattr(module, "refusal") else None
         if refusal is not None:
             raise refusal
-    raise InputError(path, "format", "none that is known", f"one of {', '.join(known())}")
+    raise InputError(path, "format", _said_of(path), f"one of {', '.join(known())}")
+
+
+def _said_of(path: Path) -> str:
+    """What a person sees of a path that is of no known format."""
+    if not path.is_file():
+        return "a folder with no files of a known format" if path.is_dir() else "no file"
+    with path.open("rb") as stream:
+        head = stream.read(HEAD)
+    if not head:
+        return "an empty file"
+    line = first_line(path)
+    if line.isprintable() and line:
+        return f"text that begins {line[:HEAD]!r}"
+    return f"bytes that begin {head!r}"

@@ -6,18 +6,17 @@ whole numbers. A comma within a number stands for the decimal point where semico
 stand between numbers.
 """
 
-import codecs
 import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from eitskin import text_file
 from eitskin.errors import InputError
+from eitskin.progress import patient
 
-UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 LOST = ("", "nan", "na", "null", "none")
-ENCODINGS = "UTF-8, or UTF-16 with a byte-order mark"
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Cells:
         Raises InputError naming line and column for what is no finite number.
         """
         table = np.empty((len(self.rows), len(columns)))
-        for k, row in enumerate(self.rows):
+        for k, row in enumerate(patient(self.rows, f"reading {self.path.name}")):
             try:
                 table[k] = [number(row[column], self.comma) for column in columns]
             except ValueError:
@@ -63,7 +62,7 @@ def read(path: Path) -> Cells:
     """
     lines = [
         (k + 1, line.strip(" \r"))
-        for k, line in enumerate(text(path).split("\n"))
+        for k, line in enumerate(text_file.read(path).split("\n"))
         if line.strip() and not line.lstrip().startswith("#")
     ]
     if not lines:
@@ -88,18 +87,16 @@ def read(path: Path) -> Cells:
     return Cells(path, names, rows, [number_ for number_, _ in lines], comma)
 
 
-def text(path: Path) -> str:
-    """The file's text, lines ending with \\n; raises InputError for bytes that are none."""
-    content = path.read_bytes()
-    encoding = "utf-16" if content.startswith(UTF_16) else "utf-8-sig"
-    try:
-        decoded = content.decode(encoding)
-    except UnicodeDecodeError as error:
-        raise InputError(path, "file", "bytes that are no text", ENCODINGS) from error
-    if "\0" in decoded:
-        found = "bytes of 0, as UTF-16 without a byte-order mark has"
-        raise InputError(path, "file", found, ENCODINGS)
-    return decoded.replace("\r\n", "\n").replace("\r", "\n")
+def table(path: Path, columns: int) -> np.ndarray:
+    """(rows, columns) float64 of a text file without names; raises InputError as `read` and
+    `Cells.numbers` do, and for another number of columns."""
+    found = read(path)
+    if found.names:
+        raise InputError(path, "line 1", repr(", ".join(found.names)[:60]), "numbers alone")
+    if found.width != columns:
+        place = f"line {found.lines[0]}"
+        raise InputError(path, place, f"{found.width} cells", f"{columns}")
+    return found.numbers(list(range(columns)))
 
 
 def number(cell: str, comma: bool) -> float:

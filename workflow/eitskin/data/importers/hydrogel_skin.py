@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from eitskin.data.importers.description import describe, swap_measured
-from eitskin.data.importers.tables import matlab
+from eitskin.data.importers.matlab_file import holds, named
 from eitskin.data.recording import Recording, frames_table
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
@@ -25,15 +25,16 @@ SOURCE = "DSHardman/HydrogelEIT, {name}"
 
 def matches(path: Path) -> bool:
     """Whether the file holds positions, untouched and pressed responses."""
-    return matlab(path, ARRAYS) is not None
+    return holds(path, ARRAYS)
 
 
 def load(path: Path) -> Recording:
     """2 P frames, press by press; raises InputError where the arrays do not fit together."""
-    content = matlab(path, ARRAYS)
-    if content is None:
-        raise InputError(path, "arrays", "not all", f"{', '.join(ARRAYS)} in a MATLAB file")
-    positions, untouched, pressed = (np.asarray(content[name], dtype=float) for name in ARRAYS)
+    found = named(path, ARRAYS)
+    for name, array in zip(ARRAYS, found, strict=True):
+        if array.dtype.kind == "c":
+            raise InputError(path, name, "complex numbers", "real ones")
+    positions, untouched, pressed = (array.astype(float) for array in found)
     n_presses = len(positions)
     if positions.shape != (n_presses, 3):
         raise InputError(path, "positions", positions.shape, "x, y, depth a press")

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from eitskin.data.importers.description import describe
-from eitskin.data.importers.tables import matlab
+from eitskin.data.importers.matlab_file import holds, named
 from eitskin.data.recording import Recording, frames_table
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
@@ -40,16 +40,13 @@ SKIN = {
 
 def matches(path: Path) -> bool:
     """Whether the file holds the reference and the rotated frames."""
-    return matlab(path, ARRAYS) is not None
+    return holds(path, ARRAYS)
 
 
 def load(path: Path, part: str | None = None) -> Recording:
     """The one frame of the empty tank, or one with the rod; raises InputError for another size, and
     for a frame that is not there."""
-    content = matlab(path, ARRAYS)
-    if content is None:
-        raise InputError(path, "arrays", "not both", f"{', '.join(ARRAYS)} in a MATLAB file")
-    reference, rotated = (content[name] for name in ARRAYS)
+    reference, rotated = named(path, ARRAYS)
     if reference.shape != (N_ELECTRODES**2, 1):
         raise InputError(path, "v_reference", reference.shape, "(256, 1)")
     channels = channel_table(N_ELECTRODES)

@@ -9,13 +9,15 @@ left out and counted in `source`. The clock is `t_eit`; the skin's size, the pro
 are not in the file.
 """
 
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from eitskin import text_file
 from eitskin.data.importers.description import describe
-from eitskin.data.importers.tables import first_line
+from eitskin.data.importers.tables import cells, first_line, separator_of
 from eitskin.data.recording import Recording, frames_table
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
@@ -24,6 +26,7 @@ from eitskin.physics.protocol import channel_table
 N_ELECTRODES = 16
 UNTOUCHED_BELOW_N = 0.05
 TOUCHED_FROM_N = 0.5
+MOST = 1 << 31  # contacts
 NEEDED = ("contact_idx", "contact_u_m", "contact_v_m", "depth_m", "force_n", "t_eit")
 SOURCE = (
     "logger of knazari/eit_hybrid_state_estimation, {name} (left out: {between} rows between "
@@ -33,8 +36,7 @@ SOURCE = (
 
 def matches(path: Path) -> bool:
     """Whether the header is the logger's."""
-    header = first_line(path).split(",")
-    return {"contact_idx", "force_n", "t_eit", "eit_0"} <= set(header)
+    return {"contact_idx", "force_n", "t_eit", "eit_0"} <= set(cells(first_line(path)))
 
 
 def load(path: Path) -> Recording:
@@ -69,8 +71,7 @@ def load(path: Path) -> Recording:
         kept["force_n"],
         depth_mm=kept["depth_m"] * 1e3,
     )
-    contact = kept["contact_idx"].where(touch).reset_index(drop=True)
-    frames["contact"] = contact.astype("Int64")
+    frames["contact"] = _contacts(path, kept["contact_idx"].where(touch))
     source = SOURCE.format(
         name=path.name,
         between=int(between.sum()),
@@ -92,10 +93,13 @@ def load(path: Path) -> Recording:
 
 
 def _read(path: Path, names: list[str]) -> pd.DataFrame:
-    """The named columns as float64, NaN where a cell is empty."""
+    """The named columns as float64, NaN where a cell is empty; cells stand between commas, or
+    between semicolons or tabs, then perhaps with decimal commas."""
+    text = text_file.read(path)
+    separator = separator_of(text.partition("\n")[0])
     try:
-        table = pd.read_csv(path, dtype=str, encoding="utf-8-sig", keep_default_na=False)
-    except (ValueError, OSError) as error:
+        table = pd.read_csv(StringIO(text), sep=separator, dtype=str, keep_default_na=False)
+    except ValueError as error:
         reason = str(error).splitlines()[0]
         raise InputError(path, "file", reason, "the logger's CSV") from error
     columns = {}
@@ -104,14 +108,26 @@ def _read(path: Path, names: list[str]) -> pd.DataFrame:
             raise InputError(
                 path, f"column {name}", "nothing", f"{', '.join(NEEDED)}, eit_0 ... 255"
             )
-        cells = table[name].fillna("")
-        columns[name] = pd.to_numeric(cells, errors="coerce").astype(float)
-        words = columns[name].isna() & ~cells.str.lower().isin(["", "nan", "none"])
+        written = table[name].fillna("")
+        if separator != ",":
+            written = written.str.replace(",", ".", regex=False)
+        columns[name] = pd.to_numeric(written, errors="coerce").astype(float)
+        words = columns[name].isna() & ~written.str.lower().isin(["", "nan", "none"])
         bad = words | np.isinf(columns[name])
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
-            raise InputError(path, f"column {name}, row {row}", repr(cells[row]), "a number")
+            raise InputError(path, f"column {name}, row {row}", repr(written[row]), "a number")
     return pd.DataFrame(columns)
+
+
+def _contacts(path: Path, numbers: pd.Series) -> pd.Series:
+    """The presses' numbers as whole ones, from row 0; raises InputError where one is none."""
+    wrong = numbers[numbers.notna() & ~((numbers >= 0) & (numbers < MOST) & (numbers % 1 == 0))]
+    if len(wrong):
+        row = int(wrong.index[0])
+        expected = f"a whole number, 0 to {MOST - 1}"
+        raise InputError(path, f"column contact_idx, row {row}", wrong[row], expected)
+    return numbers.reset_index(drop=True).astype("Int64")
 
 
 def _refuse_live(path: Path, values: np.ndarray, driven: np.ndarray) -> None:

@@ -5,11 +5,13 @@ no such mark) is read by scipy; version 7.3 is HDF5, which is not read here.
 """
 
 from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import scipy.io
 
+from eitskin.data.importers import matlab_tags
 from eitskin.errors import InputError
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -35,13 +37,35 @@ def arrays(path: Path) -> dict[str, np.ndarray]:
         head = stream.read(19)
     if head.startswith((HDF5, b"MATLAB 7.3")):
         raise InputError(path, "file", "MATLAB 7.3 or another HDF5 file", RESAVED)
+    found = "a damaged or cut MATLAB file" if head.startswith(b"MATLAB") else "no MATLAB file"
+    data = path.read_bytes()
     try:
-        content = scipy.io.loadmat(path, appendmat=False)
+        level_5 = scipy.io.matlab.matfile_version(BytesIO(data))[0] == 1
+        if level_5 and not matlab_tags.hold_together(data):
+            raise InputError(path, "file", found, RESAVED)
+        content = scipy.io.loadmat(BytesIO(data))
+    except InputError:
+        raise
     except Exception as error:  # scipy raises whatever a damaged file leads it to
-        found = "a damaged or cut MATLAB file" if head.startswith(b"MATLAB") else "no MATLAB file"
         raise InputError(path, "file", found, RESAVED) from error
     named = {name: value for name, value in content.items() if not name.startswith("__")}
     return {name: array for key, value in named.items() for name, array in _numeric(key, value)}
+
+
+def holds(path: Path, names: tuple[str, ...]) -> bool:
+    """Whether a file is one of MATLAB with arrays of numbers of these names."""
+    try:
+        return is_matlab(path) and arrays(path).keys() >= {*names}
+    except InputError:
+        return False
+
+
+def named(path: Path, names: tuple[str, ...]) -> list[np.ndarray]:
+    """The arrays of these names; raises InputError where one is not there, and as `arrays` does."""
+    found = arrays(path)
+    if not found.keys() >= {*names}:
+        raise InputError(path, "arrays", shapes(found), f"{', '.join(names)} among them")
+    return [found[name] for name in names]
 
 
 def shapes(found: dict[str, np.ndarray]) -> str:

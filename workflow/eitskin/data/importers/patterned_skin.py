@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from eitskin.data.importers import delimited
 from eitskin.data.importers.description import describe, swap_measured
-from eitskin.data.importers.tables import first_line, is_numbers, numbers
+from eitskin.data.importers.tables import first_line, is_numbers
 from eitskin.data.recording import Recording, frames_table
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
@@ -41,8 +42,7 @@ def load(path: Path) -> Recording:
     channels = swap_measured(channel_table(N_ELECTRODES, "opposite"))
     tables = []
     for file, columns in zip(pair, (len(channels), 3), strict=True):
-        with file.open(encoding="utf-8-sig") as lines:
-            tables.append(numbers(file, lines, columns, ","))
+        tables.append(delimited.table(file, columns))
     difference, places = tables
     if len(difference) != len(places):
         raise InputError(pair[1], "rows", len(places), f"{len(difference)} as in {pair[0].name}")

@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from eitskin.data.channel_order import ORDERS
+from eitskin.data.importers import delimited
 from eitskin.data.importers.description import describe, swap_measured
-from eitskin.data.importers.tables import first_line, is_numbers, numbers
+from eitskin.data.importers.tables import first_line, is_numbers
 from eitskin.data.recording import Recording, frames_table
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
@@ -45,8 +46,7 @@ def channels_from_drive() -> np.ndarray:
 def load(path: Path, part: str | None = None) -> Recording:
     """The one reference frame, or the target's; raises InputError for another size or what is no
     number."""
-    with path.open(encoding="utf-8-sig") as lines:
-        table = numbers(path, lines, COLUMNS, ",")
+    table = delimited.table(path, COLUMNS)
     channels = channels_from_drive()
     if len(table) != len(channels):
         raise InputError(path, "rows", len(table), f"{len(channels)}, one a channel")

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
+from eitskin import text_file
 from eitskin.data.importers.bare_vectors import UNTOUCHED, pairs, said
 from eitskin.data.importers.description import describe
 from eitskin.data.importers.tables import first_line
@@ -152,7 +153,7 @@ def _times(files: list[Path], frames: list[Frame]) -> np.ndarray:
 
 
 def _read(path: Path) -> Frame:
-    lines = path.read_text(encoding="utf-8-sig").splitlines()
+    lines = text_file.read(path).splitlines()
     count = lines[0].strip() if lines else ""
     if not count.isdecimal() or not LEAST_LINES <= int(count) < len(lines):
         raise InputError(path, "line 1", repr(count), "how many lines the header has")

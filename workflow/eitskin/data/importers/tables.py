@@ -1,12 +1,15 @@
 """Reading the tables of numbers that other laboratories' files hold."""
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-import scipy.io
 
 from eitskin.errors import InputError
+from eitskin.text_file import UTF_16
+
+HEAD = 1 << 16  # bytes in which a first line ends
 
 
 def first_line(path: Path) -> str:
@@ -14,53 +17,50 @@ def first_line(path: Path) -> str:
     if not path.is_file():
         return ""
     with path.open("rb") as stream:
-        try:
-            return stream.readline(1 << 16).decode("utf-8-sig").strip()
-        except UnicodeDecodeError:
-            return ""
-
-
-def is_numbers(line: str, count: int | None = None) -> bool:
-    """Whether a line holds numbers between commas and nothing else, `count` of them where given."""
-    cells = line.split(",")
+        head = stream.read(HEAD)
+    wide = head.startswith(UTF_16)
     try:
-        [float(cell) for cell in cells]
-    except ValueError:
-        return False
-    return count is None or len(cells) == count
+        text = head.decode("utf-16", "ignore") if wide else head.split(b"\n")[0].decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return ""
+    return text.partition("\n")[0].strip()
 
 
-def numbers(path: Path, lines: Iterable[str], columns: int, separator: str | None) -> np.ndarray:
-    """(rows, columns) float64 from lines of numbers; empty lines are passed over.
+def separator_of(line: str) -> str:
+    """What stands between the cells of a line: semicolons or tabs where it has some, or commas."""
+    return next((mark for mark in ";\t" if mark in line), ",")
+
+
+def cells(line: str) -> list[str]:
+    """The cells of a line."""
+    return [cell.strip(' "') for cell in line.split(separator_of(line))]
+
+
+def is_numbers(line: str, count: int) -> bool:
+    """Whether a line holds `count` cells of numbers and nothing else."""
+    found = cells(line)
+    return len(found) == count and all(map(_is_number, found))
+
+
+def _is_number(cell: str) -> bool:
+    return re.fullmatch(r"[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?|nan", cell.lower()) is not None
+
+
+def numbers(path: Path, lines: Iterable[str], columns: int) -> np.ndarray:
+    """(rows, columns) float64 from lines of numbers between spaces; empty lines are passed over.
 
     Raises InputError naming the row (from 0) for another number of cells or what is no number.
     """
     rows = []
     for line in lines:
-        if not line.strip():
+        found = line.split()
+        if not found:
             continue
-        cells = line.split(separator)
         place = f"row {len(rows)}"
-        if len(cells) != columns:
-            raise InputError(path, place, f"{len(cells)} numbers", f"{columns}")
+        if len(found) != columns:
+            raise InputError(path, place, f"{len(found)} numbers", f"{columns}")
         try:
-            rows.append([float(cell) for cell in cells])
+            rows.append([float(cell) for cell in found])
         except ValueError as error:
             raise InputError(path, place, str(error), "numbers") from error
     return np.array(rows, dtype=float).reshape(-1, columns)
-
-
-def matlab(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray] | None:
-    """The named arrays of numbers of a MATLAB file; None where it is none or lacks one of them."""
-    if not path.is_file():
-        return None
-    with path.open("rb") as stream:
-        if stream.read(6) != b"MATLAB":
-            return None
-    try:
-        content = scipy.io.loadmat(path, appendmat=False, variable_names=names)
-    except Exception:  # scipy raises whatever a damaged file leads it to
-        return None
-    arrays = {name: np.asarray(content[name]) for name in names if name in content}
-    numeric = [name for name, array in arrays.items() if array.dtype.kind in "biufc"]
-    return arrays if numeric == list(names) else None

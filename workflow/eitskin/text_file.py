@@ -1,0 +1,42 @@
+"""Text out of a file that somebody else wrote."""
+
+import codecs
+from pathlib import Path
+
+from eitskin.errors import InputError
+
+UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+ENCODINGS = "UTF-8, or UTF-16 with a byte-order mark"
+
+
+def read(path: str | Path) -> str:
+    """The text of a file, UTF-8 with or without a byte-order mark or UTF-16 with one, lines ending
+    with \\n.
+
+    Raises OSError where it cannot be read, InputError for bytes that are no such text.
+    """
+    content = Path(path).read_bytes()
+    if content.startswith(UTF_16):
+        try:
+            text = content.decode("utf-16")
+        except UnicodeDecodeError as error:
+            place = f"byte {error.start}"
+            raise InputError(path, place, "the end of UTF-16 cut off", ENCODINGS) from error
+    else:
+        text = utf_8(path, content, ENCODINGS)
+    if "\0" in text:
+        found = "bytes of 0, as UTF-16 without a byte-order mark has"
+        raise InputError(path, "file", found, ENCODINGS)
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def utf_8(path: str | Path, content: bytes, expected: str = "UTF-8") -> str:
+    """Bytes of a file as text; raises InputError that names the line and the first other byte."""
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        at = error.start + len(content) - len(error.object)  # a byte-order mark is counted as well
+        line, found = content.count(b"\n", 0, at) + 1, f"byte 0x{content[at]:02x}, no UTF-8"
+        if content.startswith(UTF_16):
+            line, found = 1, "UTF-16"
+        raise InputError(path, f"line {line}", found, expected) from error
