@@ -102,6 +102,9 @@ def _read(path: Path, names: list[str]) -> pd.DataFrame:
     except ValueError as error:
         reason = str(error).splitlines()[0]
         raise InputError(path, "file", reason, "the logger's CSV") from error
+    if not isinstance(table.index, pd.RangeIndex):
+        # pandas has taken the first cells for names of rows.
+        raise InputError(path, "row 0", "more cells than the header has", "as many")
     columns = {}
     for name in names:
         if name not in table:
@@ -116,7 +119,7 @@ def _read(path: Path, names: list[str]) -> pd.DataFrame:
         bad = words | np.isinf(columns[name])
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
-            raise InputError(path, f"column {name}, row {row}", repr(written[row]), "a number")
+            raise InputError(path, f"column {name}, row {row}", repr(written.iloc[row]), "a number")
     return pd.DataFrame(columns)
 
 
