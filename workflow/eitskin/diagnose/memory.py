@@ -81,8 +81,9 @@ def foretold(counts: Counts, frames: int | np.ndarray) -> np.ndarray:
     linked = NUMBER * (m * (LASTING if counts.touched else 1)) ** 2
     states = min(KEPT_BYTES, KEPT * NUMBER * (n**2 + 3 * m))
     searched = (derivatives + TRIED) * column + GAINS * gains + MAPPED * mapped + LINKED * linked
-    searched = searched + max(states, BODY * NUMBER * counts.modes**2)
-    return PROGRAM + np.maximum(searched, SHEET * NUMBER * (2 * MODES[-1] * n) ** 2)
+    sheets = SHEET * NUMBER * (2 * MODES[-1] * n) ** 2
+    bodies = BODY * NUMBER * counts.modes**2 + (sheets if counts.modes else 0)
+    return PROGRAM + np.maximum(searched + max(states, bodies), sheets)
 
 
 def most_frames(
