@@ -27,7 +27,7 @@ from eitskin.physics.geometry import Geometry
 
 LEAST_FRAMES = 20  # an excerpt of fewer is not worth a diagnosis
 GIB, NUMBER = 1 << 30, 8  # bytes
-PROGRAM = 230 << 20  # interpreter and libraries
+PROGRAM = 320 << 20  # interpreter and libraries, and what the allocator holds back
 # How many there are at once ...
 SHEET = 5  # of the matrix of the finest sheet's nodes, of which an electrode has two a mode
 BODY = 11  # of the matrix of a body's modes
