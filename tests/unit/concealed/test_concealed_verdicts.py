@@ -64,7 +64,7 @@ def said(block):
 def test_a_case_that_fails_leaves_a_failed_verdict(block, quick):
     run(block, "case-001", "case-002")
     failed = json.loads((block / "verdicts/case-002/diagnosis.json").read_text())
-    assert failed["recording"] == "case-002" and "channels" in failed["failed"]
+    assert failed["recording"] == "case-002" and "electrodes" in failed["failed"]
     assert sorted(f.name for f in (block / "verdicts/case-002").iterdir()) == [
         "diagnosis.json",
         "made.json",

@@ -64,7 +64,7 @@ def test_a_wrong_statement_is_one_line(tmp_path, text, place, found):
 def test_bytes_that_are_no_text_are_refused(tmp_path):
     path = tmp_path / "skin.yaml"
     path.write_bytes("radius_mm: 100".encode("utf-16"))
-    with pytest.raises(InputError, match="no UTF-8"):
+    with pytest.raises(InputError, match="found UTF-16, expected a YAML file in UTF-8"):
         stated.read(path)
 
 

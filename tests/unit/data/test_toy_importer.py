@@ -29,7 +29,7 @@ def matches(path):
 def load(path):
     """The frames, whose times nobody wrote down."""
     channels = channel_table(8)
-    voltage = numbers(path, path.read_text().splitlines()[1:], len(channels), ",")
+    voltage = numbers(path, path.read_text().splitlines()[1:], len(channels))
     frames = frames_table(np.arange(len(voltage)), np.zeros(len(voltage), bool))
     metadata = describe(channels, even_angles(8), "a toy", "signed")
     return Recording(frames, voltage, None, None, metadata)
@@ -44,7 +44,7 @@ def toy(tmp_path, monkeypatch):
     module = importlib.import_module("eitskin.data.importers.toy_bench")
     monkeypatch.setitem(importers.FORMATS, "toy-bench", module)
     path = tmp_path / "bench.txt"
-    path.write_text("TOY\n" + "\n".join([",".join(["0.5"] * 40)] * 3), encoding="utf-8")
+    path.write_text("TOY\n" + "\n".join([" ".join(["0.5"] * 40)] * 3), encoding="utf-8")
     return path
 
 
@@ -55,7 +55,7 @@ def test_it_is_told_by_its_content_and_by_its_name(toy):
 
 
 def test_what_is_wrong_in_it_is_refused(toy):
-    toy.write_text("TOY\n1,2,3\n", encoding="utf-8")
+    toy.write_text("TOY\n1 2 3\n", encoding="utf-8")
     with pytest.raises(InputError, match="row 0: found 3 numbers, expected 40"):
         importers.load(toy)
 
