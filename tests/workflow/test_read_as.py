@@ -34,6 +34,7 @@ def test_a_recordings_order_and_pairs_are_the_importers(fresh, tmp_path):
     assert "extra.yaml: recordings.my-skin.order: found 'upwards', expected one of" in run.stderr
 
 
+@pytest.mark.long
 def test_some_of_a_recordings_frames_are_a_recording_of_their_own(fresh, tmp_path):
     house = fresh.copy(tmp_path / "house")
     whole = small_recording()

@@ -17,6 +17,7 @@ def first_of(recorded):
     return diagnosis._untouched_first(search, recorded, 1, lines.append), lines
 
 
+@pytest.mark.long
 def test_what_is_far_off_is_explained_without_the_touches():
     start, lines = first_of(small_recording(OVAL, noise=NOISE))
     assert start.effects and "nobody touches" in lines[0]
