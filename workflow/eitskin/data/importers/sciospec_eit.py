@@ -204,6 +204,8 @@ def _blocks(
             numbers = np.array([float(cell) for cell in cells])
         except ValueError as error:
             raise InputError(path, f"line {number}", str(error), "numbers") from error
+        if np.isinf(numbers).any():
+            raise InputError(path, f"line {number}", "an infinite number", "numbers")
         potentials.append(numbers[0::2] + 1j * numbers[1::2])
     return np.array(drives), np.array(potentials)
 
