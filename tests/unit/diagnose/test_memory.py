@@ -124,7 +124,8 @@ print(1024 * int(re.search(r"VmHWM:\\s+(\\d+) kB", status)[1]))
 """
 
 
-@pytest.mark.long
+# With the machine to itself: `python -m pytest -m rehearsal tests/unit/diagnose/test_memory.py`.
+@pytest.mark.rehearsal
 @pytest.mark.parametrize(
     ("electrodes", "frames", "skin"),
     [
