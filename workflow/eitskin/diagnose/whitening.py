@@ -67,7 +67,8 @@ class _LowRank:
         if self.each == "press":
             none = np.zeros((len(values), 1, self.shape[1]))
             padded = np.concatenate([values, none], axis=1)[:, self.rows]
-            return padded.transpose(1, 0, 2, 3).reshape(len(self.rows), len(values), -1)
+            length = self.rows.shape[1] * self.shape[1]
+            return padded.transpose(1, 0, 2, 3).reshape(len(self.rows), len(values), length)
         return values.reshape(1, len(values), self.shape[0] * self.shape[1])
 
     def _back(self, blocks: np.ndarray) -> np.ndarray:
