@@ -20,17 +20,19 @@ OF_READINGS = {"V": 1.0, "1/V²": -2.0}
 
 @dataclass(frozen=True)
 class Scales:
-    """Sizes that turn an effect's own scale into the recording's: median |v| and current."""
+    """Sizes that turn an effect's own scale into the recording's: median |v| and current; times:
+    how many of these are a typical change."""
 
     reading_V: float
     current_A: float
+    times: float = 1.0
 
     def of(self, parameter: Parameter) -> float:
         """A typical change of the parameter, in its unit; of its logarithm where low > 0."""
-        if parameter.unit in ("S", "S/N"):
-            return parameter.scale * self.current_A / self.reading_V
+        if parameter.unit in ("S", "S/N") and not _logarithmic(parameter):
+            return self.times * parameter.scale * self.current_A / self.reading_V
         power = OF_READINGS.get(parameter.unit, 0.0)
-        return parameter.scale * self.reading_V**power
+        return self.times * parameter.scale * self.reading_V**power
 
 
 @dataclass(frozen=True)
@@ -205,7 +207,7 @@ def catalogue(
             continue
         if touched and any(getattr(skin, key) is None for key in effect.needs):
             continue
-        if effect.driver == "time" and not timed:
+        if (effect.driver == "time" and not timed) or (effect.last_resort and not floating):
             continue
         for start in effect.starts(replace(skin, thickness_mm=owner.thickness_mm), recorded_V):
             for kind, sites, scope in _sites(effect, counts, floating):

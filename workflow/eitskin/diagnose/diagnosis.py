@@ -14,7 +14,7 @@ from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.candidates import Scales, catalogue
 from eitskin.diagnose.carried import carried, unknown
 from eitskin.diagnose.excerpt import LIMIT_GIB, excerpt
-from eitskin.diagnose.fit import Fit, Problem, difference, fit
+from eitskin.diagnose.fit import Fit, Problem, difference, fit, whitened_anew
 from eitskin.diagnose.gaps import Gap, gaps, strengths
 from eitskin.diagnose.held_out import aside, folds, units
 from eitskin.diagnose.judged import Judged
@@ -23,7 +23,14 @@ from eitskin.diagnose.noise import Noise, estimate
 from eitskin.diagnose.remainder import Other, other, unlike
 from eitskin.diagnose.rig import Rig
 from eitskin.diagnose.rig_sizes import findings
-from eitskin.diagnose.search.search import GROSS, STANDARD_ERRORS, UNEXPLAINED, Search, State
+from eitskin.diagnose.search.search import (
+    GROSS,
+    STANDARD_ERRORS,
+    UNEXPLAINED,
+    Search,
+    State,
+    foreign,
+)
 from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.steadiness import refine
 from eitskin.diagnose.verdict import acceptable
@@ -95,12 +102,14 @@ def diagnose(
     noise, search, kept = begun(recorded, seed, report)
     there = search.problem.whitening.mask
     seen = replace(recorded, voltage=np.where(there, recorded.voltage, np.nan))
+    begun_with = search.problem
+    put_aside = _put_aside(begun_with, recorded, noise, kept)
     start, cut_short = _untouched_first(search, seen, seed, report), False
     if len(recorded.frames) >= 2 * FIRST_FRAMES:
         start, cut_short = _few_first(search, seen, seed, report, start)
         report(f"then on {len(recorded.frames)}")
     before, after = search.run(start)
-    after, judged = _earned(search, search.settled(after), recorded, noise, kept)
+    after, judged = _earned(search, search.settled(after), put_aside, recorded, noise)
     search.renew_catalogue_p(after)
     if not after.effects:
         before = after
@@ -109,7 +118,7 @@ def diagnose(
     found = [gaps(search, after, i) for i in range(len(after.effects))]
     if search.spent or cut_short:
         search.cut_short(after)
-    named = _named(search, after)
+    named = _named(search, after, begun_with.whitening)
     atlas_after = _atlas(recorded, noise, named)
     if search.unlike(after):
         left = unlike(search.likeness(after))
@@ -124,7 +133,7 @@ def diagnose(
         kept,
         judged,
         findings(rig, after.sizes, after.fit.misfit, recorded.metadata["unit"], noise),
-        _atlas(recorded, noise, _named(search, before)),
+        _atlas(recorded, noise, _named(search, before, begun_with.whitening)),
         atlas_after,
         named,
         found,
@@ -193,7 +202,11 @@ def _search(
 ) -> Search:
     model = problem.model
     fold = folds(model.touched & model.known, model.press, channels, seed)
-    return Search(problem, candidates, fold, seed, report, share, rigged=True, rounding=rounding)
+    ordinary = [c for c in candidates if not c.effect.last_resort]
+    resorts = [c for c in candidates if c.effect.last_resort]
+    return Search(
+        problem, ordinary, fold, seed, report, share, resorts, rigged=True, rounding=rounding
+    )
 
 
 def problem_of(
@@ -221,7 +234,7 @@ def problem_of(
     whitening = Whitening.of(readings, noise.sd, model.difference, error)
     clock = recorded.frames["frame"].to_numpy()
     whitening = replace(whitening, correlation=noise.correlation, clock=clock)
-    return Problem(model, readings, whitening), Scales(median, current)
+    return Problem(model, readings, whitening), Scales(median / model.factor, current)
 
 
 def _readings(recorded: Recording, noise: Noise, model: RecordingSimulator) -> np.ndarray:
@@ -232,14 +245,14 @@ def _readings(recorded: Recording, noise: Noise, model: RecordingSimulator) -> n
 
 
 def _earned(
-    search: Search, state: State, recorded: Recording, noise: Noise, kept: np.ndarray
+    search: Search, state: State, put_aside: Problem, recorded: Recording, noise: Noise
 ) -> tuple[State, Judged]:
     """A state less the effects that do not earn their place: on folds of what the search saw by two
-    standard errors; on readings (N, M) that were put aside one value by any gain, many of their own
+    standard errors; on readings that were put aside one value by any gain, many of their own
     by two standard errors. Where the misfit of these is more than their covariance allows, an
     effect must not do harm either, as of `Judged.harms`."""
     while True:
-        judged = _judged(search, state, recorded, noise, kept)
+        judged = Judged(put_aside, state.sizes, search.rounding, units(recorded))
         believed = acceptable(judged.p_value(state.fit, noise.dof))
         weakest, least = None, 0.0
         for index, effect in enumerate(state.effects):
@@ -259,17 +272,14 @@ def _earned(
         state = search.less(state, weakest)
 
 
-def _judged(
-    search: Search, state: State, recorded: Recording, noise: Noise, kept: np.ndarray
-) -> Judged:
-    readings = np.where(kept, _readings(recorded, noise, search.problem.model), np.nan)
-    plain = search.problem.whitening
-    white = replace(plain, mask=np.isfinite(readings))
+def _put_aside(problem: Problem, recorded: Recording, noise: Noise, kept: np.ndarray) -> Problem:
+    """What was put aside, readings (N, M), with the noise of what is seen; that itself, where
+    nothing could be put aside."""
+    readings = np.where(kept, _readings(recorded, noise, problem.model), np.nan)
+    white = replace(problem.whitening, mask=np.isfinite(readings))
     if white.size <= 0:
-        # Nothing could be put aside: what was seen has to do.
-        readings, white = search.problem.recorded, plain
-    aside = Problem(search.problem.model, readings, white)
-    return Judged(aside, state.sizes, search.rounding, units(recorded))
+        return problem
+    return replace(problem, recorded=readings, whitening=white)
 
 
 def _on_frames(
@@ -287,8 +297,8 @@ def _on_frames(
     clock = few.frames["frame"].to_numpy()
     whitening = replace(problem.whitening, mask=np.isfinite(readings), clock=clock)
     problem = Problem(model, readings, whitening)
-    channels = recorded.channels
-    return _search(problem, search.candidates, channels, seed, report, search.rounding, share)
+    candidates = [*search.candidates, *search.resorts]
+    return _search(problem, candidates, recorded.channels, seed, report, search.rounding, share)
 
 
 def _few_first(
@@ -328,8 +338,11 @@ def _untouched_first(
     return start if start.effects and left < EXPLAINED else None
 
 
-def _named(search: Search, state: State) -> Fit:
-    """A state's fit as it is where nothing without a name is in its covariance."""
+def _named(search: Search, state: State, white: Whitening) -> Fit:
+    """A state's fit as it is where nothing without a name is in its covariance; white: of the
+    recording's own noise, which is all that such a covariance has beside another instrument."""
+    if foreign(state):
+        return whitened_anew(state.fit, replace(state.fit.problem, whitening=white))
     named = search.named(state, state.fit)
     if named is state.fit:
         return named

@@ -111,7 +111,7 @@ def _gaps_afar(search: Search, state: State, index: int, within: float) -> list[
     best: dict[str, tuple[float, Candidate]] = {}
     for candidate in _rivals(search.candidates, state.effects[index]):
         if afar.is_far(candidate):
-            misfit, _ = afar.start(rough, less.effects, tangents.fit.theta, candidate)
+            misfit, _ = afar.start(rough, less.effects, tangents.fit.theta, [candidate])
             gap = float(np.sqrt(misfit))
         else:
             gap = _linear_gap(tangents, tangents.residual, candidate)
@@ -121,7 +121,7 @@ def _gaps_afar(search: Search, state: State, index: int, within: float) -> list[
     for name, (gap, candidate) in best.items():
         fitted = None
         if afar.is_far(candidate) and not search.spent:
-            _, start = afar.start(rough, less.effects, tangents.fit.theta, candidate)
+            _, start = afar.start(rough, less.effects, tangents.fit.theta, [candidate])
             fitted = _fitted_from(target, rough, [*less.effects, candidate], start)
         elif gap < within and not search.spent:
             fitted = _fitted(target, tangents, less.effects, candidate)

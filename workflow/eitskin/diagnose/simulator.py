@@ -128,6 +128,11 @@ class RecordingSimulator:
                     self.believed = replace(self.believed, current_A=start)
                 return
 
+    @property
+    def factor(self) -> float:
+        """The start of the factor from simulated volts to readings of arbitrary unit, else 1."""
+        return next((item.start for item in self.calibrations if item.name == "factor"), 1.0)
+
     def displaced(self, steps: dict[str, np.ndarray]) -> "RecordingSimulator":
         """The same simulator, states moved by steps (N,) of their columns where touched; no force
         is negative."""

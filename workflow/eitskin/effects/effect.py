@@ -55,13 +55,15 @@ class Effect:
     shown_by: the recording that would show the effect where another could not, as a noun phrase.
 
     What a diagnosis asks of it. needs: keys of the skin without which it is no candidate where the
-    skin is touched; far: coordinates from which a fit begins where nobody
-    touches, because no tangent leads to it; common:
-    whether one value for all sites is this effect, not another's; several: whether there may be
-    more than one of it, told apart by the values from which their fits start; either: parameters
-    that are laws of their own, of which a diagnosis names one; tone: whether it is a steady tone,
-    whose `frequency_Hz` a periodogram finds; disc: whether it multiplies the conductivity by
-    `contrast` within a disc at `x_mm`, `y_mm` of `radius_mm`.
+    skin is touched; far: coordinates from which a fit begins where nobody touches, because no
+    tangent leads to it; last_resort: where it is tried only for readings that are not those of the
+    skin that is believed, its name and one that may come with it, how many times the usual changes
+    are typical then, and coordinates from which fits begin; common: whether one value for all sites
+    is this effect, not another's; several: whether there may be more than one of it, told apart by
+    the values from which their fits start; either: parameters that are laws of their own, of which
+    a diagnosis names one; tone: whether it is a steady tone, whose `frequency_Hz` a periodogram
+    finds; disc: whether it multiplies the conductivity by `contrast` within a disc at `x_mm`,
+    `y_mm` of `radius_mm`.
     """
 
     name: str
@@ -80,6 +82,7 @@ class Effect:
     polar: tuple[str, str, int] | None = None
     needs: tuple[str, ...] = ()
     far: tuple[float, ...] = ()
+    last_resort: dict[str, tuple[float, tuple[float, ...]]] = {}
     common = True
     several = False
     either: tuple[str, ...] = ()
@@ -240,20 +243,22 @@ class WiringEffect(Effect):
 class LeakEffect(Effect):
     """An effect that takes current from the skin to ground; all of them act together.
 
-    on_contact: it does so at the touch, as one more terminal.
+    on_contact: it does so at the touch, as one more terminal; grounds_sink: the source does not
+    float with it, whatever its owner believes.
     """
 
     stage = "wiring"
     order = "leak"
     on_contact = False
+    grounds_sink = False
 
     def sites_at_once(self, floating: bool) -> int:
         """Two where the source floats: what one takes must come back through another."""
         return 2 if floating else 1
 
     def admittance(self, setting: Setting, force_N: np.ndarray, terminals: int) -> np.ndarray:
-        """(N, terminals) S to ground at true forces (N,); where `on_contact`, the contact is the
-        last terminal."""
+        """(N, terminals) S to ground at true forces (N,); the terminals are the electrodes, and
+        the contact, which is the last, where `on_contact`."""
         raise NotImplementedError
 
 

@@ -101,9 +101,14 @@ def apply_wiring(
     if leaks:
         frames, terminals = impedance.shape[:2]
         force_N = np.zeros(frames) if force_N is None else force_N
-        admittance = sum(s.effect.admittance(s, force_N, terminals) for s in leaks)
+        electrodes = terminals - on_contact(chosen)
+        admittance = np.zeros((frames, terminals))
+        for setting in leaks:
+            own = electrodes + setting.effect.on_contact
+            admittance[:, :own] += setting.effect.admittance(setting, force_N, own)
         if on_contact(chosen):
             admittance[impedance[:, -1, -1] == 0.0, -1] = 0.0
+        sink_grounded = sink_grounded or any(s.effect.grounds_sink for s in leaks)
         potential = leaking(potential, admittance, impedance, drives, sink_grounded)
     if on_contact(chosen):
         potential, impedance = potential[:, :, :-1], impedance[:, :-1, :-1]

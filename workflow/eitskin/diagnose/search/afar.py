@@ -6,6 +6,7 @@ the contacts, one common factor as free as the beliefs leave it; a fit from the 
 the rest of the way.
 """
 
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -30,11 +31,13 @@ def start(
     problem: Problem,
     effects: list[Candidate],
     theta: np.ndarray,
-    candidate: Candidate | None,
+    candidates: Sequence[Candidate],
+    sizes: Sequence[tuple[float, ...]] | None = None,
 ) -> tuple[float, np.ndarray]:
-    """Least chi squared that the beliefs, effects at theta (P,) and a candidate leave, and the
-    coordinates (P + size,) where they do; infinity where the physics has no such state. Without a
-    candidate, electrodes of unknown width are tried wider too."""
+    """Least chi squared that the beliefs, effects at theta (P,) and candidates leave, and the
+    coordinates (P + size,) where they do; infinity where the physics has no such state. sizes: the
+    candidates' coordinates that are tried; by default all alike, as far as the first of them is.
+    Without a candidate, electrodes of unknown width are tried wider too."""
     names = [item.name for item in problem.model.calibrations]
     contact, width = (
         [i for i, own in enumerate(names) if own == name]
@@ -42,17 +45,19 @@ def start(
     )
     scale, power = next((names.index(n), power) for n, power in SCALE.items() if n in names)
     sd = problem.model.calibrations[scale].sd
-    count, sizes = (candidate.size, candidate.effect.far) if candidate else (0, (0.0,))
-    tried = [candidate] if candidate else []
+    count = sum(candidate.size for candidate in candidates)
+    if sizes is None:
+        far = candidates[0].effect.far if candidates else (0.0,)
+        sizes = [(size,) * count for size in far]
     least, best = np.inf, np.r_[np.zeros(len(names)), theta[len(names) :], np.zeros(count)]
     recorded = problem.whitening(problem.recorded)
     contacts = CONTACTS if contact else CONTACTS[:1]
-    widths = WIDTHS if width and not candidate else WIDTHS[:1]
+    widths = WIDTHS if width and not candidates else WIDTHS[:1]
     for size, z, w in product(sizes, contacts, widths):
-        there = np.r_[np.zeros(len(names)), theta[len(names) :], np.full(count, size)]
+        there = np.r_[np.zeros(len(names)), theta[len(names) :], np.array(size)]
         there[contact], there[width] = z, w
         try:
-            simulated = problem.whitening(problem.voltage(there, [*effects, *tried]))
+            simulated = problem.whitening(problem.voltage(there, [*effects, *candidates]))
         except InputError:
             continue
         factor = float((simulated * recorded).sum() / (simulated**2).sum())

@@ -8,7 +8,7 @@ own absence; at the end against every other name in its place.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -29,7 +29,7 @@ from eitskin.diagnose.fit import (
 from eitskin.diagnose.held_out import HeldOut, held_out
 from eitskin.diagnose.rig import COMPONENTS, Rig
 from eitskin.diagnose.rig_sizes import SETTLED, learned
-from eitskin.diagnose.search import afar, channels, tones
+from eitskin.diagnose.search import afar, channels, resorts, tones
 from eitskin.diagnose.search.screen import (
     AMPLITUDES,
     Null,
@@ -41,6 +41,7 @@ from eitskin.diagnose.search.screen import (
     score,
 )
 from eitskin.diagnose.tangents import Tangents
+from eitskin.diagnose.whitening import Whitening
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from eitskin.physics.solver import Spent
@@ -116,7 +117,8 @@ class Search:
     """One recording's search. problem: with noise alone in its covariance; rigged: whether a rig
     may add to it, rounding: as of `Noise`; rig: what it may add. `path`: what was done, a row a
     step; report: called with words; share: of all that a diagnosis may solve, with which this ends;
-    catalogue_p: the global p-value of the best candidate that did not enter the last set to which
+    resorts: candidates that are tried where the readings are not those of the skin; catalogue_p:
+    the global p-value of the best candidate that did not enter the last set to which
     candidates were held; catalogue_of: that set's key."""
 
     problem: Problem
@@ -125,6 +127,7 @@ class Search:
     seed: int
     report: Callable[[str], None]
     share: float = 1.0
+    resorts: list[Candidate] = field(default_factory=list)
     rigged: bool = False
     rounding: float = 0.0
     rig: Rig | None = None
@@ -220,7 +223,7 @@ class Search:
         if self.rigged and self.rig is None:
             self.rig = Rig.about(best, self.problem.whitening, self.rounding)
         near = self.state(best)
-        far = self._from_afar(near, None) if self.rigged and self.untouched else None
+        far = self._from_afar(near, []) if self.rigged and self.untouched else None
         return near if far is None or far.log_evidence <= near.log_evidence else far
 
     def as_reported(self, fitted: Fit) -> np.ndarray:
@@ -252,13 +255,17 @@ class Search:
             state = self.state(known, start.p_values)
             if state.log_evidence > before.log_evidence and not self.unlike(state):
                 self.step("start", None, state)
+                if foreign(state):
+                    return before, self._drop(self._confirmed(self._blurred(state)))
                 return before, self._explained(self._drop(self._confirmed(state)))
             state = before
         while (plain := self._gross(state)) is not None:
             state = plain
         if self.unlike(state):
-            self.step(UNLIKE, None, before)
-            return before, before
+            other = self._otherwise(state)
+            if other is None:
+                self.step(UNLIKE, None, before)
+            return before, other or before
         free = self._free_channels(state)
         if free is not None:
             self.rival_evidence = free.log_evidence
@@ -305,6 +312,42 @@ class Search:
         self.trials, self.catalogue_p = plain.trials, plain.catalogue_p
         self.catalogue_of = plain.catalogue_of
         return rival
+
+    def _otherwise(self, state: State) -> State | None:
+        """`state` with what is the last resort, where that makes its readings those of such a skin;
+        None where nothing does. Nothing grows from it: what it leaves stays unexplained."""
+        self._draw_null(self.linearised(state))
+        found = []
+        groups = list(resorts.tried(self.candidates, self.resorts))
+        for group in resorts.nearest(self.rough(state), state.effects, state.fit.theta, groups):
+            trial = self._from_afar(state, group, resorts.starts(group))
+            if trial is None or self.unlike(trial):
+                continue
+            gain = 2.0 * (trial.log_likelihood - state.log_likelihood)
+            p = self.global_p(chance(gain, sum(c.size for c in group)))
+            trial.p_values = {**state.p_values, **{c.key: p for c in group}}
+            if trial.log_evidence > state.log_evidence + LEAST_EVIDENCE:
+                found.append(trial)
+        if not found:
+            return None
+        best = self._blurred(max(found, key=lambda trial: trial.log_evidence))
+        for effect in best.effects[len(state.effects) :]:
+            self.step("add", effect, best, best.p_values[effect.key])
+        return best
+
+    def _blurred(self, state: State) -> State:
+        """A state in the noise that it would take to leave what it leaves: alike in all channels,
+        in each of them a constant and scatter about it."""
+        recorded = self.problem.recorded
+        seen = np.isfinite(recorded).any(axis=0)
+        left = (recorded - state.fit.voltage())[:, seen]
+        level = np.nanmean(left, axis=0)
+        constant, scatter = np.sqrt((level**2).mean()), np.sqrt(np.nanmean((left - level) ** 2))
+        channels = np.ones(len(seen))
+        blurred = Whitening.of(recorded, scatter * channels, False, constant * channels)
+        self.problem, self.rig = replace(self.problem, whitening=blurred), None
+        fitted = fit(self.problem, state.effects, state.fit.theta, polish=True)
+        return self.state(fitted, state.p_values)
 
     def _free_channels(self, state: State) -> State | None:
         """`state` with a gain, or an offset, of its own for every channel; None where their score
@@ -589,7 +632,7 @@ class Search:
         for candidate in self.candidates:
             if not self.starts_afar(candidate) or candidate.name in there:
                 continue
-            misfit, _ = afar.start(problem, state.effects, state.fit.theta, candidate)
+            misfit, _ = afar.start(problem, state.effects, state.fit.theta, [candidate])
             own, first = (
                 left.setdefault(candidate.name, {}),
                 next(iter(candidate.start.items()), ()),
@@ -612,17 +655,22 @@ class Search:
         whitening = state.rig.whitening({UNEXPLAINED: left})
         return replace(self.problem, model=self.problem.model.coarsely(), whitening=whitening)
 
-    def _from_afar(self, state: State, candidate: Candidate | None) -> State | None:
-        """`state`, with a candidate where there is one, fitted from the beliefs, whatever the state
-        before has made of them."""
-        effects = [*state.effects, *([candidate] if candidate else [])]
-        problem, sizes = self.rough(state), {UNEXPLAINED: state.sizes.get(UNEXPLAINED, 0.0)}
+    def _from_afar(
+        self,
+        state: State,
+        candidates: list[Candidate],
+        sizes: Sequence[tuple[float, ...]] | None = None,
+    ) -> State | None:
+        """`state` with candidates fitted from the beliefs, whatever the state before has made of
+        them; sizes: as of `afar.start`."""
+        effects = [*state.effects, *candidates]
+        problem, left = self.rough(state), {UNEXPLAINED: state.sizes.get(UNEXPLAINED, 0.0)}
         try:
             with self.problem.model.near.within(self.most_solved):
-                _, start = afar.start(problem, state.effects, state.fit.theta, candidate)
+                _, start = afar.start(problem, state.effects, state.fit.theta, candidates, sizes)
                 theta = fit(problem, effects, start, polish=True).theta
                 rough = fit(replace(problem, model=self.problem.model), effects, theta)
-                found = self.state(rough, state.p_values, sizes)
+                found = self.state(rough, state.p_values, left)
                 known = found.fit.theta, found.fit.jacobian
                 fitted = fit(found.fit.problem, effects, *known)
                 return self.state(fitted, state.p_values, found.sizes, found.rig)
@@ -663,7 +711,7 @@ class Search:
             if not other.effect.several or other.start == candidate.start:
                 return None
         if self.starts_afar(candidate):
-            return self._from_afar(state, candidate)
+            return self._from_afar(state, [candidate])
         start = np.r_[theta, np.zeros(candidate.size)]
         columns = self.linearised(state).jacobian(candidate)
         return self._fitted(
@@ -875,7 +923,13 @@ def discrete(candidate: Candidate) -> bool:
 
 def gross(candidate: Candidate) -> bool:
     """Whether a candidate is a fault of the wiring that is there or not, far from any tangent."""
-    return candidate.effect.stage == "wiring" and discrete(candidate)
+    of_wiring = candidate.effect.stage == "wiring" and not candidate.effect.last_resort
+    return of_wiring and discrete(candidate)
+
+
+def foreign(state: State) -> bool:
+    """Whether a state's instrument is another than its owner's, the last resort."""
+    return any(effect.effect.last_resort for effect in state.effects)
 
 
 def _of_channels(candidate: Candidate) -> bool:

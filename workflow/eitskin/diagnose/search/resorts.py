@@ -1,0 +1,47 @@
+"""What is tried where readings are not those of the skin that is believed: another instrument than
+its owner's, alone and with what it calls for."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.fit import Problem
+from eitskin.diagnose.search import afar
+
+
+def tried(candidates: list[Candidate], resorts: list[Candidate]) -> Iterator[list[Candidate]]:
+    """Each of the last resorts, then it with the candidates that may come with it, as large as they
+    may be there."""
+    for resort in resorts:
+        large = [
+            replace(c, scales=replace(c.scales, times=resort.effect.last_resort[c.name][0]))
+            for c in [resort, *candidates]
+            if c.name in resort.effect.last_resort and c.scope in ("", "common")
+        ]
+        yield from (large[:count] for count in range(1, len(large) + 1))
+
+
+def starts(group: list[Candidate]) -> list[tuple[float, ...]]:
+    """The coordinates from which fits of such a group begin."""
+    known = group[0].effect.last_resort
+    return list(product(*(known[candidate.name][1] for candidate in group)))
+
+
+def nearest(
+    problem: Problem,
+    effects: list[Candidate],
+    theta: np.ndarray,
+    groups: list[list[Candidate]],
+) -> list[list[Candidate]]:
+    """Of the groups of the same names, beside effects at theta (P,), the one that begins nearest to
+    the readings."""
+    found: dict[tuple, tuple[float, list[Candidate]]] = {}
+    for group in groups:
+        misfit, _ = afar.start(problem, effects, theta, group, starts(group))
+        names = tuple(candidate.name for candidate in group)
+        if misfit < found.get(names, (np.inf,))[0]:
+            found[names] = misfit, group
+    return [group for _, group in found.values()]
