@@ -451,7 +451,8 @@ def scored(rows: list[dict]) -> tuple[dict[str, pd.DataFrame], str]:
         "rig": by_rig(rows),
         "rig_sizes": rig_table(whole),
     }
-    never = sorted(n for n, e in EFFECTS.items() if not e.composite and n not in DRAWN)
+    sought = (n for n, e in EFFECTS.items() if not (e.composite or e.last_resort))
+    never = sorted(set(sought) - set(DRAWN))
     return made, f"names never drawn: {', '.join(never) or 'none'}"
 
 

@@ -106,8 +106,9 @@ def test_channels_put_aside_have_the_noise_of_their_level(places):
     found = noise.sd / true[0]
     assert np.ptp(np.log(true[0, columns])) > 0.5
     assert np.allclose(found[columns], np.median(found[~columns]), rtol=0.1)
-    judged = diagnosis._judged(search, search.calibrated(), recorded, noise, kept)
-    assert 0.7 < judged.by_white(search.calibrated().fit).chi2_per_dof < 1.4
+    state, there = search.calibrated(), diagnosis._put_aside(search.problem, recorded, noise, kept)
+    judged = Judged(there, state.sizes, search.rounding, units(recorded))
+    assert 0.7 < judged.by_white(state.fit).chi2_per_dof < 1.4
     other = replace(recorded, voltage=np.where(kept, 1.3 * recorded.voltage, recorded.voltage))
     assert np.array_equal(diagnosis.begun(other, 3)[0].sd, noise.sd)
 
@@ -136,7 +137,8 @@ def test_an_effect_that_only_seen_presses_have_is_not_earned(everywhere):
     search, state, noise, kept = searched(recorded, CONTRAST)
     ratio = state.fit.settings()[0].values["ratio"]
     assert np.isclose(np.ravel(ratio)[0], 1.2, rtol=0.01)
-    left, judged = diagnosis._earned(search, state, recorded, noise, kept)
+    there = diagnosis._put_aside(search.problem, recorded, noise, kept)
+    left, judged = diagnosis._earned(search, state, there, recorded, noise)
     assert [c.name for c in left.effects] == (["touch-contrast"] if everywhere else [])
     assert [row["action"] for row in search.path] == ([] if everywhere else ["not earned"])
     gain, error = judged.gain(state.fit, search.less(state, 0).fit)

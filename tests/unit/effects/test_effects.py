@@ -41,6 +41,7 @@ GIVEN = {
     "mains-interference": {"frequency_Hz": 50.0},
 }
 FAULTS = ("electrode-open", "electrode-swap")
+THERE_OR_NOT = (*FAULTS, "ground-return")
 TYPICAL = {
     "anisotropy": {"ratio": 1.05},
     "conductivity-gradient": {"relative_across": 0.1},
@@ -56,6 +57,7 @@ TYPICAL = {
     "ellipse": {"sx": 1.03},
     "mains-interference": {"frequency_Hz": 50.0, "volt": 1e-4},
     "adc-nonlinearity": {"cubic": 5.0},
+    "ground-return": {"siemens": 1e-5},
 }
 
 
@@ -70,7 +72,7 @@ def readings(chosen):
 CLEAN = readings([])
 
 
-@pytest.mark.parametrize("name", [name for name in EFFECTS if name not in FAULTS])
+@pytest.mark.parametrize("name", [name for name in EFFECTS if name not in THERE_OR_NOT])
 def test_at_its_neutral_value_it_does_nothing(name):
     found = readings(one(name, parameters=GIVEN.get(name, {})))
     assert np.allclose(found, CLEAN, rtol=0, atol=1e-12 * np.abs(CLEAN).max())

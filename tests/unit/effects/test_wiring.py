@@ -80,6 +80,31 @@ def test_one_leak_alone_carries_nothing_unless_the_sink_is_grounded():
     assert not np.allclose(potentials(leak([5], 1e-3), sink_grounded=True), CLEAN, atol=1e-3)
 
 
+@given(st.floats(1e-7, 1e-2))
+def test_a_source_against_ground_on_a_network_that_leaks_everywhere(siemens):
+    full = MATRIX + siemens * np.eye(N)
+    expected = np.zeros((N, N))
+    for d, (source, sink) in enumerate(DRIVES):
+        free = np.delete(np.arange(N), sink)
+        expected[d, free] = np.linalg.solve(full[np.ix_(free, free)], np.eye(N)[source, free])
+    found = potentials({"name": "ground-return", "parameters": {"siemens": siemens}})
+    assert np.allclose(against_first(found), against_first(expected[None]), atol=1e-6)
+
+
+def test_a_source_against_ground_is_as_if_floating_where_nothing_leaks():
+    found = potentials({"name": "ground-return", "parameters": {"siemens": 1e-12}})
+    assert np.allclose(readings(found), readings(CLEAN), rtol=0, atol=1e-6)
+
+
+def test_against_ground_the_ends_of_a_source_are_told_apart():
+    """A floating source's, exchanged, turn the sign of every reading and no more."""
+    wires, leaky = DRIVES[:, ::-1], {"name": "ground-return", "parameters": {"siemens": 1e-4}}
+    for item, alike in ((leak([2, 9], 1e-4), True), (leaky, False)):
+        chosen = settings([item], site_counts(CHANNELS), (0, 0))
+        turned = apply_wiring(IMPEDANCE[None], chosen, wires, False)
+        assert np.allclose(readings(turned), -readings(potentials(item)), rtol=1e-6) == alike
+
+
 def test_leaks_keep_reciprocity_under_a_floating_source():
     found = readings(potentials(leak([2, 9, 12], 1e-3)))
     pairs, sign = reciprocal_channels(CHANNELS)

@@ -23,14 +23,8 @@ from eitskin.diagnose.noise import Noise, estimate
 from eitskin.diagnose.remainder import Other, other, unlike
 from eitskin.diagnose.rig import Rig
 from eitskin.diagnose.rig_sizes import findings
-from eitskin.diagnose.search.search import (
-    GROSS,
-    STANDARD_ERRORS,
-    UNEXPLAINED,
-    Search,
-    State,
-    foreign,
-)
+from eitskin.diagnose.search.resorts import foreign
+from eitskin.diagnose.search.search import GROSS, STANDARD_ERRORS, UNEXPLAINED, Search, State
 from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.steadiness import refine
 from eitskin.diagnose.verdict import acceptable
@@ -341,7 +335,7 @@ def _untouched_first(
 def _named(search: Search, state: State, white: Whitening) -> Fit:
     """A state's fit as it is where nothing without a name is in its covariance; white: of the
     recording's own noise, which is all that such a covariance has beside another instrument."""
-    if foreign(state):
+    if foreign(state.effects):
         return whitened_anew(state.fit, replace(state.fit.problem, whitening=white))
     named = search.named(state, state.fit)
     if named is state.fit:

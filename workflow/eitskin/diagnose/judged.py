@@ -11,6 +11,7 @@ from eitskin.diagnose.fit import Fit, Problem, difference
 from eitskin.diagnose.harm import harm
 from eitskin.diagnose.held_out import HeldOut, put_aside
 from eitskin.diagnose.rig import Rig
+from eitskin.diagnose.search.resorts import foreign
 from eitskin.diagnose.search.search import STANDARD_ERRORS
 from eitskin.diagnose.whitening import Whitening
 
@@ -63,7 +64,10 @@ class Judged:
 
     def p_value(self, fit: Fit, noise_dof: float) -> float:
         """How probable a chi squared at least as large is, if the fit is right but for what its
-        coordinates' covariance leaves open. noise_dof: degrees of freedom of the noise's scale."""
+        coordinates' covariance leaves open. noise_dof: degrees of freedom of the noise's scale. 0
+        for another instrument than its owner's, which leaves open whatever it does not explain."""
+        if foreign(fit.effects):
+            return 0.0
         there = self.about(fit)
         found, count = self.by(fit), there.problem.whitening.size
         along = _open(there)

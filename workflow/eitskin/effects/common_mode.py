@@ -17,7 +17,7 @@ class CommonMode(InstrumentEffect):
     mend = "drive symmetrically, or use an amplifier that rejects more of the common mode"
     finding = "The amplifier adds to each reading {ratio} times what its two inputs have in common."
     shown_by = "absolute values, with drive and measurement of every channel exchanged too"
-    confusable = ("offset",)
+    confusable = ("offset", "ground-return")
 
     def change(self, voltage: np.ndarray, setting: Setting, frames: Frames) -> np.ndarray:
         """Readings (N, M) of `voltage` (N, M)."""

@@ -17,7 +17,7 @@ class GroundLeak(LeakEffect):
     mend = "dry and insulate the lead of electrode {site}"
     finding = "{site} {leaks|leak} to ground through {siemens}."
     shown_by = "absolute values, with the source's sink at ground"
-    confusable = ("offset",)
+    confusable = ("offset", "ground-return")
 
     def admittance(self, setting: Setting, force_N: np.ndarray, terminals: int) -> np.ndarray:
         """(N, terminals) S, the same in every frame."""

@@ -8,8 +8,22 @@ from itertools import product
 import numpy as np
 
 from eitskin.diagnose.candidates import Candidate
-from eitskin.diagnose.fit import Problem
+from eitskin.diagnose.fit import Fit, Problem
 from eitskin.diagnose.search import afar
+
+TOLD = 1.4  # sd of a size's logarithm: a factor of ten either way, 90 %
+
+
+def foreign(effects: list[Candidate]) -> bool:
+    """Whether the instrument is another than its owner's by some of these effects."""
+    return any(candidate.effect.last_resort for candidate in effects)
+
+
+def told(fitted: Fit) -> bool:
+    """Whether a fit tells how large its last resort is; else it might be anything."""
+    sd = np.sqrt(np.diag(fitted.covariance))
+    last = [i for i, one in enumerate(fitted.effects) if one.effect.last_resort]
+    return all((sd[fitted.place(i)] < TOLD).all() for i in last)
 
 
 def tried(candidates: list[Candidate], resorts: list[Candidate]) -> Iterator[list[Candidate]]:

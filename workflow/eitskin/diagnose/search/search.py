@@ -255,7 +255,7 @@ class Search:
             state = self.state(known, start.p_values)
             if state.log_evidence > before.log_evidence and not self.unlike(state):
                 self.step("start", None, state)
-                if foreign(state):
+                if resorts.foreign(state.effects):
                     return before, self._drop(self._confirmed(self._blurred(state)))
                 return before, self._explained(self._drop(self._confirmed(state)))
             state = before
@@ -330,7 +330,11 @@ class Search:
                 found.append(trial)
         if not found:
             return None
+        own = self.problem, self.rig
         best = self._blurred(max(found, key=lambda trial: trial.log_evidence))
+        if not resorts.told(best.fit):
+            self.problem, self.rig = own
+            return None
         for effect in best.effects[len(state.effects) :]:
             self.step("add", effect, best, best.p_values[effect.key])
         return best
@@ -570,16 +574,16 @@ class Search:
         problem = replace(here.fit.problem, whitening=whitening)
         tangents = Tangents(whitened_anew(here.fit, problem), [here])
         weights = whitening.back(tangents.residual.reshape(tangents.voltage.shape)).ravel()
-        most: dict[str, tuple[float, Candidate]] = {}
+        bounds: dict[str, list[tuple[float, Candidate]]] = {}
         for one in self.scores(state):
             own = one.candidate
             if own.name in known or own.scope == "dense" or one.information is None:
                 continue
             slope = tangents.along(own, weights)
             p = chance(float(slope @ np.linalg.pinv(one.information) @ slope), one.dof)
-            if self.global_p(p) < SIGNIFICANT and p < most.get(own.name, (1.0, own))[0]:
-                most[own.name] = p, own
-        found = [score(tangents, own) for _, own in most.values()]
+            if self.global_p(p) < SIGNIFICANT:
+                bounds.setdefault(own.name, []).append((p, own))
+        found = [_least(tangents, own) for own in bounds.values()]
         found = [s for s in found if s is not None and self.global_p(s.p_value) < SIGNIFICANT]
         return sorted(found, key=lambda s: -s.log_evidence)[:COMPETING]
 
@@ -927,11 +931,6 @@ def gross(candidate: Candidate) -> bool:
     return of_wiring and discrete(candidate)
 
 
-def foreign(state: State) -> bool:
-    """Whether a state's instrument is another than its owner's, the last resort."""
-    return any(effect.effect.last_resort for effect in state.effects)
-
-
 def _of_channels(candidate: Candidate) -> bool:
     return candidate.kind == "channels"
 
@@ -955,6 +954,18 @@ def _lead(effect: Candidate, rival: Candidate) -> float:
     if sparse and set(rival.sites) > set(effect.sites):
         return LEAST_EVIDENCE * (len(rival.sites) - len(effect.sites))
     return LEAD
+
+
+def _least(tangents: Tangents, bounds: list[tuple[float, Candidate]]) -> Score | None:
+    """The score of least p-value among candidates of which a lower bound of it is known."""
+    best, least = None, 1.0
+    for bound, candidate in sorted(bounds, key=lambda pair: pair[0]):
+        if bound >= least:
+            break
+        one = score(tangents, candidate)
+        if one is not None and one.p_value < least:
+            best, least = one, one.p_value
+    return best
 
 
 def _joined(a: Candidate, b: Candidate) -> Candidate | None:
