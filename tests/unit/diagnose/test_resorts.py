@@ -1,0 +1,79 @@
+"""Another instrument than its owner's: tried only where readings are not those of the skin."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eitskin.data import importers
+from eitskin.data.subset import of_frames
+from eitskin.diagnose import diagnosis
+from eitskin.diagnose.fit import fit
+from eitskin.diagnose.search import resorts
+from shared_data import shared_data
+from small_skin import candidates_of, problem_of, small_recording
+
+NOISE = 1e-3
+SIEMENS, RATIO = 3e-3, -0.6
+AGAINST_GROUND = [
+    {"name": "ground-return", "parameters": {"siemens": SIEMENS}},
+    {"name": "common-mode", "parameters": {"ratio": RATIO}},
+]
+
+
+@pytest.fixture(scope="module")
+def groups():
+    recorded = small_recording(noise=NOISE)
+    problem, scales = problem_of(recorded, NOISE)
+    every = candidates_of(recorded, problem, scales)
+    last = [c for c in every if c.effect.last_resort]
+    ordinary = [c for c in every if not c.effect.last_resort]
+    return problem, list(resorts.tried(ordinary, last))
+
+
+def test_each_is_tried_alone_and_with_what_it_calls_for(groups):
+    _, tried = groups
+    names = [[c.name for c in group] for group in tried]
+    assert names[::2] == [["ground-return"]] * (len(names) // 2)
+    assert names[1::2] == [["ground-return", "common-mode"]] * (len(names) // 2)
+    assert len({tuple(group[0].start.items()) for group in tried}) == len(names) // 2 > 1
+    for alone, both in zip(tried[::2], tried[1::2], strict=True):
+        assert len(resorts.starts(alone)) == 1 < len(resorts.starts(both))
+        assert {len(start) for start in resorts.starts(both)} == {2}
+        assert resorts.foreign(both) and not resorts.foreign(both[1:])
+
+
+def test_a_size_that_might_be_anything_is_not_told(groups):
+    problem, ((alone, *_), *_) = groups
+    nothing = replace(alone, start={"siemens": 1e-9})  # far below the noise, whatever its size
+    size = len(problem.model.calibrations)
+    assert not resorts.told(fit(problem, [nothing], np.zeros(size + 1), enough=0.0))
+    recorded = small_recording(*AGAINST_GROUND[:1], noise=NOISE)
+    seen = replace(problem, recorded=recorded.voltage)
+    large = replace(alone, start={"siemens": SIEMENS})
+    assert resorts.told(fit(seen, [large], np.zeros(size + 1)))
+
+
+@pytest.mark.long
+def test_a_source_against_ground_is_named_with_its_sizes_and_never_certain():
+    found = diagnosis.diagnose(small_recording(*AGAINST_GROUND, noise=NOISE))
+    first, second = found.after.fit.settings()
+    assert [c.name for c in found.after.effects] == ["ground-return", "common-mode"]
+    assert first.values["siemens"] == pytest.approx(SIEMENS, rel=0.02)
+    assert second.values["ratio"] == pytest.approx(RATIO, rel=0.02)
+    assert found.judged.p_value(found.after.fit, found.noise.dof) == 0.0
+
+
+@pytest.mark.long
+def test_the_real_hydrogel_skin_has_candidates_with_the_intervals_that_its_misfit_allows():
+    """Its owner's simulation leaves 0.73 of |v|; of what is found nothing is certain."""
+    recorded = importers.load(shared_data("hydrogel-skin/ohmc16.mat"))
+    found = diagnosis.diagnose(of_frames(recorded, np.arange(len(recorded.frames)) < 120))
+    assert [c.name for c in found.after.effects] == ["ground-return", "common-mode"]
+    sd = np.sqrt(np.diag(found.after.fit.covariance))
+    assert 0.1 < sd[found.after.fit.place(0)][0] < resorts.TOLD
+    before, after = (
+        np.sqrt(np.nanmean((recorded.voltage[:120] - f.voltage()) ** 2))
+        for f in (found.before.fit, found.after.fit)
+    )
+    assert after < 0.7 * before
