@@ -7,6 +7,7 @@ import numpy as np
 from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.candidates import catalogue
+from eitskin.diagnose.gaps import gaps
 from eitskin.diagnose.held_out import folds
 from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.search import afar
@@ -121,3 +122,20 @@ def test_before_a_fit_from_afar_bodies_are_solved_coarsely():
     assert rough.whitening.size == problem.whitening.size
     residual = [p.residual(np.zeros(len(p.model.calibrations)), []) for p in (rough, problem)]
     assert (residual[0] ** 2).sum() < (residual[1] ** 2).sum()
+
+
+def test_rivals_of_a_body_are_fitted_even_when_no_more_may_be_solved(monkeypatch):
+    """What a tangent promises so far away is not kept: it would make every name an alternative."""
+    body = {"name": "third-dimension"}
+    search = search_of(untouched(body, skin=TANK, thickness_mm=None, electrode_height_mm=None))
+    sheet = search.calibrated()
+    first, *_ = [
+        s.candidate for s in search._afar(sheet, []) if s.candidate.name == "third-dimension"
+    ]
+    found = search.with_effect(sheet, first)
+    free = {g.rival: g.gap for g in gaps(search, found, 0)}
+    monkeypatch.setattr(Search, "spent", property(lambda self: True))
+    spent = {g.rival: g.gap for g in gaps(search, found, 0)}
+    assert set(spent) <= set(free) and "electrode-width" in spent
+    for name, gap in spent.items():
+        assert gap >= 0.9 * free[name]

@@ -157,3 +157,13 @@ def test_a_pressed_rim_carries_its_electrodes():
     for carried in (0.0, 1.0):
         text = said("domain-shape", harmonic=(2.0, 2.0, 2.0), carried=(carried,) * 3)
         assert text.endswith("°, its electrodes carried along.") == bool(carried)
+
+
+@pytest.mark.parametrize(("high", "told"), [(60.0, True), (400.0, False)])
+def test_a_size_that_might_be_anything_is_said_to_be_untold(high, told):
+    body = entry("third-dimension")
+    body["parameters"]["depth_mm"] |= {"value": 20.0, "low": 2.0, "high": high}
+    text = words.finding(body, EFFECTS["third-dimension"])
+    assert ("through 20 (90 %: " in text) == told
+    assert ("Its depth_mm cannot be told from these readings." in text) != told
+    assert "mm high" in text

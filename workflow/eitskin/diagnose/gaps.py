@@ -102,33 +102,42 @@ def _declare_rival(
 
 def _gaps_afar(search: Search, state: State, index: int, within: float) -> list[Gap]:
     """Of an effect that no tangent leads to: its signature is what the rest, fitted to it, leaves,
-    and every rival within reach is fitted too; what a tangent promises is not kept so far away."""
+    and every rival within reach is fitted too; what a tangent promises is not kept so far away.
+    Rivals that cannot be fitted, or would cost bodies when no more may be solved, have no gap."""
     less, problem = search.less(state, index), state.fit.problem
     target = replace(problem, recorded=state.fit.voltage())
     rough = replace(search.rough(less), recorded=target.recorded)
-    tangents = Tangents(fit(target, less.effects, less.fit.theta))
-    snr = float(np.sqrt(tangents.fit.chi2))
+    begun = less.fit.theta, np.zeros_like(less.fit.theta)
+    rest = min((fit(target, less.effects, at, polish=True) for at in begun), key=lambda f: f.chi2)
+    tangents = Tangents(rest)
+    snr = float(np.sqrt(rest.chi2))
     best: dict[str, tuple[float, Candidate]] = {}
     for candidate in _rivals(search.candidates, state.effects[index]):
         if afar.is_far(candidate):
-            misfit, _ = afar.start(rough, less.effects, tangents.fit.theta, [candidate])
+            if search.spent:
+                continue
+            misfit, _ = afar.start(rough, less.effects, rest.theta, [candidate])
             gap = float(np.sqrt(misfit))
         else:
             gap = _linear_gap(tangents, tangents.residual, candidate)
         if gap is not None and gap < best.get(candidate.name, (np.inf,))[0]:
             best[candidate.name] = gap, candidate
+    costly = search.spent and any(afar.is_far(effect) for effect in less.effects)
     nearest: dict[str, float] = {}
     for name, (gap, candidate) in best.items():
+        if gap >= within and not afar.is_far(candidate):
+            nearest[name] = min(float(gap), nearest.get(name, np.inf))
+            continue
         fitted = None
-        if afar.is_far(candidate) and not search.spent:
-            _, start = afar.start(rough, less.effects, tangents.fit.theta, [candidate])
+        if afar.is_far(candidate):
+            _, start = afar.start(rough, less.effects, rest.theta, [candidate])
             fitted = _fitted_from(target, rough, [*less.effects, candidate], start)
-        elif gap < within and not search.spent:
+        elif not costly:
             fitted = _fitted(target, tangents, less.effects, candidate)
         if fitted is not None:
             gap = float(np.sqrt(fitted.chi2))
             _declare_rival(nearest, search, state, fitted, gap)
-        nearest[name] = min(float(gap), nearest.get(name, np.inf))
+            nearest[name] = min(gap, nearest.get(name, np.inf))
     return _ranked(nearest, search, state, index, snr)
 
 

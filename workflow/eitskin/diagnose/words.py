@@ -10,6 +10,7 @@ from eitskin.quantities import interval, listed, number, quantity
 
 MOST_LISTED = 6  # sites; more are counted
 MOST_VALUES = 4  # of one parameter; of more, the least and the largest
+UNTOLD = 100.0  # the end of an interval over its beginning, from which on it tells no size
 PART, GAP = re.compile(r"\[([^][]*)\]"), re.compile(r"\{([^{}]*)\}")
 NOUNS = {
     "electrodes": ("electrode", "electrodes"),
@@ -95,13 +96,16 @@ def headline(diagnosis: dict) -> str:
 
 def finding(entry: dict, effect: Effect) -> str:
     """An effect of diagnosis.json in a sentence: its `finding`, sites and values filled in; of a
-    candidate, with a perhaps."""
+    candidate, with a perhaps. Values that might be anything, where the sentence does without them,
+    are said to be untold."""
     given = entry["parameters"]
     text = effect.finding_at({key: estimate["value"] for key, estimate in given.items()})
+    optional = {key.partition(":")[0] for p in PART.findall(text) for key in GAP.findall(p)}
+    untold = [key for key in given if key in optional and _untold(given[key])]
 
     def part(found: re.Match) -> str:
-        keys = (key.partition(":")[0] for key in GAP.findall(found[1]))
-        return found[1] if all(key in given for key in keys) else ""
+        keys = [key.partition(":")[0] for key in GAP.findall(found[1])]
+        return found[1] if all(key in given and key not in untold for key in keys) else ""
 
     def fill(found: re.Match) -> str:
         if "|" in found[1]:
@@ -112,9 +116,17 @@ def finding(entry: dict, effect: Effect) -> str:
         return _estimate(given[key], effect.parameters[key].whole, form == "%")
 
     text = GAP.sub(fill, PART.sub(part, text))
+    if untold:
+        text += f" Its {listed(untold)} cannot be told from these readings."
     if not certain(entry):
         return f"Perhaps {text[0].lower()}{text[1:]}"
     return f"{text[0].upper()}{text[1:]}"
+
+
+def _untold(estimate: dict) -> bool:
+    """Whether the one value of a size above 0 might be anything, by its interval."""
+    value, low, high = (estimate[key] for key in ("value", "low", "high"))
+    return np.ndim(value) == 0 and low > 0.0 and high > UNTOLD * low
 
 
 def mend(effect: dict, channels: np.ndarray) -> str:
