@@ -14,8 +14,8 @@ DEMO = --configfile workflow/config/demo_capture.yaml
 DEMO_REPORT := results/diagnosis/emulated-rig/report.html
 
 # What `make real` judges besides Table I, what it says of it, and what must be called unusable.
-REAL := results/diagnosis/tanks.csv results/diagnosis/hydrogel-skin-16/ground_return.csv
-SAID := results/diagnosis/*-tank/held_out_pairs.txt $(lastword $(REAL:.csv=.txt))
+REAL := results/diagnosis/diagnosed.csv results/diagnosis/tanks.csv results/diagnosis/hydrogel-skin-16/ground_return.csv
+SAID := results/diagnosis/diagnosed.csv results/diagnosis/*-tank/held_out_pairs.txt $(lastword $(REAL:.csv=.txt))
 BROKEN = $(EITSKIN_DATA)/pyeidors-tank/measurements/EIT_DEV_Test/2025-09-23-00-01-56_10_10.00_100uA_2000Hz.csv
 
 export EITSKIN_DATA

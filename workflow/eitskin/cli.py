@@ -312,7 +312,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         return 0
     print(words.headline(said))
     for effect in said["effects"]:
-        print(effect["sentence"])
+        print(" ".join(filter(None, [effect["sentence"], words.untold_from(effect)])))
     if said["other"]["sentence"]:
         print(f"What has no name: {said['other']['sentence']}")
     for sentence in words.pinned(said["calibration"]):

@@ -46,6 +46,32 @@ rule tanks:
         "../scripts/tanks.py"
 
 
+rule diagnosed:
+    input:
+        diagnoses=expand(
+            "results/diagnosis/{recording}/diagnosis.json", recording=config["diagnoses"]
+        ),
+        recordings=expand("results/recordings/{recording}.parquet", recording=config["diagnoses"]),
+    output:
+        "results/diagnosis/diagnosed.csv",
+    log:
+        "logs/diagnosed.log",
+    benchmark:
+        "benchmarks/diagnosed.tsv"
+    conda:
+        "../../envs/simulation.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    params:
+        code=fingerprint("diagnosed", CATALOGUE),
+    message:
+        "Collecting what the diagnosis says of recordings"
+    script:
+        "../scripts/diagnosed.py"
+
+
 rule ground_return:
     input:
         rules.import_recording.output[0],

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis
@@ -124,6 +125,7 @@ def test_before_a_fit_from_afar_bodies_are_solved_coarsely():
     assert (residual[0] ** 2).sum() < (residual[1] ** 2).sum()
 
 
+@pytest.mark.long
 def test_rivals_of_a_body_are_fitted_even_when_no_more_may_be_solved(monkeypatch):
     """What a tangent promises so far away is not kept: it would make every name an alternative."""
     body = {"name": "third-dimension"}

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eitskin.data.recording import Recording, presses
-from eitskin.diagnose import diagnosis
+from eitskin.data.subset import of_frames
+from eitskin.diagnose import diagnosis, result
 from eitskin.diagnose.fit import Fit, Problem, fit
 from eitskin.diagnose.held_out import (
     LEAST_PRESSES,
@@ -273,3 +274,26 @@ def test_put_aside_leaves_out_what_was_lost(judging):
     told = put_aside(replace(found, problem=Problem(found.problem.model, readings, fewer)))
     assert told.readings == fewer.mask.sum()
     assert np.isclose(told.chi2.sum(), told.readings) and np.isclose(told.chi2_per_dof, 1.0)
+
+
+@pytest.mark.long
+def test_a_name_beside_much_that_has_none_is_a_candidate(monkeypatch):
+    """What has no name opens the coordinates in the search's covariance; not when it is judged."""
+    judged, p_value = [], Judged.p_value
+    monkeypatch.setattr(
+        Judged, "p_value", lambda self, fit, dof: judged.append(fit) or p_value(self, fit, dof)
+    )
+    gain = {"name": "measurement-gain", "measures": [4], "parameters": {"gain": 1.5}}
+    every = small_recording(gain, noise=1e-4, places=2)
+    rows = np.flatnonzero(~every.frames["touch"].to_numpy(bool))
+    recorded = of_frames(every, ~every.frames["touch"].to_numpy(bool))
+    own = 1.0 + 0.01 * np.random.default_rng(5).normal(size=every.voltage.shape[1])
+    recorded.voltage = own * every.voltage[rows]
+    found = diagnosis.diagnose(recorded)
+    assert found.after.sizes["static-discrepancy"] > 0.0
+    said = result.result(found, "skin")
+    assert len(judged) > 1 and all(fit.chi2 > 100.0 * found.after.fit.chi2 for fit in judged)
+    assert said["effects"][0]["name"] == "measurement-gain"
+    assert said["fit"]["held_out"]["chi2_per_dof_after"] > 100.0
+    assert [effect["certain"] for effect in said["effects"]] == [False] * len(said["effects"])
+    assert said["verdict"] == "partly-explained"

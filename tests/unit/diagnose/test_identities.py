@@ -341,7 +341,8 @@ def said(recorded: Recording) -> dict:
     return effect
 
 
-@pytest.mark.parametrize("item", [DIRECTED, pytest.param(OVAL, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("item", [DIRECTED, OVAL])
 def test_a_diagnosis_of_untouched_frames_names_anisotropy_and_the_ellipse(item):
     effect = said(still(item))
     assert effect["name"] == "anisotropy"
@@ -386,6 +387,7 @@ def test_a_diagnosis_says_a_reading_for_which_there_is_no_name(item, check):
     assert effect["name"] == item["name"] and check in effect["sentence"]
 
 
+@pytest.mark.long
 def test_sides_of_an_alternative_are_alternatives_too():
     """Of the size, the contacts and the gains none stands among them without the others."""
     effect = said(still(SMALLER, noise=1e-4))

@@ -94,6 +94,7 @@ def test_an_effect_gives_way_to_itself_at_further_sites_as_to_no_other(contact):
         assert search._lead(effect, other) == search.LEAD
 
 
+@pytest.mark.long
 def test_swapped_wires_are_found_beside_another_fault():
     recorded = small_recording(SWAP, MEMORY, noise=NOISE, places=2)
     said = result.result(diagnosis.diagnose(recorded), "swapped")

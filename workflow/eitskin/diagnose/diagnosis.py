@@ -247,7 +247,7 @@ def _earned(
     effect must not do harm either, as of `Judged.harms`."""
     while True:
         judged = Judged(put_aside, state.sizes, search.rounding, units(recorded))
-        believed = acceptable(judged.p_value(state.fit, noise.dof))
+        believed = acceptable(judged.p_value(search.named(state, state.fit), noise.dof))
         weakest, least = None, 0.0
         for index, effect in enumerate(state.effects):
             less = search.less(state, index)

@@ -64,8 +64,9 @@ class Judged:
 
     def p_value(self, fit: Fit, noise_dof: float) -> float:
         """How probable a chi squared at least as large is, if the fit is right but for what its
-        coordinates' covariance leaves open. noise_dof: degrees of freedom of the noise's scale. 0
-        for another instrument than its owner's, which leaves open whatever it does not explain."""
+        coordinates' covariance leaves open, which must hold no discrepancy: that would accept what
+        has no name. noise_dof: degrees of freedom of the noise's scale. 0 for another instrument
+        than its owner's, which leaves open whatever it does not explain."""
         if foreign(fit.effects):
             return 0.0
         there = self.about(fit)

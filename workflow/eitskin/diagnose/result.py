@@ -30,7 +30,8 @@ def result(found: Diagnosis, name: str) -> dict:
     judged, noise, left = found.judged, found.noise, found.other
     held = {when: judged.by(fit) for when, fit in fits.items()}
     white = {when: judged.by_white(fit) for when, fit in fits.items()}
-    p = judged.p_value(found.after.fit, noise.dof)
+    named = found.search.named(found.after, found.after.fit)
+    p = judged.p_value(named, noise.dof)
     entries = [_entry(found, i, acceptable(p)) for i in range(len(found.after.effects))]
     return {
         "format": "eit-diagnosis",

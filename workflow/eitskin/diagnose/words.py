@@ -123,6 +123,12 @@ def finding(entry: dict, effect: Effect) -> str:
     return f"{text[0].upper()}{text[1:]}"
 
 
+def untold_from(effect: dict) -> str:
+    """The names that an effect of diagnosis.json cannot be told from, a sentence; "" for none."""
+    names = listed(effect["alternatives"])
+    return f"This recording cannot tell it from {names}." if names else ""
+
+
 def _untold(estimate: dict) -> bool:
     """Whether the one value of a size above 0 might be anything, by its interval."""
     value, low, high = (estimate[key] for key in ("value", "low", "high"))

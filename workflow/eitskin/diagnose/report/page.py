@@ -19,7 +19,17 @@ from eitskin.diagnose.report import evidence, figures
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.search.search import CUT_SHORT
 from eitskin.diagnose.verdict import LIKELY
-from eitskin.diagnose.words import UNITS, certain, headline, mend, pinned, sites, valued, where
+from eitskin.diagnose.words import (
+    UNITS,
+    certain,
+    headline,
+    mend,
+    pinned,
+    sites,
+    untold_from,
+    valued,
+    where,
+)
 from eitskin.effects.effect import SITES
 from eitskin.quantities import NONE, chance, listed, number, quantity
 
@@ -250,8 +260,7 @@ def _effect(k: int, effect: dict, found: Evidence) -> str:
         text = f"{share}, {gain} there"
     lines.append(f"<p>{text}; p = {chance(evidence_['p_value'])}.</p>")
     if effect["alternatives"]:
-        names = listed([f"<code>{escape(name)}</code>" for name in effect["alternatives"]])
-        lines.append(f"<p>This recording cannot tell it from {names}.</p>")
+        lines.append(f"<p>{escape(untold_from(effect))}</p>")
     elif effect["gap"] is not None:
         gap = number(effect["gap"])
         lines.append(f"<p>The gap to the nearest other name is {gap} in noise units.</p>")

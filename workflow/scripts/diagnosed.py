@@ -1,0 +1,18 @@
+"""Collect what the diagnosis says of recordings into one table."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+
+from eitskin.atomic import atomic_path
+from eitskin.data import recording
+from eitskin.errors import reported
+from studies.diagnosed import row
+
+with reported(snakemake.log[0]):
+    said = [json.loads(Path(path).read_text("utf-8")) for path in snakemake.input.diagnoses]
+    recorded = [recording.read(path) for path in snakemake.input.recordings]
+    with atomic_path(snakemake.output[0]) as path:
+        rows = [row(*each) for each in zip(said, recorded, strict=True)]
+        pd.DataFrame(rows).to_csv(path, index=False, float_format="%.3g")
