@@ -31,7 +31,7 @@ run: .venv/installed
 	@$(RUN)
 
 paper: .venv/installed
-	@echo "eitskin: reproducing the paper at the budget full on $(CORES) cores, days without a GPU; results/report.html"
+	@echo "eitskin: reproducing the paper at the budget full on $(CORES) cores, some 60 processor hours; results/report.html"
 	@$(RUN) paper --config budget=full && $(SNAKEMAKE) paper --config budget=full --report results/report.html
 
 concealed: .venv/installed

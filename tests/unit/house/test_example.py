@@ -1,18 +1,34 @@
-"""The example of the page on physics runs and gives what its comments say."""
+"""The examples of the pages run and give what their comments say."""
 
 import re
 from pathlib import Path
 
 import numpy as np
 
-PAGE = Path(__file__).parents[3] / "docs" / "physics.md"
+from eitskin.diagnose import result
+
+ROOT = Path(__file__).parents[3]
 
 
-def test_the_example():
-    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
-    names: dict = {}
-    exec(compile(code, str(PAGE), "exec"), names)
+def ran(page: str) -> dict:
+    """The names that the only example of a page leaves behind."""
+    path, names = ROOT / "docs" / page, {}
+    (code,) = re.findall(r"```python\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL)
+    exec(compile(code, str(path), "exec"), names)
+    return names
+
+
+def test_a_skin_is_simulated():
+    names = ran("physics.md")
     assert names["channels"].shape == (208, 4)
     assert names["untouched"].shape == names["by_angle"].shape == (208,)
     assert names["change"].shape == (50, 208)
     assert np.abs(names["change"][0]).max() == 0 < np.abs(names["change"][1]).min()
+
+
+def test_a_query_is_written_that_a_diagnosis_reads(tmp_path, monkeypatch):
+    (tmp_path / "docs").symlink_to(ROOT / "docs")
+    monkeypatch.chdir(tmp_path)
+    names = ran("recordings.md")
+    query = result.read_query("query.parquet", names["recorded"])
+    assert query.frames["x_mm"].tolist() == [0.0, 10.0, 20.0] and query.voltage is None

@@ -13,7 +13,7 @@ FOLDER = Path("captures")
 def add(commands: argparse._SubParsersAction) -> None:
     """Add the command `rig` to those of `eitskin`."""
     rig = commands.add_parser("rig", help="capture with a robot, a load cell and an EIT board")
-    doing = rig.add_subparsers(required=True, metavar="rig COMMAND")
+    doing = rig.add_subparsers(required=True, metavar="COMMAND")
     checking = doing.add_parser("check", help="look at every device; nothing moves")
     checking.add_argument("config", help="YAML with the mapping rig")
     checking.set_defaults(run=_check)
