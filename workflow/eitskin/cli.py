@@ -249,8 +249,10 @@ def _no_disc(recorded: Recording, arguments: argparse.Namespace) -> bool:
     on stderr says so."""
     other = no_disc(recorded.skin)
     if other is not None:
-        place, found = other
-        print(InputError(arguments.skin or arguments.file, place, found, EXPECTED), file=sys.stderr)
+        refused = InputError(arguments.skin or arguments.file, *other, EXPECTED)
+        print(refused, file=sys.stderr)
+        if arguments.json:
+            answers.write(answers.refusal(refused))
     return other is not None
 
 
@@ -286,22 +288,26 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     recorded = _source(arguments)
     if arguments.query is not None:
         result.read_query(arguments.query, recorded)
+    name = answers.name(arguments.file)
+    if arguments.frames is not None:
+        name += "-frames-{}-{}".format(*arguments.frames)
+    out = Path(arguments.out or f"diagnosis-{name}")
+    answer = [out / each for each in ("report.html", "diagnosis.json", "predicted.parquet")]
+    if out.is_dir():
+        with held_folder(out):
+            _forget(answer)
     if _no_disc(recorded, arguments):
         return UNUSABLE
     memory.most_frames(recorded, arguments.memory, arguments.file)
     checked = _checked(recorded, arguments)
     if checked is None:
         return UNUSABLE
-    name = answers.name(arguments.file)
-    if arguments.frames is not None:
-        name += "-frames-{}-{}".format(*arguments.frames)
     with contextlib.redirect_stdout(sys.stderr if arguments.json else sys.stdout):
         _print_before(checked, len(recorded.frames), arguments)
-    with held_folder(arguments.out or f"diagnosis-{name}") as folder, named(arguments.file):
-        report, source = folder / "report.html", folder / "recording.parquet"
-        predicted = folder / "predicted.parquet"
-        for earlier in (report, folder / "diagnosis.json", predicted):
-            earlier.unlink(missing_ok=True)  # what is not whole has no answer
+    with held_folder(out) as folder, named(arguments.file):
+        _forget(answer)
+        report, _, predicted = answer
+        source = folder / "recording.parquet"
         recording.write(recorded, source)
         found = diagnosis.diagnose(recorded, progress=True, memory_GiB=arguments.memory)
         result.write(found, name, folder, SCHEMA, arguments.query)
@@ -319,6 +325,12 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         print(sentence)
     print(report)
     return 0
+
+
+def _forget(answer: Sequence[Path]) -> None:
+    """Removes an earlier run's answer: what is refused or not whole has none."""
+    for earlier in answer:
+        earlier.unlink(missing_ok=True)
 
 
 def _compare(arguments: argparse.Namespace) -> int:

@@ -7,9 +7,10 @@ import pytest
 
 from eitskin.data import importers
 from eitskin.data.subset import of_frames
-from eitskin.diagnose import diagnosis
+from eitskin.diagnose import diagnosis, result
 from eitskin.diagnose.fit import fit
 from eitskin.diagnose.search import resorts
+from eitskin.diagnose.search.search import Search
 from shared_data import shared_data
 from small_skin import candidates_of, problem_of, small_recording
 
@@ -62,6 +63,43 @@ def test_a_source_against_ground_is_named_with_its_sizes_and_never_certain():
     assert first.values["siemens"] == pytest.approx(SIEMENS, rel=0.02)
     assert second.values["ratio"] == pytest.approx(RATIO, rel=0.02)
     assert found.judged.p_value(found.after.fit, found.noise.dof) == 0.0
+
+
+def test_what_is_not_borne_out_leaves_nothing_of_its_noise(monkeypatch):
+    """Neither in the covariance nor among what is kept of the sets that were met."""
+    recorded = small_recording(*AGAINST_GROUND, noise=NOISE)
+    _, search, _ = diagnosis.begun(recorded, 1)
+    plain = search.problem
+    before = search.calibrated()
+    rig = search.rig
+    monkeypatch.setattr(resorts, "told", lambda fitted: False)
+    assert search.unlike(before) and search._otherwise(before) is None
+    assert search.problem is plain and search.rig is rig and not search.met
+    assert search.unlike(before)
+    monkeypatch.undo()
+    found = search._otherwise(before)
+    assert resorts.foreign(found.effects) and search.problem is not plain
+    # A set of less is one of the same noise.
+    less = search.less(found, 1)
+    assert less.fit.problem.whitening is search.problem.whitening
+    monkeypatch.setattr(Search, "_confirmed", lambda self, state: before)
+    search.unblur()
+    assert search.problem is plain
+    again, state = search.run(found)
+    assert search.problem is not plain and resorts.foreign(state.effects)
+    assert not again.effects
+
+
+def test_untouched_frames_in_noise_of_their_own_making_begin_nothing():
+    recorded = small_recording(*AGAINST_GROUND, noise=NOISE)
+    _, search, _ = diagnosis.begun(recorded, 1)
+    assert diagnosis._untouched_first(search, recorded, 1, lambda line: None) is None
+
+
+def test_a_last_resort_is_not_among_what_could_not_be_shown():
+    recorded = small_recording(noise=NOISE, places=1)
+    found = diagnosis.diagnose(recorded)
+    assert "ground-return" not in result.unobservable(found)
 
 
 @pytest.mark.long

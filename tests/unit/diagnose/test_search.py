@@ -463,3 +463,19 @@ def test_what_comes_and_goes_again_ends_the_growth(contact, monkeypatch):
     monkeypatch.setattr(Search, "_drop", lambda self, better: less)
     assert replace(found.search, rival_evidence=-np.inf)._grow(less) is less
     assert len(rounds) == 1
+
+
+def test_a_harmonic_of_the_rim_is_one_entry_drawn_wrongly_or_pressed():
+    recorded = small_recording(noise=NOISE, places=2)
+    problem, scales = problem_of(recorded, NOISE)
+    every = candidates_of(recorded, problem, scales)
+    fold = np.arange(len(recorded.frames)) % 5
+    one = Search(problem, every, fold, 1, print)
+    shapes = {
+        (c.start["harmonic"], c.start.get("carried", 0)): c
+        for c in one.candidates
+        if c.name == "domain-shape"
+    }
+    state = one.with_effect(one.calibrated(), shapes[2, 0])
+    assert one.with_effect(state, shapes[2, 1]) is None
+    assert len(one.with_effect(state, shapes[3, 1]).effects) == 2

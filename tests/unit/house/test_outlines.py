@@ -1,12 +1,17 @@
 """Skins that are no disc, as their owners meet the answer: one sentence, whatever command."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from eitskin import cli
 from eitskin.data import check, recording, stated
 from eitskin.diagnose import diagnosis
+from eitskin.diagnose.simulator import beliefs
 from eitskin.errors import InputError
+from eitskin.physics.geometry import Geometry
 
 RECTANGLE = "outline: [[-60, -40], [60, -40], [60, 40], [-60, 40]]\n"
 FOUND = {
@@ -44,6 +49,35 @@ def test_what_simulates_or_goes_before_it_ends_with_one_sentence(
     assert printed.err.startswith(f"{file}: skin.{found}") and WAY_OUT in printed.err
     assert "domain-shape" in printed.err
     assert not out.exists()
+
+
+@pytest.mark.parametrize("command", ["diagnose", "import"])
+def test_it_is_told_to_programs_and_an_earlier_answer_goes(path, said, tmp_path, capsys, command):
+    file, _ = said
+    out = tmp_path / "out"
+    out.mkdir()
+    earlier = out / "diagnosis.json"
+    earlier.write_text("{}")
+    target = out if command == "diagnose" else out / "skin.parquet"
+    words = ["--out", str(target)] if command == "diagnose" else [str(target)]
+    words = [command, str(path), *words, "--skin", str(file), "--json"]
+    assert cli.main(words) == cli.UNUSABLE
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["format"] == "eit-refusal" and answer["place"].startswith("skin.")
+    assert earlier.exists() == (command == "import")
+
+
+def test_electrodes_on_a_rim_whose_radius_nobody_knows_are_simulated(make_recording):
+    """What is calibrated begins elsewhere, and the places were judged by themselves."""
+    recorded = make_recording()
+    skin = recorded.metadata["skin"]
+    rim = skin["radius_mm"] * np.exp(1j * np.radians(skin["electrode_deg"]))
+    places = np.column_stack([rim.real, rim.imag]).tolist()
+    recorded.metadata["skin"] = skin | {"radius_mm": None, "electrode_xy_mm": places}
+    believed, free = beliefs(recorded)
+    assert "radius_mm" in {item.name for item in free}
+    for radius in (0.5 * believed.radius_mm, believed.radius_mm, 2.0 * believed.radius_mm):
+        Geometry.from_skin(replace(believed, radius_mm=radius))
 
 
 def test_an_import_goes_on_anyway_and_its_diagnosis_says_the_same(path, said, tmp_path):

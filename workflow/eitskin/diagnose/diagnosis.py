@@ -103,7 +103,11 @@ def diagnose(
         start, cut_short = _few_first(search, seen, seed, report, start)
         report(f"then on {len(recorded.frames)}")
     before, after = search.run(start)
+    was_foreign = foreign(after.effects)
     after, judged = _earned(search, search.settled(after), put_aside, recorded, noise)
+    if was_foreign and not foreign(after.effects):
+        search.unblur()
+        after, judged = _earned(search, before, put_aside, recorded, noise)
     search.renew_catalogue_p(after)
     if not after.effects:
         before = after
@@ -328,6 +332,8 @@ def _untouched_first(
         return None
     report(f"first on the {count} frames in which nobody touches")
     start = first.run()[1]
+    if foreign(start.effects):
+        return None  # in noise of its own making it would explain anything
     left = first.named(start, start.fit).chi2 / first.problem.whitening.size
     return start if start.effects and left < EXPLAINED else None
 

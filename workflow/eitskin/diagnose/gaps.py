@@ -11,7 +11,7 @@ import numpy as np
 
 from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.classes import CONFUSED
-from eitskin.diagnose.fit import Fit, fit, whitened_anew
+from eitskin.diagnose.fit import Fit, Problem, fit, whitened_anew
 from eitskin.diagnose.identities import TWO_SIDED, declared
 from eitskin.diagnose.search import afar
 from eitskin.diagnose.search.screen import explained, sparse
@@ -107,8 +107,7 @@ def _gaps_afar(search: Search, state: State, index: int, within: float) -> list[
     less, problem = search.less(state, index), state.fit.problem
     target = replace(problem, recorded=state.fit.voltage())
     rough = replace(search.rough(less), recorded=target.recorded)
-    begun = less.fit.theta, np.zeros_like(less.fit.theta)
-    rest = min((fit(target, less.effects, at, polish=True) for at in begun), key=lambda f: f.chi2)
+    rest = _fitted_best(target, less)
     tangents = Tangents(rest)
     snr = float(np.sqrt(rest.chi2))
     best: dict[str, tuple[float, Candidate]] = {}
@@ -139,6 +138,17 @@ def _gaps_afar(search: Search, state: State, index: int, within: float) -> list[
             _declare_rival(nearest, search, state, fitted, gap)
             nearest[name] = min(gap, nearest.get(name, np.inf))
     return _ranked(nearest, search, state, index, snr)
+
+
+def _fitted_best(target: Problem, less: State) -> Fit:
+    """The effects of a state fitted to a signature from where they are and, where the physics has
+    such a skin, from the beliefs."""
+    here = fit(target, less.effects, less.fit.theta, polish=True)
+    try:
+        anew = fit(target, less.effects, np.zeros_like(less.fit.theta), polish=True)
+    except InputError:
+        return here
+    return min(here, anew, key=lambda fitted: fitted.chi2)
 
 
 def _fitted_from(target, rough, effects, theta: np.ndarray) -> Fit | None:

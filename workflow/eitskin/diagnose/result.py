@@ -72,12 +72,15 @@ def result(found: Diagnosis, name: str) -> dict:
 
 
 def unobservable(found: Diagnosis) -> list[str]:
-    """Names of the catalogue that the recording could not have shown at a typical size."""
+    """Names of the catalogue that the recording could not have shown at a typical size; a last
+    resort is none of them, for it is not sought in a recording of the skin that is believed."""
     there = {c.name for c in found.after.effects}
     return sorted(
         name
         for name in catalogue_names()
-        if name not in there and found.strengths.get(name, 0.0) < OBSERVABLE
+        if name not in there
+        and not EFFECTS[name].last_resort
+        and found.strengths.get(name, 0.0) < OBSERVABLE
     )
 
 

@@ -33,7 +33,6 @@ CONDUCTIVITY = (0.5, 0.2)
 FACTOR_SD = 10.0
 MOST = 3.0  # sd by which a calibration may be off
 SLIVER = 0.02  # of that: so near a bound, a fit has ended at it
-SLIVER = 0.02  # of that: so near a bound, a fit has ended at it
 
 
 @dataclass(frozen=True)
@@ -292,7 +291,8 @@ def beliefs(recorded: Recording) -> tuple[Skin, list[Calibration]]:
             Calibration("robot_x_mm", "mm", float(shift[0]), 0.1 * radius, log=False),
             Calibration("robot_y_mm", "mm", float(shift[1]), 0.1 * radius, log=False),
         ]
-    return replace(skin, **values), found
+    # What is stated of the outline has been judged, and the simulated skin is a disc.
+    return replace(skin, **values, outline=None, electrode_xy_mm=None), found
 
 
 def _aligned(states: pd.DataFrame, values: dict[str, float]) -> pd.DataFrame:

@@ -346,7 +346,7 @@ def _at_site(test: Tested, part: Part, view: View) -> dict:
     for key, estimate in estimates(view, index).items():
         if isinstance(estimate["value"], list) and test.site is not None:
             place = view.effects[index].sites.index(test.site)
-            at = {name: estimate[name][place] for name in ("value", "low", "high")}
-            estimate = {**at, "unit": estimate["unit"]}
+            at = {name: own[place] for name, own in estimate.items() if isinstance(own, list)}
+            estimate = {k: v for k, v in {**estimate, **at}.items() if v is not None}
         found[key] = estimate
     return found

@@ -141,6 +141,7 @@ class Search:
     lengths: dict[tuple, float] = field(default_factory=dict)
     scored: dict[tuple, list[Score]] = field(default_factory=dict)
     trials: dict[tuple, list[State]] = field(default_factory=dict)
+    _plain: tuple[Problem, Rig | None] | None = None
 
     @property
     def most_solved(self) -> float:
@@ -251,12 +252,13 @@ class Search:
         before = state = self.calibrated()
         self.step("calibrate", None, state)
         if start is not None and start.effects:
-            known = fit(self.problem, start.effects, start.fit.theta, polish=True)
-            state = self.state(known, start.p_values)
-            if state.log_evidence > before.log_evidence and not self.unlike(state):
-                self.step("start", None, state)
-                if resorts.foreign(state.effects):
-                    return before, self._drop(self._confirmed(self._blurred(state)))
+            state = self._begun(before, start)
+            if state is not None and resorts.foreign(state.effects):
+                found = self._drop(self._confirmed(self._blurred(state)))
+                if resorts.foreign(found.effects):
+                    return before, found
+                self.unblur()
+            elif state is not None:
                 return before, self._explained(self._drop(self._confirmed(state)))
             state = before
         while (plain := self._gross(state)) is not None:
@@ -277,6 +279,19 @@ class Search:
             self.rival_evidence = -np.inf
             found = self._explained(self._drop(free))
         return before, found
+
+    def _begun(self, before: State, start: State) -> State | None:
+        """The effects of a start fitted to all frames; None where that is no better than without
+        them, or where no such skin is fitted."""
+        try:
+            known = fit(self.problem, start.effects, start.fit.theta, polish=True)
+            state = self.state(known, start.p_values)
+        except InputError:
+            return None
+        if state.log_evidence <= before.log_evidence or self.unlike(state):
+            return None
+        self.step("start", None, state)
+        return state
 
     def cut_short(self, state: State) -> None:
         """Puts on the path that as much was solved as may be, and that this is what there is."""
@@ -330,10 +345,9 @@ class Search:
                 found.append(trial)
         if not found:
             return None
-        own = self.problem, self.rig
         best = self._blurred(max(found, key=lambda trial: trial.log_evidence))
         if not resorts.told(best.fit):
-            self.problem, self.rig = own
+            self.unblur()
             return None
         for effect in best.effects[len(state.effects) :]:
             self.step("add", effect, best, best.p_values[effect.key])
@@ -349,9 +363,22 @@ class Search:
         constant, scatter = np.sqrt((level**2).mean()), np.sqrt(np.nanmean((left - level) ** 2))
         channels = np.ones(len(seen))
         blurred = Whitening.of(recorded, scatter * channels, False, constant * channels)
-        self.problem, self.rig = replace(self.problem, whitening=blurred), None
+        self._plain = self.problem, self.rig
+        self._judge_in(replace(self.problem, whitening=blurred), None)
         fitted = fit(self.problem, state.effects, state.fit.theta, polish=True)
         return self.state(fitted, state.p_values)
+
+    def unblur(self) -> None:
+        """Back to the noise and the rig before `_blurred`, where there was one."""
+        if self._plain is not None:
+            self._judge_in(*self._plain)
+            self._plain = None
+
+    def _judge_in(self, problem: Problem, rig: Rig | None) -> None:
+        """Sets in another covariance, without what is kept of the one before."""
+        self.problem, self.rig = problem, rig
+        for kept in (self.tangents, self.met, self.lengths, self.scored, self.trials):
+            kept.clear()
 
     def _free_channels(self, state: State) -> State | None:
         """`state` with a gain, or an offset, of its own for every channel; None where their score
@@ -712,7 +739,7 @@ class Search:
                 start = np.r_[theta[: place.start], values, theta[place.stop :]]
                 effects[index] = joined
                 return self._fitted(effects, start, None, state, enough)
-            if not other.effect.several or other.start == candidate.start:
+            if not other.effect.several or _one_entry(other, candidate):
                 return None
         if self.starts_afar(candidate):
             return self._from_afar(state, [candidate])
@@ -966,6 +993,12 @@ def _least(tangents: Tangents, bounds: list[tuple[float, Candidate]]) -> Score |
         if one is not None and one.p_value < least:
             best, least = one, one.p_value
     return best
+
+
+def _one_entry(a: Candidate, b: Candidate) -> bool:
+    """Whether two candidates of a name would be one entry: their starts differ in nothing that both
+    have."""
+    return all(b.start[key] == value for key, value in a.start.items() if key in b.start)
 
 
 def _joined(a: Candidate, b: Candidate) -> Candidate | None:
