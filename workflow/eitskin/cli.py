@@ -292,7 +292,8 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     if arguments.frames is not None:
         name += "-frames-{}-{}".format(*arguments.frames)
     out = Path(arguments.out or f"diagnosis-{name}")
-    answer = [out / each for each in ("report.html", "diagnosis.json", "predicted.parquet")]
+    report, predicted = out / "report.html", out / "predicted.parquet"
+    answer = report, out / "diagnosis.json", predicted
     if out.is_dir():
         with held_folder(out):
             _forget(answer)
@@ -306,7 +307,6 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         _print_before(checked, len(recorded.frames), arguments)
     with held_folder(out) as folder, named(arguments.file):
         _forget(answer)
-        report, _, predicted = answer
         source = folder / "recording.parquet"
         recording.write(recorded, source)
         found = diagnosis.diagnose(recorded, progress=True, memory_GiB=arguments.memory)
@@ -318,7 +318,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         return 0
     print(words.headline(said))
     for effect in said["effects"]:
-        print(" ".join(filter(None, [effect["sentence"], words.untold_from(effect)])))
+        print(" ".join(filter(None, [effect["sentence"], words.confused(effect)])))
     if said["other"]["sentence"]:
         print(f"What has no name: {said['other']['sentence']}")
     for sentence in words.pinned(said["calibration"]):

@@ -285,10 +285,9 @@ def test_a_name_beside_much_that_has_none_is_a_candidate(monkeypatch):
     )
     gain = {"name": "measurement-gain", "measures": [4], "parameters": {"gain": 1.5}}
     every = small_recording(gain, noise=1e-4, places=2)
-    rows = np.flatnonzero(~every.frames["touch"].to_numpy(bool))
     recorded = of_frames(every, ~every.frames["touch"].to_numpy(bool))
     own = 1.0 + 0.01 * np.random.default_rng(5).normal(size=every.voltage.shape[1])
-    recorded.voltage = own * every.voltage[rows]
+    recorded.voltage = own * recorded.voltage
     found = diagnosis.diagnose(recorded)
     assert found.after.sizes["static-discrepancy"] > 0.0
     said = result.result(found, "skin")

@@ -9,6 +9,7 @@ from eitskin.diagnose.fit import Fit
 
 NORMAL_90 = 1.6449
 NUDGE = 1e-4
+UNTOLD = 100.0  # the end of a 90 % interval over its beginning, from which on it tells no size
 
 
 def calibration(fit: Fit) -> dict[str, dict]:

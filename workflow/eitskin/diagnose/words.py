@@ -4,13 +4,13 @@ import re
 
 import numpy as np
 
+from eitskin.diagnose.estimates import UNTOLD
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Effect, site_of
 from eitskin.quantities import interval, listed, number, quantity
 
 MOST_LISTED = 6  # sites; more are counted
 MOST_VALUES = 4  # of one parameter; of more, the least and the largest
-UNTOLD = 100.0  # the end of an interval over its beginning, from which on it tells no size
 PART, GAP = re.compile(r"\[([^][]*)\]"), re.compile(r"\{([^{}]*)\}")
 NOUNS = {
     "electrodes": ("electrode", "electrodes"),
@@ -123,7 +123,7 @@ def finding(entry: dict, effect: Effect) -> str:
     return f"{text[0].upper()}{text[1:]}"
 
 
-def untold_from(effect: dict) -> str:
+def confused(effect: dict) -> str:
     """The names that an effect of diagnosis.json cannot be told from, a sentence; "" for none."""
     names = listed(effect["alternatives"])
     return f"This recording cannot tell it from {names}." if names else ""

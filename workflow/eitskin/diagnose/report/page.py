@@ -22,11 +22,11 @@ from eitskin.diagnose.verdict import LIKELY
 from eitskin.diagnose.words import (
     UNITS,
     certain,
+    confused,
     headline,
     mend,
     pinned,
     sites,
-    untold_from,
     valued,
     where,
 )
@@ -260,7 +260,7 @@ def _effect(k: int, effect: dict, found: Evidence) -> str:
         text = f"{share}, {gain} there"
     lines.append(f"<p>{text}; p = {chance(evidence_['p_value'])}.</p>")
     if effect["alternatives"]:
-        lines.append(f"<p>{escape(untold_from(effect))}</p>")
+        lines.append(f"<p>{escape(confused(effect))}</p>")
     elif effect["gap"] is not None:
         gap = number(effect["gap"])
         lines.append(f"<p>The gap to the nearest other name is {gap} in noise units.</p>")

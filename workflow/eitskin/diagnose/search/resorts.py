@@ -8,10 +8,11 @@ from itertools import product
 import numpy as np
 
 from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.estimates import NORMAL_90, UNTOLD
 from eitskin.diagnose.fit import Fit, Problem
 from eitskin.diagnose.search import afar
 
-TOLD = 1.4  # sd of a size's logarithm: a factor of ten either way, 90 %
+TOLD = np.log(UNTOLD) / (2.0 * NORMAL_90)  # sd of a size's logarithm
 
 
 def foreign(effects: list[Candidate]) -> bool:
