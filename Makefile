@@ -1,4 +1,4 @@
-# make · make paper · make concealed · make concealed_final · make demo-capture · make test · make test-long · make rehearse · make lint · make docs · make real · make bench · make accuracy · make clean
+# make · make small · make paper · make concealed · make concealed_final · make demo-capture · make test · make test-long · make rehearse · make lint · make docs · make real · make bench · make accuracy · make clean
 # Needs Python 3.11 or 3.12 (PYTHON=… picks one); after the installs nothing needs the network.
 
 BIN := .venv/bin
@@ -8,6 +8,9 @@ SNAKEMAKE := $(BIN)/snakemake --cores $(CORES)
 # One run at a time; a second waits, and clears the lock that a killed one left behind.
 # No process of flock's own: Ctrl-C would end it before the arm is lifted.
 RUN = flock --no-fork .venv/run.lock sh -c '$(SNAKEMAKE) --unlock --quiet all && exec $(SNAKEMAKE) "$$@"' make
+
+# Every row of Table I.
+ROWS = --configfile workflow/config/paper.yaml
 
 # What `make demo-capture` makes of its capture.
 DEMO = --configfile workflow/config/demo_capture.yaml
@@ -24,15 +27,19 @@ export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
 
 .DELETE_ON_ERROR:
-.PHONY: run paper concealed concealed_final demo-capture test test-long rehearse lint docs real bench accuracy clean
+.PHONY: run small paper concealed concealed_final demo-capture test test-long rehearse lint docs real bench accuracy clean
 
 run: .venv/installed
 	@echo "eitskin: simulating, training and writing results/tables/table_1.csv on $(CORES) cores"
 	@$(RUN)
 
+small: .venv/installed
+	@echo "eitskin: every row of Table I from 6,000 samples on $(CORES) cores"
+	@$(RUN) $(ROWS) --config budget=small
+
 paper: .venv/installed
-	@echo "eitskin: reproducing the paper at the budget full on $(CORES) cores, some 60 processor hours; results/report.html"
-	@$(RUN) paper --config budget=full && $(SNAKEMAKE) paper --config budget=full --report results/report.html
+	@echo "eitskin: reproducing the paper's tables and figures on $(CORES) cores, hours; what is done stays; results/report.html"
+	@$(RUN) paper $(ROWS) --config budget=full && $(SNAKEMAKE) paper $(ROWS) --config budget=full --report results/report.html
 
 concealed: .venv/installed
 	@echo "eitskin: concealing effects, diagnosing them unseen, opening the truths, on $(CORES) cores"

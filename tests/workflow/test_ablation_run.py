@@ -11,7 +11,7 @@ TABLES = "results/tables"
 @pytest.fixture(scope="module")
 def house(finished, tmp_path_factory):
     house = finished.copy(tmp_path_factory.mktemp("ablation") / "house")
-    run = house.snakemake("--", "ablation")
+    run = house.snakemake("--", "ablation", "tuning")
     assert run.returncode == 0, run.stdout + run.stderr
     return house
 
@@ -29,7 +29,11 @@ def test_every_value_has_its_rows(house):
         "rmse",
     }
     compared = pd.read_csv(house.folder / TABLES / "latent_loss.csv")
-    assert len(compared) == 9 and compared["plain_setting"].str.contains("force weight").all()
+    assert len(compared) == 18 and compared["plain_setting"].str.contains("force weight").all()
+    assert [*compared["widths"].drop_duplicates()] == ["16", "32x16"]
+    tuned = pd.read_csv(house.folder / TABLES / "tuning.csv")
+    assert tuned.groupby("model").size().to_dict() == {"autoencoder-mlp": 4, "mlp": 4}
+    assert (tuned.groupby("model")["best"].sum() >= 1).all()
 
 
 def test_without_the_latent_loss_it_is_the_plain_model(house):
@@ -42,5 +46,5 @@ def test_without_the_latent_loss_it_is_the_plain_model(house):
 
 
 def test_what_it_is_made_of_is_not_made_again(house):
-    plan = house.snakemake("--dry-run", "--", "ablation")
+    plan = house.snakemake("--dry-run", "--", "ablation", "tuning")
     assert "Nothing to be done" in plan.stdout + plan.stderr

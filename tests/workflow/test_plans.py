@@ -15,6 +15,9 @@ FORWARD_SOLVES = {
 }
 
 
+MODELS = "models: [mlp, physics-informed-mlp]\n"
+
+
 @pytest.fixture
 def house(finished, tmp_path):
     """A finished workflow to edit."""
@@ -41,10 +44,12 @@ def test_all_can_be_planned_anew(finished):
 
 
 def test_the_paper_can_be_planned_at_the_full_budget(finished):
-    plan = finished.snakemake("--dry-run", "--config", "budget=full", "--", "paper")
+    full = ("--config", "budget=full")
+    plan = finished.snakemake("workflow/config/paper.yaml", "--dry-run", *full, "--", "paper")
     assert plan.returncode == 0, plan.stderr
     said = plan.stdout + plan.stderr
-    assert "results/tables/ablation.csv" in said and "/session/full/mlp/1.pt" in said
+    assert "/random/full/mlp/10.pt" in said and "/random/full/cnn/5.pt" in said
+    assert "/random/full/cnn/6.pt" not in said and "/random/full/svr/2.pt" not in said
 
 
 @pytest.mark.parametrize(
@@ -53,12 +58,12 @@ def test_the_paper_can_be_planned_at_the_full_budget(finished):
         (
             "latent_loss",
             "results/tables/latent_loss.csv",
-            "results/ablation/simulated-authors/session/small/tuned/mlp.csv",
+            "results/ablation/simulated-authors/session/full/tuned-32x16/mlp.csv",
         ),
         (
-            "all_samples",
-            "results/metrics/simulated-authors/random/full/physics-informed-mlp.csv",
-            "results/models/simulated-authors/random/full/regressor/1.pt",
+            "authors_recipe",
+            "results/metrics/simulated-authors/random/authors-recipe/physics-informed-mlp.csv",
+            "results/models/simulated-authors/random/authors-recipe/regressor/5.pt",
         ),
     ],
 )
@@ -199,7 +204,7 @@ def test_the_papers_numbers_rerun_the_table_alone(house):
 
 
 def test_a_training_parameter_reruns_no_simulation(house):
-    house.edit("config.yaml", "learning_rate: 0.001", "learning_rate: 0.002")
+    house.edit("config.yaml", "learning_rate: 0.002", "learning_rate: 0.003")
     pending = house.pending()
     assert "results/tables/table_1.csv" in pending
     kinds = ("simulated/", "datasets/", "splits/", "recordings/", "mesh/")
@@ -228,13 +233,13 @@ def test_support_vectors_know_neither_adam_nor_epochs(house):
     svr = "results/metrics/simulated-tiny/session/small/svr.csv"
     assert house.snakemake("--", svr).returncode == 0
     house.edit("config.yaml", "weight_decay: 0.0001\n  batch", "weight_decay: 0.0002\n  batch")
-    budget = "{samples: null, epochs: 2, patience: 1, seeds: 2}"
+    budget = "small: {samples: null, epochs: 2, seeds: 2}"
     house.edit("tiny.yaml", budget, budget.replace("2", "3"))
     assert house.jobs(svr) == set()
 
 
 def test_a_seed_added_trains_that_seed(house):
-    house.edit("tiny.yaml", "patience: 1, seeds: 2}\nabl", "patience: 1, seeds: 3}\nabl")
+    house.edit("tiny.yaml", "seeds: 2}\nbudget", "seeds: 3}\nbudget")
     pending = house.pending()
     models = ("autoencoder", "regressor", "mlp", "physics-informed-mlp")
     assert of(pending, "results/models/") == {
@@ -272,8 +277,7 @@ def test_the_spread_of_forces_reruns_the_continuous_set_and_its_limit(house):
 )
 def test_a_model_is_trained_after_the_teachers_it_needs(fresh, tmp_path, model, teachers):
     house = fresh.copy(tmp_path / "house")
-    with (house.folder / "tiny.yaml").open("a", encoding="utf-8") as tiny:
-        tiny.write(f"models: [{model}]\n")
+    house.edit("tiny.yaml", MODELS, f"models: [{model}]\n")
     folder = "results/models/simulated-tiny/session/small"
     plan = house.snakemake("--summary", f"{folder}/{model}/2.pt")
     assert plan.returncode == 0, plan.stderr
@@ -286,8 +290,7 @@ def test_another_source_of_a_transfer_trains_its_model_and_nothing_twice(fresh, 
     sets = ["simulated-tiny", "simulated-corrected-bench"]
     house.edit("tiny.yaml", "sources: [simulated-tiny]", f"sources: [{', '.join(sets)}]")
     house.edit("tiny.yaml", "configurations:\n  tiny:", "configurations:\n  corrected-bench: &tiny")
-    with (house.folder / "tiny.yaml").open("a", encoding="utf-8") as tiny:
-        tiny.write("models: [svr]\n")
+    house.edit("tiny.yaml", MODELS, "models: [svr]\n")
     house.edit("tiny.yaml", "    crossed: false\n", "    crossed: false\n  tiny: *tiny\n")
     plan = house.snakemake("--summary", "transfer")
     assert plan.returncode == 0, plan.stderr

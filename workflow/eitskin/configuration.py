@@ -82,8 +82,8 @@ def schema(path: str | Path) -> dict:
     """The schema in a file, with the names that the code knows: effects with their parameters,
     formats and orders of recordings, models."""
     found = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    effect, model = found["$defs"]["effect"], found["$defs"]["models"]["items"]
-    recording = found["properties"]["recordings"]["additionalProperties"]
+    effect, parts = found["$defs"]["effect"], found["properties"]
+    recording = parts["recordings"]["additionalProperties"]
     effect["properties"]["name"]["enum"] = list(EFFECTS)
     effect["allOf"] = [
         {
@@ -96,8 +96,12 @@ def schema(path: str | Path) -> dict:
     recording["properties"]["skin"]["propertyNames"] = {"enum": list(stated.KEYS)}
     recording["properties"]["order"]["enum"] = list(ORDERS)
     kinds = f"^(single:({'|'.join(EFFECTS)})|pair|triple)$"
-    found["properties"]["loop"]["properties"]["cases"]["propertyNames"]["pattern"] = kinds
-    model["enum"] = models.names()
+    parts["loop"]["properties"]["cases"]["propertyNames"]["pattern"] = kinds
+    of_budget = parts["budgets"]["additionalProperties"]["properties"]["rows"]
+    for listed in (found["$defs"]["models"], found["$defs"]["tuned"]):
+        listed["items"]["enum"] = models.names()
+    for rows in (parts["training"]["properties"]["rows"], of_budget):
+        rows["propertyNames"]["enum"] = models.names()
     return found
 
 
@@ -231,15 +235,16 @@ def _unknown_name(config: dict) -> tuple[list, str, str] | None:
             if name not in known:
                 return [*place, k], repr(name), _names(known)
     known = [*(f"simulated-{name}" for name in with_continuous(config)), *recordings]
-    for budget in config["budgets"]:
-        for key in ("varied_on", "compared_on"):
-            for name, splits in config["ablation"][budget][key].items():
-                place = ["ablation", budget, key, name]
-                if name not in known:
-                    return place, "an unknown name", _names(known)
-                for k, split in enumerate(splits):
-                    if split not in config["splits"]:
-                        return [*place, k], repr(split), _names(config["splits"])
+    for key in ("varied_on", "compared_on"):
+        for name, splits in config["ablation"][key].items():
+            place = ["ablation", key, name]
+            if name not in known:
+                return place, "an unknown name", _names(known)
+            for k, split in enumerate(splits):
+                if split not in config["splits"]:
+                    return [*place, k], repr(split), _names(config["splits"])
+    if config["budget"] not in config["budgets"]:
+        return ["budget"], repr(config["budget"]), _names(config["budgets"])
     for name in config["configurations"]:
         if name.endswith(CONTINUOUS):
             return ["configurations", name], "a derived set's name", f"a name without {CONTINUOUS}"

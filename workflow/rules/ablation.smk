@@ -11,8 +11,8 @@ use rule train_autoencoder as ablation_autoencoder with:
     wildcard_constraints:
         setting=any_of(SETTINGS),
     params:
-        optimiser=optimiser_of,
-        latent_dim=lambda wildcards: setting_of(wildcards)["latent_dim"],
+        optimiser=lambda wildcards: optimiser(training_of(wildcards.setting)),
+        latent_dim=lambda wildcards: training_of(wildcards.setting)["latent_dim"],
         budget=spent_of,
         draw=lookup(dpath="seed", within=config),
         seed=lambda wildcards: int(wildcards.seed),
@@ -35,7 +35,7 @@ use rule train_regressor as ablation_regressor with:
     wildcard_constraints:
         setting=any_of(SETTINGS),
     params:
-        optimiser=optimiser_of,
+        optimiser=lambda wildcards: optimiser(training_of(wildcards.setting)),
         budget=spent_of,
         draw=lookup(dpath="seed", within=config),
         seed=lambda wildcards: int(wildcards.seed),
@@ -56,13 +56,9 @@ use rule train_predictor as ablation_predictor with:
     benchmark:
         "benchmarks/ablation_predictor/{dataset}/{split}/{budget}/{setting}/{model}/{seed}.tsv"
     wildcard_constraints:
-        setting=f"{any_of(SETTINGS)}|{any_of(GRIDS)}",
+        setting=any_of(SETTINGS | POINTS),
     params:
-        optimiser=optimiser_of,
-        force_weight=lambda wildcards: setting_of(wildcards)["force_weight"],
-        lambda_latent=lambda wildcards: (
-            setting_of(wildcards)["lambda_latent"] if informed(wildcards) else 0.0
-        ),
+        recipe=recipe_of_setting,
         budget=spent_of,
         draw=lookup(dpath="seed", within=config),
         seed=lambda wildcards: int(wildcards.seed),
@@ -74,14 +70,16 @@ use rule train_predictor as ablation_predictor with:
 rule ablation_choice:
     input:
         lambda wildcards: expand(
-            f"{ABLATION}/{{setting}}/{{model}}.csv", setting=GRIDS[wildcards.budget], **wildcards
+            f"{ABLATION}/{{setting}}/{{model}}.csv", setting=GRIDS[wildcards.size], **wildcards
         ),
     output:
-        f"{ABLATION}/tuned/{{model}}.json",
+        f"{ABLATION}/tuned-{{size}}/{{model}}.json",
     log:
-        "logs/ablation_choice/{dataset}/{split}/{budget}/{model}.log",
+        "logs/ablation_choice/{dataset}/{split}/{budget}/{size}/{model}.log",
     benchmark:
-        "benchmarks/ablation_choice/{dataset}/{split}/{budget}/{model}.tsv"
+        "benchmarks/ablation_choice/{dataset}/{split}/{budget}/{size}/{model}.tsv"
+    wildcard_constraints:
+        size=any_of(SIZES),
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -89,11 +87,15 @@ rule ablation_choice:
         mem_mb=500,
         runtime=5,
     params:
-        grid=lambda wildcards: GRIDS[wildcards.budget],
-        axes=lambda wildcards: list(config["ablation"][wildcards.budget]["grid"]),
+        grid=lambda wildcards: GRIDS[wildcards.size],
+        axes=list(STUDIED["grid"]),
+        recipes=lambda wildcards: {
+            name: recipe(training_of(name, wildcards.model), wildcards.model)
+            for name in GRIDS[wildcards.size]
+        },
         code=fingerprint("ablation_choice"),
     message:
-        "Choosing the setting of {wildcards.model} on {wildcards.dataset}, {wildcards.split}"
+        "Choosing the setting of {wildcards.model}, hidden {wildcards.size}, on {wildcards.dataset}, {wildcards.split}"
     script:
         "../scripts/ablation_choice.py"
 
@@ -102,14 +104,16 @@ rule ablation_tuned:
     input:
         dataset="results/datasets/{dataset}.parquet",
         split="results/splits/{dataset}/{split}.parquet",
-        teachers=taught_by(lambda wildcards: "tuned"),
+        teachers=taught_by(lambda wildcards: ablation.DEFAULT),
         choice=rules.ablation_choice.output[0],
     output:
-        temp(f"{ABLATION}/tuned/{{model}}/{{seed}}.pt"),
+        temp(f"{ABLATION}/tuned-{{size}}/{{model}}/{{seed}}.pt"),
     log:
-        "logs/ablation_tuned/{dataset}/{split}/{budget}/{model}/{seed}.log",
+        "logs/ablation_tuned/{dataset}/{split}/{budget}/{size}/{model}/{seed}.log",
     benchmark:
-        "benchmarks/ablation_tuned/{dataset}/{split}/{budget}/{model}/{seed}.tsv"
+        "benchmarks/ablation_tuned/{dataset}/{split}/{budget}/{size}/{model}/{seed}.tsv"
+    wildcard_constraints:
+        size=any_of(SIZES),
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -117,9 +121,7 @@ rule ablation_tuned:
         mem_mb=2000,
         runtime=240,
     params:
-        optimiser=list(OPTIMISER),
-        lambda_latent=rules.train_predictor.params.lambda_latent,
-        budget=rules.train_autoencoder.params.budget,
+        budget=rules.train_predictor.params.budget,
         draw=lookup(dpath="seed", within=config),
         seed=lambda wildcards: int(wildcards.seed),
         code=of_model("ablation_tuned"),
@@ -141,7 +143,7 @@ rule ablation_errors:
     benchmark:
         "benchmarks/ablation_errors/{dataset}/{split}/{budget}/{setting}/{model}.tsv"
     wildcard_constraints:
-        setting=f"{any_of(SETTINGS)}|{any_of(GRIDS)}|tuned",
+        setting="|".join([any_of(SETTINGS | POINTS), *(f"tuned-{size}" for size in SIZES)]),
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -149,9 +151,7 @@ rule ablation_errors:
         mem_mb=2000,
         runtime=10,
     params:
-        part=lambda wildcards: (
-            "validation" if wildcards.setting in GRIDS[wildcards.budget] else "test"
-        ),
+        part=lambda wildcards: "validation" if wildcards.setting in POINTS else "test",
         code=of_model("ablation_errors"),
     message:
         "Testing {wildcards.model} on {wildcards.dataset}, {wildcards.split}: {wildcards.setting}"
@@ -209,3 +209,32 @@ rule ablation:
         "Collecting what the choices in training are worth"
     script:
         "../scripts/ablation.py"
+
+
+rule tuning:
+    input:
+        [
+            f"{ABLATION}/{{setting}}/{{model}}.csv".format(**one, budget=config["budget"])
+            for one in TUNING
+        ],
+    output:
+        "results/tables/tuning.csv",
+    log:
+        "logs/tuning.log",
+    benchmark:
+        "benchmarks/tuning.tsv"
+    conda:
+        "../../envs/learning.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        points=TUNING,
+        grid=POINTS,
+        budget=config["budget"],
+        code=fingerprint("tuning"),
+    message:
+        "Collecting how models do on the validation part at every point of the grid"
+    script:
+        "../scripts/tuning.py"

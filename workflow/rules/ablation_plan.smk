@@ -2,24 +2,21 @@ import re
 
 from eitskin.paper import ablation
 
-# By budget: what is varied, the settings that come of it, and the grid in which both are tuned.
-VARIED = {
-    budget: {**config["ablation"]["varied"], "samples": config["ablation"][budget]["samples"]}
-    for budget in config["budgets"]
+# What is varied, the settings that come of it, and the grids in which models are tuned alike, by size.
+STUDIED = config["ablation"]
+VARIED = {**STUDIED["varied"], "samples": STUDIED["samples"]}
+OWN = chosen(config["training"], ablation.INFORMED) | {
+    "samples": chosen(config["budgets"][config["budget"]], ablation.INFORMED)["samples"]
 }
-SETTINGS = {
-    budget: ablation.settings(config["training"], item["samples"], VARIED[budget])
-    for budget, item in config["budgets"].items()
-}
-GRIDS = {
-    budget: ablation.grid(config["training"], item["samples"], config["ablation"][budget]["grid"])
-    for budget, item in config["budgets"].items()
-}
+SETTINGS = ablation.settings(OWN, VARIED)
+SIZES = {ablation.size(widths): widths for widths in STUDIED["widths"]}
+GRIDS = {size: ablation.grid(STUDIED["grid"], widths) for size, widths in SIZES.items()}
+POINTS = {name: point for points in GRIDS.values() for name, point in points.items()}
 ABLATION = "results/ablation/{dataset}/{split}/{budget}"
 
 
 def any_of(named):
-    return "|".join(sorted({re.escape(name) for names in named.values() for name in names}))
+    return "|".join(sorted(map(re.escape, named))) or NO_NAME
 
 
 def teachers_of(setting):
@@ -29,46 +26,61 @@ def teachers_of(setting):
 
 
 def taught_by(setting_of_job):
-    """An input function: the teachers of a model that has some."""
-    return lambda wildcards: teachers_of(setting_of_job(wildcards)) if informed(wildcards) else []
+    """An input function: the teachers of a model, as many as it has."""
+
+    def files(wildcards):
+        needed = 2 if informed(wildcards) else int(models.model(wildcards.model).encoder)
+        return teachers_of(setting_of_job(wildcards))[:needed]
+
+    return files
 
 
-def setting_of(wildcards):
-    return (SETTINGS[wildcards.budget] | GRIDS[wildcards.budget])[wildcards.setting]
+def training_of(setting, model=None):
+    """The settings of `training` for a model, or for the teachers, but for what a setting has."""
+    return chosen(config["training"], model) | (SETTINGS | POINTS)[setting]
 
 
-def optimiser_of(wildcards):
-    setting = setting_of(wildcards)
-    return {key: setting[key] for key in OPTIMISER}
+def recipe_of_setting(wildcards):
+    return recipe(training_of(wildcards.setting, wildcards.model), wildcards.model)
 
 
 def spent_of(wildcards):
-    budget = config["budgets"][wildcards.budget]
-    return spent(budget, samples=setting_of(wildcards)["samples"])
+    """The budget of a job, with the samples of its setting."""
+    own = {key: v for key, v in (SETTINGS | POINTS)[wildcards.setting].items() if key == "samples"}
+    return spent(config["budgets"][wildcards.budget], wildcards.get("model"), **own)
 
 
 def models_of_setting(wildcards):
     """The files of all seeds; points of the grid have fewer."""
-    budget = config["budgets"][wildcards.budget]
-    if wildcards.setting in GRIDS[wildcards.budget]:
-        most = config["ablation"][wildcards.budget]["tuning_seeds"]
-        budget = budget | {"seeds": min(budget["seeds"], most)}
+    own = seeds(wildcards.model, config["budgets"][wildcards.budget])
+    if wildcards.setting in POINTS:
+        own = own[: STUDIED["tuning_seeds"]]
     folder = f"{ABLATION}/{wildcards.setting}/{wildcards.model}"
-    return expand(f"{folder}/{{seed}}.pt", seed=seeds(wildcards.model, budget), **wildcards)
+    return expand(f"{folder}/{{seed}}.pt", seed=own, **wildcards)
 
 
-ABLATION_BUDGET = config["ablation"][config["budget"]]
+def points_of(model):
+    """The grid of a model: of every size, where it has one."""
+    return POINTS if models.model(model).perceptron else GRIDS[next(iter(GRIDS))]
+
+
 STUDIES = [
     {"study": study, "value": value, "setting": setting, "dataset": dataset, "split": split}
-    for dataset, splits in ABLATION_BUDGET["varied_on"].items()
+    for dataset, splits in STUDIED["varied_on"].items()
     for split in splits
-    for study, value, setting in ablation.studies(
-        config["training"], config["budgets"][config["budget"]]["samples"], VARIED[config["budget"]]
-    )
+    for study, value, setting in ablation.studies(OWN, VARIED)
 ]
 COMPARED = [
-    {"dataset": dataset, "split": split}
-    for dataset, splits in ABLATION_BUDGET["compared_on"].items()
+    {"dataset": dataset, "split": split, "widths": size}
+    for dataset, splits in STUDIED["compared_on"].items()
     for split in splits
+    for size in SIZES
 ]
-TUNED = f"{ABLATION}/tuned".replace("{budget}", config["budget"])
+TUNED = f"{ABLATION}/tuned-{{widths}}".replace("{budget}", config["budget"])
+TUNING = [
+    {"dataset": dataset, "split": split, "model": model, "setting": setting}
+    for dataset, splits in STUDIED["varied_on"].items()
+    for split in splits
+    for model in STUDIED["tuned"]
+    for setting in points_of(model)
+]

@@ -1,6 +1,9 @@
 include: "concealed_plan.smk"
 
 
+# Of what `make` does these come first: what they end in is worth looking at while the rest goes on.
+
+
 for block, number, cases in numbered(UNSEALED):
 
     rule:
@@ -15,6 +18,7 @@ for block, number, cases in numbered(UNSEALED):
             f"logs/conceal/{block}/{number:03d}.log",
         benchmark:
             f"benchmarks/conceal/{block}/{number:03d}.tsv"
+        priority: 1
         conda:
             "../../envs/concealed.yaml"
         threads: 1
@@ -53,6 +57,7 @@ for block, number, cases in numbered(UNSEALED):
             f"logs/verdicts/{block}/{number:03d}.log",
         benchmark:
             f"benchmarks/verdicts/{block}/{number:03d}.tsv"
+        priority: 1
         conda:
             "../../envs/concealed.yaml"
         threads: 1
@@ -82,6 +87,7 @@ for block, number, cases in numbered(UNSEALED):
             f"logs/baselines/{block}/{number:03d}.log",
         benchmark:
             f"benchmarks/baselines/{block}/{number:03d}.tsv"
+        priority: 1
         conda:
             "../../envs/concealed.yaml"
         threads: 1
@@ -114,6 +120,7 @@ for block, number, cases in numbered(UNFITTED):
             f"logs/oracle/{block}/{number:03d}.log",
         benchmark:
             f"benchmarks/oracle/{block}/{number:03d}.tsv"
+        priority: 1
         conda:
             "../../envs/concealed.yaml"
         threads: 1
@@ -146,6 +153,7 @@ rule commit_truths:
         "benchmarks/commit_truths/{block}.tsv"
     wildcard_constraints:
         block="|".join(UNSEALED) or NO_NAME,
+    priority: 1
     conda:
         "../../envs/concealed.yaml"
     threads: 1
@@ -175,6 +183,7 @@ rule seal_verdicts:
         "benchmarks/seal_verdicts/{block}.tsv"
     wildcard_constraints:
         block="|".join(UNSEALED) or NO_NAME,
+    priority: 1
     conda:
         "../../envs/concealed.yaml"
     threads: 1
@@ -203,6 +212,7 @@ rule open_truths:
         "benchmarks/open_truths/{block}.tsv"
     wildcard_constraints:
         block="|".join(UNOPENED) or NO_NAME,
+    priority: 1
     conda:
         "../../envs/concealed.yaml"
     threads: 1
@@ -250,6 +260,7 @@ rule concealed_score:
         "benchmarks/concealed_score/{block}.tsv"
     wildcard_constraints:
         block="|".join(IN_USE) or NO_NAME,
+    priority: 1
     conda:
         "../../envs/concealed.yaml"
     threads: 1
@@ -282,6 +293,7 @@ rule concealed_figures:
         "logs/concealed_figures/{block}.log",
     benchmark:
         "benchmarks/concealed_figures/{block}.tsv"
+    priority: 1
     conda:
         "../../envs/concealed.yaml"
     threads: 1
@@ -314,6 +326,7 @@ rule concealed_case:
         "logs/concealed_case.log",
     benchmark:
         "benchmarks/concealed_case.tsv"
+    priority: 1
     conda:
         "../../envs/concealed.yaml"
     threads: 1

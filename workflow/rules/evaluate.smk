@@ -57,9 +57,8 @@ rule table_1:
     input:
         paper=ancient(PRINTED_1),
         metrics=[
-            f"results/metrics/{dataset}/{split}/{budget}/{model}.csv"
+            f"results/metrics/{dataset}/{split}/{config['budget']}/{model}.csv"
             for dataset, split, model in rows(config)
-            for budget in (["small"] if config["budget"] == "small" else ["small", "full"])
         ],
         limits=expand(rules.limit.output.metrics, configuration=CONTINUOUS_SETS),
     output:

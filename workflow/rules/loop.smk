@@ -113,10 +113,8 @@ rule loop_errors:
         mem_mb=3000,
         runtime=120,
     params:
-        optimiser=OPTIMISER,
         latent_dim=lookup(dpath="training/latent_dim", within=config),
-        force_weight=lookup(dpath="training/force_weight", within=config),
-        lambda_latent=rules.train_predictor.params.lambda_latent,
+        recipe=recipe_of_row,
         budget=spent(config["loop"]["budget"]),
         seed=lambda wildcards: int(wildcards.seed),
         draw=lambda wildcards: int(wildcards.seed) - config["seed"],

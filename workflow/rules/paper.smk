@@ -7,7 +7,6 @@ PAPER = {
     "figure 3": rules.figure_3.output,
     "figure 4": rules.figure_4.output,
     "transfer": rules.transfer.output,
-    "ablation": rules.ablation.output,
 }
 
 

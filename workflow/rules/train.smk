@@ -24,7 +24,7 @@ rule train_autoencoder:
         mem_mb=2000,
         runtime=240,
     params:
-        optimiser=OPTIMISER,
+        optimiser=optimiser(config["training"]),
         latent_dim=lookup(dpath="training/latent_dim", within=config),
         budget=lambda wildcards: spent(config["budgets"][wildcards.budget]),
         draw=lookup(dpath="seed", within=config),
@@ -54,7 +54,7 @@ rule train_regressor:
         mem_mb=2000,
         runtime=240,
     params:
-        optimiser=OPTIMISER,
+        optimiser=optimiser(config["training"]),
         budget=lambda wildcards: spent(config["budgets"][wildcards.budget]),
         draw=lookup(dpath="seed", within=config),
         seed=lambda wildcards: int(wildcards.seed),
@@ -90,14 +90,9 @@ rule train_predictor:
         mem_mb=2000,
         runtime=240,
     params:
-        optimiser=by_gradients(OPTIMISER, {}),
-        force_weight=by_gradients(config["training"]["force_weight"], 1.0),
-        lambda_latent=lambda wildcards: (
-            config["training"]["lambda_latent"] if informed(wildcards) else 0.0
-        ),
-        budget=lambda wildcards: spent(
-            config["budgets"][wildcards.budget],
-            **({"epochs": None, "patience": None} if fitted_at_once(wildcards.model) else {}),
+        recipe=recipe_of_row,
+        budget=lambda wildcards: spent_on_model(
+            config["budgets"][wildcards.budget], wildcards.model
         ),
         draw=lookup(dpath="seed", within=config),
         seed=lambda wildcards: int(wildcards.seed),

@@ -1,28 +1,39 @@
-# What is trained: which seeds, for how much, by which teachers.
+# What is trained: which seeds, for how much, how, by which teachers.
 from eitskin.learn import models
 
 MODELS = "results/models/{dataset}/{split}/{budget}"
-OPTIMISER = {
-    key: config["training"][key] for key in ("learning_rate", "weight_decay", "batch_size")
-}
+OPTIMISER = ("learning_rate", "weight_decay", "batch_size", "schedule")
 
 
-def spent(budget, **instead):
-    """What one seed of a budget costs."""
-    return {key: budget[key] for key in ("samples", "epochs", "patience")} | instead
+def chosen(settings, model):
+    """Settings, and what is other for one model."""
+    rows = settings.get("rows", {})
+    return {key: value for key, value in settings.items() if key != "rows"} | rows.get(model, {})
+
+
+def optimiser(training):
+    """Adam's settings for the teachers."""
+    return {key: training[key] for key in OPTIMISER}
+
+
+def spent(budget, model=None, **instead):
+    """What one seed of a budget costs, of a model or of a teacher."""
+    own = chosen(budget, model)
+    return {key: own[key] for key in ("samples", "epochs", "validated") if key in own} | instead
 
 
 def seeds(model, budget):
     """The seeds that a budget trains; of what is fitted at once, one."""
-    return range(config["seed"], config["seed"] + (1 if fitted_at_once(model) else budget["seeds"]))
+    count = 1 if fitted_at_once(model) else chosen(budget, model)["seeds"]
+    return range(config["seed"], config["seed"] + count)
 
 
 def of_all_seeds(template):
     """An input function: the files of all seeds of a model."""
 
     def files(wildcards):
-        chosen = seeds(wildcards.model, config["budgets"][wildcards.budget])
-        return expand(template, seed=chosen, **wildcards)
+        own = seeds(wildcards.model, config["budgets"][wildcards.budget])
+        return expand(template, seed=own, **wildcards)
 
     return files
 
@@ -36,6 +47,26 @@ def fitted_at_once(model):
     return models.model(model).support_vectors
 
 
-def by_gradients(value, otherwise):
-    """A param; of support vectors, which know neither Adam nor the weight of the force, `otherwise`."""
-    return lambda wildcards: otherwise if fitted_at_once(wildcards.model) else value
+def recipe(own, model):
+    """Of the settings that a model is trained with, those that it knows: Adam's, the weights of the
+    loss, the widths."""
+    known = models.model(model)
+    if known.support_vectors:
+        return {"optimiser": {}, "force_weight": 1.0}
+    informed = model.startswith(models.PHYSICS_INFORMED)
+    return {
+        "optimiser": {key: own[key] for key in OPTIMISER},
+        "force_weight": own["force_weight"],
+        "lambda_latent": own["lambda_latent"] if informed else 0.0,
+        "widths": own["widths"] if known.perceptron else None,
+    }
+
+
+def recipe_of_row(wildcards):
+    """The recipe of a row of Table I."""
+    return recipe(chosen(config["training"], wildcards.model), wildcards.model)
+
+
+def spent_on_model(budget, model):
+    """What one seed of a model costs; what is fitted at once has no epochs."""
+    return spent(budget, model, **({"epochs": 0} if fitted_at_once(model) else {}))

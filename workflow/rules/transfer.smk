@@ -50,11 +50,9 @@ rule transfer_references:
         mem_mb=2000,
         runtime=60,
     params:
-        optimiser=OPTIMISER,
         latent_dim=lookup(dpath="training/latent_dim", within=config),
-        force_weight=lookup(dpath="training/force_weight", within=config),
-        lambda_latent=rules.train_predictor.params.lambda_latent,
-        budget=rules.train_autoencoder.params.budget,
+        recipe=recipe_of_row,
+        budget=rules.train_predictor.params.budget,
         seed=lookup(dpath="seed", within=config),
         code=of_model("transfer_references"),
     message:

@@ -10,8 +10,10 @@ from eitskin.errors import reported
 from eitskin.paper import ablation
 
 with reported(snakemake.log[0]):
-    grid, axes = snakemake.params.grid, snakemake.params.axes
+    params = snakemake.params
+    grid, axes = params.grid, params.axes
     chosen = ablation.best(dict(zip(grid, map(pd.read_csv, snakemake.input), strict=True)))
     with atomic_path(snakemake.output[0]) as path:
-        text = json.dumps({"setting": grid[chosen], "told": ablation.in_words(grid[chosen], axes)})
+        told = ablation.in_words(grid[chosen], axes)
+        text = json.dumps({"recipe": params.recipes[chosen], "told": told})
         Path(path).write_text(f"{text}\n", encoding="utf-8")

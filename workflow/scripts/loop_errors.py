@@ -5,15 +5,14 @@ from pathlib import Path
 from eitskin.data import dataset, splits
 from eitskin.errors import reported
 from eitskin.learn import transfer_runs
-from eitskin.learn.train import Budget, Optimiser, Recipe
+from eitskin.learn.train import Budget, Recipe
 from loop import errors
 
 with reported(snakemake.log[0]):
     params, files, names = snakemake.params, snakemake.input, snakemake.wildcards
     target = dataset.read(files.target)
     part = splits.read(files.split, target.table)
-    settings = (params.latent_dim, params.force_weight, params.lambda_latent)
-    recipe = Recipe(Optimiser(**params.optimiser), Budget(**params.budget), *settings)
+    recipe = Recipe.of(params.recipe, Budget(**params.budget), params.latent_dim)
     chosen = (names.source, names.model, Path(files.recording).parent, target, part, recipe)
     drawn = (params.authors, params.forces, params.probe_mm)
     transfer_runs.write(

@@ -2,12 +2,12 @@
 
 from eitskin.data import dataset, splits
 from eitskin.errors import reported
-from eitskin.learn.train import Budget, Optimiser, train_predictor
+from eitskin.learn.train import Budget, Recipe, train_predictor
 
 with reported(snakemake.log[0]):
     params, files = snakemake.params, snakemake.input
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)
-    job = (snakemake.output[0], Optimiser(**params.optimiser), Budget(**params.budget))
-    loss = (params.force_weight, params.lambda_latent, files.teachers)
-    train_predictor(data, part, snakemake.wildcards.model, *job, params.draw, params.seed, *loss)
+    recipe = Recipe.of(params.recipe, Budget(**params.budget))
+    job = (recipe, params.draw, params.seed, files.teachers)
+    train_predictor(data, part, snakemake.wildcards.model, snakemake.output[0], *job)

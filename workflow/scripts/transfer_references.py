@@ -3,13 +3,12 @@
 from eitskin.data import dataset, splits
 from eitskin.errors import reported
 from eitskin.learn import model_file, transfer, transfer_runs
-from eitskin.learn.train import Budget, Optimiser, Recipe
+from eitskin.learn.train import Budget, Recipe
 
 with reported(snakemake.log[0]):
     params, files = snakemake.params, snakemake.input
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)
-    settings = (params.latent_dim, params.force_weight, params.lambda_latent)
-    recipe = Recipe(Optimiser(**params.optimiser), Budget(**params.budget), *settings)
+    recipe = Recipe.of(params.recipe, Budget(**params.budget), params.latent_dim)
     rows = transfer.references(model_file.read_seeds(files.models), data, part, recipe, params.seed)
     transfer_runs.write(rows, snakemake.output[0])

@@ -27,9 +27,8 @@ def config(tmp_path, monkeypatch):
     whole = json.loads(json.dumps(CONFIG))
     whole["rig"] = {**copy.deepcopy(RIG), "name": NAME}
     whole["table_1"]["recordings"][NAME] = ["place"]
-    for budget in ("small", "full"):
-        whole["ablation"][budget]["varied_on"][NAME] = ["random"]
-        whole["ablation"][budget]["compared_on"][NAME] = ["random"]
+    for key in ("varied_on", "compared_on"):
+        whole["ablation"][key][NAME] = ["random"]
     for names in (whole["diagnoses"], whole["transfer"]["targets"], whole["tanks"]):
         names.append(NAME)
     whole["loop"]["recordings"].append(NAME)
@@ -155,11 +154,7 @@ def test_a_probe_that_is_on_no_rig_is_refused(config):
     del config["rig"]
     for names in (
         config["table_1"]["recordings"],
-        *(
-            config["ablation"][b][k]
-            for b in ("small", "full")
-            for k in ("varied_on", "compared_on")
-        ),
+        *(config["ablation"][key] for key in ("varied_on", "compared_on")),
     ):
         del names[NAME]
     for names in (config["diagnoses"], config["transfer"]["targets"], config["tanks"]):

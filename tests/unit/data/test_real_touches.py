@@ -5,7 +5,7 @@ from eitskin.data import dataset, importers, splits
 from eitskin.learn import metrics, model_file, predict, train
 from shared_data import shared_data
 
-BUDGET = train.Budget(samples=None, epochs=60, patience=60)
+RECIPE = train.Recipe(train.Optimiser(), train.Budget(samples=None, epochs=60), 5.0)
 
 
 @pytest.mark.parametrize(
@@ -26,7 +26,7 @@ def test_a_real_skin_is_learned_from(tmp_path, path, targets, unit, kind):
     part = splits.assign(data.table, kind, 1)
     assert 0.15 < (part == "test").mean() < 0.25
     out = tmp_path / "mlp.pt"
-    train.train_predictor(data, part, "mlp", out, train.Optimiser(), BUDGET, 1, 1, 5.0)
+    train.train_predictor(data, part, "mlp", out, RECIPE, 1, 1)
     model = model_file.read(out)
     found = predict.predict_part(model, data, part)
     table = metrics.evaluate(found, data, kind, "mlp", "small")

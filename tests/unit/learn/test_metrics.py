@@ -48,13 +48,14 @@ def predictions(data, errors):
 
 
 def test_evaluate_averages_over_seeds():
-    data = touches(200, seed=1)
-    rows = metrics.evaluate(predictions(data, [0.1, 0.3]), data, "place", "mlp", "small")
+    data, errors = touches(200, seed=1), [0.1, 0.3, 0.2, 0.15, 0.25]
+    rows = metrics.evaluate(predictions(data, errors), data, "place", "mlp", "small")
     assert list(rows.columns) == list(metrics.COLUMNS) and len(rows) == 9
     force = rows[(rows["target"] == "F") & (rows["metric"] == "mae")].iloc[0]
-    assert force["mean"] == pytest.approx(0.2)
-    assert (force["low"], force["high"]) == pytest.approx(metrics.interval(np.array([0.1, 0.3])))
-    assert (force["unit"], force["seeds"], force["split"]) == ("N", 2, "place")
+    assert force["mean"] == pytest.approx(0.2) and force["each"] == "0.1;0.3;0.2;0.15;0.25"
+    assert (force["low"], force["high"]) == pytest.approx(metrics.interval(np.array(errors)))
+    assert force["ensemble"] == pytest.approx(0.2)
+    assert (force["unit"], force["seeds"], force["split"]) == ("N", 5, "place")
     assert (force["configuration"], force["recording"]) == ("waves", "simulated")
     assert set(rows["unit"][rows["metric"] == "r2"]) == {"1"}
 
@@ -72,3 +73,25 @@ def test_prediction_is_matched_by_sample_not_by_row():
     shuffled = predictions(data, [0.0]).sample(frac=0.5, random_state=1)
     rows = metrics.evaluate(shuffled, data, "random", "mlp", "small")
     np.testing.assert_allclose(rows["mean"][rows["metric"] == "mae"], 0, atol=1e-12)
+
+
+def test_errors_of_seeds_that_cancel_are_none_of_the_ensemble():
+    data = touches(200, seed=1)
+    rows = metrics.evaluate(predictions(data, [0.1, -0.1]), data, "place", "mlp", "small")
+    errors = rows[rows["metric"] == "mae"]
+    assert errors["mean"].to_numpy() == pytest.approx(0.1)
+    assert errors["ensemble"].to_numpy() == pytest.approx(0.0, abs=1e-12)
+
+
+def test_fewer_than_five_seeds_have_no_interval():
+    four = metrics.summary(np.array([0.1, 0.3, 0.2, 0.2]), "mae")
+    assert np.isnan([four["low"], four["high"]]).all() and four["each"] == "0.1;0.3;0.2;0.2"
+
+
+@given(st.lists(st.floats(0, 1), min_size=5, max_size=9), st.sampled_from([*metrics.METRICS]))
+def test_an_interval_holds_nothing_that_cannot_be(values, metric):
+    if metric == "r2":
+        values = [1.0 - 10.0 * value for value in values]
+    found = metrics.summary(np.array(values), metric)
+    assert found["low"] <= found["mean"] + 1e-9 and found["mean"] <= found["high"] + 1e-9
+    assert found["high"] <= 1.0 if metric == "r2" else found["low"] >= 0.0

@@ -10,14 +10,15 @@ from eitskin.physics.protocol import channel_table
 from synthetic_touches import changes, touches
 
 NOISE = 2e-5
-BUDGET = train.Budget(samples=None, epochs=8, patience=8)
+BUDGET = train.Budget(samples=None, epochs=16)
+RECIPE = train.Recipe(train.Optimiser(), BUDGET, 5.0)
 
 
 def fitted(folder, data, kind="random"):
     part = splits.assign(data.table, kind, 1)
     paths = [folder / "1.pt", folder / "2.pt"]
     for seed, path in enumerate(paths, start=1):
-        train.train_predictor(data, part, "mlp", path, train.Optimiser(), BUDGET, 1, seed, 5.0)
+        train.train_predictor(data, part, "mlp", path, RECIPE, 1, seed)
     return model_file.read_seeds(paths), part
 
 

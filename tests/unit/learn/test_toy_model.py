@@ -42,8 +42,8 @@ def latent(shape):
 '''
 DATA = touches(400, seed=1)
 PART = splits.assign(DATA.table, "random", 1)
-BUDGET = train.Budget(samples=100, epochs=2, patience=2)
-RECIPE = train.Recipe(train.Optimiser(), BUDGET, 8, 5.0, 0.0)
+BUDGET = train.Budget(samples=100, epochs=2)
+RECIPE = train.Recipe(train.Optimiser(), BUDGET, 5.0, latent_dim=8)
 
 
 @pytest.fixture(autouse=True)
@@ -61,7 +61,7 @@ def toys(tmp_path, monkeypatch):
 @pytest.mark.parametrize("informed", [False, True])
 def test_it_is_trained_kept_and_applied(name, informed):
     if informed:
-        recipe = train.Recipe(RECIPE.optimiser, BUDGET, 8, 5.0, 0.03)
+        recipe = train.Recipe(RECIPE.optimiser, BUDGET, 5.0, 0.03, latent_dim=8)
         name = models.PHYSICS_INFORMED + name
     trained = train.train_model(DATA, PART, name, recipe if informed else RECIPE, 1)
     assert trained.header["model"] == name and trained.seeds() == [1]
@@ -73,7 +73,7 @@ def test_its_encoder_is_its_teacher_s(tmp_path):
     job = (train.Optimiser(), BUDGET, 1, 1)
     teacher, output = tmp_path / "autoencoder.pt", tmp_path / "a.pt"
     train.train_autoencoder(DATA, PART, teacher, *job, 8)
-    train.train_predictor(DATA, PART, "toy-latent-line", output, *job, 5.0, 0.0, [teacher])
+    train.train_predictor(DATA, PART, "toy-latent-line", output, RECIPE, 1, 1, [teacher])
     trained, taught = model_file.read(output).tensors, model_file.read(teacher).tensors
     encoders = [key for key in trained if "/encoder." in key]
     assert encoders and all((trained[key] == taught[key]).all() for key in encoders)

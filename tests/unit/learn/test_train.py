@@ -13,10 +13,14 @@ from eitskin.learn.models import names
 from eitskin.physics.protocol import channel_table
 from synthetic_touches import touches
 
-QUICK = train.Budget(samples=300, epochs=4, patience=4)
+QUICK = train.Budget(samples=300, epochs=4)
 ADAM = train.Optimiser()
 DATA = touches(600, seed=1)
 PART = splits.assign(DATA.table, "random", 1)
+
+
+def recipe(budget, lambda_latent=0.0, optimiser=ADAM, **more):
+    return train.Recipe(optimiser, budget, 5.0, lambda_latent, **more)
 
 
 def seeds_of(output, seeds, train_one):
@@ -29,7 +33,7 @@ def seeds_of(output, seeds, train_one):
 
 def plain(output, budget=QUICK, data=DATA, part=PART, seeds=(1,)):
     def train_one(path, seed):
-        train.train_predictor(data, part, "mlp", path, ADAM, budget, 1, seed, 5.0)
+        train.train_predictor(data, part, "mlp", path, recipe(budget), 1, seed)
 
     return seeds_of(output, seeds, train_one)
 
@@ -38,7 +42,7 @@ def plain(output, budget=QUICK, data=DATA, part=PART, seeds=(1,)):
 def teachers(tmp_path_factory):
     """Files of an autoencoder and a regressor trained for a little longer."""
     folder = tmp_path_factory.mktemp("teachers")
-    budget = replace(QUICK, epochs=20, patience=20)
+    budget = replace(QUICK, epochs=60)
     paths = folder / "autoencoder.pt", folder / "regressor.pt"
     train.train_autoencoder(DATA, PART, paths[0], ADAM, budget, 1, 1, 16)
     train.train_regressor(DATA, PART, paths[0], paths[1], ADAM, budget, 1, 1)
@@ -47,8 +51,8 @@ def teachers(tmp_path_factory):
 
 def informed(teachers, output, lambda_latent, budget=QUICK):
     name = "physics-informed-mlp"
-    loss = (5.0, lambda_latent, teachers)
-    train.train_predictor(DATA, PART, name, output, ADAM, budget, 1, 1, *loss)
+    own = recipe(budget, lambda_latent)
+    train.train_predictor(DATA, PART, name, output, own, 1, 1, teachers)
     return model_file.read(output)
 
 
@@ -120,26 +124,69 @@ def test_seeds_share_their_samples_and_nothing_else(tmp_path):
     assert two.seeds() == [1, 2] and one.seeds() == [1]
     assert torch.equal(two.tensors["1/net.0.weight"], one.tensors["1/net.0.weight"])
     assert not torch.equal(two.tensors["1/net.0.weight"], two.tensors["2/net.0.weight"])
-    train.train_predictor(DATA, PART, "mlp", tmp_path / "other.pt", ADAM, QUICK, 2, 2, 5.0)
+    train.train_predictor(DATA, PART, "mlp", tmp_path / "other.pt", recipe(QUICK), 2, 2)
     with pytest.raises(InputError, match=r"other\.pt: file: found another training"):
         model_file.read_seeds([tmp_path / "two-1.pt", tmp_path / "other.pt"])
 
 
-def test_best_weights_are_kept_and_patience_stops(tmp_path):
-    budget = replace(QUICK, epochs=400, patience=3, samples=60)
+def test_all_epochs_are_run_and_the_best_weights_kept(tmp_path):
+    budget = replace(QUICK, epochs=120, samples=60)
     trained = plain(tmp_path / "a.pt", budget)
     scores = [validation for _, validation in trained.header["runs"][0]["history"]]
-    assert len(scores) < 400 and np.argmin(scores) == len(scores) - 1 - 3
+    assert len(scores) == 120 and min(scores) < scores[-1]
     voltage, state = train.prepare(DATA, PART, budget, 1).validation
     module = trained.into(networks.Mlp(208, 3), 1)
     loss = train.supervision(module(voltage), state, torch.tensor([1.0, 1.0, 5.0]))
     assert loss.item() == pytest.approx(min(scores), rel=1e-5)
 
 
+def test_where_nothing_is_validated_all_is_trained_on_and_the_last_weights_kept(tmp_path):
+    budget = replace(QUICK, epochs=120, samples=60, validated=False)
+    material = train.prepare(DATA, PART, budget, 1)
+    assert (len(material.train[0]), len(material.validation[0])) == (75, 15)
+    trained = plain(tmp_path / "a.pt", budget)
+    scores = [validation for _, validation in trained.header["runs"][0]["history"]]
+    module = trained.into(networks.Mlp(208, 3), 1)
+    voltage, state = material.validation
+    loss = train.supervision(module(voltage), state, torch.tensor([1.0, 1.0, 5.0]))
+    assert loss.item() == pytest.approx(scores[-1], rel=1e-5)
+
+
+def test_a_cosine_begins_with_the_rate_and_ends_near_0():
+    rates = np.array([*train.learning_rates(train.Optimiser(2e-3), 1000)])
+    assert rates[0] == 2e-3 and rates[-1] < 1e-5 * rates[0]
+    assert rates[500] == pytest.approx(1e-3) and (np.diff(rates) < 0.0).all()
+    assert {*train.learning_rates(train.Optimiser(2e-3, schedule="constant"), 9)} == {2e-3}
+
+
+def test_hidden_widths_are_kept_in_the_file(tmp_path):
+    path = tmp_path / "a.pt"
+    train.train_predictor(DATA, PART, "mlp", path, recipe(QUICK, widths=[8, 5]), 1, 1)
+    trained = model_file.read(path)
+    assert trained.header["widths"] == [8, 5]
+    assert trained.tensors["1/net.2.weight"].shape == (5, 8)
+    assert predict.predict_seeds(trained, DATA.delta_V[:3]).shape == (1, 3, 3)
+
+
+def test_subnormal_numbers_count_as_0_while_it_trains_and_never_after(tmp_path):
+    def product(module, voltage, state):
+        seen.append((torch.tensor([1e-38]) * torch.tensor([1e-2])).item())
+        return module(voltage).square().mean()
+
+    seen = []
+    values = (torch.randn(8, 3), torch.zeros(8, 1))
+    job = (product, ADAM, train.Budget(None, 1), 1)
+    train.fit(torch.nn.Linear(3, 1), values, values, *job)
+    assert len(seen) == 2 and set(seen) == {0.0}
+    product(torch.nn.Linear(3, 1), *values)
+    assert seen[-1] > 0.0
+
+
 def test_a_loss_that_is_not_finite_is_refused_and_nothing_written(tmp_path):
     wild = replace(ADAM, learning_rate=1e30)
     with pytest.raises(InputError, match="a loss that is not finite"):
-        train.train_predictor(DATA, PART, "mlp", tmp_path / "a.pt", wild, QUICK, 1, 1, 5.0)
+        own = recipe(QUICK, optimiser=wild)
+        train.train_predictor(DATA, PART, "mlp", tmp_path / "a.pt", own, 1, 1)
     assert not (tmp_path / "a.pt").exists()
 
 
@@ -181,14 +228,14 @@ def test_teachers_must_be_there_and_have_seen_the_same_samples(tmp_path, teacher
     with pytest.raises(InputError, match="a teacher trained on the same samples"):
         train.train_regressor(DATA, other, teachers[0], tmp_path / "a.pt", ADAM, QUICK, 1, 1)
     with pytest.raises(InputError, match=r"seeds: found \[1\], expected 2, the pupil's"):
-        job = (tmp_path / "a.pt", ADAM, QUICK, 1, 2, 5.0, 0.03, teachers)
+        job = (tmp_path / "a.pt", recipe(QUICK, 0.03), 1, 2, teachers)
         train.train_predictor(DATA, PART, "physics-informed-mlp", *job)
     assert list(tmp_path.iterdir()) == []
 
 
 TABLED = touches(600, seed=1)
 TABLED.metadata["channels"] = channel_table(16).tolist()
-ROW = train.Budget(samples=48, epochs=2, patience=2)
+ROW = train.Budget(samples=48, epochs=2)
 
 
 @pytest.fixture(scope="module")
@@ -205,10 +252,10 @@ def row_teachers(tmp_path_factory):
 def test_every_row_is_trained_kept_and_applied_alike(tmp_path, row_teachers, monkeypatch, name):
     informed = name.startswith("physics-informed-")
     needed = 2 if informed else int(name == "autoencoder-mlp")
-    loss = (5.0, 0.03 * informed, row_teachers[:needed])
+    own = recipe(ROW, 0.03 * informed)
     files = [tmp_path / "a.pt", tmp_path / "b.pt"]
     for file in files:
-        train.train_predictor(TABLED, PART, name, file, ADAM, ROW, 1, 1, *loss)
+        train.train_predictor(TABLED, PART, name, file, own, 1, 1, row_teachers[:needed])
     assert files[0].read_bytes() == files[1].read_bytes()
     trained = model_file.read(files[0])
     assert trained.seeds() == [1]
@@ -223,8 +270,8 @@ def test_every_row_is_trained_kept_and_applied_alike(tmp_path, row_teachers, mon
 
 def test_the_autoencoder_mlp_keeps_its_teachers_encoder(tmp_path, row_teachers):
     name, files = "autoencoder-mlp", row_teachers[:1]
-    job = (ADAM, ROW, 1, 1, 5.0)
-    train.train_predictor(TABLED, PART, name, tmp_path / "a.pt", *job, teachers=files)
+    job = (recipe(ROW), 1, 1)
+    train.train_predictor(TABLED, PART, name, tmp_path / "a.pt", *job, files)
     trained, teacher = model_file.read(tmp_path / "a.pt"), model_file.read(files[0])
     encoders = [key for key in trained.tensors if "/encoder." in key]
     assert len(encoders) == 6
@@ -232,15 +279,13 @@ def test_the_autoencoder_mlp_keeps_its_teachers_encoder(tmp_path, row_teachers):
     with pytest.raises(InputError, match="waves: autoencoder: found none"):
         train.train_predictor(TABLED, PART, name, tmp_path / "b.pt", *job)
     with pytest.raises(InputError, match="a teacher trained on the same samples"):
-        other = replace(ROW, samples=50)
-        train.train_predictor(
-            TABLED, PART, name, tmp_path / "b.pt", ADAM, other, 1, 1, 5.0, 0, files
-        )
+        other = recipe(replace(ROW, samples=50))
+        train.train_predictor(TABLED, PART, name, tmp_path / "b.pt", other, 1, 1, files)
 
 
 def test_support_vectors_have_scikit_learns_settings_and_the_loss_of_their_fit(tmp_path):
     budget = replace(QUICK, samples=200)
-    train.train_predictor(TABLED, PART, "svr", tmp_path / "a.pt", ADAM, budget, 1, 1, 5.0)
+    train.train_predictor(TABLED, PART, "svr", tmp_path / "a.pt", recipe(budget), 1, 1)
     trained = model_file.read(tmp_path / "a.pt")
     assert trained.header["optimiser"] == {"C": 1.0, "epsilon": 0.1}
     assert "lambda_latent" not in trained.header and "force_weight" not in trained.header
@@ -254,14 +299,14 @@ def test_support_vectors_have_scikit_learns_settings_and_the_loss_of_their_fit(t
 
 def test_drives_as_tokens_need_the_table_of_channels(tmp_path):
     with pytest.raises(InputError, match="waves: channels: found no table"):
-        train.train_predictor(DATA, PART, "transformer", tmp_path / "a.pt", ADAM, ROW, 1, 1, 5.0)
+        train.train_predictor(DATA, PART, "transformer", tmp_path / "a.pt", recipe(ROW), 1, 1)
     assert not (tmp_path / "a.pt").exists()
 
 
 def test_it_learns_the_contact_state(tmp_path):
     data = touches(3000, seed=2)
     part = splits.assign(data.table, "random", 1)
-    budget = train.Budget(samples=None, epochs=25, patience=10)
+    budget = train.Budget(samples=None, epochs=25)
     trained = plain(tmp_path / "a.pt", budget, data, part)
     found = predict.predict_part(trained, data, part)
     truth = data.table[part == "test"]

@@ -18,7 +18,8 @@ from synthetic_touches import touches
 
 ANGLES = (np.arange(16) * 22.5).tolist()
 CHANNELS = channel_table(16)
-BUDGET = train.Budget(samples=None, epochs=20, patience=20)
+BUDGET = train.Budget(samples=None, epochs=20)
+RECIPE = train.Recipe(train.Optimiser(), BUDGET, 5.0, latent_dim=4)
 
 
 def described(data: Dataset, **metadata) -> Dataset:
@@ -49,7 +50,7 @@ def simulated(tmp_path_factory):
     folder = tmp_path_factory.mktemp("model")
     paths = [folder / "1.pt", folder / "2.pt"]
     for seed, path in enumerate(paths, start=1):
-        train.train_predictor(data, part, "mlp", path, train.Optimiser(), BUDGET, 1, seed, 5.0)
+        train.train_predictor(data, part, "mlp", path, RECIPE, 1, seed)
     return model_file.read_seeds(paths), data, part
 
 
@@ -106,11 +107,11 @@ def test_a_fifth_of_the_labelled_presses_stops_the_training():
 
 
 def test_few_frames_take_as_many_steps_as_the_whole_part():
-    budget = train.Budget(samples=6000, epochs=60, patience=10)
+    budget = train.Budget(samples=6000, epochs=60)
     longer = transfer.same_steps(budget, 2560, 100, train.Optimiser(batch_size=128))
-    assert longer == train.Budget(samples=None, epochs=1200, patience=200)
+    assert longer == train.Budget(samples=None, epochs=1200)
     capped = transfer.same_steps(budget, 100_000, 200, train.Optimiser(batch_size=128))
-    assert (capped.epochs, capped.patience) == (60 * 47 // 2, round(10 * 47 / 2))
+    assert capped.epochs == 60 * 47 // 2
 
 
 def test_channels_are_found_by_their_electrodes_whatever_order_or_polarity():
@@ -316,14 +317,14 @@ def test_the_nearest_touches_are_the_most_alike_whatever_the_strength():
 def test_references_need_no_simulation(tmp_path):
     target = recorded(touches(1000, seed=5))
     part = splits.assign(target.table, "place", 1)
-    budget = train.Budget(samples=None, epochs=3, patience=3)
+    budget = train.Budget(samples=None, epochs=3)
     job = (train.Optimiser(), budget, 1, 1)
     train.train_autoencoder(target, part, tmp_path / "a.pt", *job, 4)
     train.train_regressor(target, part, tmp_path / "a.pt", tmp_path / "r.pt", *job)
     teachers = [tmp_path / "a.pt", tmp_path / "r.pt"]
     name, whole = "physics-informed-mlp", tmp_path / "whole.pt"
-    train.train_predictor(target, part, name, whole, *job, 5.0, 0.03, teachers)
-    recipe = train.Recipe(train.Optimiser(), budget, 4, 5.0, 0.03)
+    recipe = train.Recipe(train.Optimiser(), budget, 5.0, 0.03, latent_dim=4)
+    train.train_predictor(target, part, name, whole, recipe, 1, 1, teachers)
     rows = transfer.references(model_file.read(whole), target, part, recipe, 1)
     assert set(rows["left_out"]) == {""}
     drawn = [transfer_runs.CONSTANT, transfer_runs.NEAREST, transfer_runs.TRAINED_FEW]
@@ -348,11 +349,8 @@ def test_too_few_labels_to_train_on_are_said(tmp_path):
     target.table["session"] = 0
     target.table["x_mm"] = target.table["place"] * 10.0
     part = splits.assign(target.table, "place", 1)
-    train.train_predictor(
-        target, part, "mlp", tmp_path / "mlp.pt", train.Optimiser(), BUDGET, 1, 1, 5.0
-    )
-    recipe = train.Recipe(train.Optimiser(), BUDGET, 4, 5.0, 0.0)
-    rows = transfer.references(model_file.read(tmp_path / "mlp.pt"), target, part, recipe, 1)
+    train.train_predictor(target, part, "mlp", tmp_path / "mlp.pt", RECIPE, 1, 1)
+    rows = transfer.references(model_file.read(tmp_path / "mlp.pt"), target, part, RECIPE, 1)
     (reason,) = rows.loc[rows["method"] == transfer_runs.TRAINED_FEW, "left_out"]
     assert reason == "bench: training state: found no spread, expected some"
 

@@ -41,7 +41,7 @@ def run(folder, source):
 
 def both(source, folder, target, part):
     """Errors of two seeds."""
-    recipe = Recipe(Optimiser(), Budget(150, 2, 2), 4, 5.0, 0.0)
+    recipe = Recipe(Optimiser(), Budget(150, 2), 5.0)
     job = (source, "mlp", folder, target, part, recipe)
     return pd.concat(
         [errors.errors(*job, 1 + k, k, [JITTER], FORCES, 8.0) for k in range(2)], ignore_index=True

@@ -29,7 +29,8 @@ def test_a_list_of_splits_has_all_models_and_a_mapping_its_own():
 
 
 def test_every_row_of_the_papers_table_is_made_of_its_own_experiment():
-    config = yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))
+    file = ROOT / "workflow" / "config" / "paper.yaml"
+    config = yaml.safe_load(file.read_text(encoding="utf-8"))
     paper = pd.read_csv(ROOT / "workflow" / "eitskin" / "paper" / "printed_table_1.csv")
     made = {model for dataset, split, model in rows(config) if (dataset, split) == PAPERS}
     assert set(paper["model"]) <= made

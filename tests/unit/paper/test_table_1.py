@@ -128,8 +128,19 @@ def test_markdown_has_interval_and_paper_and_labels_simulations(tmp_path):
     assert "## simulated, text · split by random · budget small · seeds 2" in text
     assert "## twin (simulated) · split by random" in text
     assert "0.500 [0.400, 0.600] (0.89)" in text
+    two = {"each": "0.48;0.52", "low": None, "high": None}
+    write(tmp_path, metric_file(tmp_path, **two))
+    assert "0.500 [0.480; 0.520] (0.89)" in (tmp_path / "table_1.md").read_text()
     session = text.split("split by session")[1]
     assert "| mlp | 0.500 | 0.500 |" in session
+
+
+def test_an_ensemble_of_seeds_is_a_row_of_its_own_without_a_number_of_the_papers(tmp_path):
+    table = write(tmp_path, metric_file(tmp_path, ensemble=0.45))
+    assert [*table["model"].unique()] == ["mlp", "mlp-ensemble"]
+    own = table[table["model"] == "mlp-ensemble"]
+    assert set(own["mean"]) == {0.45} and set(own["low"]) == set(own["paper"]) == {""}
+    assert "| mlp-ensemble | 0.450 | 0.450 |" in (tmp_path / "table_1.md").read_text()
 
 
 def test_the_limit_stands_beside_its_own_split_alone(tmp_path):

@@ -79,7 +79,7 @@ VALUES = [  # keys on the way, a value, and what was found and expected
     ("training learning_rate", 0, "0", "more than 0"),
     ("training latent_dim", 10**12, "1000000000000", "4096 or less"),
     ("budgets small epochs", 10**30, "1000000", "1000000 or less"),
-    ("budget", "medium", "'medium'", "one of small, full"),
+    ("budget", "medium", "'medium'", "one of first, small, full"),
     ("table_1 configurations nobody", ["random"], "an unknown name", "one of authors"),
     ("table_2 permutations", 10**9, "1000000000", "1000000 or less"),
     ("figures configuration", "nobody", "'nobody'", "one of authors"),

@@ -74,8 +74,7 @@ def _needing(name: str, config: dict) -> Iterator[list]:
 def _leave_out(name: str, config: dict) -> None:
     """Take a recording out of everything that names it."""
     mappings = [config["recordings"], config["table_1"]["recordings"]]
-    for budget in config["budgets"]:
-        mappings += [config["ablation"][budget][key] for key in ("varied_on", "compared_on")]
+    mappings += [config["ablation"][key] for key in ("varied_on", "compared_on")]
     for mapping in mappings:
         mapping.pop(name, None)
     for names in (

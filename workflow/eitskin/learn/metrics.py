@@ -20,10 +20,13 @@ COLUMNS = (
     "mean",
     "low",
     "high",
+    "each",
+    "ensemble",
     "unit",
     "seeds",
     "budget",
 )
+LEAST_SEEDS = 5  # of which an interval is told; of fewer each seed's value speaks for itself
 
 
 def r2(truth: np.ndarray, predicted: np.ndarray) -> float:
@@ -54,6 +57,20 @@ def interval(values: np.ndarray, level: float = 0.95) -> tuple[float, float]:
     return float(np.mean(values) - half), float(np.mean(values) + half)
 
 
+def summary(values: np.ndarray, metric: str) -> dict:
+    """What the seeds' values (n,) of a metric say: `mean`; `low` and `high` of its interval within
+    what the metric can be, NaN for fewer than LEAST_SEEDS; `each` value, with semicolons."""
+    low, high = interval(values) if len(values) >= LEAST_SEEDS else (float("nan"), float("nan"))
+    least, most = (-np.inf, 1.0) if metric == "r2" else (0.0, np.inf)
+    return {
+        "mean": float(np.mean(values)),
+        "low": max(low, least) if np.isfinite(low) else low,
+        "high": min(high, most) if np.isfinite(high) else high,
+        "each": ";".join(f"{value:.6g}" for value in values),
+        "seeds": len(values),
+    }
+
+
 def by_seed(predictions: pd.DataFrame, dataset: Dataset) -> pd.DataFrame:
     """Columns target, metric, seed, value of each seed's predictions: sample, seed and the target
     columns, as `predict.predict_part` gives them. No frame is left out, abstained from or not.
@@ -74,19 +91,26 @@ def unit(metric: str, target: str) -> str:
     return "1" if metric == "r2" else UNITS[target]
 
 
+def of_ensemble(predictions: pd.DataFrame, dataset: Dataset) -> pd.DataFrame:
+    """The same, without seed, of the mean over seeds of what they predict."""
+    columns = [TARGETS[target] for target in dataset.metadata["targets"]]
+    mean = predictions.groupby("sample", as_index=False)[columns].mean()
+    return by_seed(mean.assign(seed=0), dataset).drop(columns="seed")
+
+
 def evaluate(
     predictions: pd.DataFrame, dataset: Dataset, split: str, model: str, budget: str
 ) -> pd.DataFrame:
-    """Rows (COLUMNS) of each target and metric: mean and 95 % interval over the seeds of `by_seed`.
-    The interval tells what the seed does, not what another recording would.
+    """Rows (COLUMNS) of each target and metric: `summary` of the seeds of `by_seed`, and
+    `of_ensemble`. An interval tells what the seed does, not what another recording would.
     """
     metadata = dataset.metadata
     simulated = bool(metadata["configuration"])
+    together = of_ensemble(predictions, dataset).set_index(["target", "metric"])["value"]
     rows = []
     for (target, name), one in by_seed(predictions, dataset).groupby(
         ["target", "metric"], sort=False
     ):
-        low, high = interval(one["value"].to_numpy())
         rows.append(
             {
                 "configuration": metadata["configuration"],
@@ -96,11 +120,9 @@ def evaluate(
                 "model": model,
                 "target": target,
                 "metric": name,
-                "mean": float(one["value"].mean()),
-                "low": low,
-                "high": high,
+                **summary(one["value"].to_numpy(), name),
+                "ensemble": together[target, name],
                 "unit": unit(name, target),
-                "seeds": len(one),
                 "budget": budget,
             }
         )

@@ -11,11 +11,13 @@ from eitskin.errors import InputError
 class Model:
     """`made_by`: the function, module.name of this package, that makes it of a `networks.Shape`;
     encoder: whether its `encoder` is a trained autoencoder's, which it keeps; support_vectors:
-    whether these are fitted, else gradients train it, by equation 8 too."""
+    whether these are fitted, else gradients train it, by equation 8 too; perceptron: whether its
+    hidden widths may be chosen."""
 
     made_by: str
     encoder: bool = False
     support_vectors: bool = False
+    perceptron: bool = False
 
     @property
     def module(self) -> str:
@@ -30,11 +32,11 @@ class Model:
 
 MODELS = {  # in the order of the paper's table
     "svr": Model("networks.svr", support_vectors=True),
-    "mlp": Model("networks.mlp"),
+    "mlp": Model("networks.mlp", perceptron=True),
     "cnn": Model("networks.cnn"),
     "transformer": Model("networks.drive_transformer"),
     "transformer-channels": Model("networks.channel_transformer"),
-    "autoencoder-mlp": Model("networks.autoencoder_mlp", encoder=True),
+    "autoencoder-mlp": Model("networks.autoencoder_mlp", encoder=True, perceptron=True),
     "cnn-transformer": Model("networks.cnn_transformer"),
 }
 PHYSICS_INFORMED = "physics-informed-"  # before any network's name: trained by equation 8

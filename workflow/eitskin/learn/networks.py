@@ -4,6 +4,7 @@ open is named with each.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -16,6 +17,7 @@ from eitskin.errors import InputError
 from eitskin.learn import models
 
 CHUNK = 256  # samples evaluated at once: attention over 208 tokens takes 0.7 MB a sample
+HIDDEN = (256, 128, 64)  # widths of the paper's perceptron
 WIDTH = 64  # of a token once embedded, our choice: the paper names none
 
 
@@ -23,20 +25,22 @@ WIDTH = 64  # of a token once embedded, our choice: the paper names none
 class Shape:
     """What a predictor is built for: the name of the `dataset` it learns from, `n_channels` M,
     `n_targets` T and, where they are known, the table of the `channels` (M rows of source, sink,
-    plus, minus) and the autoencoder's `latent_dim` K."""
+    plus, minus), the autoencoder's `latent_dim` K and a perceptron's hidden `widths`."""
 
     dataset: str
     n_channels: int
     n_targets: int
     channels: list[list[int]] | None = None
     latent_dim: int | None = None
+    widths: Sequence[int] = HIDDEN
 
     @classmethod
     def of(cls, header: dict, n_channels: int) -> "Shape":
         """The shape that a model file's header tells."""
         told = header["dataset"]
         sizes = (n_channels, len(told["targets"]))
-        return cls(told["name"], *sizes, told.get("channels"), header.get("latent_dim"))
+        widths = header.get("widths", HIDDEN)
+        return cls(told["name"], *sizes, told.get("channels"), header.get("latent_dim"), widths)
 
 
 def layers(*widths: int) -> nn.Sequential:
@@ -48,11 +52,11 @@ def layers(*widths: int) -> nn.Sequential:
 
 
 class Mlp(nn.Module):
-    """f_θ: voltages (B, M) → states (B, T), hidden 256, 128, 64."""
+    """f_θ: voltages (B, M) → states (B, T), hidden layers of `widths`."""
 
-    def __init__(self, n_channels: int, n_targets: int):
+    def __init__(self, n_channels: int, n_targets: int, widths: Sequence[int] = HIDDEN):
         super().__init__()
-        self.net = layers(n_channels, 256, 128, 64, n_targets)
+        self.net = layers(n_channels, *widths, n_targets)
 
     def forward(self, voltage: Tensor) -> Tensor:
         return self.net(voltage)
@@ -84,10 +88,12 @@ class StateToLatent(nn.Module):
 class AutoencoderMlp(nn.Module):
     """The MLP on the latent voltages of a trained autoencoder, whose encoder stays as it is."""
 
-    def __init__(self, n_channels: int, n_targets: int, latent_dim: int):
+    def __init__(
+        self, n_channels: int, n_targets: int, latent_dim: int, widths: Sequence[int] = HIDDEN
+    ):
         super().__init__()
         self.encoder = Autoencoder(n_channels, latent_dim).encoder.requires_grad_(False)
-        self.mlp = Mlp(latent_dim, n_targets)
+        self.mlp = Mlp(latent_dim, n_targets, widths)
 
     def forward(self, voltage: Tensor) -> Tensor:
         return self.mlp(self.encoder(voltage))
@@ -234,7 +240,7 @@ def svr(shape: Shape) -> Svr:
 
 def mlp(shape: Shape) -> Mlp:
     """The paper's MLP."""
-    return Mlp(shape.n_channels, shape.n_targets)
+    return Mlp(shape.n_channels, shape.n_targets, shape.widths)
 
 
 def cnn(shape: Shape) -> Cnn:
@@ -256,7 +262,7 @@ def autoencoder_mlp(shape: Shape) -> AutoencoderMlp:
     """The MLP on latent voltages. Raises InputError where no autoencoder was told of."""
     if shape.latent_dim is None:
         raise InputError(shape.dataset, "autoencoder", "none", "one, whose encoder the model takes")
-    return AutoencoderMlp(shape.n_channels, shape.n_targets, shape.latent_dim)
+    return AutoencoderMlp(shape.n_channels, shape.n_targets, shape.latent_dim, shape.widths)
 
 
 def cnn_transformer(shape: Shape) -> CnnTransformer:

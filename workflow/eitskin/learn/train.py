@@ -14,9 +14,10 @@ Same input, same bytes: one thread, deterministic algorithms, a generator a seed
 seed; `draw` is the seed of the samples, which all seeds of a model share.
 """
 
+import contextlib
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -35,13 +36,19 @@ from eitskin.learn.networks import Autoencoder, Shape, StateToLatent, Svr
 Loss = Callable[..., Tensor]  # (module, *batch) -> scalar
 
 
+SCHEDULES = ("cosine", "constant")  # of the learning rate
+
+
 @dataclass(frozen=True)
 class Optimiser:
-    """Adam's settings, the authors' by default."""
+    """Adam's settings: `weight_decay` is its L2 penalty, a step sees `batch_size` samples. The
+    learning rate falls from `learning_rate` to 0 along a half-wave of a cosine, which ends with the
+    last step (Loshchilov, Hutter, ICLR 2017), or stays as it is ("constant")."""
 
     learning_rate: float = 1e-3
     weight_decay: float = 1e-4
     batch_size: int = 128
+    schedule: str = "cosine"
 
 
 @dataclass(frozen=True)
@@ -56,24 +63,33 @@ class Tube:
 
 @dataclass(frozen=True)
 class Budget:
-    """What a training may cost: `samples` at most (None: all; a quarter as many to validate on),
-    `epochs`, `patience` (epochs without a better validation loss)."""
+    """What a training may cost: `samples` at most (None: all; a quarter as many to validate on) and
+    `epochs`, all of which are run. The weights of the best validation loss are kept; where nothing
+    is `validated` those of the last epoch, trained on the validation part as well."""
 
     samples: int | None
     epochs: int
-    patience: int
+    validated: bool = True
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """How a model is trained through all of its stages: `latent_dim` K of the autoencoder, the
-    weights of the force and of the latent loss (0: none)."""
+    """How a model is trained: the weights of the force and of the latent loss (0: none), the hidden
+    `widths` of a perceptron (None: those of the paper's text) and, where its teachers are trained
+    with it, `latent_dim` K of the autoencoder."""
 
     optimiser: Optimiser
     budget: Budget
-    latent_dim: int
-    force_weight: float
-    lambda_latent: float
+    force_weight: float = 1.0
+    lambda_latent: float = 0.0
+    widths: Sequence[int] | None = None
+    latent_dim: int | None = None
+
+    @classmethod
+    def of(cls, settings: dict, budget: Budget, latent_dim: int | None = None) -> "Recipe":
+        """A recipe from plain values, the optimiser's in a dictionary of their own."""
+        own = {**settings, "optimiser": Optimiser(**settings["optimiser"])}
+        return cls(**own, budget=budget, latent_dim=latent_dim)
 
 
 @dataclass
@@ -92,7 +108,8 @@ def standardise(value: Tensor, scalers: dict[str, Tensor], name: str) -> Tensor:
 
 
 def prepare(dataset: Dataset, part: np.ndarray, budget: Budget, draw: int) -> Material:
-    """Draw a budget's samples from the parts by the seed `draw`, standardise them.
+    """Draw a budget's samples from the parts by the seed `draw`, standardise them; where nothing is
+    validated, what is drawn to validate on is in both parts.
 
     A channel that never moves in training is scaled by the median channel, so that a move shows.
     """
@@ -105,6 +122,8 @@ def prepare(dataset: Dataset, part: np.ndarray, budget: Budget, draw: int) -> Ma
         rows[name].sort()
         if len(rows[name]) < 2:
             raise InputError(dataset.metadata["name"], f"part {name}", "under 2", "more samples")
+    if not budget.validated:
+        rows["train"] = np.sort(np.concatenate([rows["train"], rows["validation"]]))
     values = {"voltage": dataset.delta_V.astype(np.float64), "state": dataset.states()}
     scalers = {}
     for name, value in values.items():
@@ -134,11 +153,23 @@ def deterministic() -> torch.device:
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
+@contextlib.contextmanager
+def without_subnormals() -> Iterator[None]:
+    """Numbers under the least normal float32 count as 0, in all that this thread computes: weights
+    that have decayed to there make an epoch three times as long."""
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(False)
+
+
 def device_name() -> str:
     """What `deterministic` chose: the GPU's name, or "cpu"; written with every seed."""
     return torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu"
 
 
+@without_subnormals()
 def fit(
     module: nn.Module,
     train: tuple[Tensor, ...],
@@ -148,8 +179,9 @@ def fit(
     budget: Budget,
     seed: int,
 ) -> list[list[float]]:
-    """The loop. Leaves the weights of the best validation loss in `module`; returns the training
-    and the validation loss of each epoch."""
+    """The loop, over all epochs of the budget. Leaves in `module` the weights of the best
+    validation loss, or where nothing is validated the last; returns the training and the validation
+    loss of each epoch. Raises InputError where a loss is not finite."""
     adam = torch.optim.Adam(
         module.parameters(),
         lr=optimiser.learning_rate,
@@ -158,13 +190,16 @@ def fit(
     )
     generator = torch.Generator().manual_seed(seed)
     n_train = len(train[0])
+    steps = budget.epochs * math.ceil(n_train / optimiser.batch_size)
+    rates = learning_rates(optimiser, steps)
     history: list[list[float]] = []
-    best, best_epoch, best_weights = float("inf"), -1, {}
-    for epoch in tqdm(range(budget.epochs), desc=f"seed {seed}", leave=False, disable=None):
+    best, best_weights = float("inf"), {}
+    for _ in tqdm(range(budget.epochs), desc=f"seed {seed}", leave=False, disable=None):
         module.train()
         total = torch.zeros((), device=train[0].device)
         order = torch.randperm(n_train, generator=generator).to(train[0].device)
         for rows in order.split(optimiser.batch_size):
+            adam.param_groups[0]["lr"] = next(rates)
             value = loss(module, *(values[rows] for values in train))
             adam.zero_grad()
             value.backward()
@@ -175,17 +210,23 @@ def fit(
         with torch.no_grad():
             score = _mean_loss(loss, module, validation)
         if not math.isfinite(score):
-            break
+            raise InputError(
+                "training", f"seed {seed}", "a loss that is not finite", "a finite one"
+            )
         history.append([total.item() / n_train, score])
-        if score < best:
-            best, best_epoch = score, epoch
+        if budget.validated and score < best:
+            best = score
             best_weights = {k: v.clone() for k, v in module.state_dict().items()}
-        if epoch - best_epoch >= budget.patience:
-            break
-    if best_epoch < 0:
-        raise InputError("training", f"seed {seed}", "a loss that is not finite", "a finite loss")
-    module.load_state_dict(best_weights)
+    if budget.validated:
+        module.load_state_dict(best_weights)
     return history
+
+
+def learning_rates(optimiser: Optimiser, steps: int) -> Iterator[float]:
+    """The learning rate of each step, 0 from where a cosine has ended."""
+    for step in range(steps):
+        share = 0.5 * (1.0 + math.cos(math.pi * step / steps))
+        yield optimiser.learning_rate * (share if optimiser.schedule == "cosine" else 1.0)
 
 
 def _mean_loss(loss: Loss, module: nn.Module, samples: tuple[Tensor, ...]) -> float:
@@ -287,12 +328,9 @@ def train_predictor(
     part: np.ndarray,
     model: str,
     output: str | Path,
-    optimiser: Optimiser,
-    budget: Budget,
+    recipe: Recipe,
     draw: int,
     seed: int,
-    force_weight: float,
-    lambda_latent: float = 0.0,
     teachers: Sequence[str | Path] = (),
 ) -> None:
     """Stage 3: write a predictor, with the gates of `learn.gates`, to `output`.
@@ -302,10 +340,11 @@ def train_predictor(
     nothing of them is drawn but the samples. Raises InputError for an unknown model, and where
     teachers are missing, saw other data or are of another seed.
     """
+    budget, lambda_latent = recipe.budget, recipe.lambda_latent
     device = deterministic()
     material = prepare(dataset, part, budget, draw)
     targets = dataset.metadata["targets"]
-    settings = {"force_weight": force_weight, "lambda_latent": lambda_latent}
+    settings = {"force_weight": recipe.force_weight, "lambda_latent": lambda_latent}
     known = models.model(model)
     if known.support_vectors:
         settings = {}
@@ -314,8 +353,11 @@ def train_predictor(
         raise InputError(output, "teachers", "none", "an autoencoder and a regressor, as λ > 0")
     if taught:
         settings["latent_dim"] = taught[0].header["latent_dim"]
+    if known.perceptron:
+        settings["widths"] = list(recipe.widths or networks.HIDDEN)
     (v, s), (v_check, s_check) = _moved(material, device)
-    weight = torch.tensor([force_weight if t == "F" else 1.0 for t in targets], device=device)
+    weights = [recipe.force_weight if target == "F" else 1.0 for target in targets]
+    weight = torch.tensor(weights, device=device)
 
     scalers = material.scalers
     raw = material.validation[0] * scalers["voltage_scale"] + scalers["voltage_mean"]
@@ -326,7 +368,7 @@ def train_predictor(
     ):
         settings[name] = {k: v for k, v in gate.items() if not isinstance(v, Tensor)}
         scalers |= {f"{name}_{k}": v for k, v in gate.items() if isinstance(v, Tensor)}
-    fitted_by = Tube() if known.support_vectors else optimiser
+    fitted_by = Tube() if known.support_vectors else recipe.optimiser
     header = _header(dataset, model, fitted_by, budget, settings)
 
     torch.manual_seed(seed)
@@ -352,7 +394,7 @@ def train_predictor(
         module = fit_svr(v, s, Tube())
         history = [[_mean_loss(loss, module, part) for part in (train, validation)]]
     else:
-        history = fit(module, train, validation, loss, optimiser, budget, seed)
+        history = fit(module, train, validation, loss, recipe.optimiser, budget, seed)
     _write(header, material, output, seed, module, history)
 
 
@@ -374,8 +416,7 @@ def train_model(
         if recipe.lambda_latent:
             train_regressor(dataset, part, encoder, regressor, *job)
             teachers.append(regressor)
-        loss = (recipe.force_weight, recipe.lambda_latent, teachers)
-        train_predictor(dataset, part, model, output, *job, *loss)
+        train_predictor(dataset, part, model, output, recipe, seed, seed, teachers)
         return model_file.read(output)
 
 

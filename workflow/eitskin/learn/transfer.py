@@ -254,8 +254,8 @@ def references(
     """Rows (RUNS) of what the recording alone gives on its test part: the mean of the 5 %, the
     nearest of them, the model trained on them, and `trained`, that on the whole training part.
 
-    A fifth of the labelled presses stops the training on the 5 %, which may take as many steps of
-    Adam as the budget allows the whole part; its seed changes with the draw.
+    A fifth of the labelled presses tells which weights are kept of the training on the 5 %, which
+    takes as many steps of Adam as the budget gives the whole part; its seed changes with the draw.
     """
     variables, test = target.metadata["targets"], part == "test"
     truth, every = _states(target, variables), list(range(len(variables)))
@@ -326,12 +326,11 @@ def few_parts(table: pd.DataFrame, few: np.ndarray, seed: int) -> np.ndarray:
 
 
 def same_steps(budget: Budget, whole: int, few: int, optimiser: Optimiser) -> Budget:
-    """The budget with epochs and patience stretched so that `few` training frames take
-    as many steps of Adam as `whole` would (their epochs are shorter)."""
+    """The budget with its epochs stretched so that `few` training frames take as many steps of Adam
+    as `whole` would (their epochs are shorter)."""
     used = min(whole, budget.samples or whole)
     stretch = np.ceil(used / optimiser.batch_size) / np.ceil(few / optimiser.batch_size)
-    longer = {key: round(getattr(budget, key) * stretch) for key in ("epochs", "patience")}
-    return replace(budget, samples=None, **longer)
+    return replace(budget, samples=None, epochs=round(budget.epochs * stretch))
 
 
 def _states(target: Dataset, variables: list[str]) -> np.ndarray:

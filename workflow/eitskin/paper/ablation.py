@@ -1,7 +1,7 @@
 """What the paper's choices are worth: each varied alone, and training physics-informed against
-plain with both tuned alike.
+plain, at several sizes, with both tuned alike.
 
-A setting is the configuration's `training`, with the budget's `samples`, but for what it varies.
+A setting is what differs from a model's own recipe and from the budget's `samples`.
 """
 
 from collections.abc import Iterable
@@ -12,51 +12,54 @@ import numpy as np
 import pandas as pd
 
 from eitskin.atomic import atomic_path
-from eitskin.learn.metrics import interval, unit
+from eitskin.learn.metrics import LEAST_SEEDS, interval, summary, unit
 
 DEFAULT = "default"
 PLAIN, INFORMED = "mlp", "physics-informed-mlp"  # the two that are compared
 WITH_OWN_TEACHERS = ("latent_dim", "samples")  # what an autoencoder and a regressor depend on
 VARIED = ("study", "value", "dataset", "split", "model", "target", "metric", "mean", "low", "high")
-VARIED = (*VARIED, "unit", "seeds", "budget")
-COMPARED = ("dataset", "split", "target", "metric", "unit", "plain", "informed", "difference")
-COMPARED = (*COMPARED, "low", "high", "seeds", "budget", "plain_setting", "informed_setting")
-COMPARED = (*COMPARED, "verdict")
+VARIED = (*VARIED, "each", "unit", "seeds", "budget")
+COMPARED = ("dataset", "split", "widths", "target", "metric", "unit", "plain", "informed")
+COMPARED = (*COMPARED, "difference", "low", "high", "seeds", "budget")
+COMPARED = (*COMPARED, "plain_setting", "informed_setting", "verdict")
 PLACE = ["dataset", "split", "budget"]
 SHOWN = {"r2": "R²", "mae": "MAE"}
-SCORE = "r2"  # tuned by its mean over targets and seeds
 
 
-def settings(training: dict, samples: int | None, varied: dict[str, list]) -> dict[str, dict]:
-    """Settings by name: `default`, and `<key>-<value>` for every other value of `varied`."""
-    default = {**training, "samples": samples}
-    return {DEFAULT: default} | {
-        _named(key, value): {**default, key: value}
+def settings(default: dict, varied: dict[str, list]) -> dict[str, dict]:
+    """Settings by name: `default`, and `<key>-<value>` for every other value of `varied` than the
+    default's own."""
+    return {DEFAULT: {}} | {
+        _named(key, value): {key: value}
         for key, values in varied.items()
         for value in values
         if value != default[key]
     }
 
 
-def grid(training: dict, samples: int | None, axes: dict[str, list]) -> dict[str, dict]:
-    """Settings by name, one for each combination of the values of `axes` (key to values)."""
+def grid(axes: dict[str, list], widths: list[int]) -> dict[str, dict]:
+    """Settings by name, one for each combination of the values of `axes` (key to values), of
+    networks of these hidden widths."""
     points = [
         dict(zip(sorted(axes), point, strict=True))
         for point in product(*(axes[key] for key in sorted(axes)))
     ]
     return {
-        "-".join(["grid", *(f"{value:g}" for value in point.values())]): {
-            **training,
-            "samples": samples,
+        "-".join(["grid", size(widths), *(f"{value:g}" for value in point.values())]): {
             **point,
+            "widths": widths,
         }
         for point in points
     }
 
 
-def studies(training: dict, samples: int | None, varied: dict[str, list]) -> list[tuple]:
+def size(widths: list[int]) -> str:
+    """Hidden widths as a name."""
+    return "x".join(map(str, widths))
+
+
+def studies(default: dict, varied: dict[str, list]) -> list[tuple]:
     """Key, value and name of the setting of every value of `varied`, in order."""
-    default = {**training, "samples": samples}
     return [
         (key, value, DEFAULT if value == default[key] else _named(key, value))
         for key, values in varied.items()
@@ -77,15 +80,20 @@ def _told(value: float | None) -> str:
     return "all" if value is None else f"{value:g}"
 
 
+def score(rows: pd.DataFrame) -> float:
+    """What settings are chosen by, less is better: the geometric mean over targets of the mean
+    absolute error over seeds, so that a tenth less of any target's error counts alike. rows: of
+    `metrics.by_seed`."""
+    errors = rows[rows["metric"] == "mae"].groupby("target")["value"].mean()
+    return float(np.exp(np.log(errors).mean()))
+
+
 def best(scores: dict[str, pd.DataFrame]) -> str:
-    """The setting with the highest mean R² over targets and seeds; of equal ones the first.
+    """The setting with the best `score`; of equal ones the first.
 
     `scores`: by setting, the rows of `metrics.by_seed` on the validation part.
     """
-    mean = {
-        name: rows.loc[rows["metric"] == SCORE, "value"].mean() for name, rows in scores.items()
-    }
-    return max(mean, key=mean.__getitem__)
+    return min(scores, key=lambda name: score(scores[name]))
 
 
 def in_words(setting: dict, axes: Iterable[str]) -> str:
@@ -94,12 +102,11 @@ def in_words(setting: dict, axes: Iterable[str]) -> str:
 
 
 def varied_rows(rows: pd.DataFrame, about: dict) -> list[dict]:
-    """Rows (VARIED) from those of `metrics.by_seed` of one setting: mean and 95 % interval over the
-    seeds; `about` gives study, value, dataset, split and budget."""
+    """Rows (VARIED) from those of `metrics.by_seed` of one setting: `metrics.summary` of its seeds;
+    `about` gives study, value, dataset, split and budget."""
     found = []
     for (target, metric), one in rows.groupby(["target", "metric"], sort=False):
-        low, high = interval(one["value"].to_numpy())
-        statistics = {"mean": one["value"].mean(), "low": low, "high": high, "seeds": len(one)}
+        statistics = summary(one["value"].to_numpy(), metric)
         kind = {"target": target, "metric": metric, "unit": unit(metric, target)}
         found.append(
             {**about, "model": INFORMED, "value": _told(about["value"]), **kind, **statistics}
@@ -111,7 +118,7 @@ def compared_rows(plain: pd.DataFrame, informed: pd.DataFrame, about: dict) -> l
     """Rows (COMPARED): informed minus plain, paired by seed, with a 95 % t interval of the mean.
 
     `plain`, `informed`: rows of `metrics.by_seed` on one test part, with the same seeds; `about`
-    gives dataset, split, budget, plain_setting and informed_setting.
+    gives dataset, split, budget, widths, plain_setting and informed_setting.
     """
     keys = ["target", "metric", "seed"]
     pairs = plain.merge(informed, on=keys, suffixes=("_plain", "_informed"), validate="1:1")
@@ -120,7 +127,8 @@ def compared_rows(plain: pd.DataFrame, informed: pd.DataFrame, about: dict) -> l
     found = []
     for (target, metric), one in pairs.groupby(["target", "metric"], sort=False):
         difference = (one["value_informed"] - one["value_plain"]).to_numpy()
-        low, high = interval(difference)
+        told = len(one) >= LEAST_SEEDS
+        low, high = interval(difference) if told else (np.nan, np.nan)
         found.append(
             {
                 **about,
@@ -141,8 +149,8 @@ def compared_rows(plain: pd.DataFrame, informed: pd.DataFrame, about: dict) -> l
 
 def verdict(metric: str, low: float, high: float, seeds: int) -> str:
     """What an interval of differences says of the latent loss, in plain words."""
-    if not np.isfinite([low, high]).all():
-        return "cannot be told from one seed"
+    if seeds < LEAST_SEEDS:
+        return f"cannot be told from {seeds} seed{'s' * (seeds > 1)}"
     if low <= 0 <= high:
         return f"no difference that {seeds} seeds can tell"
     return "helps" if (low > 0) == (metric == "r2") else "harms"
@@ -170,7 +178,8 @@ def to_markdown(varied: pd.DataFrame, compared: pd.DataFrame) -> str:
     lines = [
         "# Ablation",
         "",
-        "Test part, mean over seeds [95 % interval over seeds]. x, y and depth in mm, F in N.",
+        "Test part, mean over seeds [95 % interval over seeds, where there are five or more].",
+        "x, y and depth in mm, F in N.",
         "Seeds share samples and split: the intervals tell what chance in training does, not what",
         "another recording would.",
     ]
@@ -191,13 +200,13 @@ def to_markdown(varied: pd.DataFrame, compared: pd.DataFrame) -> str:
             lines.append(_line(study, value, *(_cell(cell.loc[c], "mean", ".3f") for c in columns)))
     shown = compared[compared["metric"].isin(SHOWN)]
     lines += ["", "## Does the latent loss help?", "", *_summary(shown)]
-    for (dataset, split, budget), group in shown.groupby(
-        ["dataset", "split", "budget"], sort=False
+    for (dataset, split, budget, widths), group in shown.groupby(
+        ["dataset", "split", "budget", "widths"], sort=False
     ):
         first = group.iloc[0]
         lines += [
             "",
-            f"### {dataset} · split by {split} · budget {budget}",
+            f"### {dataset} · split by {split} · hidden {widths} · budget {budget}",
             "",
             f"Tuned on the validation part: {PLAIN} {first['plain_setting']}, "
             f"{INFORMED} {first['informed_setting']}.",

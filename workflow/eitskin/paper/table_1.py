@@ -9,7 +9,9 @@ from eitskin.data.dataset import TARGETS
 from eitskin.errors import InputError
 from eitskin.learn.metrics import COLUMNS, METRICS
 
-TABLE = (*(column for column in COLUMNS if column != "origin"), "limit", "paper")
+KEPT = ("origin", "each")  # of the metrics' columns, for the Markdown alone
+ENSEMBLE = "-ensemble"  # after a model's name: the mean of its seeds' estimates, as `predict` gives
+TABLE = (*(column for column in COLUMNS if column not in (*KEPT, "ensemble")), "limit", "paper")
 REPEATED = ("authors", "text")  # configurations of the paper's experiment, by code and by text
 GROUP = ["configuration", "recording", "origin", "split", "budget"]
 SYMBOLS = {"r2": "R²", "mae": "MAE"}  # what the Markdown table shows, as the paper's does
@@ -23,7 +25,7 @@ def paper(path: str | Path) -> pd.DataFrame:
 def collect(
     paths: list[str | Path], published: str | Path, limits: list[str | Path] = ()
 ) -> pd.DataFrame:
-    """Rows (TABLE, and `origin`) of the metrics files, in a fixed order; raises InputError.
+    """Rows (TABLE and KEPT) of the metrics files, in a fixed order; raises InputError.
 
     `paper`, from the file `published`, is filled where the row repeats the paper's experiment:
     simulated with the authors' or the text's strengths, split by random frame (another baseline,
@@ -36,11 +38,13 @@ def collect(
         raise InputError("table_1", "metrics files", "none", "at least one")
     tables = []
     for path in paths:
-        table = pd.read_csv(path, keep_default_na=False, na_values={"low": "", "high": ""})
+        na_values = {"low": "", "high": "", "ensemble": ""}
+        kinds = {"each": str}
+        table = pd.read_csv(path, keep_default_na=False, na_values=na_values, dtype=kinds)
         if list(table.columns) != list(COLUMNS):
             raise InputError(path, "columns", list(table.columns), f"{list(COLUMNS)}")
         tables.append(table)
-    rows = pd.concat(tables, ignore_index=True)
+    rows = pd.concat([_with_ensemble(table) for table in tables], ignore_index=True)
     rows = rows.merge(
         _limits(limits, "limit").rename(columns={"value": "limit"}),
         on=["configuration", "recording", "split", "target", "metric"],
@@ -54,8 +58,7 @@ def collect(
     rows = rows.merge(beside, on=keys, how="left", validate="many_to_one")
     order = {
         "split": ["random", "place", "session", "continuous"],
-        "budget": ["small", "full"],
-        "model": list(dict.fromkeys(numbers["model"])),
+        "model": [m + end for m in dict.fromkeys(numbers["model"]) for end in ("", ENSEMBLE)],
         "target": list(TARGETS),
         "metric": list(METRICS),
     }
@@ -65,7 +68,14 @@ def collect(
         known = order.get(column.name, [])
         return column.map(lambda v: f"{known.index(v):03d}" if v in known else f"~{v}")
 
-    return rows.sort_values(by, key=rank, ignore_index=True)[[*TABLE, "origin"]]
+    return rows.sort_values(by, key=rank, ignore_index=True)[[*TABLE, *KEPT]]
+
+
+def _with_ensemble(table: pd.DataFrame) -> pd.DataFrame:
+    """Rows of a metrics file and, where there are several seeds, those of their ensemble."""
+    several = table[(table["seeds"] > 1) & table["ensemble"].notna()]
+    own = {"model": several["model"] + ENSEMBLE, "mean": several["ensemble"]}
+    return pd.concat([table, several.assign(**own, low=float("nan"), high=float("nan"), each="")])
 
 
 def _limits(paths: list[str | Path], estimate: str) -> pd.DataFrame:
@@ -97,15 +107,17 @@ def write(
 
 
 def to_markdown(rows: pd.DataFrame, known: pd.DataFrame) -> str:
-    """A section for each dataset, split and budget; a line a model; mean [low, high] (paper).
+    """A section for each dataset, split and budget; a line a model; mean [low, high] (paper), or in
+    place of the interval each seed's value, where there is none.
 
     Where there is a limit, a line of it and one of `known`, that with skin and gains known.
     """
     lines = [
         "# Table I",
         "",
-        "Mean over seeds [95 % interval over seeds] on the test part; in brackets of their own the",
-        "paper's number, where the row repeats its experiment. x, y and depth in mm, F in N.",
+        "Mean over seeds [95 % interval over seeds; of fewer than five each seed's value] on the",
+        "test part; in brackets of their own the paper's number, where the row repeats its",
+        "experiment. -ensemble: the mean of the seeds' estimates. x, y and depth in mm, F in N.",
         "Limit: the posterior mean given the physics and the distributions drawn from, on some of",
         "the tested samples.",
     ]
@@ -142,4 +154,6 @@ def _cell(row: pd.Series) -> str:
     text = f"{row['mean']:.3f}"
     if pd.notna(row["low"]):
         text += f" [{row['low']:.3f}, {row['high']:.3f}]"
+    elif row["each"]:
+        text += " [" + "; ".join(f"{float(one):.3f}" for one in row["each"].split(";")) + "]"
     return text + (f" ({row['paper']:g})" if pd.notna(row["paper"]) else "")

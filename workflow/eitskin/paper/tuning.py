@@ -1,0 +1,40 @@
+"""How models do on the validation part at every point of a grid, the same for all."""
+
+from pathlib import Path
+
+import pandas as pd
+
+from eitskin.atomic import atomic_path
+from eitskin.paper.ablation import score, size
+
+AXES = ("widths", "learning_rate", "weight_decay", "force_weight")
+SHOWN = (("mae", "x"), ("mae", "y"), ("mae", "F"), ("r2", "F"))
+TUNING = ("dataset", "split", "budget", "model", *AXES, "seeds", "score")
+TUNING = (*TUNING, *(f"{metric}_{target}" for metric, target in SHOWN), "best")
+
+
+def row(rows: pd.DataFrame, about: dict, point: dict, budget: str) -> dict:
+    """A row (TUNING) of one point: its `ablation.score` and some means over seeds. rows: of
+    `metrics.by_seed` on the validation part; about: dataset,
+    split and model; point: the values of AXES."""
+    mean = rows.groupby(["metric", "target"])["value"].mean()
+    found = {f"{metric}_{target}": mean.get((metric, target)) for metric, target in SHOWN}
+    return {
+        **{key: about[key] for key in ("dataset", "split", "model")},
+        **{key: point[key] for key in AXES if key != "widths"},
+        "widths": size(point["widths"]),
+        "budget": budget,
+        "seeds": rows["seed"].nunique(),
+        "score": score(rows),
+        **found,
+    }
+
+
+def write(rows: list[dict], path: str | Path) -> None:
+    """Write the rows to a CSV file (columns TUNING), atomically; `best`: 1 for the best score of
+    a model on its set and split, else 0."""
+    table = pd.DataFrame(rows, columns=TUNING[:-1])
+    least = table.groupby(["dataset", "split", "model"])["score"].transform("min")
+    table["best"] = (table["score"] == least).astype(int)
+    with atomic_path(path) as temporary:
+        table.to_csv(temporary, index=False, float_format="%.6g")
