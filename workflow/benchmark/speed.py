@@ -7,14 +7,16 @@ medians over the runs, ratio = ours / peer.
 for 192 places and 260 strengths of one circular touch. Slow peers are timed on a few samples,
 spread evenly over all. What a side prepares once counts in its time, but for what favours the
 peers: the mesh, the element matrices and the touched elements' stiffness are there before. Before
-timing, every solver on pyEIT's mesh must give the same voltages. `perturbed`, `diagnosed`: see
-there.
+timing, every solver on pyEIT's mesh must give the same voltages. `perturbed`, `trained`,
+`diagnosed`: see there.
 """
 
 import argparse
 import contextlib
+import inspect
 import io
 import json
+import math
 import os
 import resource
 import shlex
@@ -28,6 +30,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import torch
 import yaml
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
@@ -37,6 +40,7 @@ from benchmark.finite_elements import FiniteElements, straight_mesh
 from eitskin import cli
 from eitskin.atomic import atomic_path
 from eitskin.data import recording
+from eitskin.learn import networks, train
 from eitskin.physics.forward import Forward, channel_values
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table
@@ -65,6 +69,7 @@ DRAWN = (
     "single:conductivity-drift+rig",
     "outside:gain-range+rig",
 )
+TRAINED, EPOCHS = 8000, 40
 DIAGNOSIS_S, WORST_S, DIAGNOSIS_MIB = 30.0, 120.0, 4096.0
 
 Samples = list[tuple[int, int]]
@@ -328,6 +333,36 @@ def perturbed(runs: int, command: str) -> list[dict]:
     return rows
 
 
+def trained(runs: int, command: str) -> list[dict]:
+    """Samples a second of the training loop, the paper's perceptron of 512, 256, 128 over TRAINED
+    samples whose labels are partly noise, so that weights decay: as it is, and with numbers under
+    the least normal float32 computed with. The last of EPOCHS epochs counts."""
+    train.deterministic()
+    drawn = torch.Generator().manual_seed(1)
+    voltage = torch.randn(TRAINED, len(CHANNELS), generator=drawn)
+    state = voltage[:, :3] + torch.randn(TRAINED, 3, generator=drawn)
+    part, adam = (voltage, state), train.Optimiser(weight_decay=1e-3)
+
+    def loss(module: torch.nn.Module, v: torch.Tensor, s: torch.Tensor) -> torch.Tensor:
+        times.append(time.perf_counter())
+        return (module(v) - s).square().mean()
+
+    found: dict[str, list[float]] = {"": [], "subnormal numbers kept": []}
+    times: list[float] = []
+    for _ in tqdm(range(runs), desc="trained", disable=None):
+        for side, rates_found in found.items():
+            times.clear()
+            torch.manual_seed(1)
+            module = networks.Mlp(len(CHANNELS), 3, (512, 256, 128))
+            loop = inspect.unwrap(train.fit) if side else train.fit
+            loop(module, part, (voltage[:1], state[:1]), loss, adam, train.Budget(None, EPOCHS), 1)
+            steps = math.ceil(TRAINED / adam.batch_size)
+            last = times[-2] - times[-1 - steps]
+            rates_found.append((steps - 1) * adam.batch_size / last)
+    ours, peer = (statistics.median(values) for values in found.values())
+    return [row("trained", "samples/s", ours, "subnormal numbers kept", peer, runs, command)]
+
+
 def diagnose(kind: str, seed: int, frames: int) -> tuple[float, float]:
     """Draw a recording and diagnose it as `eitskin diagnose` does, report and all.
 
@@ -372,7 +407,7 @@ def diagnosed(runs: int, command: str) -> list[dict]:
     return rows
 
 
-BENCHES = {"clean": clean, "perturbed": perturbed, "diagnosed": diagnosed}
+BENCHES = {"clean": clean, "perturbed": perturbed, "trained": trained, "diagnosed": diagnosed}
 
 
 def main(arguments: list[str] | None = None) -> None:
