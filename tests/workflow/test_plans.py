@@ -4,6 +4,8 @@ import shutil
 
 import pytest
 
+from eitskin.learn import model_file
+
 pytestmark = pytest.mark.xdist_group("finished")
 
 CHAIN = "results/simulated/tiny"
@@ -63,7 +65,7 @@ def test_the_paper_can_be_planned_at_the_full_budget(finished):
         (
             "authors_recipe",
             "results/metrics/simulated-authors/random/authors-recipe/physics-informed-mlp.csv",
-            "results/models/simulated-authors/random/authors-recipe/regressor/5.pt",
+            "results/models/simulated-authors/random/authors-recipe/regressor/3.pt",
         ),
     ],
 )
@@ -209,6 +211,20 @@ def test_a_training_parameter_reruns_no_simulation(house):
     assert "results/tables/table_1.csv" in pending
     kinds = ("simulated/", "datasets/", "splits/", "recordings/", "mesh/")
     assert not any(of(pending, f"results/{kind}") for kind in kinds)
+
+
+def test_what_is_other_for_a_model_reaches_it_and_retrains_it_alone(house):
+    folder = "results/models/simulated-tiny/session/small"
+    found = {
+        name: model_file.read(house.folder / folder / name / "1.pt").header
+        for name in ("autoencoder", "mlp", "physics-informed-mlp")
+    }
+    decay = {name: header["optimiser"]["weight_decay"] for name, header in found.items()}
+    assert decay == {"autoencoder": 1e-4, "mlp": 1e-4, "physics-informed-mlp": 3e-4}
+    assert found["mlp"]["widths"] == [32, 16] and found["mlp"]["budget"]["epochs"] == 2
+    house.edit("tiny.yaml", "weight_decay: 0.0003", "weight_decay: 0.0002")
+    models = {file.split("/")[-2] for file in of(house.pending(), "results/models/")}
+    assert models == {"physics-informed-mlp"}
 
 
 ROWS = ("simulated-tiny/session", "simulated-tiny-continuous/continuous", "simulated-twin/random")

@@ -30,7 +30,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-import torch
 import yaml
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
@@ -40,7 +39,6 @@ from benchmark.finite_elements import FiniteElements, straight_mesh
 from eitskin import cli
 from eitskin.atomic import atomic_path
 from eitskin.data import recording
-from eitskin.learn import networks, train
 from eitskin.physics.forward import Forward, channel_values
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table
@@ -334,9 +332,13 @@ def perturbed(runs: int, command: str) -> list[dict]:
 
 
 def trained(runs: int, command: str) -> list[dict]:
-    """Samples a second of the training loop, the paper's perceptron of 512, 256, 128 over TRAINED
-    samples whose labels are partly noise, so that weights decay: as it is, and with numbers under
-    the least normal float32 computed with. The last of EPOCHS epochs counts."""
+    """Samples a second of the training loop, a perceptron of 512, 256, 128 over TRAINED samples
+    whose labels are partly noise, so that weights decay: as it is, and with numbers under the least
+    normal float32 computed with. The last of EPOCHS epochs counts."""
+    import torch  # here, as the other benches' memory is counted without it
+
+    from eitskin.learn import networks, train
+
     train.deterministic()
     drawn = torch.Generator().manual_seed(1)
     voltage = torch.randn(TRAINED, len(CHANNELS), generator=drawn)
@@ -347,19 +349,20 @@ def trained(runs: int, command: str) -> list[dict]:
         times.append(time.perf_counter())
         return (module(v) - s).square().mean()
 
-    found: dict[str, list[float]] = {"": [], "subnormal numbers kept": []}
     times: list[float] = []
-    for _ in tqdm(range(runs), desc="trained", disable=None):
-        for side, rates_found in found.items():
-            times.clear()
-            torch.manual_seed(1)
-            module = networks.Mlp(len(CHANNELS), 3, (512, 256, 128))
-            loop = inspect.unwrap(train.fit) if side else train.fit
-            loop(module, part, (voltage[:1], state[:1]), loss, adam, train.Budget(None, EPOCHS), 1)
-            steps = math.ceil(TRAINED / adam.batch_size)
-            last = times[-2] - times[-1 - steps]
-            rates_found.append((steps - 1) * adam.batch_size / last)
-    ours, peer = (statistics.median(values) for values in found.values())
+    steps = math.ceil(TRAINED / adam.batch_size)
+
+    def rate(loop: Callable) -> float:
+        times.clear()
+        torch.manual_seed(1)
+        module = networks.Mlp(len(CHANNELS), 3, (512, 256, 128))
+        loop(module, part, (voltage[:1], state[:1]), loss, adam, train.Budget(None, EPOCHS), 1)
+        # The last time is the validation's.
+        return (steps - 1) * adam.batch_size / (times[-2] - times[-1 - steps])
+
+    loops = train.fit, inspect.unwrap(train.fit)
+    found = [[rate(loop) for loop in loops] for _ in tqdm(range(runs), "trained", disable=None)]
+    ours, peer = (statistics.median(rates) for rates in zip(*found, strict=True))
     return [row("trained", "samples/s", ours, "subnormal numbers kept", peer, runs, command)]
 
 

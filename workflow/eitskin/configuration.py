@@ -98,10 +98,11 @@ def schema(path: str | Path) -> dict:
     kinds = f"^(single:({'|'.join(EFFECTS)})|pair|triple)$"
     parts["loop"]["properties"]["cases"]["propertyNames"]["pattern"] = kinds
     of_budget = parts["budgets"]["additionalProperties"]["properties"]["rows"]
-    for listed in (found["$defs"]["models"], found["$defs"]["tuned"]):
-        listed["items"]["enum"] = models.names()
+    networks = [name for name in models.names() if not models.model(name).support_vectors]
+    found["$defs"]["models"]["items"]["enum"] = models.names()
+    found["$defs"]["tuned"]["items"]["enum"] = networks
     for rows in (parts["training"]["properties"]["rows"], of_budget):
-        rows["propertyNames"]["enum"] = models.names()
+        rows["propertyNames"]["enum"] = networks
     return found
 
 
@@ -243,6 +244,9 @@ def _unknown_name(config: dict) -> tuple[list, str, str] | None:
             for k, split in enumerate(splits):
                 if split not in config["splits"]:
                     return [*place, k], repr(split), _names(config["splits"])
+    for name, row in config["training"].get("rows", {}).items():
+        if "widths" in row and not models.model(name).perceptron:
+            return ["training", "rows", name, "widths"], row["widths"], "none, as it has its own"
     if config["budget"] not in config["budgets"]:
         return ["budget"], repr(config["budget"]), _names(config["budgets"])
     for name in config["configurations"]:

@@ -31,7 +31,7 @@ from eitskin.simulate.readings import simulate
 from loop.alike import alike
 from witness.world import World
 
-VALIDATED = 5  # every fifth session stops the training
+VALIDATED = 5  # every fifth session tells which weights are kept
 
 
 @dataclass(frozen=True)

@@ -47,14 +47,17 @@ def recipe_of_setting(wildcards):
 def spent_of(wildcards):
     """The budget of a job, with the samples of its setting."""
     own = {key: v for key, v in (SETTINGS | POINTS)[wildcards.setting].items() if key == "samples"}
-    return spent(config["budgets"][wildcards.budget], wildcards.get("model"), **own)
+    return spent(config["budgets"][wildcards.budget], wildcards.get("model")) | own
 
 
 def models_of_setting(wildcards):
-    """The files of all seeds; points of the grid have fewer."""
-    own = seeds(wildcards.model, config["budgets"][wildcards.budget])
+    """The files of all seeds; points of the grid have fewer, what is compared has as many as its peer."""
+    budget = config["budgets"][wildcards.budget]
+    own = seeds(wildcards.model, budget)
     if wildcards.setting in POINTS:
         own = own[: STUDIED["tuning_seeds"]]
+    elif wildcards.setting not in SETTINGS:
+        own = min((seeds(name, budget) for name in ablation.PAIR), key=len)
     folder = f"{ABLATION}/{wildcards.setting}/{wildcards.model}"
     return expand(f"{folder}/{{seed}}.pt", seed=own, **wildcards)
 

@@ -115,7 +115,7 @@ rule loop_errors:
     params:
         latent_dim=lookup(dpath="training/latent_dim", within=config),
         recipe=recipe_of_row,
-        budget=spent(config["loop"]["budget"]),
+        budget=lambda wildcards: spent(config["loop"]["budget"], wildcards.model),
         seed=lambda wildcards: int(wildcards.seed),
         draw=lambda wildcards: int(wildcards.seed) - config["seed"],
         authors=lookup(dpath="configurations/authors/effects", within=config),

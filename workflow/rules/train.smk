@@ -91,9 +91,7 @@ rule train_predictor:
         runtime=240,
     params:
         recipe=recipe_of_row,
-        budget=lambda wildcards: spent_on_model(
-            config["budgets"][wildcards.budget], wildcards.model
-        ),
+        budget=lambda wildcards: spent(config["budgets"][wildcards.budget], wildcards.model),
         draw=lookup(dpath="seed", within=config),
         seed=lambda wildcards: int(wildcards.seed),
         code=of_model("train_predictor"),

@@ -16,10 +16,10 @@ def optimiser(training):
     return {key: training[key] for key in OPTIMISER}
 
 
-def spent(budget, model=None, **instead):
-    """What one seed of a budget costs, of a model or of a teacher."""
-    own = chosen(budget, model)
-    return {key: own[key] for key in ("samples", "epochs", "validated") if key in own} | instead
+def spent(budget, model=None):
+    """What one seed of a budget costs, of a model or of a teacher; what is fitted at once has no epochs."""
+    own = chosen(budget, model) | ({"epochs": 0} if model and fitted_at_once(model) else {})
+    return {key: own[key] for key in ("samples", "epochs", "validated") if key in own}
 
 
 def seeds(model, budget):
@@ -58,15 +58,9 @@ def recipe(own, model):
         "optimiser": {key: own[key] for key in OPTIMISER},
         "force_weight": own["force_weight"],
         "lambda_latent": own["lambda_latent"] if informed else 0.0,
-        "widths": own["widths"] if known.perceptron else None,
-    }
+    } | ({"widths": own["widths"]} if known.perceptron else {})
 
 
 def recipe_of_row(wildcards):
     """The recipe of a row of Table I."""
     return recipe(chosen(config["training"], wildcards.model), wildcards.model)
-
-
-def spent_on_model(budget, model):
-    """What one seed of a model costs; what is fitted at once has no epochs."""
-    return spent(budget, model, **({"epochs": 0} if fitted_at_once(model) else {}))

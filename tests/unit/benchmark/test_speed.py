@@ -53,6 +53,14 @@ def test_rows_are_written_as_a_list_with_their_command(tmp_path, monkeypatch, ca
     assert "ratio 3" in capsys.readouterr().out
 
 
+def test_the_loop_is_timed_as_it_is_and_with_subnormal_numbers(monkeypatch):
+    monkeypatch.setattr(speed, "TRAINED", 500)
+    monkeypatch.setattr(speed, "EPOCHS", 2)
+    (row,) = speed.trained(2, "the command")
+    assert row["peer_name"] == "subnormal numbers kept" and row["runs"] == 2
+    assert row["ours"] > 0.0 and row["peer"] > 0.0
+
+
 def test_a_perturbed_set_runs_the_whole_chain():
     config = yaml.safe_load((Path(__file__).parents[3] / "config.yaml").read_text())
     config["touch_grid"] |= {"radii": 2, "angles": 3}

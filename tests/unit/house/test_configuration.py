@@ -173,6 +173,14 @@ def test_the_paper_s_configuration_is_accepted():
             "expected one of simulated-authors",
         ),
         (
+            ("training", "rows", {"cnn": {"widths": [64]}}),
+            "config.yaml: training.rows.cnn.widths: found [64], expected none, as it has its own",
+        ),
+        (
+            ("training", "rows", {"svr": {"weight_decay": 0.1}}),
+            "config.yaml: training.rows: found 'svr', expected one of mlp, cnn",
+        ),
+        (
             ("ablation", "grid", "force_weight", []),
             "config.yaml: ablation.grid.force_weight: found [], expected a list of 1 or more",
         ),

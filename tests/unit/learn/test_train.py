@@ -140,16 +140,32 @@ def test_all_epochs_are_run_and_the_best_weights_kept(tmp_path):
     assert loss.item() == pytest.approx(min(scores), rel=1e-5)
 
 
-def test_where_nothing_is_validated_all_is_trained_on_and_the_last_weights_kept(tmp_path):
-    budget = replace(QUICK, epochs=120, samples=60, validated=False)
+def test_where_nothing_is_validated_all_is_trained_on(tmp_path):
+    budget = replace(QUICK, samples=60, validated=False)
     material = train.prepare(DATA, PART, budget, 1)
     assert (len(material.train[0]), len(material.validation[0])) == (75, 15)
-    trained = plain(tmp_path / "a.pt", budget)
-    scores = [validation for _, validation in trained.header["runs"][0]["history"]]
-    module = trained.into(networks.Mlp(208, 3), 1)
-    voltage, state = material.validation
-    loss = train.supervision(module(voltage), state, torch.tensor([1.0, 1.0, 5.0]))
-    assert loss.item() == pytest.approx(scores[-1], rel=1e-5)
+    assert len(material.apart) == 60
+    trained = plain(tmp_path / "a.pt", budget)  # a frame of its own is no stranger to any model
+    assert trained.header["familiar"]["limit_distance"] > 0.0
+
+
+@pytest.mark.parametrize("validated", [True, False])
+def test_of_a_loss_that_rises_the_first_weights_are_kept_or_where_nothing_is_validated_the_last(
+    validated,
+):
+    v = torch.randn(64, 3, generator=torch.Generator().manual_seed(1))
+    learned, opposite = (v, v[:, :1]), (v, -v[:, :1])
+    torch.manual_seed(1)
+    module = torch.nn.Linear(3, 1)
+
+    def loss(module, voltage, state):
+        return (module(voltage) - state).square().mean()
+
+    job = (loss, train.Optimiser(1e-2), train.Budget(None, 30, validated), 1)
+    scores = [score for _, score in train.fit(module, learned, opposite, *job)]
+    assert scores[0] < scores[-1]
+    expected = scores[0] if validated else scores[-1]
+    assert loss(module, *opposite).item() == pytest.approx(expected, rel=1e-5)
 
 
 def test_a_cosine_begins_with_the_rate_and_ends_near_0():

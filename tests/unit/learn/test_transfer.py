@@ -95,7 +95,7 @@ def test_labels_differ_from_draw_to_draw():
     assert len(draws) == transfer.DRAWS
 
 
-def test_a_fifth_of_the_labelled_presses_stops_the_training():
+def test_a_fifth_of_the_labelled_presses_is_validated_on():
     table, part = many()
     few = transfer_runs.labelled(table, part, 1)
     own = transfer.few_parts(table, few, 1)

@@ -121,7 +121,7 @@ def test_order_of_the_files_does_not_matter(tmp_path):
 
 
 def test_markdown_has_interval_and_paper_and_labels_simulations(tmp_path):
-    one_seed = metric_file(tmp_path, seeds=1, low=None, high=None, split="session")
+    one_seed = metric_file(tmp_path, seeds=1, low=None, high=None, each="0.5", split="session")
     twin = metric_file(tmp_path, recording="twin", configuration="")
     write(tmp_path, metric_file(tmp_path), one_seed, twin)
     text = (tmp_path / "table_1.md").read_text()

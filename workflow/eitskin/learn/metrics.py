@@ -57,15 +57,20 @@ def interval(values: np.ndarray, level: float = 0.95) -> tuple[float, float]:
     return float(np.mean(values) - half), float(np.mean(values) + half)
 
 
+def interval_of_seeds(values: np.ndarray) -> tuple[float, float]:
+    """`interval` of values (n,), one a seed; NaN for fewer than LEAST_SEEDS."""
+    return interval(values) if len(values) >= LEAST_SEEDS else (float("nan"), float("nan"))
+
+
 def summary(values: np.ndarray, metric: str) -> dict:
-    """What the seeds' values (n,) of a metric say: `mean`; `low` and `high` of its interval within
-    what the metric can be, NaN for fewer than LEAST_SEEDS; `each` value, with semicolons."""
-    low, high = interval(values) if len(values) >= LEAST_SEEDS else (float("nan"), float("nan"))
-    least, most = (-np.inf, 1.0) if metric == "r2" else (0.0, np.inf)
+    """What the seeds' values (n,) of a metric say: `mean`; `low` and `high` as of
+    `interval_of_seeds`, within what the metric can be; `each` value, with semicolons; `seeds` n."""
+    possible = (-np.inf, 1.0) if metric == "r2" else (0.0, np.inf)
+    low, high = np.clip(interval_of_seeds(values), *possible).tolist()
     return {
         "mean": float(np.mean(values)),
-        "low": max(low, least) if np.isfinite(low) else low,
-        "high": min(high, most) if np.isfinite(high) else high,
+        "low": low,
+        "high": high,
         "each": ";".join(f"{value:.6g}" for value in values),
         "seeds": len(values),
     }
@@ -92,7 +97,7 @@ def unit(metric: str, target: str) -> str:
 
 
 def of_ensemble(predictions: pd.DataFrame, dataset: Dataset) -> pd.DataFrame:
-    """The same, without seed, of the mean over seeds of what they predict."""
+    """Rows of `by_seed`, without seed, of the mean over seeds of what they predict."""
     columns = [TARGETS[target] for target in dataset.metadata["targets"]]
     mean = predictions.groupby("sample", as_index=False)[columns].mean()
     return by_seed(mean.assign(seed=0), dataset).drop(columns="seed")

@@ -1,6 +1,6 @@
 """Predictors from voltages to contact states, the rows of the paper's Table I, and the two networks
-that teach the physics-informed ones. Widths and depths are the paper's (§ III-C); what it leaves
-open is named with each.
+that teach the physics-informed ones. Widths and depths are the paper's (§ III-C), but that
+perceptrons may have others; what the paper leaves open is named with each.
 """
 
 import math
@@ -239,7 +239,7 @@ def svr(shape: Shape) -> Svr:
 
 
 def mlp(shape: Shape) -> Mlp:
-    """The paper's MLP."""
+    """The MLP, of the shape's widths."""
     return Mlp(shape.n_channels, shape.n_targets, shape.widths)
 
 

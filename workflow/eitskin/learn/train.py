@@ -36,9 +36,6 @@ from eitskin.learn.networks import Autoencoder, Shape, StateToLatent, Svr
 Loss = Callable[..., Tensor]  # (module, *batch) -> scalar
 
 
-SCHEDULES = ("cosine", "constant")  # of the learning rate
-
-
 @dataclass(frozen=True)
 class Optimiser:
     """Adam's settings: `weight_decay` is its L2 penalty, a step sees `batch_size` samples. The
@@ -65,7 +62,7 @@ class Tube:
 class Budget:
     """What a training may cost: `samples` at most (None: all; a quarter as many to validate on) and
     `epochs`, all of which are run. The weights of the best validation loss are kept; where nothing
-    is `validated` those of the last epoch, trained on the validation part as well."""
+    is `validated` those of the last epoch, trained on what was to validate on as well."""
 
     samples: int | None
     epochs: int
@@ -75,14 +72,14 @@ class Budget:
 @dataclass(frozen=True)
 class Recipe:
     """How a model is trained: the weights of the force and of the latent loss (0: none), the hidden
-    `widths` of a perceptron (None: those of the paper's text) and, where its teachers are trained
-    with it, `latent_dim` K of the autoencoder."""
+    `widths` of a perceptron and, where its teachers are trained with it, `latent_dim` K of the
+    autoencoder."""
 
     optimiser: Optimiser
     budget: Budget
     force_weight: float = 1.0
     lambda_latent: float = 0.0
-    widths: Sequence[int] | None = None
+    widths: Sequence[int] = networks.HIDDEN
     latent_dim: int | None = None
 
     @classmethod
@@ -94,11 +91,13 @@ class Recipe:
 
 @dataclass
 class Material:
-    """Standardised voltages (n, M) and states (n, T) of two parts, and the scalers that made them
-    (means and scales of the training part alone)."""
+    """Standardised voltages (n, M) and states (n, T) that are trained on, and of the validation
+    part; `apart`: voltages that are trained on and not of the validation part; `scalers`: what made
+    them (means and scales of what is trained on alone)."""
 
     train: tuple[Tensor, ...]
     validation: tuple[Tensor, ...]
+    apart: Tensor
     scalers: dict[str, Tensor]
 
 
@@ -122,6 +121,7 @@ def prepare(dataset: Dataset, part: np.ndarray, budget: Budget, draw: int) -> Ma
         rows[name].sort()
         if len(rows[name]) < 2:
             raise InputError(dataset.metadata["name"], f"part {name}", "under 2", "more samples")
+    rows["apart"] = rows["train"]
     if not budget.validated:
         rows["train"] = np.sort(np.concatenate([rows["train"], rows["validation"]]))
     values = {"voltage": dataset.delta_V.astype(np.float64), "state": dataset.states()}
@@ -141,7 +141,8 @@ def prepare(dataset: Dataset, part: np.ndarray, budget: Budget, draw: int) -> Ma
             for name, value in values.items()
         )
 
-    return Material(standardised("train"), standardised("validation"), scalers)
+    apart, _ = standardised("apart")
+    return Material(standardised("train"), standardised("validation"), apart, scalers)
 
 
 def deterministic() -> torch.device:
@@ -181,7 +182,7 @@ def fit(
 ) -> list[list[float]]:
     """The loop, over all epochs of the budget. Leaves in `module` the weights of the best
     validation loss, or where nothing is validated the last; returns the training and the validation
-    loss of each epoch. Raises InputError where a loss is not finite."""
+    loss of each epoch. Raises InputError where a validation loss is not finite."""
     adam = torch.optim.Adam(
         module.parameters(),
         lr=optimiser.learning_rate,
@@ -223,7 +224,7 @@ def fit(
 
 
 def learning_rates(optimiser: Optimiser, steps: int) -> Iterator[float]:
-    """The learning rate of each step, 0 from where a cosine has ended."""
+    """The learning rate of each step."""
     for step in range(steps):
         share = 0.5 * (1.0 + math.cos(math.pi * step / steps))
         yield optimiser.learning_rate * (share if optimiser.schedule == "cosine" else 1.0)
@@ -354,7 +355,7 @@ def train_predictor(
     if taught:
         settings["latent_dim"] = taught[0].header["latent_dim"]
     if known.perceptron:
-        settings["widths"] = list(recipe.widths or networks.HIDDEN)
+        settings["widths"] = list(recipe.widths)
     (v, s), (v_check, s_check) = _moved(material, device)
     weights = [recipe.force_weight if target == "F" else 1.0 for target in targets]
     weight = torch.tensor(weights, device=device)
@@ -364,7 +365,7 @@ def train_predictor(
     untouched = dataset.metadata.get("untouched")
     for name, gate in (
         ("touch", gates.touch_gate(raw, scalers["voltage_scale"], untouched)),
-        ("familiar", gates.familiar_gate(material.train[0], material.validation[0])),
+        ("familiar", gates.familiar_gate(material.apart, material.validation[0])),
     ):
         settings[name] = {k: v for k, v in gate.items() if not isinstance(v, Tensor)}
         scalers |= {f"{name}_{k}": v for k, v in gate.items() if isinstance(v, Tensor)}
@@ -406,7 +407,7 @@ def train_model(
     seed: int,
 ) -> Trained:
     """A predictor after all of its stages, as `train_predictor` writes it, its samples drawn by the
-    same seed; nothing is kept."""
+    same seed, its teachers trained by its own optimiser and budget; no file is kept."""
     with TemporaryDirectory() as folder:
         encoder, regressor, output = (Path(folder, f"{k}.pt") for k in range(3))
         job, teachers = (recipe.optimiser, recipe.budget, seed, seed), []

@@ -12,17 +12,16 @@ import numpy as np
 import pandas as pd
 
 from eitskin.atomic import atomic_path
-from eitskin.learn.metrics import LEAST_SEEDS, interval, summary, unit
+from eitskin.learn.metrics import interval_of_seeds, summary, unit
 
 DEFAULT = "default"
-PLAIN, INFORMED = "mlp", "physics-informed-mlp"  # the two that are compared
+PLAIN, INFORMED = PAIR = "mlp", "physics-informed-mlp"  # the two that are compared
 WITH_OWN_TEACHERS = ("latent_dim", "samples")  # what an autoencoder and a regressor depend on
 VARIED = ("study", "value", "dataset", "split", "model", "target", "metric", "mean", "low", "high")
 VARIED = (*VARIED, "each", "unit", "seeds", "budget")
 COMPARED = ("dataset", "split", "widths", "target", "metric", "unit", "plain", "informed")
 COMPARED = (*COMPARED, "difference", "low", "high", "seeds", "budget")
 COMPARED = (*COMPARED, "plain_setting", "informed_setting", "verdict")
-PLACE = ["dataset", "split", "budget"]
 SHOWN = {"r2": "R²", "mae": "MAE"}
 
 
@@ -127,8 +126,7 @@ def compared_rows(plain: pd.DataFrame, informed: pd.DataFrame, about: dict) -> l
     found = []
     for (target, metric), one in pairs.groupby(["target", "metric"], sort=False):
         difference = (one["value_informed"] - one["value_plain"]).to_numpy()
-        told = len(one) >= LEAST_SEEDS
-        low, high = interval(difference) if told else (np.nan, np.nan)
+        low, high = interval_of_seeds(difference)
         found.append(
             {
                 **about,
@@ -149,7 +147,7 @@ def compared_rows(plain: pd.DataFrame, informed: pd.DataFrame, about: dict) -> l
 
 def verdict(metric: str, low: float, high: float, seeds: int) -> str:
     """What an interval of differences says of the latent loss, in plain words."""
-    if seeds < LEAST_SEEDS:
+    if not np.isfinite([low, high]).all():
         return f"cannot be told from {seeds} seed{'s' * (seeds > 1)}"
     if low <= 0 <= high:
         return f"no difference that {seeds} seeds can tell"
@@ -228,12 +226,14 @@ def to_markdown(varied: pd.DataFrame, compared: pd.DataFrame) -> str:
 
 def _summary(compared: pd.DataFrame) -> Iterable[str]:
     """How many lines say what, and how many intervals miss 0 by chance."""
-    helps, harms = ((compared["verdict"] == word).sum() for word in ("helps", "harms"))
+    told = compared[compared["low"].notna()]
+    helps, harms = ((told["verdict"] == word).sum() for word in ("helps", "harms"))
     yield (
         f"{PLAIN} and {INFORMED}, tuned in the same grid on the validation part and trained with "
-        f"the same seeds. Of {len(compared)} differences, {helps} say that the latent loss helps, "
-        f"{harms} that it harms, {len(compared) - helps - harms} nothing. If it did nothing, "
-        f"about {0.05 * len(compared):.1f} would still say something: each interval is one of 95 %."
+        f"the same seeds. Of {len(told)} differences with an interval, {helps} say that the latent "
+        f"loss helps, {harms} that it harms, {len(told) - helps - harms} nothing. If it did "
+        f"nothing, about {0.05 * len(told):.1f} would still say something: each interval is one of "
+        "95 %."
     )
 
 

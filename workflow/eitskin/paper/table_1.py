@@ -25,7 +25,8 @@ def paper(path: str | Path) -> pd.DataFrame:
 def collect(
     paths: list[str | Path], published: str | Path, limits: list[str | Path] = ()
 ) -> pd.DataFrame:
-    """Rows (TABLE and KEPT) of the metrics files, in a fixed order; raises InputError.
+    """Rows (TABLE and KEPT) of the metrics files and of ensembles, in a fixed order; raises
+    InputError.
 
     `paper`, from the file `published`, is filled where the row repeats the paper's experiment:
     simulated with the authors' or the text's strengths, split by random frame (another baseline,
@@ -154,6 +155,6 @@ def _cell(row: pd.Series) -> str:
     text = f"{row['mean']:.3f}"
     if pd.notna(row["low"]):
         text += f" [{row['low']:.3f}, {row['high']:.3f}]"
-    elif row["each"]:
+    elif row["seeds"] > 1 and row["each"]:
         text += " [" + "; ".join(f"{float(one):.3f}" for one in row["each"].split(";")) + "]"
     return text + (f" ({row['paper']:g})" if pd.notna(row["paper"]) else "")

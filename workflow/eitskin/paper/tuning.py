@@ -5,6 +5,7 @@ from pathlib import Path
 import pandas as pd
 
 from eitskin.atomic import atomic_path
+from eitskin.learn import models
 from eitskin.paper.ablation import score, size
 
 AXES = ("widths", "learning_rate", "weight_decay", "force_weight")
@@ -14,15 +15,17 @@ TUNING = (*TUNING, *(f"{metric}_{target}" for metric, target in SHOWN), "best")
 
 
 def row(rows: pd.DataFrame, about: dict, point: dict, budget: str) -> dict:
-    """A row (TUNING) of one point: its `ablation.score` and some means over seeds. rows: of
-    `metrics.by_seed` on the validation part; about: dataset,
-    split and model; point: the values of AXES."""
+    """A row (TUNING) of one point: its `ablation.score` and some means over seeds.
+
+    rows: of `metrics.by_seed` on the validation part; about: dataset, split and model; point: the
+    values of AXES, widths for perceptrons alone.
+    """
     mean = rows.groupby(["metric", "target"])["value"].mean()
     found = {f"{metric}_{target}": mean.get((metric, target)) for metric, target in SHOWN}
     return {
         **{key: about[key] for key in ("dataset", "split", "model")},
         **{key: point[key] for key in AXES if key != "widths"},
-        "widths": size(point["widths"]),
+        "widths": size(point["widths"]) if models.model(about["model"]).perceptron else "",
         "budget": budget,
         "seeds": rows["seed"].nunique(),
         "score": score(rows),
@@ -32,7 +35,7 @@ def row(rows: pd.DataFrame, about: dict, point: dict, budget: str) -> dict:
 
 def write(rows: list[dict], path: str | Path) -> None:
     """Write the rows to a CSV file (columns TUNING), atomically; `best`: 1 for the best score of
-    a model on its set and split, else 0."""
+    a model on its set and split and what equals it, else 0."""
     table = pd.DataFrame(rows, columns=TUNING[:-1])
     least = table.groupby(["dataset", "split", "model"])["score"].transform("min")
     table["best"] = (table["score"] == least).astype(int)
