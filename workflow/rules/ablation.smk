@@ -233,7 +233,7 @@ rule tuning:
         points=TUNING,
         grid=POINTS,
         budget=config["budget"],
-        code=fingerprint("tuning"),
+        code=fingerprint("tuning", []),
     message:
         "Collecting how models do on the validation part at every point of the grid"
     script:
