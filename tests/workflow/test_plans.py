@@ -220,9 +220,10 @@ def test_what_is_other_for_a_model_reaches_it_and_retrains_it_alone(house):
         for name in ("autoencoder", "mlp", "physics-informed-mlp")
     }
     decay = {name: header["optimiser"]["weight_decay"] for name, header in found.items()}
-    assert decay == {"autoencoder": 1e-4, "mlp": 1e-4, "physics-informed-mlp": 3e-4}
+    assert decay == {"autoencoder": 1e-4, "mlp": 3e-4, "physics-informed-mlp": 3e-4}
     assert found["mlp"]["widths"] == [32, 16] and found["mlp"]["budget"]["epochs"] == 2
-    house.edit("tiny.yaml", "weight_decay: 0.0003", "weight_decay: 0.0002")
+    row = "informed-mlp: {weight_decay: 0.0003}"
+    house.edit("tiny.yaml", row, row.replace("3", "2"))
     models = {file.split("/")[-2] for file in of(house.pending(), "results/models/")}
     assert models == {"physics-informed-mlp"}
 
