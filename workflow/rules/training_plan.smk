@@ -12,7 +12,7 @@ def chosen(settings, model):
 
 
 def optimiser(training):
-    """Adam's settings for the teachers."""
+    """Adam's settings among those of a training, a model's or the teachers'."""
     return {key: training[key] for key in OPTIMISER}
 
 
@@ -55,7 +55,7 @@ def recipe(own, model):
         return {"optimiser": {}, "force_weight": 1.0}
     informed = model.startswith(models.PHYSICS_INFORMED)
     return {
-        "optimiser": {key: own[key] for key in OPTIMISER},
+        "optimiser": optimiser(own),
         "force_weight": own["force_weight"],
         "lambda_latent": own["lambda_latent"] if informed else 0.0,
     } | ({"widths": own["widths"]} if known.perceptron else {})
