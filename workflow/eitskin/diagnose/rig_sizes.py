@@ -195,21 +195,24 @@ class _Scored:
 def _trace(whitening: Whitening, each: str, own: np.ndarray, of_press: np.ndarray) -> float:
     """Squared length of all unit columns, whitened: own (K, N, M) less what the parts have that
     come after what they act on."""
-    total = float((own**2).sum())
+    square = (own**2).sum(axis=0)
+    total = float(square.sum())
     for part in whitening.parts:
         if ORDER.index(part.each) <= ORDER.index(each):
             continue
         less = -part.precision
-        for k, unit in enumerate(part.columns):
-            along = own * unit
-            if part.each == "whole":
-                total -= float((summed(along, each, of_press) ** 2).sum() * less[0, k])
-            elif each == "frame" and part.each == "press":
-                total -= float(less[:, k] @ (of_press @ (along.sum(axis=2) ** 2).sum(axis=0)))
-            elif each == "frame":
-                total -= float((along**2 * less[:, k]).sum())
-            else:
-                pressed = np.einsum("bn,knm->kbm", of_press, along, optimize=True)
+        if part.each == "whole":
+            met = (_met(own, part.columns, each, of_press) ** 2).sum(axis=(0, 1))
+            total -= float(met @ less[0])
+        elif each == "frame" and part.each == "press":
+            met = (_met(own, part.columns, "frame", of_press) ** 2).sum(axis=1)
+            total -= float(((of_press @ met) * less).sum())
+        elif each == "frame":
+            # It meets a channel's error in one reading alone.
+            total -= float((square * np.einsum("knm,mk->nm", part.columns**2, less)).sum())
+        else:
+            for k, unit in enumerate(part.columns):
+                pressed = np.einsum("bn,knm->kbm", of_press, own * unit, optimize=True)
                 total -= float((pressed**2 * less[:, k]).sum())
     return total
 
@@ -218,17 +221,28 @@ def _shared(a: np.ndarray, each_a: str, b: np.ndarray, each_b: str, of_press: np
     """Sum of the squared products of whitened unit columns (K, N, M)."""
     if ORDER.index(each_a) > ORDER.index(each_b):
         a, each_a, b, each_b = b, each_b, a, each_a
-    if each_a == "whole":
-        return float(((a.reshape(len(a), -1) @ b.reshape(len(b), -1).T) ** 2).sum())
+    if each_a == each_b or each_b == "whole":
+        return float((_met(a, b, each_a, of_press) ** 2).sum())
+    if each_a == "frame" and each_b == "channel":
+        # They meet in one reading.
+        return float(((a**2).sum(axis=0) * (b**2).sum(axis=0)).sum())
+    if each_a == "frame":
+        return float((_met(a, b, "frame", of_press) ** 2).sum())
     total = 0.0
     for column in a:
-        products = column * b
-        if each_a == each_b or each_b == "whole":
-            found = summed(products, each_a, of_press)
-        elif each_a == "frame":
-            # It meets a channel's error in one reading, a press's in one frame.
-            found = products if each_b == "channel" else products.sum(axis=2)
-        else:
-            found = np.einsum("bn,knm->kbm", of_press, products, optimize=True)
-        total += float((found**2).sum())
+        pressed = np.einsum("bn,knm->kbm", of_press, column * b, optimize=True)
+        total += float((pressed**2).sum())
     return total
+
+
+def _met(a: np.ndarray, b: np.ndarray, each: str, of_press: np.ndarray) -> np.ndarray:
+    """(B, J, K) sums of the products of columns (J, N, M) and (K, N, M) over each of the B frames,
+    presses or channels, or over all readings, which one error of a component acts on."""
+    if each == "whole":
+        return (a.reshape(len(a), -1) @ b.reshape(len(b), -1).T)[None]
+    order = (2, 0, 1) if each == "channel" else (1, 0, 2)
+    left, right = (np.ascontiguousarray(own.transpose(order)) for own in (a, b))
+    found = left @ right.transpose(0, 2, 1)
+    if each != "press":
+        return found
+    return (of_press @ found.reshape(len(found), -1)).reshape(-1, len(a), len(b))
