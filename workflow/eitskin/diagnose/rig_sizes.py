@@ -201,12 +201,10 @@ def _trace(whitening: Whitening, each: str, own: np.ndarray, of_press: np.ndarra
         if ORDER.index(part.each) <= ORDER.index(each):
             continue
         less = -part.precision
-        if part.each == "whole":
-            met = (_met(own, part.columns, each, of_press) ** 2).sum(axis=(0, 1))
-            total -= float(met @ less[0])
-        elif each == "frame" and part.each == "press":
-            met = (_met(own, part.columns, "frame", of_press) ** 2).sum(axis=1)
-            total -= float(((of_press @ met) * less).sum())
+        if part.each != "channel":
+            met = (_met(own, part.columns, each, of_press) ** 2).sum(axis=1)
+            met = of_press @ met if part.each == "press" else met
+            total -= float((met * less).sum())
         elif each == "frame":
             # It meets a channel's error in one reading alone.
             total -= float((square * np.einsum("knm,mk->nm", part.columns**2, less)).sum())
@@ -221,13 +219,11 @@ def _shared(a: np.ndarray, each_a: str, b: np.ndarray, each_b: str, of_press: np
     """Sum of the squared products of whitened unit columns (K, N, M)."""
     if ORDER.index(each_a) > ORDER.index(each_b):
         a, each_a, b, each_b = b, each_b, a, each_a
-    if each_a == each_b or each_b == "whole":
+    if each_a == each_b or each_b != "channel":
         return float((_met(a, b, each_a, of_press) ** 2).sum())
-    if each_a == "frame" and each_b == "channel":
-        # They meet in one reading.
-        return float(((a**2).sum(axis=0) * (b**2).sum(axis=0)).sum())
     if each_a == "frame":
-        return float((_met(a, b, "frame", of_press) ** 2).sum())
+        # It meets a channel's error in one reading alone.
+        return float(((a**2).sum(axis=0) * (b**2).sum(axis=0)).sum())
     total = 0.0
     for column in a:
         pressed = np.einsum("bn,knm->kbm", of_press, column * b, optimize=True)
