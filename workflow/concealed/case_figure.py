@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from calibration import judge
 from concealed import opened, scoring
 from eitskin import figure_files, plotting
+from eitskin.data import parquet
 from eitskin.diagnose.report import evidence
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.report.figures import draw_matrices, layout, matrix_bar
@@ -42,7 +43,8 @@ def hidden(block: Path, case: str) -> pd.DataFrame:
     of prediction minus truth, in units of a reading's noise."""
     _, arrays = opened.read(block / "opened", case)
     clean, noise = arrays["query_clean_V"], arrays["noise_V"]
-    table = pd.read_parquet(block / "queries" / f"{case}.parquet", columns=["time_s", "force_N"])
+    query = parquet.read(block / "queries" / f"{case}.parquet", ["time_s", "force_N"])
+    table = query.to_pandas(use_threads=False)
     after, _ = scoring.predicted(block / "verdicts" / case / "predicted.parquet", clean.shape)
     with np.load(block / "baselines" / f"{case}.npz", allow_pickle=False) as file:
         before = file["none"]

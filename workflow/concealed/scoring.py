@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow.parquet as pq
 from scipy.stats import norm
 
 from calibration import judge, score
 from calibration.intervals import rms
 from concealed import baselines, opened, planted, verdicts
+from eitskin.data import parquet
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import LeakEffect
 from eitskin.errors import InputError
@@ -115,7 +115,7 @@ def _json(path: Path) -> dict:
 
 def predicted(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Predicted voltages of a query (Q, M) and their standard deviations."""
-    table = pq.read_table(path, columns=["voltage_V", "std_V"])
+    table = parquet.read(path, ["voltage_V", "std_V"])
     flat = (table[name].combine_chunks().flatten() for name in table.column_names)
     voltage, sd = (one.to_numpy(zero_copy_only=False).reshape(-1, shape[1]) for one in flat)
     if voltage.shape != shape:

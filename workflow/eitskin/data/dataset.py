@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from eitskin.atomic import atomic_path
+from eitskin.data import parquet
 from eitskin.data.baseline import changes, sessions, untouched_noise
 from eitskin.data.places import places
 from eitskin.data.recording import Recording
@@ -88,10 +89,7 @@ def write(dataset: Dataset, path: str | Path) -> None:
 
 def read(path: str | Path) -> Dataset:
     """Read and validate a dataset; raises InputError."""
-    try:
-        table = pq.read_table(path, use_threads=False)
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(path, "file", str(error).splitlines()[0], "a Parquet file") from None
+    table = parquet.read(path)
     header = (table.schema.metadata or {}).get(SCHEMA_KEY)
     if header is None:
         raise InputError(path, "schema", "no key eitskin-dataset", "a dataset's metadata")
@@ -102,7 +100,7 @@ def read(path: str | Path) -> Dataset:
         raise InputError(path, "column delta_V", f"{kind} or nulls", "float32 without nulls")
     flat = table["delta_V"].combine_chunks().flatten().to_numpy(zero_copy_only=False)
     dataset = Dataset(
-        table.drop_columns(["delta_V"]).to_pandas(ignore_metadata=True),
+        table.drop_columns(["delta_V"]).to_pandas(use_threads=False, ignore_metadata=True),
         flat.reshape(len(table), kind.list_size),
         json.loads(header),
     )

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from eitskin.atomic import atomic_path
+from eitskin.data import parquet
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.skin import Skin, is_number
@@ -172,7 +173,7 @@ def read(path: str | Path) -> Recording:
 
     Raises InputError naming file, column or key, row, what was found and what was expected.
     """
-    table = _read_table(path)
+    table = parquet.read(path)
     metadata = _read_metadata(path, table.schema.metadata or {})
     names = table.column_names
     for name in names:
@@ -187,7 +188,7 @@ def read(path: str | Path) -> Recording:
     )
     for name in names:
         if name.startswith(NOTE):
-            frames[name] = table[name].to_pandas(types_mapper=pd.ArrowDtype)
+            frames[name] = table[name].to_pandas(use_threads=False, types_mapper=pd.ArrowDtype)
     readings = {
         name: _reading_column(path, name, table[name], width) if name in names else None
         for name in READINGS
@@ -257,33 +258,6 @@ def validate(recording: Recording, file: str | Path) -> None:
         if frames["touch"].all():
             expected = "at least one untouched frame among absolute values"
             raise InputError(file, "column touch", f"true in all {len(frames)} rows", expected)
-
-
-def _read_table(path: str | Path) -> pa.Table:
-    path = Path(path)
-    if not path.is_file():
-        found = "a folder" if path.is_dir() else "no such file"
-        raise InputError(path, "file", found, "a Parquet file")
-    with path.open("rb") as stream:
-        head = stream.read(4)
-        stream.seek(max(0, path.stat().st_size - 4))
-        tail = stream.read(4)
-    if head != b"PAR1":
-        raise InputError(path, "file", f"{head!r} at its beginning", "a Parquet file (PAR1)")
-    if tail != b"PAR1":
-        raise InputError(path, "file", "an end cut off", "a whole Parquet file")
-    try:
-        # ParquetFile, not read_table: folders named like key=value add no columns.
-        with (
-            path.open("rb") as stream,
-            pq.ParquetFile(stream, page_checksum_verification=True) as file,
-        ):
-            return file.read()
-    except (OSError, pa.ArrowException) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(
-            path, "file", f"damaged data ({reason})", "a whole Parquet file"
-        ) from error
 
 
 def _read_metadata(path: str | Path, schema_metadata: dict) -> dict:

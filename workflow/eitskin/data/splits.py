@@ -8,6 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from eitskin.atomic import atomic_path
+from eitskin.data import parquet
 from eitskin.errors import InputError
 
 GROUPS = {"random": "sample", "place": "place", "session": "session", "continuous": "session"}
@@ -57,10 +58,7 @@ def write(path: str | Path, table: pd.DataFrame, part: np.ndarray) -> None:
 
 def read(path: str | Path, table: pd.DataFrame) -> np.ndarray:
     """The part (N,) of each row of `table`; raises InputError unless the file belongs to it."""
-    try:
-        split = pq.read_table(path, use_threads=False).to_pandas()
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(path, "file", str(error).splitlines()[0], "a Parquet file") from None
+    split = parquet.read(path).to_pandas(use_threads=False)
     if list(split.columns) != ["sample", "part"]:
         raise InputError(path, "columns", list(split.columns), "['sample', 'part']")
     if not np.array_equal(split["sample"], table["sample"]):

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from eitskin.atomic import atomic_path
-from eitskin.data import recording
+from eitskin.data import parquet, recording
 from eitskin.data.recording import Recording
 from eitskin.diagnose import corrected, identities, validation, words
 from eitskin.diagnose.classes import CONFUSED
@@ -157,7 +157,7 @@ def read_query(path: str | Path, recorded: Recording) -> Recording:
 
 
 def _write_predicted(query: str | Path, voltage: np.ndarray, sd: np.ndarray, out: Path) -> None:
-    table = pq.read_table(query)
+    table = parquet.read(query)
     for key, values in (("voltage_V", voltage), ("std_V", sd)):
         column = pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
         if key in table.column_names:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, MaxNLocator
 
 from eitskin import figure_files, plotting
+from eitskin.data import parquet
 from eitskin.data.dataset import Dataset
 from eitskin.errors import InputError
 from eitskin.learn.metrics import METRICS
@@ -160,7 +161,7 @@ def write(
     model); the CSV holds the two models' test samples of every seed."""
     chosen = choose(metrics)
     worst, best = (
-        joined(pd.read_parquet(predictions[model]), dataset, model)
+        joined(parquet.read(predictions[model]).to_pandas(use_threads=False), dataset, model)
         for model in (chosen.worst, chosen.best)
     )
     table = pd.concat([worst.assign(panel="a"), best.assign(panel="b, c")], ignore_index=True)

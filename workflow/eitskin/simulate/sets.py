@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from tqdm import tqdm
 
 from eitskin.atomic import atomic_path
-from eitskin.data import dataset
+from eitskin.data import dataset, parquet
 from eitskin.data.baseline import untouched_noise
 from eitskin.effects.effect import Frames, Setting
 from eitskin.effects.settings import settings, site_counts
@@ -236,14 +236,15 @@ def write_dataset(
 
 def read_stage(path: str | Path) -> tuple[pd.DataFrame, np.ndarray, np.ndarray, np.ndarray]:
     """Samples (N rows), untouched and touched frames (N, M) float32 V, channels (M, 4)."""
-    stored = pq.read_table(path, use_threads=False)
+    stored = parquet.read(path)
     channels = np.array(json.loads(stored.schema.metadata[STAGE_KEY])["channels"])
 
     def values(name: str) -> np.ndarray:
         flat = stored[name].combine_chunks().flatten().to_numpy()
         return flat.reshape(len(stored), len(channels)).copy()
 
-    table = stored.drop_columns(["untouched_V", "touched_V"]).to_pandas(ignore_metadata=True)
+    samples = stored.drop_columns(["untouched_V", "touched_V"])
+    table = samples.to_pandas(use_threads=False, ignore_metadata=True)
     return table, values("untouched_V"), values("touched_V"), channels
 
 

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
-from eitskin.data import recording
+from eitskin.data import parquet, recording
 from eitskin.diagnose.validation import validate
 from eitskin.errors import InputError
 
@@ -199,11 +198,7 @@ def _check_experiment(experiment: dict, path: Path) -> None:
 
 def _predicted(path: Path) -> pd.DataFrame:
     """One row a frame: time_s, the median |v| and the median of its standard deviation, V."""
-    wanted = ["time_s", "voltage_V", "std_V"]
-    for name in wanted:
-        if name not in pq.read_schema(path).names:
-            raise InputError(path, f"column {name}", "nothing", "it in a prediction")
-    table = pq.read_table(path, columns=wanted)
+    table = parquet.read(path, ["time_s", "voltage_V", "std_V"])
     columns = {"time_s": table["time_s"].to_numpy()}
     for name in ("voltage_V", "std_V"):
         flat = pc.list_flatten(table[name].combine_chunks()).to_numpy(zero_copy_only=False)

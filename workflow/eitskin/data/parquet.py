@@ -1,0 +1,45 @@
+"""Tables read from Parquet files, whole or refused in one line."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from eitskin.errors import InputError
+
+
+def read(path: str | Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """The table of a Parquet file, or those of its columns, as ordered.
+
+    Raises InputError for what is no Parquet file, for a damaged one and for a column that is not
+    there. The calling thread alone reads: a process that ends while Arrow's threads still start is
+    aborted (github.com/apache/arrow/issues/34314), its output with it.
+    """
+    path = Path(path)
+    if not path.is_file():
+        found = "a folder" if path.is_dir() else "no such file"
+        raise InputError(path, "file", found, "a Parquet file")
+    with path.open("rb") as stream:
+        head = stream.read(4)
+        stream.seek(max(0, path.stat().st_size - 4))
+        tail = stream.read(4)
+    if head != b"PAR1":
+        raise InputError(path, "file", f"{head!r} at its beginning", "a Parquet file (PAR1)")
+    if tail != b"PAR1":
+        raise InputError(path, "file", "an end cut off", "a whole Parquet file")
+    try:
+        # ParquetFile, not read_table: folders named like key=value add no columns.
+        with (
+            path.open("rb") as stream,
+            pq.ParquetFile(stream, page_checksum_verification=True, pre_buffer=False) as file,
+        ):
+            for name in columns or ():
+                if name not in file.schema_arrow.names:
+                    raise InputError(path, f"column {name}", "nothing", "it in the table")
+            return file.read(columns, use_threads=False)
+    except (OSError, pa.ArrowException) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(
+            path, "file", f"damaged data ({reason})", "a whole Parquet file"
+        ) from error
