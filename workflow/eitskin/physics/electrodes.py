@@ -127,7 +127,7 @@ class Electrodes:
         """(n order, k): potentials at the nodes (n q, k) tested with the modes; where the
         conductivity rises across the skin, potentials as at its centre."""
         per = potential.reshape(self.n, len(self.t), -1) * self.factor[:, :, None]
-        return np.einsum("iq,aqk->aik", self.modes, per).reshape(self.n * self.order, -1)
+        return (self.modes @ per).reshape(self.n * self.order, -1)
 
     def angle_motion(self, electrode: int) -> "ElectrodeMotion":
         """Velocity with electrode_deg of one electrode."""

@@ -10,7 +10,7 @@ and every derivative from R's stationarity, dR = X^T dS X.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag, cho_factor, cho_solve, eigh, solve_triangular
+from scipy.linalg import block_diag, cho_factor, cho_solve, solve_triangular
 
 from eitskin.errors import InputError
 from eitskin.physics.conformal import DiscMap
@@ -18,11 +18,12 @@ from eitskin.physics.contact_current import EvenCurrent
 from eitskin.physics.electrodes import Electrodes
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
+from eitskin.physics.kept_touches import KeptTouches
 from eitskin.physics.touch import Touch, TouchAccuracy, TouchEdge
 
 RIM_PHI = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
 NO_CONTRAST = 1e-12  # a touch of less is none
-KEPT_PLACES = 256  # touched places whose edges a skin keeps; the oldest go first
+NO_MASS = 1e-12  # beside the heaviest multipole's
 
 
 @dataclass(frozen=True)
@@ -151,10 +152,10 @@ class Forward:
         self.accuracy = ACCURACIES[accuracy] if isinstance(accuracy, str) else accuracy
         modes = self.accuracy.modes(geometry)
         if near and near.matches(geometry, self.accuracy, modes):
-            self.disc, self.bulk, self._couplings = near.disc, near.bulk, near._couplings
+            self.disc, self.bulk, self._met = near.disc, near.bulk, near._met
             self.electrodes = near.electrodes.with_contacts(geometry)
         else:
-            self.disc, self._couplings = _disc_map(geometry), {}
+            self.disc, self._met = _disc_map(geometry), KeptTouches()
             self.bulk = GradientBulk(geometry, self.disc) if geometry.gradient_across else None
             self.electrodes = Electrodes(geometry, self.disc, modes, self.bulk)
         self.sheet_resistance = 1e3 / (geometry.conductivity_S_per_m * geometry.thickness_mm)
@@ -204,7 +205,7 @@ class Forward:
 
     def meets(self, x_mm: float, y_mm: float, radius_mm: float) -> bool:
         """Whether a disc there lies on the skin, at least in part."""
-        if (x_mm, y_mm, radius_mm) in self._couplings:
+        if (x_mm, y_mm, radius_mm) in self._met:
             return True
         edge = x_mm + 1j * y_mm + radius_mm * np.exp(2j * np.pi * np.arange(64) / 64)
         points = self.geometry.unfold(edge)
@@ -219,10 +220,24 @@ class Forward:
 
     def place(self, x_mm: float, y_mm: float, radius_mm: float) -> TouchModes:
         """The touch at one place, for every contrast at once."""
-        edge, coupling = self._coupling(x_mm, y_mm, radius_mm)
-        gains, response = self._relaxed(coupling, self._between(edge, edge))
-        turn, poles = _separated(edge.mass, response)
-        return TouchModes(np.sqrt(self.sheet_resistance) * gains @ turn, poles)
+        return self.places([(x_mm, y_mm, radius_mm)])[0]
+
+    def places(self, places: list[tuple[float, float, float]]) -> list[TouchModes]:
+        """As `place`, of each of several places (x_mm, y_mm, radius_mm); those with as many
+        multipoles are solved together."""
+        touched = [self._coupling(*place) for place in places]
+        alike: dict[int, list[int]] = {}
+        for i, (edge, _) in enumerate(touched):
+            alike.setdefault(len(edge.mass), []).append(i)
+        found = {}
+        for indices in alike.values():
+            edges, couplings = zip(*(touched[i] for i in indices), strict=True)
+            response = np.array([self._between(edge, edge) for edge in edges])
+            gains, response = self._relaxed(np.array(couplings), response)
+            turn, poles = _separated(np.array([edge.mass for edge in edges]), response)
+            gains = np.sqrt(self.sheet_resistance) * gains @ turn
+            found.update(zip(indices, map(TouchModes, gains, poles), strict=True))
+        return [found[i] for i in range(len(places))]
 
     def contact(self, x_mm: float, y_mm: float, radius_mm: float) -> ContactModes:
         """The touch at one place as `place` has it, with current that enters evenly over it.
@@ -262,13 +277,15 @@ class Forward:
 
     def _coupling(self, x_mm: float, y_mm: float, radius_mm: float):
         """The touch's edge and its coupling (n order, 2 degree) to the electrodes' modes."""
-        key = (x_mm, y_mm, radius_mm)
-        if key not in self._couplings:
-            if len(self._couplings) >= KEPT_PLACES:
-                self._couplings.pop(next(iter(self._couplings)))
-            edge = self.edge(Touch(*key))
-            self._couplings[key] = edge, self._to_electrodes(edge)
-        return self._couplings[key]
+        place = (x_mm, y_mm, radius_mm)
+
+        def meet():
+            edge = self.edge(Touch(*place))
+            coupling = self._to_electrodes(edge)
+            edge.forget()
+            return edge, coupling
+
+        return self._met.get(place, meet)
 
     def _to_electrodes(self, edge: TouchEdge) -> np.ndarray:
         coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))
@@ -289,15 +306,20 @@ class Forward:
         return response
 
     def _relaxed(self, coupling: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gains (n, k) and response (k, k) of what couples to the electrodes' modes by `coupling`
-        (n order, k), the electrodes' own modes relaxed."""
-        inner = coupling[self._inner]
-        gains = coupling[self._whole] + self._inner_currents.T @ inner
-        if len(inner):
+        """Gains (..., n, k) and response (..., k, k) of what couples to the electrodes' modes by
+        `coupling` (..., n order, k), the electrodes' own modes relaxed."""
+        inner = coupling[..., self._inner, :]
+        gains = coupling[..., self._whole, :] + self._inner_currents.T @ inner
+        if len(self._inner):
             factor, lower = self._inner_factor
             trans = 0 if lower else 1
-            inner = solve_triangular(factor, inner, trans=trans, lower=lower, check_finite=False)
-            response = response - inner.T @ inner
+            columns = np.moveaxis(inner, -2, 0).reshape(len(self._inner), -1)
+            columns = solve_triangular(
+                factor, columns, trans=trans, lower=lower, check_finite=False
+            )
+            shape = (len(self._inner), *inner.shape[:-2], inner.shape[-1])
+            inner = np.moveaxis(columns.reshape(shape), 0, -2)
+            response = response - np.swapaxes(inner, -1, -2) @ inner
         return gains, response
 
     def unit_currents(self) -> np.ndarray:
@@ -444,12 +466,13 @@ class _Slopes:
 
 
 def _separated(mass: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Turn (2 degree, K) to multipoles of unit mass that respond to themselves alone, and how much:
-    poles (K,)."""
+    """Turn (..., 2 degree, 2 degree) to multipoles of unit mass that respond to themselves alone,
+    and how much: poles (..., 2 degree). What has no mass takes no part in them."""
     weight, vectors = np.linalg.eigh(mass)
-    kept = weight > 1e-12 * weight[-1]
-    basis = vectors[:, kept] / np.sqrt(weight[kept])
-    poles, turn = eigh(basis.T @ response @ basis)
+    kept = weight > NO_MASS * weight[..., -1:]
+    scale = np.where(kept, 1.0 / np.sqrt(np.where(kept, weight, 1.0)), 0.0)
+    basis = vectors * scale[..., None, :]
+    poles, turn = np.linalg.eigh(np.swapaxes(basis, -1, -2) @ response @ basis)
     return basis @ turn, poles
 
 

@@ -20,6 +20,7 @@ from eitskin.physics.contact_current import EvenCurrent
 from eitskin.physics.electrodes import Electrodes
 from eitskin.physics.forward import Forward
 from eitskin.physics.geometry import Geometry
+from eitskin.physics.kept_touches import KeptTouches, array_nbytes
 from eitskin.physics.touch import NODE_COUNTS, Circle, Touch, TouchAccuracy, TouchEdge
 
 LEAST_GAP = 0.03  # of a patch to the rim, in its radii
@@ -97,6 +98,11 @@ class PatchNodes:
     spread: np.ndarray | None
     weight: np.ndarray | None = None
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of its arrays."""
+        return array_nbytes(self)
+
     def even(self, charge: np.ndarray) -> np.ndarray:
         """(even nodes, k): the charges that act alike on whatever is smooth along the edge."""
         return charge if self.spread is None else self.spread.T @ charge
@@ -143,6 +149,16 @@ class PatchedTouch:
     factor: float | None
     nodes: PatchNodes | None = None
     charge: np.ndarray | None = None
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of its arrays, and of its edge's and nodes'."""
+        nodes = self.nodes.nbytes if self.nodes else 0
+        return array_nbytes(self) + self.edge.nbytes + nodes
+
+    def forget(self) -> None:
+        """As TouchEdge's."""
+        self.edge.forget()
 
     @classmethod
     def on_patch(cls, touch: Touch, patch: PatchEdge, forward: "PatchForward") -> "PatchedTouch":
@@ -219,10 +235,11 @@ class PatchForward(Forward):
             raise InputError("skin", "patch", "a gradient of the conductivity", "none")
         shared = isinstance(near, PatchForward) and near.geometry.patch == geometry.patch
         if shared and near.bare.matches(bare.geometry, bare.accuracy, bare.electrodes.order):
-            self.patch, self.at_patch, self._couplings = near.patch, near.at_patch, near._couplings
+            self.patch, self.at_patch, self._met = near.patch, near.at_patch, near._met
             change = near.change
         else:
-            self.patch, self._couplings = PatchEdge(geometry, bare.disc, bare.accuracy.touch), {}
+            self.patch = PatchEdge(geometry, bare.disc, bare.accuracy.touch)
+            self._met = KeptTouches()
             self.at_patch = self._at_patch(bare.electrodes)
             change = self._change(bare.electrodes)
         self.change = change

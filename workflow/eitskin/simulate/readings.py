@@ -339,13 +339,17 @@ class _Solver:
         for forward, rows, weight in tqdm(self._skins(), unit="skin", disable=not shown):
             value = np.pad(forward.transfer_impedance(), (0, int(contact)))
             result[rows] += weight[:, None, None] * value
-            for place, at in _places(places[rows], self.touched[rows]):
-                force = contrast[rows[at]]
-                if (contact or force.any()) and forward.meets(*place):
-                    modes = forward.contact(*place) if contact else forward.place(*place)
-                    self.near.spent += forward.touch_effort
-                    change = modes.impedance_change(force)
-                    result[rows[at]] += weight[at, None, None] * change
+            found = [
+                (place, at)
+                for place, at in _places(places[rows], self.touched[rows])
+                if (contact or contrast[rows[at]].any()) and forward.meets(*place)
+            ]
+            here = [place for place, _ in found]
+            self.near.spent += len(here) * forward.touch_effort
+            modes = [forward.contact(*p) for p in here] if contact else forward.places(here)
+            for one, (_, at) in zip(modes, found, strict=True):
+                change = one.impedance_change(contrast[rows[at]])
+                result[rows[at]] += weight[at, None, None] * change
         return result
 
     def _skins(self) -> Iterator[tuple[Forward, np.ndarray, np.ndarray]]:

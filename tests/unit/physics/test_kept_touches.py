@@ -1,0 +1,66 @@
+"""Touched places are remembered within a number of bytes, and several are solved at once."""
+
+import numpy as np
+import pytest
+
+from eitskin.physics import kept_touches
+from eitskin.physics.geometry import Geometry, Patch
+from eitskin.physics.kept_touches import KeptTouches, array_nbytes
+from eitskin.physics.solver import forward_model
+
+SKIN = Geometry(80.0, 3.0, 0.5, np.arange(16) * 22.5, 5.0, 1e-3)
+
+
+class Touched:
+    """A touch's edge that holds so many bytes."""
+
+    def __init__(self, nbytes: int):
+        self.nbytes = nbytes
+
+
+def test_the_oldest_go_first_where_there_is_no_more_room(monkeypatch):
+    monkeypatch.setattr(kept_touches, "KEPT_BYTES", 100)
+    kept, met = KeptTouches(), []
+
+    def ask(x_mm: float, nbytes: int) -> None:
+        place = (x_mm, 0.0, 1.0)
+        kept.get(place, lambda: met.append(x_mm) or (Touched(nbytes), np.zeros(1)))
+
+    for x_mm in (0.0, 1.0, 0.0):  # 40 + 8 bytes each
+        ask(x_mm, 40)
+    assert met == [0.0, 1.0]
+    ask(2.0, 60)
+    assert [(x, 0.0, 1.0) in kept for x in (0.0, 1.0, 2.0)] == [False, False, True]
+    ask(3.0, 500)  # more than there is room for: kept alone
+    assert [(x, 0.0, 1.0) in kept for x in (2.0, 3.0)] == [False, True]
+
+
+@pytest.mark.parametrize(
+    "geometry",
+    [
+        SKIN,
+        SKIN.with_values(gradient_across=0.2),
+        SKIN.with_values(patch=Patch(20.0, 10.0, 12.0, 3.0)),
+        SKIN.with_values(deep=True, electrode_height_mm=2.0),
+    ],
+    ids=["sheet", "gradient", "patch", "body"],
+)
+def test_several_places_are_those_of_each_alone(geometry):
+    places = [(5.0, 0.0, 6.0), (30.0, 41.0, 7.5), (20.0, 10.0, 6.0), (5.0, 1.0, 6.0)]
+    together, alone = forward_model(geometry), forward_model(geometry)
+    contrast = np.array([0.5, 9.0])
+    for place, modes in zip(places, together.places(places), strict=True):
+        own = alone.place(*place).impedance_change(contrast)
+        np.testing.assert_allclose(
+            modes.impedance_change(contrast), own, rtol=0.0, atol=1e-11 * np.abs(own).max()
+        )
+
+
+@pytest.mark.parametrize("x_mm", [0.0, 76.0])
+def test_what_is_kept_of_a_touch_holds_no_kernel(x_mm):
+    forward = forward_model(SKIN)
+    forward.place(x_mm, 0.0, 6.0)
+    edge, _ = forward._coupling(x_mm, 0.0, 6.0)
+    before = array_nbytes(edge)
+    assert edge.kernel.nbytes > 0
+    assert array_nbytes(edge) == before + edge.kernel.nbytes
