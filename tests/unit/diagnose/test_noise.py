@@ -212,3 +212,8 @@ def test_what_rounding_does_alike_against_drawn_readings(noise):
     drawn = np.std(read.mean(axis=1) - at_rest[:, 0])
     told = rounding_alike(2.0, 2.0 * np.hypot(noise, 12**-0.5)) / 2.0
     assert told == pytest.approx(drawn, rel=0.08, abs=0.02)
+
+
+@pytest.mark.parametrize("noise", [0.7, 1.0, 3.0])
+def test_rounding_that_is_lost_in_the_noise_does_nothing_alike(noise):
+    assert rounding_alike(2.0, 2.0 * np.hypot(noise, 12**-0.5)) == 0.0

@@ -18,6 +18,7 @@ from eitskin.data.recording import Recording
 from eitskin.physics.protocol import tied_channels
 
 ROUNDING = 12**-0.5  # of a converter's step: the sd of an even distribution over it
+DITHERED = 0.01  # of the noise: what rounding does to all frames alike is lost below it
 ALIKE = 1e-9  # of the largest reading: values closer are one
 OFF_STEP = 0.05  # of a step, that a gap between values may be from whole ones
 LEAST_GAPS = 0.1  # the quantile of gaps between values that is a step: wider ones hold several
@@ -222,7 +223,7 @@ def converter_step(voltage: np.ndarray) -> float:
 
 def rounding_alike(step: float, sd: float) -> float:
     """Sd of the mean of what rounding to steps does to a reading at rest, whose scatter is `sd`
-    with the rounding in it.
+    with the rounding in it; 0 where that is lost in the scatter.
 
     Over noise of sd s a value x has the mean error sum_k (-1)^k step / (pi k) sin(2 pi k x / step)
     exp(-2 pi^2 k^2 s^2 / step^2); x is even over a step (Widrow, Kollar, Quantization Noise, 2008).
@@ -231,7 +232,9 @@ def rounding_alike(step: float, sd: float) -> float:
         return 0.0
     noise = max((sd / step) ** 2 - ROUNDING**2, 0.0)
     k2 = np.arange(1, 200) ** 2
-    return step * float(np.sqrt(np.sum(np.exp(-4.0 * np.pi**2 * k2 * noise) / k2) / 2.0) / np.pi)
+    power = np.sum(np.exp(-4.0 * np.pi**2 * k2 * noise) / k2)
+    alike = step * float(np.sqrt(power / 2.0) / np.pi)
+    return alike if alike > DITHERED * sd else 0.0
 
 
 def parity(channels: np.ndarray, signed: bool = True) -> tuple[np.ndarray, np.ndarray]:
