@@ -310,9 +310,8 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         source = folder / "recording.parquet"
         recording.write(recorded, source)
         found = diagnosis.diagnose(recorded, progress=True, memory_GiB=arguments.memory)
-        result.write(found, name, folder, SCHEMA, arguments.query)
+        said = result.write(found, name, folder, SCHEMA, arguments.query)
         page.write(folder, source, SCHEMA, report, None if arguments.query is None else predicted)
-    said = result.result(found, name)
     if arguments.json:
         answers.write(said | {"report": str(report)})
         return 0

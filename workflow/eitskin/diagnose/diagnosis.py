@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -23,6 +24,7 @@ from eitskin.diagnose.noise import Noise, estimate
 from eitskin.diagnose.remainder import Other, other, unlike
 from eitskin.diagnose.rig import Rig
 from eitskin.diagnose.rig_sizes import findings
+from eitskin.diagnose.rivals import Rival, rivals
 from eitskin.diagnose.search.resorts import foreign
 from eitskin.diagnose.search.search import GROSS, STANDARD_ERRORS, UNEXPLAINED, Search, State
 from eitskin.diagnose.simulator import RecordingSimulator
@@ -69,6 +71,11 @@ class Diagnosis:
     gaps: list[list[Gap]]
     strengths: dict[str, float]
     other: Other
+
+    @cached_property
+    def rivals(self) -> list[list[Rival]]:
+        """What else could be in the place of each effect."""
+        return [rivals(self.search, self.after, i) for i in range(len(self.after.effects))]
 
 
 def diagnose(

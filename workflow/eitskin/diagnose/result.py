@@ -18,7 +18,6 @@ from eitskin.diagnose.diagnosis import Diagnosis, predict
 from eitskin.diagnose.estimates import calibration, estimates
 from eitskin.diagnose.experiment import propose
 from eitskin.diagnose.gaps import OBSERVABLE
-from eitskin.diagnose.search.search import added
 from eitskin.diagnose.verdict import acceptable, verdict
 from eitskin.effects import EFFECTS, catalogue_names
 from eitskin.errors import InputError
@@ -88,15 +87,13 @@ def _entry(found: Diagnosis, index: int, certain: bool) -> dict:
     """One effect of diagnosis.json."""
     state, search = found.after, found.search
     candidate = state.effects[index]
-    less = search.less(state, index)
+    rivals = found.rivals[index]
     named = found.gaps[index]
     alternatives = [g.rival for g in named if g.gap < CONFUSED]
     judged = found.judged
     before, after = judged.by(found.before.fit), judged.by(state.fit)
-    left = judged.by(less.fit)
-    rivals = search.trials.get(tuple(c.key for c in less.effects), [])
-    outside = [r for r in rivals if added(less, r).name != candidate.name]
-    gain, error = min(search.gain(state, rival) for rival in [less, *outside])
+    left = judged.by(search.less(state, index).fit)
+    gain, error = min((rival.gain, rival.error) for rival in rivals)
     beyond = before.chi2.sum() - before.readings
     share = (left.chi2.sum() - after.chi2.sum()) / beyond if beyond > 0.0 else 0.0
     entry = {
@@ -125,9 +122,10 @@ def write(
     folder: str | Path,
     schema: str | Path,
     query_path: str | Path | None = None,
-) -> None:
+) -> dict:
     """Write a diagnosis into its folder: diagnosis.json, effects.yaml, predicted.parquet where a
-    query is given, and the evidence that the report is made from."""
+    query is given, and the evidence that the report is made from. Returns what diagnosis.json
+    says."""
     folder = Path(folder)
     said = result(found, name)
     validation.validate(said, schema, folder / "diagnosis.json")
@@ -142,6 +140,7 @@ def write(
     with atomic_path(folder / "diagnosis.json") as path:
         text = json.dumps(said, indent=2, ensure_ascii=False, allow_nan=False)
         path.write_text(text + "\n", "utf-8")
+    return said
 
 
 def read_query(path: str | Path, recorded: Recording) -> Recording:
@@ -209,25 +208,19 @@ def _write_evidence(found: Diagnosis, folder: Path) -> None:
 
 def _rivals(found: Diagnosis) -> pd.DataFrame:
     rows = []
-    state, search = found.after, found.search
-    for index, candidate in enumerate(state.effects):
-        less = search.less(state, index)
-        trials = search.trials.get(tuple(c.key for c in less.effects), [])
-        best = {added(less, s).name: s for s in reversed(trials)}
-        best.pop(candidate.name, None)
-        gap = {g.rival: g.gap for g in found.gaps[index]}
-        snr = found.gaps[index][0].snr if found.gaps[index] else np.nan
-        for name, rival in [("nothing", less), *best.items()]:
-            difference = -search.gain(state, rival)[0]
-            rows.append(
-                {
-                    "effect": candidate.name,
-                    "instead": name,
-                    "chi2_per_dof": rival.held_out.chi2_per_dof,
-                    "elpd_difference": difference,
-                    "gap": snr if name == "nothing" else gap.get(name, np.nan),
-                }
-            )
+    for candidate, gaps, rivals in zip(found.after.effects, found.gaps, found.rivals, strict=True):
+        gap = {g.rival: g.gap for g in gaps}
+        gap[None] = gaps[0].snr if gaps else np.nan
+        rows += [
+            {
+                "effect": candidate.name,
+                "instead": rival.name or "nothing",
+                "chi2_per_dof": rival.state.held_out.chi2_per_dof,
+                "elpd_difference": -rival.gain,
+                "gap": gap.get(rival.name, np.nan),
+            }
+            for rival in rivals
+        ]
     return pd.DataFrame(
         rows, columns=["effect", "instead", "chi2_per_dof", "elpd_difference", "gap"]
     )

@@ -37,6 +37,7 @@ def learned(
     sizes |= {name: rig.scales[name] for name in rig.assumed}
     free = [name for name in rig.columns if name not in rig.assumed]
     sizes, best, worth = _climbed(rig, residual, sizes, free, ROUNDS if free else 0)
+    climbed = sizes
     for name in sorted(free, key=lambda k: sizes[k] / rig.scales[k]):
         same = sizes[name] < SAME * start.get(name, 0.0) < SAME**2 * sizes[name]
         if sizes[name] > 0.0 and worth.get(name, 0.0) < PLAINLY and not same:
@@ -48,7 +49,8 @@ def learned(
             if found > best - HARDLY:
                 sizes, best = without, found
     left = [name for name in free if sizes[name] > 0.0]
-    sizes, best, _ = _climbed(rig, residual, sizes, left, REFITTED if left else 0)
+    if sizes is not climbed and left:
+        sizes, best, _ = _climbed(rig, residual, sizes, left, REFITTED)
     return sizes, best
 
 
@@ -59,7 +61,9 @@ def _climbed(
     each is worth, as of `_scored`."""
     best, worth = rig.log_likelihood(sizes, residual), {}
     for _ in range(rounds):
-        target, worth = _scored(rig, sizes, residual, free)
+        target, worth, hoped = _scored(rig, sizes, residual, free)
+        if hoped < SETTLED:
+            break
         before = best
         sizes, best = _nearer(rig, residual, sizes, best, target)
         if best - before < SETTLED:
@@ -127,10 +131,10 @@ def findings(
 
 def _scored(
     rig: Rig, sizes: Mapping[str, float], residual: np.ndarray, names: list[str]
-) -> tuple[dict[str, float], dict[str, float]]:
-    """The sizes of some components that Fisher scoring goes to from `sizes`, and how many nats
-    each of those above 0 is worth there, to second order in its variance: at least, for the
-    likelihood falls more steeply towards 0."""
+) -> tuple[dict[str, float], dict[str, float], float]:
+    """The sizes of some components that Fisher scoring goes to from `sizes`; how many nats each of
+    those above 0 is worth there, to second order in its variance: at least, for the likelihood
+    falls more steeply towards 0; and by how many, to second order, they are likelier together."""
     scored = _Scored(rig, sizes, residual, names)
     slope, information = scored.slope, scored.information
     unit = np.array([rig.scales[name] ** 2 for name in names])
@@ -147,7 +151,9 @@ def _scored(
     worth = {
         names[i]: float(0.5 * found[i] ** 2 / own) for i, own in zip(there, spread, strict=True)
     }
-    return dict(zip(names, np.sqrt(found * unit).tolist(), strict=True)), worth
+    step = found - start
+    hoped = float(slope @ step - 0.5 * step @ information @ step)
+    return dict(zip(names, np.sqrt(found * unit).tolist(), strict=True)), worth, hoped
 
 
 def _finding(

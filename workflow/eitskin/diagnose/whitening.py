@@ -311,7 +311,10 @@ class Whitening:
         if not self.correlation:
             return scaled
         previous, share, scale = self._chain
-        return (scaled - share * scaled[..., previous, np.arange(scaled.shape[-1])]) * scale
+        at = previous * scaled.shape[-1] + np.arange(scaled.shape[-1])
+        flat = scaled.reshape(*scaled.shape[:-2], self.mask.size)
+        before = flat.take(at, axis=-1, mode="clip")
+        return (scaled - share * before) * scale
 
     def _filtered_back(self, values: np.ndarray) -> np.ndarray:
         values = np.where(self.mask, values, 0.0)

@@ -1,0 +1,27 @@
+"""What else could be in a found effect's place, and how much worse it predicts held-out frames."""
+
+from dataclasses import dataclass
+
+from eitskin.diagnose.search.search import Search, State, added
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A state with another name in an effect's place, None: with nothing. gain, error: log density
+    of held-out frames by which the state found is above it, and its standard error, nats."""
+
+    name: str | None
+    state: State
+    gain: float
+    error: float
+
+
+def rivals(search: Search, state: State, index: int) -> list[Rival]:
+    """Nothing, and the likeliest of every other name that was fitted, in place of effect `index` of
+    the state that a search found."""
+    less = search.less(state, index)
+    trials = search.trials.get(tuple(c.key for c in less.effects), [])
+    best = {added(less, trial).name: trial for trial in reversed(trials)}
+    best.pop(state.effects[index].name, None)
+    named = [(None, less), *best.items()]
+    return [Rival(name, rival, *search.gain(state, rival)) for name, rival in named]
