@@ -14,7 +14,6 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from eitskin.physics.bessel_ratios import inner_steps, log_inner, outer_steps
-from eitskin.physics.kept_touches import array_nbytes
 from eitskin.physics.touch import TouchEdge
 
 MOST_SHEETS = 16
@@ -42,15 +41,6 @@ class ColumnTouch:
             self._reach(-np.log(tolerance))
             self._couple(forward.unit_currents(), tolerance)
         self.mass = block_diag(edge.mass, np.eye(len(self.own)))
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of its arrays, and of its edge's."""
-        return array_nbytes(self) + self.edge.nbytes
-
-    def forget(self) -> None:
-        """As TouchEdge's."""
-        self.edge.forget()
 
     def _reach(self, digits: float) -> None:
         """Sheets and orders, about the touch and about the body's centre, that may matter."""

@@ -27,6 +27,7 @@ from eitskin.physics.column_touch import ColumnTouch
 from eitskin.physics.electrodes import Electrodes
 from eitskin.physics.forward import Accuracy, Forward
 from eitskin.physics.geometry import Geometry
+from eitskin.physics.kept_touches import Entered
 from eitskin.physics.touch import Touch, TouchEdge, graded_panels
 
 PANEL_NODES = 10
@@ -374,13 +375,13 @@ class DepthForward(Forward):
             return super()._between(a, b)
         return block_diag(super()._between(a.edge, b.edge), a.response_to(b))
 
-    def _even_current(self, edge: TouchEdge | ColumnTouch):
+    def _even_current(self, edge: TouchEdge | ColumnTouch) -> Entered:
         """As Forward's; even over the depth too, it drives no multipole in depth."""
         if not isinstance(edge, ColumnTouch):
             return super()._even_current(edge)
-        to_electrodes, to_touch, *powers = super()._even_current(edge.edge)
-        further = np.zeros(len(edge.mass) - len(to_touch))
-        return to_electrodes, np.append(to_touch, further), *powers
+        mean = super()._even_current(edge.edge)
+        further = np.zeros(len(edge.mass) - len(mean.to_touch))
+        return replace(mean, to_touch=np.append(mean.to_touch, further))
 
     def parameters(self, touches: list[Touch] = ()) -> list[str]:
         """Names that `derivatives` knows; a body's `thickness_mm` is its depth."""

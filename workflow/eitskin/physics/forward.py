@@ -18,7 +18,7 @@ from eitskin.physics.contact_current import EvenCurrent
 from eitskin.physics.electrodes import Electrodes
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
-from eitskin.physics.kept_touches import KeptTouches
+from eitskin.physics.kept_touches import Coupled, Entered, KeptTouches
 from eitskin.physics.touch import Touch, TouchAccuracy, TouchEdge
 
 RIM_PHI = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
@@ -152,10 +152,12 @@ class Forward:
         self.accuracy = ACCURACIES[accuracy] if isinstance(accuracy, str) else accuracy
         modes = self.accuracy.modes(geometry)
         if near and near.matches(geometry, self.accuracy, modes):
-            self.disc, self.bulk, self._met = near.disc, near.bulk, near._met
+            self.disc, self.bulk = near.disc, near.bulk
+            self._coupled, self._entered = near._coupled, near._entered
             self.electrodes = near.electrodes.with_contacts(geometry)
         else:
-            self.disc, self._met = _disc_map(geometry), KeptTouches()
+            self.disc = _disc_map(geometry)
+            self._coupled, self._entered = KeptTouches(), KeptTouches()
             self.bulk = GradientBulk(geometry, self.disc) if geometry.gradient_across else None
             self.electrodes = Electrodes(geometry, self.disc, modes, self.bulk)
         self.sheet_resistance = 1e3 / (geometry.conductivity_S_per_m * geometry.thickness_mm)
@@ -205,7 +207,7 @@ class Forward:
 
     def meets(self, x_mm: float, y_mm: float, radius_mm: float) -> bool:
         """Whether a disc there lies on the skin, at least in part."""
-        if (x_mm, y_mm, radius_mm) in self._met:
+        if (x_mm, y_mm, radius_mm) in self._coupled:
             return True
         edge = x_mm + 1j * y_mm + radius_mm * np.exp(2j * np.pi * np.arange(64) / 64)
         points = self.geometry.unfold(edge)
@@ -225,16 +227,18 @@ class Forward:
     def places(self, places: list[tuple[float, float, float]]) -> list[TouchModes]:
         """As `place`, of each of several places (x_mm, y_mm, radius_mm); those with as many
         multipoles are solved together."""
-        touched = [self._coupling(*place) for place in places]
+        touched = [self._coupling(place) for place in places]
         alike: dict[int, list[int]] = {}
-        for i, (edge, _) in enumerate(touched):
-            alike.setdefault(len(edge.mass), []).append(i)
+        for i, one in enumerate(touched):
+            alike.setdefault(len(one.mass), []).append(i)
         found = {}
         for indices in alike.values():
-            edges, couplings = zip(*(touched[i] for i in indices), strict=True)
-            response = np.array([self._between(edge, edge) for edge in edges])
-            gains, response = self._relaxed(np.array(couplings), response)
-            turn, poles = _separated(np.array([edge.mass for edge in edges]), response)
+            mass, response, coupling = (
+                np.array([getattr(touched[i], name) for i in indices])
+                for name in ("mass", "response", "coupling")
+            )
+            gains, response = self._relaxed(coupling, response)
+            turn, poles = _separated(mass, response)
             gains = np.sqrt(self.sheet_resistance) * gains @ turn
             found.update(zip(indices, map(TouchModes, gains, poles), strict=True))
         return [found[i] for i in range(len(places))]
@@ -245,16 +249,16 @@ class Forward:
         Raises InputError for a touch that the rim clips and where the conductivity rises across
         the skin.
         """
-        edge, coupling = self._coupling(x_mm, y_mm, radius_mm)
-        to_electrodes, to_touch, power, inner_power = self._even_current(edge)
-        response = self._between(edge, edge)
+        place = x_mm, y_mm, radius_mm
+        touch, current = self._coupling(place), self._current(place)
+        to_touch, power = current.to_touch, np.array([[current.power]])
         gains, response = self._relaxed(
-            np.column_stack([coupling, to_electrodes]),
-            np.block([[response, to_touch[:, None]], [to_touch, np.array([[power]])]]),
+            np.column_stack([touch.coupling, current.to_electrodes]),
+            np.block([[touch.response, to_touch[:, None]], [to_touch, power]]),
         )
-        turn, poles = _separated(edge.mass, response[:-1, :-1])
+        turn, poles = _separated(touch.mass, response[:-1, :-1])
         modes = np.vstack([gains[:, :-1], response[-1, :-1]]) @ turn
-        inner = np.append(np.zeros(len(gains)), np.sqrt(inner_power))
+        inner = np.append(np.zeros(len(gains)), np.sqrt(current.inner_power))
         own = np.zeros((len(gains) + 1, len(gains) + 1))
         own[-1, :-1] = own[:-1, -1] = gains[:, -1]
         own[-1, -1] = response[-1, -1]
@@ -264,28 +268,28 @@ class Forward:
             self.sheet_resistance * own,
         )
 
-    def _even_current(self, edge: TouchEdge) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """What a current entering evenly over the touch makes at the electrodes' modes (n order,)
-        and to the touch's multipoles (2 degree,), its power, and psi's share of it."""
+    def _current(self, place: tuple[float, float, float]) -> Entered:
+        """A current that enters evenly over the touch at a place."""
+        return self._entered.get(place, lambda: self._even_current(self.edge(Touch(*place))))
+
+    def _even_current(self, edge: TouchEdge) -> Entered:
+        """A current that enters evenly over a touch."""
         if self.bulk:
             found = "a gradient of the conductivity"
             raise InputError("skin", "leak at the touch", found, "none")
         current = EvenCurrent(edge)
         to_electrodes = self.electrodes.project(current.potential(self.electrodes.rim)[:, None])
         to_touch = current.mean_response(edge)
-        return to_electrodes[:, 0], to_touch, current.power, current.inner_power
+        return Entered(to_electrodes[:, 0], to_touch, current.power, current.inner_power)
 
-    def _coupling(self, x_mm: float, y_mm: float, radius_mm: float):
-        """The touch's edge and its coupling (n order, 2 degree) to the electrodes' modes."""
-        place = (x_mm, y_mm, radius_mm)
+    def _coupling(self, place: tuple[float, float, float]) -> Coupled:
+        """The touch's multipoles at a place."""
 
-        def meet():
+        def find() -> Coupled:
             edge = self.edge(Touch(*place))
-            coupling = self._to_electrodes(edge)
-            edge.forget()
-            return edge, coupling
+            return Coupled(edge.mass, self._between(edge, edge), self._to_electrodes(edge))
 
-        return self._met.get(place, meet)
+        return self._coupled.get(place, find)
 
     def _to_electrodes(self, edge: TouchEdge) -> np.ndarray:
         coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))

@@ -1,47 +1,72 @@
 """Touched places that a skin remembers: what a touch there is to it, whatever its contrast."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from eitskin.physics.column_touch import ColumnTouch
-    from eitskin.physics.patch import PatchedTouch
-    from eitskin.physics.touch import TouchEdge
 
 KEPT_BYTES = 1 << 26  # the oldest go first
 
 Place = tuple[float, float, float]
-Met = tuple["TouchEdge | PatchedTouch | ColumnTouch", np.ndarray]
 
 
-class KeptTouches:
-    """By place (x_mm, y_mm, radius_mm) the touch's edge and its coupling (n order, K) to the
-    electrodes' modes, of the places met last, within KEPT_BYTES."""
+class Sized(Protocol):
+    """What is remembered of a place, and its bytes."""
+
+    nbytes: int
+
+
+Found = TypeVar("Found", bound=Sized)
+
+
+@dataclass(frozen=True)
+class Coupled:
+    """A touch's multipoles: mass, response to themselves (K, K) and coupling (n order, K) to the
+    electrodes' modes."""
+
+    mass: np.ndarray
+    response: np.ndarray
+    coupling: np.ndarray
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of its arrays."""
+        return self.mass.nbytes + self.response.nbytes + self.coupling.nbytes
+
+
+@dataclass(frozen=True)
+class Entered:
+    """A current that enters evenly over a touch: what it makes at the electrodes' modes (n order,)
+    and to the touch's multipoles (K,), its power, and the share of it that is inside the touch."""
+
+    to_electrodes: np.ndarray
+    to_touch: np.ndarray
+    power: float
+    inner_power: float
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of its arrays."""
+        return self.to_electrodes.nbytes + self.to_touch.nbytes
+
+
+class KeptTouches(Generic[Found]):
+    """What was found of the places (x_mm, y_mm, radius_mm) touched last, within KEPT_BYTES."""
 
     def __init__(self):
-        self._met: dict[Place, Met] = {}
+        self._found: dict[Place, Found] = {}
         self._nbytes = 0
 
     def __contains__(self, place: Place) -> bool:
-        return place in self._met
+        return place in self._found
 
-    def get(self, place: Place, meet: Callable[[], Met]) -> Met:
-        """What is kept of a place, else what `meet` finds there."""
-        if place not in self._met:
-            found = meet()
-            self._nbytes += _nbytes(found)
-            while self._met and self._nbytes > KEPT_BYTES:
-                self._nbytes -= _nbytes(self._met.pop(next(iter(self._met))))
-            self._met[place] = found
-        return self._met[place]
-
-
-def array_nbytes(thing: object) -> int:
-    """Bytes of the arrays among the attributes of an object."""
-    return sum(part.nbytes for part in vars(thing).values() if isinstance(part, np.ndarray))
-
-
-def _nbytes(met: Met) -> int:
-    return sum(part.nbytes for part in met)
+    def get(self, place: Place, find: Callable[[], Found]) -> Found:
+        """What is kept of a place, else what `find` finds of it."""
+        if place not in self._found:
+            found = find()
+            self._nbytes += found.nbytes
+            while self._found and self._nbytes > KEPT_BYTES:
+                self._nbytes -= self._found.pop(next(iter(self._found))).nbytes
+            self._found[place] = found
+        return self._found[place]

@@ -20,7 +20,7 @@ from eitskin.physics.contact_current import EvenCurrent
 from eitskin.physics.electrodes import Electrodes
 from eitskin.physics.forward import Forward
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.kept_touches import KeptTouches, array_nbytes
+from eitskin.physics.kept_touches import Entered, KeptTouches
 from eitskin.physics.touch import NODE_COUNTS, Circle, Touch, TouchAccuracy, TouchEdge
 
 LEAST_GAP = 0.03  # of a patch to the rim, in its radii
@@ -98,11 +98,6 @@ class PatchNodes:
     spread: np.ndarray | None
     weight: np.ndarray | None = None
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes of its arrays."""
-        return array_nbytes(self)
-
     def even(self, charge: np.ndarray) -> np.ndarray:
         """(even nodes, k): the charges that act alike on whatever is smooth along the edge."""
         return charge if self.spread is None else self.spread.T @ charge
@@ -149,16 +144,6 @@ class PatchedTouch:
     factor: float | None
     nodes: PatchNodes | None = None
     charge: np.ndarray | None = None
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of its arrays, and of its edge's and nodes'."""
-        nodes = self.nodes.nbytes if self.nodes else 0
-        return array_nbytes(self) + self.edge.nbytes + nodes
-
-    def forget(self) -> None:
-        """As TouchEdge's."""
-        self.edge.forget()
 
     @classmethod
     def on_patch(cls, touch: Touch, patch: PatchEdge, forward: "PatchForward") -> "PatchedTouch":
@@ -235,11 +220,12 @@ class PatchForward(Forward):
             raise InputError("skin", "patch", "a gradient of the conductivity", "none")
         shared = isinstance(near, PatchForward) and near.geometry.patch == geometry.patch
         if shared and near.bare.matches(bare.geometry, bare.accuracy, bare.electrodes.order):
-            self.patch, self.at_patch, self._met = near.patch, near.at_patch, near._met
+            self.patch, self.at_patch = near.patch, near.at_patch
+            self._coupled, self._entered = near._coupled, near._entered
             change = near.change
         else:
             self.patch = PatchEdge(geometry, bare.disc, bare.accuracy.touch)
-            self._met = KeptTouches()
+            self._coupled, self._entered = KeptTouches(), KeptTouches()
             self.at_patch = self._at_patch(bare.electrodes)
             change = self._change(bare.electrodes)
         self.change = change
@@ -267,7 +253,7 @@ class PatchForward(Forward):
     def _to_electrodes(self, edge: PatchedTouch) -> np.ndarray:
         return edge.coupling
 
-    def _even_current(self, edge: PatchedTouch) -> tuple[np.ndarray, np.ndarray, float, float]:
+    def _even_current(self, edge: PatchedTouch) -> Entered:
         """As Forward's. Raises InputError for a touch that covers a part of the patch's edge."""
         if edge.factor is None:
             place = f"({edge.touch.x_mm:g}, {edge.touch.y_mm:g}) mm, across a patch's edge"
@@ -279,7 +265,8 @@ class PatchForward(Forward):
         to_electrodes = direct + self.at_patch.T @ nodes.even(charge)
         to_touch = current.mean_response(edge.edge) + at_nodes @ edge.charge
         power = current.power / edge.factor + float(at_nodes @ charge[:, 0])
-        return to_electrodes[:, 0], to_touch, power, current.inner_power / edge.factor
+        inner_power = current.inner_power / edge.factor
+        return Entered(to_electrodes[:, 0], to_touch, power, inner_power)
 
     def derivatives(self, touches: list[Touch] = (), parameters: list[str] | None = None):
         """None is known: raises InputError."""

@@ -6,7 +6,6 @@ reaches beyond the rim is clipped by it.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +15,6 @@ from eitskin.physics import neumann
 from eitskin.physics.conformal import DiscMap
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
-from eitskin.physics.kept_touches import array_nbytes
 
 NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 MOST_EVEN_NODES = 128  # against the rim; nearer to it, nodes are graded
@@ -176,11 +174,6 @@ class TouchEdge(Circle):
         self.expansion_radius = float(np.abs(boundary - self.expansion_centre).max())
         self._build_modes(degree)
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes of its arrays."""
-        return array_nbytes(self)
-
     def _place_nodes(self, accuracy: TouchAccuracy, apart: float) -> int:
         """Choose the nodes; returns the multipoles needed."""
         t = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)
@@ -267,6 +260,9 @@ class TouchEdge(Circle):
         self.values = self.harmonics(self.zeta)
         self.flux = self.harmonic_flux(self.zeta, dzeta)
         self.rim_flux = self.harmonic_flux(rim, drim)
+        self.kernel = neumann.flux_kernel(self.zeta[:, None], self.zeta + _eye(self.zeta), dzeta)
+        np.fill_diagonal(self.kernel, self._kernel_diagonal() - 0.5)
+        self.rim_kernel = neumann.flux_kernel(rim[:, None], self.zeta, dzeta)
         rim_values = self.harmonics(rim)
         if self.bulk:
             self._tilt(rim, drim, rim_values)
@@ -312,26 +308,6 @@ class TouchEdge(Circle):
         met = self.values + self.kernel @ self.values + self.return_share - log @ self.bent
         on_rim = neumann.potential(rim[:, None], self.zeta) @ self.bent
         return self.rim_bent.T @ on_rim - met.T @ self.bent
-
-    @cached_property
-    def kernel(self) -> np.ndarray:
-        """(nodes, nodes): from a polarisation at the nodes to what it makes at the others."""
-        zeta, dzeta = self.zeta, self.tangent * self.weight
-        found = neumann.flux_kernel(zeta[:, None], zeta + _eye(zeta), dzeta)
-        np.fill_diagonal(found, self._kernel_diagonal() - 0.5)
-        return found
-
-    @cached_property
-    def rim_kernel(self) -> np.ndarray:
-        """(nodes of the rim, nodes): as `kernel`, at the part of the rim that closes the touch."""
-        rim = np.exp(1j * self.rim_theta)
-        return neumann.flux_kernel(rim[:, None], self.zeta, self.tangent * self.weight)
-
-    def forget(self) -> None:
-        """Let go of the kernels, most of what a touch at the rim holds; they are found anew where
-        they are asked for."""
-        for name in ("kernel", "rim_kernel"):
-            vars(self).pop(name, None)
 
     def _kernel_diagonal(self) -> np.ndarray:
         turn = (self.curvature / self.tangent).imag * self.weight

@@ -848,9 +848,11 @@ class Search:
         return state
 
     def _stand(self, state: State) -> State:
-        """Every effect against every other name in its place, until none gives way."""
+        """Every effect against every other name in its place, until none gives way, or one takes
+        the place back that it lost: the likelier of the sets between which that goes on then."""
         if self.rival_evidence > state.log_evidence:
             return state
+        stood = {frozenset(state.key): state}
         for _ in range(MOST_EFFECTS):
             for index, effect in enumerate(state.effects):
                 if gross(effect) or self.spent:
@@ -873,6 +875,10 @@ class Search:
                     break
             else:
                 return state
+            known = frozenset(state.key)
+            if known in stood:
+                return max(stood.values(), key=lambda s: s.log_evidence)
+            stood[known] = state
         return state
 
     def less(self, state: State, index: int) -> State:
