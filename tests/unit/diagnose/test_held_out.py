@@ -108,7 +108,7 @@ def test_channels_put_aside_have_the_noise_of_their_level(places):
     assert np.ptp(np.log(true[0, columns])) > 0.5
     assert np.allclose(found[columns], np.median(found[~columns]), rtol=0.1)
     state, there = search.calibrated(), diagnosis._put_aside(search.problem, recorded, noise, kept)
-    judged = Judged(there, state.sizes, search.rounding, units(recorded))
+    judged = Judged(there, state.sizes, search.converter_step, units(recorded))
     assert 0.7 < judged.by_white(state.fit).chi2_per_dof < 1.4
     other = replace(recorded, voltage=np.where(kept, 1.3 * recorded.voltage, recorded.voltage))
     assert np.array_equal(diagnosis.begun(other, 3)[0].sd, noise.sd)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from eitskin.diagnose import rig_words
 from eitskin.diagnose.diagnosis import begun
 from eitskin.diagnose.noise import Noise
-from eitskin.diagnose.rig import COMPONENTS, LASTING, TAIL, TOGETHER, Rig, _walk
+from eitskin.diagnose.rig import COMPONENTS, LASTING, TAIL, TOGETHER, Rig, _phases, _walk
 from eitskin.diagnose.rig_sizes import HARDLY, MOST, NORMAL_90, _Scored, findings, learned
 from eitskin.diagnose.touches import straight
 from eitskin.diagnose.whitening import Whitening
@@ -570,3 +570,16 @@ def test_sizes_that_a_rig_has_no_columns_for_add_nothing():
     assert bare.spread(SIZES) == {}
     moved = bare.followed({"x_mm": np.ones(FRAMES), "y_mm": np.ones(FRAMES)})
     assert moved.shape == residual.shape and not moved.any()
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.3])
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.25])
+def test_the_mean_error_of_rounding_is_one_a_part_of_the_step(offset, noise):
+    rng = np.random.default_rng(3)
+    voltage = rng.uniform(-40.0, 40.0, (30, 20))
+    at = (voltage - offset)[None] + noise * rng.normal(size=(1000, 30, 20))
+    off = 2.0 * (np.round(at).mean(axis=0) + offset - voltage)
+    columns = _phases(2.0 * voltage, 2.0).reshape(-1, off.size)
+    assert (columns.sum(axis=0) == 1.0).all()
+    left = off.ravel() - columns.T @ np.linalg.lstsq(columns.T, off.ravel())[0]
+    assert (left**2).mean() < 0.12 * (off**2).mean()  # the part with the jump in it

@@ -118,7 +118,7 @@ def diagnose(
     search.renew_catalogue_p(after)
     if not after.effects:
         before = after
-    rig = Rig.about(after.fit, search.problem.whitening, noise.rounding)
+    rig = Rig.about(after.fit, search.problem.whitening, noise.step)
     report("comparing with every other name")
     found = [gaps(search, after, i) for i in range(len(after.effects))]
     if search.spent or cut_short:
@@ -172,7 +172,7 @@ def begun(
     )
     return (
         noise,
-        _search(problem, candidates, recorded.channels, seed, report, noise.rounding),
+        _search(problem, candidates, recorded.channels, seed, report, noise.step),
         kept,
     )
 
@@ -202,7 +202,7 @@ def _search(
     channels: np.ndarray,
     seed: int,
     report: Callable[[str], None],
-    rounding: float,
+    converter_step: float,
     share: float = 1.0,
 ) -> Search:
     model = problem.model
@@ -210,7 +210,15 @@ def _search(
     ordinary = [c for c in candidates if not c.effect.last_resort]
     resorts = [c for c in candidates if c.effect.last_resort]
     return Search(
-        problem, ordinary, fold, seed, report, share, resorts, rigged=True, rounding=rounding
+        problem,
+        ordinary,
+        fold,
+        seed,
+        report,
+        share,
+        resorts,
+        rigged=True,
+        converter_step=converter_step,
     )
 
 
@@ -257,7 +265,7 @@ def _earned(
     by two standard errors. Where the misfit of these is more than their covariance allows, an
     effect must not do harm either, as of `Judged.harms`."""
     while True:
-        judged = Judged(put_aside, state.sizes, search.rounding, units(recorded))
+        judged = Judged(put_aside, state.sizes, search.converter_step, units(recorded))
         believed = acceptable(judged.p_value(search.named(state, state.fit), noise.dof))
         weakest, least = None, 0.0
         for index, effect in enumerate(state.effects):
@@ -303,7 +311,9 @@ def _on_frames(
     whitening = replace(problem.whitening, mask=np.isfinite(readings), clock=clock)
     problem = Problem(model, readings, whitening)
     candidates = [*search.candidates, *search.resorts]
-    return _search(problem, candidates, recorded.channels, seed, report, search.rounding, share)
+    return _search(
+        problem, candidates, recorded.channels, seed, report, search.converter_step, share
+    )
 
 
 def _few_first(

@@ -22,12 +22,13 @@ MOST_RATIO = 1.05  # of the rms errors with and without an effect
 class Judged:
     """Readings put aside, of the frames of `problem`, which has touches where they are said to be
     and noise alone in its covariance; where none could be put aside, those of the fit. sizes: of
-    the rig's errors, as the final fit has them, before and after; rounding: as of `Noise`; unit: as
+    the rig's errors, as the final fit has them, before and after; converter_step: as `step` of
+    `Noise`; unit: as
     of `units`."""
 
     problem: Problem
     sizes: Mapping[str, float]
-    rounding: float
+    converter_step: float
     unit: np.ndarray
     _about: dict[int, tuple[Fit, Fit]] = field(default_factory=dict, repr=False)
 
@@ -41,12 +42,12 @@ class Judged:
         proportion about where the readings have the touches."""
         if id(fit) not in self._about:
             there = replace(fit, problem=self.problem)
-            rig = Rig.about(there, self.white, self.rounding)
+            rig = Rig.about(there, self.white, self.converter_step)
             model = touches.followed(self.problem, there, rig, self.sizes)
             recorded = self.problem.recorded
             if model is not self.problem.model:
                 there = replace(fit, problem=replace(self.problem, model=model))
-                rig = Rig.about(there, self.white, self.rounding)
+                rig = Rig.about(there, self.white, self.converter_step)
                 recorded = recorded + rig.followed(touches.moved(model, self.problem.model))
             whitening = rig.whitening(self.sizes, discrepancy=False, fitted=True)
             problem = Problem(model, recorded, whitening)

@@ -51,7 +51,8 @@ class Noise:
     """Standard deviation `sd` (M,) of each channel in the recording's unit; `dof`: degrees of
     freedom of its overall scale (squared); `source`: where it comes from, for a reader.
 
-    rounding: sd of what rounding does alike in frames that are alike, the same in all channels.
+    rounding: sd of what rounding does alike in frames that are alike, the same in all channels;
+    step: that of a converter that does so, else 0.
     correlation: of each channel's own noise from one frame to the next, by their numbers, of which
     `sd` is the stationary one; drift: sd at the recording's end, in units of `sd`, of a random walk
     of each channel on its own in time. lost (N, M): readings put aside as spikes, whose number is
@@ -62,6 +63,7 @@ class Noise:
     dof: float
     source: str
     rounding: float = 0.0
+    step: float = 0.0
     correlation: float = 0.0
     drift: float = 0.0
     lost: np.ndarray | None = None
@@ -200,7 +202,7 @@ def estimate(recording: Recording) -> Noise:
         sd = law(level)
         source += f"; raised to {FLOOR:g} of the median reading, below which no noise is told"
     dof = float(sum(witnesses[name].dof.sum() for name in told))
-    return Noise(sd, dof, source, alike, law=law)
+    return Noise(sd, dof, source, alike, step if alike else 0.0, law=law)
 
 
 def converter_step(voltage: np.ndarray) -> float:

@@ -25,6 +25,7 @@ SLOW_WALKS = 6  # of a channel's own, or of a force's zero
 TAIL = 2.5
 LASTING = ("quadrature", "static-discrepancy", "touch-discrepancy")  # a value a channel
 TOGETHER = ("amplitude-per-frame", "common-noise", "gain-walk")  # move a frame's readings as one
+PHASES = 32  # of a converter's step
 LEAST_FRAMES = 6  # of touches, fewer of which show no scatter
 LEAST_PRESSES = 3
 
@@ -81,8 +82,8 @@ class Rig:
     assumed: frozenset[str]
 
     @classmethod
-    def about(cls, fit: Fit, plain: Whitening, rounding: float) -> "Rig":
-        """The components that a recording can have, about a fit; rounding: as of `Noise`."""
+    def about(cls, fit: Fit, plain: Whitening, step: float) -> "Rig":
+        """The components that a recording can have, about a fit; step: as of `Noise`."""
         voltage = fit.voltage()
         level = _level(fit.problem)
         slopes = tangents(fit, voltage)
@@ -91,7 +92,7 @@ class Rig:
             for name, own in _courses(fit.problem.model).items()
             if all(key in slopes for key, _ in own)
         }
-        columns = dict(_columns(fit.problem.model, voltage, rounding))
+        columns = dict(_columns(fit.problem.model, voltage, step))
         for name, own in courses.items():
             columns[name] = np.array([course[:, None] * slopes[key] for key, course in own])
         scales = {
@@ -195,7 +196,7 @@ def _level(problem: Problem) -> float:
 
 
 def _columns(
-    model: RecordingSimulator, voltage: np.ndarray, rounding: float
+    model: RecordingSimulator, voltage: np.ndarray, step: float
 ) -> Iterator[tuple[str, np.ndarray]]:
     """(name, columns) of what one unit of every component of the readings does."""
     yield "amplitude-per-frame", voltage[None]
@@ -213,22 +214,18 @@ def _columns(
             yield "quadrature", np.abs(voltage)[None]
         else:
             yield "static-discrepancy", np.broadcast_to(np.abs(level), (1, *voltage.shape))
-        if rounding:
-            yield (
-                "quantisation",
-                np.array([own * np.ones(voltage.shape) for own in _alike(level, rounding)]),
-            )
+        if step:
+            yield "quantisation", _phases(voltage, step)
     if touched.any():
         yield "touch-discrepancy", np.where(touched[:, None], voltage - level, 0.0)[None]
 
 
-def _alike(level: np.ndarray, rounding: float) -> Iterator[np.ndarray]:
-    """(M,) masks of channels that rounding moves together: untouched levels (M,) that follow one
-    another by less than it does."""
-    order = np.argsort(level)
-    label = np.cumsum(np.diff(level[order], prepend=level[order[0]]) > rounding)
-    for one in range(label[-1] + 1):
-        yield np.isin(np.arange(len(level)), order[label == one])
+def _phases(voltage: np.ndarray, step: float) -> np.ndarray:
+    """(PHASES, N, M): whether readings are to be expected in each part of a converter's step. Those
+    in one part are off alike, wherever the steps begin: rounding's mean error is periodic (Widrow,
+    Kollar, Quantization Noise, 2008)."""
+    part = np.floor(voltage / step * PHASES) % PHASES
+    return (part == np.arange(PHASES)[:, None, None]).astype(float)
 
 
 def _courses(model: RecordingSimulator) -> dict[str, list[tuple[str, np.ndarray]]]:

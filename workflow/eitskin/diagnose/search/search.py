@@ -115,11 +115,11 @@ class State:
 @dataclass
 class Search:
     """One recording's search. problem: with noise alone in its covariance; rigged: whether a rig
-    may add to it, rounding: as of `Noise`; rig: what it may add. `path`: what was done, a row a
-    step; report: called with words; share: of all that a diagnosis may solve, with which this ends;
-    resorts: candidates that are tried where the readings are not those of the skin; catalogue_p:
-    the global p-value of the best candidate that did not enter the last set to which
-    candidates were held; catalogue_of: that set's key."""
+    may add to it, converter_step: as `step` of `Noise`; rig: what it may add. `path`: what was
+    done, a row a step; report: called with words; share: of all that a diagnosis may solve, with
+    which this ends; resorts: candidates that are tried where the readings are not those of the
+    skin; catalogue_p: the global p-value of the best candidate that did not enter the last set to
+    which candidates were held; catalogue_of: that set's key."""
 
     problem: Problem
     candidates: list[Candidate]
@@ -129,7 +129,7 @@ class Search:
     share: float = 1.0
     resorts: list[Candidate] = field(default_factory=list)
     rigged: bool = False
-    rounding: float = 0.0
+    converter_step: float = 0.0
     rig: Rig | None = None
     catalogue_p: float = 1.0
     catalogue_of: tuple | None = None
@@ -207,7 +207,7 @@ class Search:
         followed = there is not problem.model
         if followed:
             moved = replace(fitted, problem=replace(self.problem, model=there))
-            rig = Rig.about(moved, self.problem.whitening, self.rounding)
+            rig = Rig.about(moved, self.problem.whitening, self.converter_step)
             strays = touches.moved(there, self.problem.model)
             recorded = self.problem.recorded + rig.followed(strays)
             problem = replace(self.problem, model=there, recorded=recorded)
@@ -222,7 +222,7 @@ class Search:
         start = np.zeros(len(self.problem.model.calibrations))
         best = fit(self.problem, [], start, polish=True)
         if self.rigged and self.rig is None:
-            self.rig = Rig.about(best, self.problem.whitening, self.rounding)
+            self.rig = Rig.about(best, self.problem.whitening, self.converter_step)
         near = self.state(best)
         far = self._from_afar(near, []) if self.rigged and self.untouched else None
         return near if far is None or far.log_evidence <= near.log_evidence else far
@@ -243,7 +243,7 @@ class Search:
         """A state whose rig is seen about its own fit, with its sizes learned once more."""
         if self.rig is None:
             return state
-        self.rig = Rig.about(state.fit, self.problem.whitening, self.rounding)
+        self.rig = Rig.about(state.fit, self.problem.whitening, self.converter_step)
         fitted = fit(state.fit.problem, state.effects, state.fit.theta, polish=True)
         return self.state(fitted, state.p_values, state.sizes)
 
