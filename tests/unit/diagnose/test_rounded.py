@@ -9,13 +9,16 @@ from eitskin.diagnose import diagnosis, result
 from small_skin import small_recording
 
 
+def rounded(recorded, step):
+    """A recording read in steps, of the median |v|, and a step's width."""
+    width = step * np.median(np.abs(recorded.voltage))
+    return replace(recorded, voltage=width * np.round(recorded.voltage / width)), width
+
+
 @pytest.mark.parametrize(("noise", "step"), [(1e-4, 6e-4), (5e-5, 3e-4)])
 def test_coarse_steps_are_the_converter_s(noise, step):
     """Channels of a symmetric skin that read alike are rounded alike, in every frame."""
-    exact = small_recording(noise=noise, places=4)
-    median = np.median(np.abs(exact.voltage))
-    width = step * median
-    recorded = replace(exact, voltage=width * np.round(exact.voltage / width))
+    recorded, width = rounded(small_recording(noise=noise, places=4), step)
     found = diagnosis.diagnose(recorded)
     said = result.result(found, "rounded")
     assert said["effects"] == []
@@ -23,3 +26,14 @@ def test_coarse_steps_are_the_converter_s(noise, step):
     (size,) = (c["sd"] for c in said["noise"]["components"] if c["name"] == "quantisation")
     assert 1 / 1.5 < size / found.noise.rounding < 1.5
     assert found.noise.step == pytest.approx(width)
+
+
+def test_an_effect_is_named_beside_coarse_steps():
+    """Without it the fit is half a step off: the parts of the steps are those of another skin."""
+    contact = {"name": "contact-impedance", "electrodes": [3], "parameters": {"ratio": 1.7}}
+    recorded, _ = rounded(small_recording(contact, noise=1e-4, places=4), 6e-4)
+    said = result.result(diagnosis.diagnose(recorded), "rounded")
+    assert [(e["name"], e["electrodes"]) for e in said["effects"]] == [("contact-impedance", [3])]
+    (ratio,) = said["effects"][0]["parameters"].values()
+    assert ratio["low"] <= 1.7 <= ratio["high"]
+    assert said["other"]["probability"] < 0.1

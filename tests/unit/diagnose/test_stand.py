@@ -39,7 +39,7 @@ def stood(start, settled):
         scores=lambda _state: [],
         tried=tried,
         predicts=lambda _rival, _less: True,
-        step=lambda _action, new, _state, _p: taken.append(new.name),
+        step=lambda _action, new, _state, _p=None: taken.append(new and new.name),
         _drop=lambda found: state(settled[found.effects[-1].name], found.effects[-1].name),
         _grow=lambda found: found,
     )
@@ -49,5 +49,8 @@ def stood(start, settled):
 @pytest.mark.parametrize(("a", "b"), [(5.0, 4.0), (4.0, 5.0)])
 def test_of_two_that_take_turns_the_likelier_stays(a, b):
     found, taken = stood(state(a, "contrast"), {"contrast": a, "drift": b})
-    assert taken == ["drift", "contrast"]
+    assert taken[:2] == ["drift", "contrast"]
     assert found.log_evidence == 5.0
+    assert found.effects[0].name == ("contrast" if a > b else "drift")
+    # The path ends with the set that stays.
+    assert taken[2:] == [None] * (found.effects[0].name != "contrast")

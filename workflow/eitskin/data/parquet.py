@@ -10,11 +10,12 @@ from eitskin.errors import InputError
 
 
 def read(path: str | Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """The table of a Parquet file, or those of its columns, as ordered.
+    """The table of a Parquet file; where `columns` are given these alone, in their order.
 
     Raises InputError for what is no Parquet file, for a damaged one and for a column that is not
-    there. The calling thread alone reads: a process that ends while Arrow's threads still start is
-    aborted (github.com/apache/arrow/issues/34314), its output with it.
+    there. The calling thread alone reads, nothing ahead of time (`pre_buffer`): a process that ends
+    while Arrow's threads still start is aborted (github.com/apache/arrow/issues/34314), its output
+    with it.
     """
     path = Path(path)
     if not path.is_file():

@@ -23,8 +23,7 @@ class Judged:
     """Readings put aside, of the frames of `problem`, which has touches where they are said to be
     and noise alone in its covariance; where none could be put aside, those of the fit. sizes: of
     the rig's errors, as the final fit has them, before and after; converter_step: as `step` of
-    `Noise`; unit: as
-    of `units`."""
+    `Noise`; unit: as of `units`."""
 
     problem: Problem
     sizes: Mapping[str, float]

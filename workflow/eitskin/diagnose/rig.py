@@ -221,9 +221,9 @@ def _columns(
 
 
 def _phases(voltage: np.ndarray, step: float) -> np.ndarray:
-    """(PHASES, N, M): whether readings are to be expected in each part of a converter's step. Those
-    in one part are off alike, wherever the steps begin: rounding's mean error is periodic (Widrow,
-    Kollar, Quantization Noise, 2008)."""
+    """(PHASES, N, M): 1 where a reading is to be expected in that part of a converter's step, else
+    0. Those in one part are off alike, wherever the steps begin: rounding's mean error is periodic
+    (Widrow, Kollar, Quantization Noise, 2008)."""
     part = np.floor(voltage / step * PHASES) % PHASES
     return (part == np.arange(PHASES)[:, None, None]).astype(float)
 

@@ -23,6 +23,7 @@ from eitskin.physics.touch import Touch, TouchAccuracy, TouchEdge
 
 RIM_PHI = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
 NO_CONTRAST = 1e-12  # a touch of less is none
+AT_ONCE = 64  # places
 NO_MASS = 1e-12  # beside the heaviest multipole's
 
 
@@ -225,8 +226,14 @@ class Forward:
         return self.places([(x_mm, y_mm, radius_mm)])[0]
 
     def places(self, places: list[tuple[float, float, float]]) -> list[TouchModes]:
-        """As `place`, of each of several places (x_mm, y_mm, radius_mm); those with as many
-        multipoles are solved together."""
+        """As `place`, of each of several places (x_mm, y_mm, radius_mm); AT_ONCE, as far as they
+        have as many multipoles, are solved together."""
+        found: list[TouchModes] = []
+        for start in range(0, len(places), AT_ONCE):
+            found += self._places(places[start : start + AT_ONCE])
+        return found
+
+    def _places(self, places: list[tuple[float, float, float]]) -> list[TouchModes]:
         touched = [self._coupling(place) for place in places]
         alike: dict[int, list[int]] = {}
         for i, one in enumerate(touched):

@@ -12,9 +12,11 @@ Place = tuple[float, float, float]
 
 
 class Sized(Protocol):
-    """What is remembered of a place, and its bytes."""
+    """What is remembered of a place."""
 
-    nbytes: int
+    @property
+    def nbytes(self) -> int:
+        """Bytes of its arrays."""
 
 
 Found = TypeVar("Found", bound=Sized)
@@ -52,7 +54,7 @@ class Entered:
 
 
 class KeptTouches(Generic[Found]):
-    """What was found of the places (x_mm, y_mm, radius_mm) touched last, within KEPT_BYTES."""
+    """What was found last of places (x_mm, y_mm, radius_mm), within KEPT_BYTES."""
 
     def __init__(self):
         self._found: dict[Place, Found] = {}

@@ -849,10 +849,10 @@ class Search:
 
     def _stand(self, state: State) -> State:
         """Every effect against every other name in its place, until none gives way, or one takes
-        the place back that it lost: the likelier of the sets between which that goes on then."""
+        the place back that it lost: the likeliest of the sets between which that goes on then."""
         if self.rival_evidence > state.log_evidence:
             return state
-        stood = {frozenset(state.key): state}
+        stood = [state]
         for _ in range(MOST_EFFECTS):
             for index, effect in enumerate(state.effects):
                 if gross(effect) or self.spent:
@@ -875,10 +875,13 @@ class Search:
                     break
             else:
                 return state
-            known = frozenset(state.key)
-            if known in stood:
-                return max(stood.values(), key=lambda s: s.log_evidence)
-            stood[known] = state
+            stood.append(state)
+            same = [i for i, s in enumerate(stood) if set(s.key) == set(state.key)]
+            if len(same) > 1:
+                best = max(reversed(stood[same[0] :]), key=lambda s: s.log_evidence)
+                if best is not state:
+                    self.step("take back", None, best)
+                return best
         return state
 
     def less(self, state: State, index: int) -> State:
