@@ -328,3 +328,16 @@ def test_frames_in_a_row_need_no_numbers():
     values = np.random.default_rng(10).normal(size=(7, 4))
     in_a_row = replace(whitening, clock=np.arange(30, 37))
     assert np.allclose(replace(whitening, clock=None)(values), in_a_row(values))
+
+
+def test_no_columns_stay_none_beside_linked_errors():
+    rng = np.random.default_rng(2)
+    mask = np.ones((4, 3), bool)
+    errors = RigErrors(
+        np.zeros((0, 4, 3)),
+        rng.normal(size=(1, 4, 3)),
+        np.zeros((0, 4, 3)),
+        linked=rng.normal(size=(1, 4, 3)),
+    )
+    whitening = Whitening(mask, np.ones(3), np.zeros(3), errors=errors)
+    assert whitening(np.zeros((0, 4, 3))).shape == (0, 4, 3)

@@ -39,7 +39,7 @@ def learned(
     sizes, best, worth = _climbed(rig, residual, sizes, free, ROUNDS if free else 0)
     climbed = sizes
     for name in sorted(free, key=lambda k: sizes[k] / rig.scales[k]):
-        same = name in worth and sizes[name] < SAME * start.get(name, 0.0) < SAME**2 * sizes[name]
+        same = sizes[name] < SAME * start.get(name, 0.0) < SAME**2 * sizes[name]
         if sizes[name] > 0.0 and worth.get(name, 0.0) < PLAINLY and not same:
             without = {**sizes, name: 0.0}
             others = [other for other in free if without[other] > 0.0]

@@ -153,9 +153,10 @@ class _Linked(_LowRank):
         back = flat
         for part in reversed(self.before):
             back = part.apply(back, part.root)
-        along = np.einsum("lnm,vnm->vlm", self.own, back).reshape(len(flat), -1)
-        along = ((along @ self.turn) * more[0]) @ self.turn.T
-        moved = np.einsum("lnm,vlm->vnm", self.own, along.reshape(len(flat), len(self.own), -1))
+        along = np.einsum("lnm,vnm->vlm", self.own, back)
+        there = along.reshape(len(flat), len(self.turn))
+        there = ((there @ self.turn) * more[0]) @ self.turn.T
+        moved = np.einsum("lnm,vlm->vnm", self.own, there.reshape(along.shape))
         for part in self.before:
             moved = part.apply(moved, part.root)
         return values + moved.reshape(values.shape)
