@@ -13,7 +13,7 @@ import numpy as np
 from eitskin.data.recording import elapsed
 from eitskin.diagnose.fit import Fit, Problem
 from eitskin.diagnose.simulator import RecordingSimulator
-from eitskin.diagnose.whitening import RigErrors, Whitening
+from eitskin.diagnose.whitening import RigErrors, Whitening, frames_of_presses
 from eitskin.errors import InputError
 
 STEP_MM = 0.05  # of a place, inwards
@@ -110,7 +110,7 @@ class Rig:
     @property
     def of_press(self) -> np.ndarray:
         """(B, N): whether a frame is of a press."""
-        return (np.unique(self.label[self.label >= 0])[:, None] == self.label).astype(float)
+        return frames_of_presses(self.label)
 
     def whitening(
         self, sizes: Mapping[str, float], discrepancy: bool = True, fitted: bool = False

@@ -14,7 +14,7 @@ from scipy.optimize import nnls
 from eitskin.diagnose.estimates import NORMAL_90
 from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.rig import COMPONENTS, Rig, summed
-from eitskin.diagnose.whitening import ORDER, Whitening
+from eitskin.diagnose.whitening import ORDER, Whitening, met
 
 ROUNDS, REFITTED = 8, 2  # of Fisher scoring; where a component is taken out
 LEAST_SHARE = 0.05  # of a step of it, that is tried
@@ -208,9 +208,9 @@ def _trace(whitening: Whitening, each: str, own: np.ndarray, of_press: np.ndarra
             continue
         less = -part.precision
         if part.each != "channel":
-            met = (_met(own, part.columns, each, of_press) ** 2).sum(axis=1)
-            met = of_press @ met if part.each == "press" else met
-            total -= float((met * less).sum())
+            shared = (met(own, part.columns, each, of_press) ** 2).sum(axis=1)
+            shared = of_press @ shared if part.each == "press" else shared
+            total -= float((shared * less).sum())
         elif each == "frame":
             # It meets a channel's error in one reading alone.
             total -= float((square * np.einsum("knm,mk->nm", part.columns**2, less)).sum())
@@ -226,7 +226,7 @@ def _shared(a: np.ndarray, each_a: str, b: np.ndarray, each_b: str, of_press: np
     if ORDER.index(each_a) > ORDER.index(each_b):
         a, each_a, b, each_b = b, each_b, a, each_a
     if each_a == each_b or each_b != "channel":
-        return float((_met(a, b, each_a, of_press) ** 2).sum())
+        return float((met(a, b, each_a, of_press) ** 2).sum())
     if each_a == "frame":
         # It meets a channel's error in one reading alone.
         return float(((a**2).sum(axis=0) * (b**2).sum(axis=0)).sum())
@@ -235,16 +235,3 @@ def _shared(a: np.ndarray, each_a: str, b: np.ndarray, each_b: str, of_press: np
         pressed = np.einsum("bn,knm->kbm", of_press, column * b, optimize=True)
         total += float((pressed**2).sum())
     return total
-
-
-def _met(a: np.ndarray, b: np.ndarray, each: str, of_press: np.ndarray) -> np.ndarray:
-    """(B, J, K) sums of the products of columns (J, N, M) and (K, N, M) over each of the B frames,
-    presses or channels, or over all readings, which one error of a component acts on."""
-    if each == "whole":
-        return (a.reshape(len(a), -1) @ b.reshape(len(b), -1).T)[None]
-    order = (2, 0, 1) if each == "channel" else (1, 0, 2)
-    left, right = (np.ascontiguousarray(own.transpose(order)) for own in (a, b))
-    found = left @ right.transpose(0, 2, 1)
-    if each != "press":
-        return found
-    return (of_press @ found.reshape(len(found), -1)).reshape(-1, len(a), len(b))

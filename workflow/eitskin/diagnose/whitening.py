@@ -46,53 +46,52 @@ TINY = 1e-9  # squared length of a linked error, below which it is none
 class _LowRank:
     """(I + U U^T)^(-1/2) and its relatives, for columns U (K, N, M) that act on every channel
     ("channel"), on every frame ("frame"), on every press ("press", of which frames are by `label`)
-    or on all readings at once ("whole")."""
+    or on all readings at once ("whole"): B blocks that share no reading, with K directions each."""
 
     def __init__(self, columns: np.ndarray, each: str, label: np.ndarray | None = None):
         self.each, self.shape = each, columns.shape[1:]
-        if each == "press":
-            self.rows = _rows(label)
-        blocks = self._blocks(columns).transpose(0, 2, 1)
-        length, turn = np.linalg.eigh(blocks.transpose(0, 2, 1) @ blocks)
+        self.of_press = None if label is None else frames_of_presses(label)
+        length, turn = np.linalg.eigh(met(columns, columns, each, self.of_press))
         self.length = np.maximum(length, 0.0)
         scale = np.where(self.length > 0.0, self.length, 1.0) ** -0.5
-        self.units = blocks @ (turn * scale[:, None, :])
+        self.columns = self._turned(columns, turn * scale[:, None, :])
 
-    def _blocks(self, values: np.ndarray) -> np.ndarray:
-        """(B, C, D) of (C, N, M): B independent blocks of D readings."""
+    def _turned(self, columns: np.ndarray, turn: np.ndarray) -> np.ndarray:
+        """(J, N, M): sums of columns (K, N, M) with weights (B, K, J)."""
+        if self.each == "whole":
+            found = turn[0].T @ columns.reshape(len(columns), -1)
+            return found.reshape(-1, *self.shape)
         if self.each == "channel":
-            return values.transpose(2, 0, 1)
-        if self.each == "frame":
-            return values.transpose(1, 0, 2)
+            return np.ascontiguousarray((columns.transpose(2, 1, 0) @ turn).transpose(2, 1, 0))
         if self.each == "press":
-            none = np.zeros((len(values), 1, self.shape[1]))
-            padded = np.concatenate([values, none], axis=1)[:, self.rows]
-            length = self.rows.shape[1] * self.shape[1]
-            return padded.transpose(1, 0, 2, 3).reshape(len(self.rows), len(values), length)
-        return values.reshape(1, len(values), self.shape[0] * self.shape[1])
+            turn = np.tensordot(self.of_press.T, turn, axes=1)
+        return np.ascontiguousarray((columns.transpose(1, 2, 0) @ turn).transpose(2, 0, 1))
 
-    def _back(self, blocks: np.ndarray) -> np.ndarray:
+    def _along(self, value: np.ndarray) -> np.ndarray:
+        """(K, B): products of one value (N, M) with the units."""
+        if self.each == "whole":
+            return self.columns.reshape(len(self.columns), -1) @ value.reshape(-1, 1)
         if self.each == "channel":
-            return blocks.transpose(1, 2, 0)
-        if self.each == "frame":
-            return blocks.transpose(1, 0, 2)
-        if self.each == "press":
-            found = np.zeros((blocks.shape[1], self.shape[0] + 1, self.shape[1]))
-            shape = *self.rows.shape, self.shape[1]
-            found[:, self.rows] = blocks.transpose(1, 0, 2).reshape(-1, *shape)
-            return found[:, :-1]
-        return blocks.reshape(-1, *self.shape)
+            return np.einsum("nm,knm->km", value, self.columns)
+        found = np.einsum("nm,knm->kn", value, self.columns)
+        return found @ self.of_press.T if self.each == "press" else found
 
-    @cached_property
-    def columns(self) -> np.ndarray:
-        """(K, N, M): the units as columns, of every block its own part."""
-        return self._back(self.units.transpose(0, 2, 1))
+    def _sum(self, amount: np.ndarray) -> np.ndarray:
+        """(N, M): the units, `amount` (K, B) of each."""
+        if self.each == "whole":
+            return (amount.T @ self.columns.reshape(len(self.columns), -1)).reshape(self.shape)
+        if self.each == "channel":
+            return np.einsum("km,knm->nm", amount, self.columns)
+        amount = amount @ self.of_press if self.each == "press" else amount
+        return np.einsum("kn,knm->nm", amount, self.columns)
 
     def apply(self, values: np.ndarray, more: np.ndarray) -> np.ndarray:
         """(..., N, M): values, and `more` (B, K) times their parts along the units."""
-        blocks = self._blocks(values.reshape(-1, *self.shape))
-        moved = ((blocks @ self.units) * more[:, None, :]) @ self.units.transpose(0, 2, 1)
-        return values + self._back(moved).reshape(values.shape)
+        if values.ndim == 2:
+            return values + self._sum(self._along(values) * more.T)
+        # One at a time: it stays in the processor's cache.
+        found = [self.apply(value, more) for value in values.reshape(-1, *self.shape)]
+        return np.array(found).reshape(values.shape)
 
     @cached_property
     def root(self) -> np.ndarray:
@@ -140,8 +139,7 @@ class _Linked(_LowRank):
                 units = one.apply(units, one.root)
             along = self.own[:, None] * units
             if part.each == "press":
-                none = np.zeros((*along.shape[:2], 1, width))
-                along = np.concatenate([along, none], axis=2)[:, :, part.rows].sum(axis=3)
+                along = part.of_press @ along
             # (LM, K, B), B frames or presses.
             along = along.transpose(0, 3, 1, 2).reshape(count * width, len(units), -1)
             found += np.einsum("ckb,bk,dkb->cd", along, part.precision, along, optimize=True)
@@ -162,13 +160,22 @@ class _Linked(_LowRank):
         return values + moved.reshape(values.shape)
 
 
-def _rows(label: np.ndarray) -> np.ndarray:
-    """(B, L): the frames of every press, N where it has fewer than the longest."""
-    own = [np.flatnonzero(label == one) for one in np.unique(label[label >= 0])]
-    found = np.full((len(own), max(map(len, own))), len(label))
-    for row, frames in zip(found, own, strict=True):
-        row[: len(frames)] = frames
-    return found
+def frames_of_presses(label: np.ndarray) -> np.ndarray:
+    """(B, N): whether a frame is of a press, 0 or 1; label (N,): which it is of, -1 none."""
+    return (np.unique(label[label >= 0])[:, None] == label).astype(float)
+
+
+def met(a: np.ndarray, b: np.ndarray, each: str, of_press: np.ndarray | None = None) -> np.ndarray:
+    """(B, J, K) sums of the products of columns (J, N, M) and (K, N, M) over each of the B frames,
+    presses (of_press (B, N)) or channels, or over all readings, which one error acts on."""
+    if each == "whole":
+        return (a.reshape(len(a), -1) @ b.reshape(len(b), -1).T)[None]
+    order = (2, 0, 1) if each == "channel" else (1, 0, 2)
+    left, right = (np.ascontiguousarray(own.transpose(order)) for own in (a, b))
+    found = left @ right.transpose(0, 2, 1)
+    if each != "press":
+        return found
+    return (of_press @ found.reshape(len(found), -1)).reshape(-1, len(a), len(b))
 
 
 @dataclass(frozen=True)
@@ -212,6 +219,10 @@ class Whitening:
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """(..., N, M) whitened, 0 where lost."""
+        if values.ndim > 2:
+            # One at a time: it stays in the processor's cache.
+            found = [self(value) for value in values.reshape(-1, *self.mask.shape)]
+            return np.array(found).reshape(values.shape)
         found = self._filtered(values)
         for part in self.parts:
             found = part.apply(found, part.root)
