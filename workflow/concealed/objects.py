@@ -45,13 +45,14 @@ COLOURS = {True: "#d95f0e", False: "#2c7fb8"}
 class Case:
     """A comparison: files of the control and later, the part of the latter; truth: of each object
     whether it conducts and its electrode's angle in degrees, each None where nobody knows; None
-    without any knowledge, () for empty tanks."""
+    without any knowledge, () for empty tanks. currents: of control and later, as file names tell."""
 
     name: str
     control: tuple[Path, ...]
     later: Path
     part: str | None
     truth: tuple[tuple[bool, float | None], ...] | None
+    currents: tuple[str, str] | None = None
 
 
 def cases(data: Path) -> list[Case]:
@@ -79,7 +80,8 @@ def cases(data: Path) -> list[Case]:
         found.append(Case(name, (file,), file, "target", truth))
     for one, other in pairwise(targets):
         times = " ".join(file.stem.split("_")[0][11:] for file in (one, other))
-        found.append(Case(f"{PYEIDORS} empty {times}", (one,), other, None, ()))
+        currents = tuple(file.stem.split("_")[3] for file in (one, other))
+        found.append(Case(f"{PYEIDORS} empty {times}", (one,), other, None, (), currents))
     tank = data / ROD / "iirc_data_2006.mat"
     if tank.exists():
         for k in ROD_FRAMES:
@@ -129,13 +131,29 @@ def judged(case: Case, said: dict) -> dict:
         "held_out_left": np.nan,
         "sign_right": None,
         "worst_deg": np.nan,
+        "currents": "",
+        "line_offset_V": np.nan,
+        "line_left": np.nan,
     }
+    if case.currents and len(set(case.currents)) > 1:
+        row["currents"] = " ".join(case.currents)
+        row["line_offset_V"], row["line_left"] = line(case.control[0], case.later)
     if patches:
         held = patches[0]["held_out"]
         row["held_out_left"] = held["rms_after"] / held["rms_before"]
     if case.truth and objects:
         row |= _against(case.truth, objects)
     return row
+
+
+def line(control: Path, later: Path) -> tuple[float, float]:
+    """Offset, V, of the straight line that a file's reference readings (real part) are of another's,
+    and the rms that it leaves over that of a line through 0: no model has a part in it."""
+    x, y = (np.loadtxt(file, delimiter=",", usecols=0) for file in (control, later))
+    both = np.column_stack([x, np.ones(len(x))])
+    left = [y - basis @ np.linalg.lstsq(basis, y)[0] for basis in (both, both[:, :1])]
+    offset = np.linalg.lstsq(both, y)[0][1]
+    return float(offset), float(np.linalg.norm(left[0]) / np.linalg.norm(left[1]))
 
 
 def _against(truth, objects: list[dict]) -> dict:
@@ -186,6 +204,7 @@ def text(table: pd.DataFrame) -> str:
     judged_on = pd.concat([files, ten])
     known = judged_on[judged_on["named"] & judged_on["sign_right"].notna()]
     placed = files[files["worst_deg"].notna()]
+    something = empty["named"] | (empty["beside"] != "")
     lines = [
         "| what | found |",
         "|---|---|",
@@ -197,8 +216,9 @@ def text(table: pd.DataFrame) -> str:
         f"{_share(judged_on[judged_on['named']]['held_out_left'] < 1.0)} |",
         f"| within {GATED_DEG:g}° of the folder's electrodes | "
         f"{_share(placed['worst_deg'] <= GATED_DEG)}; worst {placed['worst_deg'].max():.1f}° |",
-        f"| something named between two empty tanks | "
-        f"{_share(empty['named'] | (empty['beside'] != ''))} |",
+        f"| something named between two empty tanks, read with one current | "
+        f"{_share(something[empty['currents'] == ''])} |",
+        f"| the same, read with two currents | {_share(something[empty['currents'] != ''])} |",
         f"| a fault named beside the objects | {_share(judged_on['beside'] != '')} |",
     ]
     for name, some in (("ten frames of the rod", ten), ("every fifth frame of the rod", rod)):
@@ -226,6 +246,18 @@ def text(table: pd.DataFrame) -> str:
         signs = row["conducting"].replace("-", MINUS)
         lines.append(
             f"| {row['case']} | {said} | {signs} | {row['angle_deg']} | {left} | {right} | {off} |"
+        )
+    lines += [
+        "",
+        "| empty tanks read with two currents | named | straight line: offset, mV | rms that it"
+        " leaves, of a line's through 0 |",
+        "|---|---|---|---|",
+    ]
+    for row in empty[empty["currents"] != ""].to_dict("records"):
+        offset = f"{1e3 * row['line_offset_V']:.2f}".replace("-", MINUS)
+        lines.append(
+            f"| {row['case'].split('empty ')[1]}, {row['currents']} | {row['beside'] or 'nothing'} |"
+            f" {offset} | {row['line_left']:.2f} |"
         )
     return "\n".join(lines) + "\n"
 

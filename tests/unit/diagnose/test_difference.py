@@ -15,7 +15,7 @@ from eitskin.data.importers.description import describe
 from eitskin.data.recording import Recording, frames_table
 from eitskin.diagnose.comparison import faults
 from eitskin.diagnose.comparison.difference import difference
-from eitskin.diagnose.comparison.difference_words import compared, odd_share
+from eitskin.diagnose.comparison.difference_words import compared, odd_share, sentences
 from eitskin.diagnose.comparison.potentials import Potentials
 from eitskin.diagnose.comparison.result import with_difference
 from eitskin.diagnose.comparison.sentences import NOTHING
@@ -204,6 +204,18 @@ def test_a_factor_of_all_readings_is_no_fault():
     control, later = session(1), session(2)
     found = difference(control, replace(later, voltage=1.05 * later.voltage), NAMES)
     assert found.found == [] and found.common == pytest.approx(0.05, abs=0.01)
+
+
+def test_another_current_beside_an_offset_of_all_readings():
+    """As of a real tank read with 60 and with 20 µA: readings fall to a third, and an offset that
+    does not is named; it has no contact near by."""
+    control, later = session(1), session(2)
+    offset = -0.1 * float(np.median(np.abs(later.voltage)))
+    found = difference(control, replace(later, voltage=later.voltage / 3.0 + offset), NAMES)
+    assert [(one.name, one.named) for one in found.found] == [("offset", True)]
+    assert found.found[0].change == pytest.approx(np.full(len(ADJACENT), offset), rel=0.02)
+    assert found.common == pytest.approx(1.0 / 3.0 - 1.0, abs=2e-3)
+    assert not any("contact" in sentence for sentence in sentences(found))
 
 
 def test_a_passive_change_turns_nothing_round():

@@ -107,7 +107,7 @@ class Inside:
 class Difference:
     """found: what was found, strongest first, a last one without a name where something changed
     that has none; lost: channels that the later recording has lost; wander: of the partition that
-    was judged; common: by which share all readings moved together."""
+    was judged; common: by which share all readings moved together, beside what has a name."""
 
     pair: Pair
     found: list[Found]
@@ -188,7 +188,7 @@ def difference(control: Recording, later: Recording, names: tuple[str, str]) -> 
             break
         known = [part for each in found for part in each.explained.parts]
         judged = _Begun(both, judged.first, potentials, sheet, known).settled()
-    common = _common(judged.wander)
+    common = _common(judged.wander, found)
     return Difference(both, found, _lost(both), judged.wander, common)
 
 
@@ -219,9 +219,10 @@ def _lost(both: Pair) -> tuple[int, ...]:
     return tuple(np.flatnonzero(before & ends).tolist())
 
 
-def _common(found: Wander) -> float:
-    """The share by which all readings moved together."""
-    mean, change = (v[found.usable] for v in (found.mean, found.change))
+def _common(wander: Wander, found: Sequence[Found]) -> float:
+    """The share by which all readings moved together, beside what has a name."""
+    named = sum((one.change for one in found if one.named), start=np.zeros(len(wander.change)))
+    mean, change = (v[wander.usable] for v in (wander.mean, wander.change - named))
     ratio = change[mean != 0] / mean[mean != 0]
     return float(np.median(ratio)) if len(ratio) else 0.0
 

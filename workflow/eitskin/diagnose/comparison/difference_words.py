@@ -128,6 +128,8 @@ def sentences(found: Difference) -> list[str]:
         share = odd_share(found, one.change if one.named else found.wander.change)
         if one.inside is not None:
             said.append(_of_objects(one, found))
+        elif one.explained.place[0] is None:
+            continue  # What all readings share has no place near which a contact may be.
         elif share is not None and share < PASSIVE and one.name != "electrode-swap":
             said.append(
                 f"As much as {1.0 - share:.0%} of this is the same with drive and measurement"
