@@ -3,8 +3,8 @@ conceals.
 
 What is right, of a recording that a check lets pass: the names that must be said are said, each by
 an effect or one of its alternatives, and no effect is named that the recording does not have. Of
-clipped channels: their ceiling, and no such effect. Of a step: its frame and no other. Of a wrong
-table: that the check ends there, for that reason.
+clipped channels: their ceiling, and no such effect. Of a step: its frame and no other; its fault is
+counted beside. Of a wrong table: that the check ends there, for that reason.
 """
 
 import numpy as np
@@ -12,12 +12,14 @@ import pandas as pd
 
 from calibration.lines import SUMMARY, share
 from calibration.query_score import WORSE, ratio
+from eitskin.effects.effect import SITES
 from witness.owned import KINDS
 
 LEAST_RIGHT = 0.85
 CEILING = 0.02  # off the true one, that a ceiling may be
 OUTCOMES = ("failed", "unusable", "refused")
 OWNER = ("kind", "seed", "drawn", "outcome", "right", "truth", "names", "false", "step", "steps")
+OWNER = (*OWNER, "fault_by_step", "fault_after")
 OWNER = (*OWNER, "ceiling_V", "ceilings_V", "rmse_before_V", "rmse_V", "ratio", "standard_errors")
 OWNER = (*OWNER, "units", "verdict", "seconds", "why")
 
@@ -32,7 +34,8 @@ def scored(rows: list[dict]) -> tuple[dict[str, pd.DataFrame], str]:
 def owners(rows: list[dict]) -> pd.DataFrame:
     """One row (OWNER) a recording. outcome: predicted, unusable (the check's errors), refused (an
     InputError) or failed (another error); names: of each effect, with its alternatives; false: of
-    effects that are none of the truth's; why: the error's text."""
+    effects that are none of the truth's; fault_by_step, fault_after: whether a step's fault is
+    named at its sites by what the step changed, and of the part after it; why: the error's text."""
     return pd.DataFrame([_owner(row) for row in rows], columns=list(OWNER))
 
 
@@ -62,8 +65,29 @@ def _owner(row: dict) -> dict:
     }
     if outcome != "predicted":
         return head | told
+    if truth["step"] is not None:
+        told |= _fault(row["said"], truth["effects"][0])
     hidden = row["hidden"]
     return head | told | hidden | {"ratio": ratio(hidden), "verdict": row["said"]["verdict"]}
+
+
+def _fault(said: dict, fault: dict) -> dict:
+    """Whether the fault that a step begins is named at its sites: by what the one step changed, and
+    of the part after it, which must hold nothing else."""
+    changed, after = [], []
+    if len(said.get("steps", [])) == 1:
+        changed = [one for one in said["steps"][0]["difference"]["found"] if one["named"]]
+        after = said["parts"][1].get("effects", [])
+    return {
+        "fault_by_step": len(changed) == 1 and _is(changed[0], fault),
+        "fault_after": len(after) == 1 and _is(after[0], fault),
+    }
+
+
+def _is(one: dict, fault: dict) -> bool:
+    """Whether what is found is the fault, by its name or an alternative, at its sites."""
+    sites = all(set(one[kind]) == set(fault.get(kind, [])) for kind in SITES)
+    return sites and fault["name"] in {one["name"], *one["alternatives"]}
 
 
 def _listed(effects: list[dict]) -> str:
@@ -108,6 +132,11 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
     lines.append(
         share("step", "its frame said and no other", exact.sum(), len(stepped), (1.0, np.inf))
     )
+    for column, what in (
+        ("fault_by_step", "its fault named at its sites, by what the step changed"),
+        ("fault_after", "its fault alone named at its sites, of the part after it"),
+    ):
+        lines.append(share("step", what, stepped[column].eq(True).sum(), len(stepped)))
     for kind, column, what in (("step", "steps", "a step"), ("clipped", "ceilings_V", "a ceiling")):
         said = table[column].fillna("") != ""
         other = kinds != kind

@@ -15,7 +15,7 @@ from calibration.intervals import rms
 from eitskin.atomic import atomic_path
 from eitskin.data import check, importers, recording
 from eitskin.data.recording import Recording
-from eitskin.diagnose import diagnosis, result
+from eitskin.diagnose import apart, diagnosis, result
 from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.estimates import NORMAL_90
 from eitskin.diagnose.fit import Fit, fit
@@ -108,7 +108,7 @@ def _compared(kind: str, seed: int, drawn: asked.Asked) -> dict:
     try:
         for one in (drawn.recorded, drawn.query):
             recording.validate(one, kind)
-        found = diagnosis.diagnose(drawn.recorded)
+        found = apart.diagnose(drawn.recorded)
         ended = time.perf_counter(), time.process_time()
         after, _ = diagnosis.predict(found, drawn.query)
         before, _ = diagnosis.predict(found, drawn.query, found.before)

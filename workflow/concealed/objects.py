@@ -45,7 +45,7 @@ COLOURS = {True: "#d95f0e", False: "#2c7fb8"}
 class Case:
     """A comparison: files of the control and later, the part of the latter; truth: of each object
     whether it conducts and its electrode's angle in degrees, each None where nobody knows; None
-    without any knowledge, () for empty tanks. currents: of control and later, as file names tell."""
+    without any knowledge, () for empty tanks. currents: of control and later, by their names."""
 
     name: str
     control: tuple[Path, ...]
@@ -147,8 +147,8 @@ def judged(case: Case, said: dict) -> dict:
 
 
 def line(control: Path, later: Path) -> tuple[float, float]:
-    """Offset, V, of the straight line that a file's reference readings (real part) are of another's,
-    and the rms that it leaves over that of a line through 0: no model has a part in it."""
+    """Offset, V, of the straight line that one file's reference readings (real part) are of the
+    other's, and the rms that it leaves over that of a line through 0. No model has a part in it."""
     x, y = (np.loadtxt(file, delimiter=",", usecols=0) for file in (control, later))
     both = np.column_stack([x, np.ones(len(x))])
     left = [y - basis @ np.linalg.lstsq(basis, y)[0] for basis in (both, both[:, :1])]
@@ -255,9 +255,9 @@ def text(table: pd.DataFrame) -> str:
     ]
     for row in empty[empty["currents"] != ""].to_dict("records"):
         offset = f"{1e3 * row['line_offset_V']:.2f}".replace("-", MINUS)
+        pair = f"{row['case'].split('empty ')[1]}, {row['currents']}"
         lines.append(
-            f"| {row['case'].split('empty ')[1]}, {row['currents']} | {row['beside'] or 'nothing'} |"
-            f" {offset} | {row['line_left']:.2f} |"
+            f"| {pair} | {row['beside'] or 'nothing'} | {offset} | {row['line_left']:.2f} |"
         )
     return "\n".join(lines) + "\n"
 

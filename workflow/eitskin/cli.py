@@ -228,7 +228,7 @@ def _print_apart(checked: check.Check, count: int, arguments: argparse.Namespace
     said = [(f"--{key}", given[key]) for key in options if given.get(key) is not None]
     command = ["eitskin", "diagnose", arguments.file, *(word for pair in said for word in pair)]
     where = f"A step at frame {steps[0]}" if len(steps) == 1 else f"Steps at frames {listed(steps)}"
-    print(f"{where}; what lies before and after, diagnosed apart:", flush=True)
+    print(f"{where}: what lies before and after is diagnosed apart. A report of each:", flush=True)
     for first, after in pairwise([start, *steps, start + count]):
         print(f"  {shlex.join([*command, '--frames', f'{first}:{after - 1}'])}", flush=True)
 
@@ -282,7 +282,7 @@ def _import(arguments: argparse.Namespace) -> int:
 
 def _diagnose(arguments: argparse.Namespace) -> int:
     # seconds, which other commands spare
-    from eitskin.diagnose import diagnosis, memory, result, words
+    from eitskin.diagnose import apart, memory, result, words
     from eitskin.diagnose.report import page
 
     recorded = _source(arguments)
@@ -309,17 +309,14 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         _forget(answer)
         source = folder / "recording.parquet"
         recording.write(recorded, source)
-        found = diagnosis.diagnose(recorded, progress=True, memory_GiB=arguments.memory)
+        found = apart.diagnose(recorded, progress=True, memory_GiB=arguments.memory)
         said = result.write(found, name, folder, SCHEMA, arguments.query)
         page.write(folder, source, SCHEMA, report, None if arguments.query is None else predicted)
     if arguments.json:
         answers.write(said | {"report": str(report)})
         return 0
-    print(words.headline(said))
-    for effect in said["effects"]:
-        print(" ".join(filter(None, [effect["sentence"], words.confused(effect)])))
-    if said["other"]["sentence"]:
-        print(f"What has no name: {said['other']['sentence']}")
+    for head, sentences in words.of_parts(said) or [("", words.told(said))]:
+        print("\n".join([f"{head}:", *sentences] if head else sentences))
     for sentence in words.pinned(said["calibration"]):
         print(sentence)
     print(report)

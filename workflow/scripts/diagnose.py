@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from eitskin.data import recording
-from eitskin.diagnose import diagnosis, result
+from eitskin.diagnose import apart, result
 from eitskin.errors import named, reported
 
 with reported(snakemake.log[0]):
@@ -13,6 +13,6 @@ with reported(snakemake.log[0]):
         result.read_query(query, recorded)
     memory_GiB = snakemake.resources.mem_mb / 1024
     with named(snakemake.input.recording):
-        found = diagnosis.diagnose(recorded, snakemake.params.seed, True, memory_GiB)
+        found = apart.diagnose(recorded, snakemake.params.seed, True, memory_GiB)
     folder = Path(snakemake.output.diagnosis).parent
     result.write(found, snakemake.params.name, folder, snakemake.input.schema, query)

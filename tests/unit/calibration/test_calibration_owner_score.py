@@ -130,3 +130,32 @@ def test_a_block_is_scored_in_whatever_part_is_there(tmp_path, there):
     score.write(tmp_path, "owners-report", "quick")
     assert f"{there} of 8 recordings" in (tmp_path / "summary.md").read_text()
     assert len((tmp_path / "owners.csv").read_text().splitlines()) == 1 + there
+
+
+SITED = {"name": "drive-gain", "electrodes": [], "drives": [5], "measures": [], "channels": []}
+
+
+@pytest.mark.parametrize(
+    ("changed", "after", "by_step", "told"),
+    [
+        ([SITED], [SITED], True, True),
+        ([SITED | {"named": False}], [], False, False),
+        ([SITED | {"drives": [6]}], [SITED, SITED], False, False),
+        ([SITED | {"name": "offset", "alternatives": ["drive-gain"]}], [SITED], True, True),
+        ([SITED, SITED], [SITED | {"name": "offset"}], False, False),
+    ],
+)
+def test_the_fault_that_a_step_begins_is_counted(changed, after, by_step, told):
+    made = row("step", 1, steps=[31], **STEP)
+    made["truth"]["effects"] = [{"name": "drive-gain", "drives": [5], "parameters": {}}]
+    whole = [{"named": True, "alternatives": []} | one for one in changed]
+    parts = [{"effects": []}, {"effects": [{"alternatives": []} | one for one in after]}]
+    made["said"] |= {"steps": [{"difference": {"found": whole}}], "parts": parts}
+    table = owner_score.owners([made, row("static-body", 1, [], **DEEP)])
+    assert table.loc[0, ["fault_by_step", "fault_after"]].tolist() == [by_step, told]
+    lines = owner_score.summary(table)
+    assert line(lines, "step", "its fault named")["hits"] == int(by_step)
+    assert line(lines, "step", "its fault alone")["hits"] == int(told)
+    made["said"] = {key: made["said"][key] for key in ("verdict", "effects")}
+    unsplit = owner_score.owners([made])
+    assert not unsplit.loc[0, "fault_by_step"] and not unsplit.loc[0, "fault_after"]

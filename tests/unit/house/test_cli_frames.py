@@ -36,7 +36,7 @@ def test_check_prints_the_commands_that_diagnose_apart(path, tmp_path, capsys):
     out = capsys.readouterr().out
     found = [step.frame for step in steps(recording.read(path))]
     assert len(found) == len(STEPS)
-    assert f"Steps at frames {found[0]} and {found[1]}; what lies before and after" in out
+    assert f"Steps at frames {found[0]} and {found[1]}: what lies before and after" in out
     parts = []
     for number, (*command, option, frames) in enumerate(printed_commands(out)):
         assert command == ["eitskin", "diagnose", str(path)] and option == "--frames"

@@ -54,7 +54,8 @@ WHERE = {"drives": "drive", "measures": "measuring pair", "channels": "channel"}
 class Diagnosis:
     """What was found of one recording, and the search that found it. aside (N, M): readings that
     the search has not seen; judged: by which it is judged; rig: its errors, as of `findings`;
-    named: the fit of the state after, nothing without a name in its covariance.
+    named: the fit of the state after, nothing without a name in its covariance. parts, steps: of a
+    recording that was diagnosed apart, whose longest part this is of, as `apart` has them.
     """
 
     recorded: Recording
@@ -71,6 +72,8 @@ class Diagnosis:
     gaps: list[list[Gap]]
     strengths: dict[str, float]
     other: Other
+    parts: tuple[dict, ...] = ()
+    steps: tuple[dict, ...] = ()
 
     @cached_property
     def rivals(self) -> list[list[Rival]]:

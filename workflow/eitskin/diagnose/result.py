@@ -42,7 +42,7 @@ def result(found: Diagnosis, name: str) -> dict:
         "noise": {
             "components": found.rig,
             "loud_frames": found.recorded.frames["frame"].iloc[[*noise.loud_frames]].tolist(),
-            "jumps": [],
+            "jumps": [step["frame"] for step in found.steps],
             "spikes": {
                 "readings": noise.spikes,
                 "share": noise.spikes / found.recorded.voltage.size,
@@ -67,6 +67,7 @@ def result(found: Diagnosis, name: str) -> dict:
                 **{f"rms_{when}_V": one.rms for when, one in held.items()},
             }
         },
+        **({"parts": [*found.parts], "steps": [*found.steps]} if found.steps else {}),
     }
 
 

@@ -94,6 +94,34 @@ def headline(diagnosis: dict) -> str:
     return CANDIDATES
 
 
+def told(diagnosis: dict) -> list[str]:
+    """What a diagnosis, or a part of one, found, a sentence each: the verdict, the effects, what
+    has no name."""
+    found = [headline(diagnosis)]
+    for effect in diagnosis["effects"]:
+        found.append(" ".join(filter(None, [effect["sentence"], confused(effect)])))
+    if diagnosis["other"]["sentence"]:
+        found.append(f"What has no name: {diagnosis['other']['sentence']}")
+    return found
+
+
+def stretch(frames: list[int]) -> str:
+    """The frames of a part: `Frames 3 to 60`."""
+    return "Frames {} to {}".format(*frames)
+
+
+def of_parts(diagnosis: dict) -> list[tuple[str, list[str]]]:
+    """Of a recording with steps, what each step changed and what was found of each part, in order
+    of time: a head and sentences each."""
+    found = [
+        (stretch(part["frames"]), [part["refused"]] if "refused" in part else told(part))
+        for part in diagnosis.get("parts", [])
+    ]
+    for place, step in enumerate(diagnosis.get("steps", [])):
+        found.insert(2 * place + 1, (f"The step at frame {step['frame']}", step["sentences"]))
+    return found
+
+
 def finding(entry: dict, effect: Effect) -> str:
     """An effect of diagnosis.json in a sentence: its `finding`, sites and values filled in; of a
     candidate, with a perhaps. Values that might be anything, where the sentence does without them,

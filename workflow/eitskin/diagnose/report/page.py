@@ -25,8 +25,10 @@ from eitskin.diagnose.words import (
     confused,
     headline,
     mend,
+    of_parts,
     pinned,
     sites,
+    stretch,
     valued,
     where,
 )
@@ -118,6 +120,7 @@ def page(found: Evidence, drawn: dict[str, str]) -> str:
     sections = [
         _warnings(found),
         _answer(found),
+        _apart(found),
         "<h2>Where</h2>",
         _row(shown["electrodes"], shown["residual_matrix"]),
         "<h2>Where the misfit is, and where it went</h2>",
@@ -204,8 +207,8 @@ def _warnings(found: Evidence) -> str:
     apart = ""
     if checked.about("step"):
         apart = (
-            "<p>What is before a step and what is after it can be diagnosed apart: <code>eitskin"
-            " check</code> prints the commands.</p>"
+            "<p>What lies before a step and after it is diagnosed apart; <code>eitskin check</code>"
+            " prints the commands that make a report of each part.</p>"
         )
     return f"<div class='warning'><p>{head}</p><ul>{''.join(rows)}</ul>{apart}</div>"
 
@@ -239,6 +242,28 @@ def _answer(found: Evidence) -> str:
     if found.predicted is not None:
         parts.append(_predicted(found))
     return "\n".join(parts)
+
+
+def _apart(found: Evidence) -> str:
+    """Of a recording with steps: which part the report is of, what was found of all of them, and
+    what each step changed."""
+    told = of_parts(found.diagnosis)
+    if not told:
+        return ""
+    longest = max(
+        (part for part in found.diagnosis["parts"] if "refused" not in part),
+        key=lambda part: part["frames"][1] - part["frames"][0],
+    )
+    lines = [
+        "<h2>Before and after each step</h2>",
+        "<p>The readings step, so that this recording is of more than one state of skin and rig."
+        f" The rest of this report is of {stretch(longest['frames']).lower()}, the longest part."
+        " What a step changed is found without a model of the skin.</p>",
+    ]
+    for head, sentences in told:
+        lines.append(f"<h3>{escape(head)}</h3>")
+        lines += [f"<p>{escape(sentence)}</p>" for sentence in sentences]
+    return "\n".join(lines)
 
 
 def _effect(k: int, effect: dict, found: Evidence) -> str:
