@@ -44,7 +44,7 @@ def hidden(block: Path, case: str) -> pd.DataFrame:
     _, arrays = opened.read(block / "opened", case)
     clean, noise = arrays["query_clean_V"], arrays["noise_V"]
     query = parquet.read(block / "queries" / f"{case}.parquet", ["time_s", "force_N"])
-    table = query.to_pandas(use_threads=False)
+    table = parquet.frame(query)
     after, _ = scoring.predicted(block / "verdicts" / case / "predicted.parquet", clean.shape)
     with np.load(block / "baselines" / f"{case}.npz", allow_pickle=False) as file:
         before = file["none"]

@@ -15,7 +15,7 @@ import os, sys
 from eitskin.data import parquet, dataset, recording, splits
 before = len(os.listdir("/proc/self/task"))
 table = parquet.read(sys.argv[1])
-table.to_pandas(use_threads=False)
+parquet.frame(table)
 print(len(table), len(os.listdir("/proc/self/task")) - before)
 """
 

@@ -100,7 +100,7 @@ def read(path: str | Path) -> Dataset:
         raise InputError(path, "column delta_V", f"{kind} or nulls", "float32 without nulls")
     flat = table["delta_V"].combine_chunks().flatten().to_numpy(zero_copy_only=False)
     dataset = Dataset(
-        table.drop_columns(["delta_V"]).to_pandas(use_threads=False, ignore_metadata=True),
+        parquet.frame(table.drop_columns(["delta_V"]), ignore_metadata=True),
         flat.reshape(len(table), kind.list_size),
         json.loads(header),
     )

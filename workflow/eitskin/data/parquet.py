@@ -3,10 +3,16 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from eitskin.errors import InputError
+
+
+def frame(table: pa.Table, **options) -> pd.DataFrame:
+    """A table as pandas has it, made by the calling thread alone; options as of `to_pandas`."""
+    return table.to_pandas(use_threads=False, **options)
 
 
 def read(path: str | Path, columns: Sequence[str] | None = None) -> pa.Table:

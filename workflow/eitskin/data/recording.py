@@ -186,9 +186,9 @@ def read(path: str | Path) -> Recording:
         {name: _scalar_column(path, name, table[name]) for name in plain},
         index=pd.RangeIndex(table.num_rows),
     )
-    for name in names:
-        if name.startswith(NOTE):
-            frames[name] = table[name].to_pandas(use_threads=False, types_mapper=pd.ArrowDtype)
+    notes = table.select([name for name in names if name.startswith(NOTE)])
+    options = {"types_mapper": pd.ArrowDtype, "ignore_metadata": True}
+    frames = frames.join(parquet.frame(notes, **options))
     readings = {
         name: _reading_column(path, name, table[name], width) if name in names else None
         for name in READINGS

@@ -58,7 +58,7 @@ def write(path: str | Path, table: pd.DataFrame, part: np.ndarray) -> None:
 
 def read(path: str | Path, table: pd.DataFrame) -> np.ndarray:
     """The part (N,) of each row of `table`; raises InputError unless the file belongs to it."""
-    split = parquet.read(path).to_pandas(use_threads=False)
+    split = parquet.frame(parquet.read(path))
     if list(split.columns) != ["sample", "part"]:
         raise InputError(path, "columns", list(split.columns), "['sample', 'part']")
     if not np.array_equal(split["sample"], table["sample"]):

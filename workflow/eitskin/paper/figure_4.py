@@ -161,7 +161,7 @@ def write(
     model); the CSV holds the two models' test samples of every seed."""
     chosen = choose(metrics)
     worst, best = (
-        joined(parquet.read(predictions[model]).to_pandas(use_threads=False), dataset, model)
+        joined(parquet.frame(parquet.read(predictions[model])), dataset, model)
         for model in (chosen.worst, chosen.best)
     )
     table = pd.concat([worst.assign(panel="a"), best.assign(panel="b, c")], ignore_index=True)

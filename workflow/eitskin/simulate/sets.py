@@ -244,7 +244,7 @@ def read_stage(path: str | Path) -> tuple[pd.DataFrame, np.ndarray, np.ndarray, 
         return flat.reshape(len(stored), len(channels)).copy()
 
     samples = stored.drop_columns(["untouched_V", "touched_V"])
-    table = samples.to_pandas(use_threads=False, ignore_metadata=True)
+    table = parquet.frame(samples, ignore_metadata=True)
     return table, values("untouched_V"), values("touched_V"), channels
 
 
