@@ -5,17 +5,10 @@ import pytest
 
 from eitskin.physics import kept_touches
 from eitskin.physics.geometry import Geometry, Patch
-from eitskin.physics.kept_touches import KeptTouches
+from eitskin.physics.kept_touches import Coupled, Entered, KeptTouches
 from eitskin.physics.solver import forward_model
 
 SKIN = Geometry(80.0, 3.0, 0.5, np.arange(16) * 22.5, 5.0, 1e-3)
-
-
-class Touched:
-    """What holds so many bytes."""
-
-    def __init__(self, nbytes: int):
-        self.nbytes = nbytes
 
 
 def test_the_oldest_go_first_where_there_is_no_more_room(monkeypatch):
@@ -24,15 +17,39 @@ def test_the_oldest_go_first_where_there_is_no_more_room(monkeypatch):
 
     def ask(x_mm: float, nbytes: int) -> None:
         place = (x_mm, 0.0, 1.0)
-        kept.get(place, lambda: met.append(x_mm) or Touched(nbytes))
+        none = np.zeros(0)
+        kept.get(
+            Coupled, place, lambda: met.append(x_mm) or Coupled(np.zeros(nbytes // 8), none, none)
+        )
 
     for x_mm in (0.0, 1.0, 0.0):  # 40 bytes each
         ask(x_mm, 40)
     assert met == [0.0, 1.0]
-    ask(2.0, 70)
+    ask(2.0, 72)
     assert [(x, 0.0, 1.0) in kept for x in (0.0, 1.0, 2.0)] == [False, False, True]
-    ask(3.0, 500)  # more than there is room for: kept alone
+    ask(3.0, 504)  # more than there is room for: kept alone
     assert [(x, 0.0, 1.0) in kept for x in (2.0, 3.0)] == [False, True]
+
+
+def test_kinds_of_one_place_share_the_room(monkeypatch):
+    monkeypatch.setattr(kept_touches, "KEPT_BYTES", 100)
+    kept, place = KeptTouches(), (0.0, 0.0, 1.0)
+    touched = kept.get(Coupled, place, lambda: Coupled(*np.zeros((3, 2))))
+    entered = kept.get(Entered, place, lambda: Entered(*np.zeros((2, 2)), 1.0, 1.0))
+    assert kept.get(Coupled, place, pytest.fail) is touched
+    assert kept.get(Entered, place, pytest.fail) is entered
+    kept.get(Entered, (1.0, 0.0, 1.0), lambda: Entered(*np.zeros((2, 2)), 1.0, 1.0))
+    assert place not in kept  # the oldest of either kind
+
+
+@pytest.mark.parametrize("patch", [None, Patch(20.0, 10.0, 12.0, 3.0)])
+def test_a_new_place_that_leaks_has_its_edge_found_once(monkeypatch, patch):
+    skin = forward_model(SKIN.with_values(patch=patch))
+    edges, find = [], type(skin).edge
+    monkeypatch.setattr(type(skin), "edge", lambda *a: edges.append(find(*a)) or edges[-1])
+    for _ in range(2):
+        skin.contact(-30.0, 5.0, 6.0)
+    assert len(edges) == 1
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,9 @@ place follow from one small generalised eigenproblem, R(c) = R0 - sum_k g_k g_k^
 and every derivative from R's stationarity, dR = X^T dS X.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve, solve_triangular
@@ -18,7 +20,7 @@ from eitskin.physics.contact_current import EvenCurrent
 from eitskin.physics.electrodes import Electrodes
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
-from eitskin.physics.kept_touches import Coupled, Entered, KeptTouches
+from eitskin.physics.kept_touches import Coupled, Entered, KeptTouches, Place
 from eitskin.physics.touch import Touch, TouchAccuracy, TouchEdge
 
 RIM_PHI = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
@@ -154,11 +156,11 @@ class Forward:
         modes = self.accuracy.modes(geometry)
         if near and near.matches(geometry, self.accuracy, modes):
             self.disc, self.bulk = near.disc, near.bulk
-            self._coupled, self._entered = near._coupled, near._entered
+            self._kept = near._kept
             self.electrodes = near.electrodes.with_contacts(geometry)
         else:
             self.disc = _disc_map(geometry)
-            self._coupled, self._entered = KeptTouches(), KeptTouches()
+            self._kept = KeptTouches()
             self.bulk = GradientBulk(geometry, self.disc) if geometry.gradient_across else None
             self.electrodes = Electrodes(geometry, self.disc, modes, self.bulk)
         self.sheet_resistance = 1e3 / (geometry.conductivity_S_per_m * geometry.thickness_mm)
@@ -208,7 +210,7 @@ class Forward:
 
     def meets(self, x_mm: float, y_mm: float, radius_mm: float) -> bool:
         """Whether a disc there lies on the skin, at least in part."""
-        if (x_mm, y_mm, radius_mm) in self._coupled:
+        if (x_mm, y_mm, radius_mm) in self._kept:
             return True
         edge = x_mm + 1j * y_mm + radius_mm * np.exp(2j * np.pi * np.arange(64) / 64)
         points = self.geometry.unfold(edge)
@@ -234,7 +236,9 @@ class Forward:
         return found
 
     def _places(self, places: list[tuple[float, float, float]]) -> list[TouchModes]:
-        touched = [self._coupling(place) for place in places]
+        touched = [
+            self._coupling(place, lambda place=place: self.edge(Touch(*place))) for place in places
+        ]
         alike: dict[int, list[int]] = {}
         for i, one in enumerate(touched):
             alike.setdefault(len(one.mass), []).append(i)
@@ -257,7 +261,8 @@ class Forward:
         the skin.
         """
         place = x_mm, y_mm, radius_mm
-        touch, current = self._coupling(place), self._current(place)
+        edge = cache(lambda: self.edge(Touch(*place)))
+        touch, current = self._coupling(place, edge), self._current(place, edge)
         to_touch, power = current.to_touch, np.array([[current.power]])
         gains, response = self._relaxed(
             np.column_stack([touch.coupling, current.to_electrodes]),
@@ -275,9 +280,9 @@ class Forward:
             self.sheet_resistance * own,
         )
 
-    def _current(self, place: tuple[float, float, float]) -> Entered:
-        """A current that enters evenly over the touch at a place."""
-        return self._entered.get(place, lambda: self._even_current(self.edge(Touch(*place))))
+    def _current(self, place: Place, edge: Callable[[], TouchEdge]) -> Entered:
+        """A current that enters evenly over the touch at a place; edge: finds the touch's."""
+        return self._kept.get(Entered, place, lambda: self._even_current(edge()))
 
     def _even_current(self, edge: TouchEdge) -> Entered:
         """A current that enters evenly over a touch."""
@@ -289,14 +294,14 @@ class Forward:
         to_touch = current.mean_response(edge)
         return Entered(to_electrodes[:, 0], to_touch, current.power, current.inner_power)
 
-    def _coupling(self, place: tuple[float, float, float]) -> Coupled:
-        """The touch's multipoles at a place."""
+    def _coupling(self, place: Place, edge: Callable[[], TouchEdge]) -> Coupled:
+        """The touch's multipoles at a place; edge: finds the touch's."""
 
         def find() -> Coupled:
-            edge = self.edge(Touch(*place))
-            return Coupled(edge.mass, self._between(edge, edge), self._to_electrodes(edge))
+            found = edge()
+            return Coupled(found.mass, self._between(found, found), self._to_electrodes(found))
 
-        return self._coupled.get(place, find)
+        return self._kept.get(Coupled, place, find)
 
     def _to_electrodes(self, edge: TouchEdge) -> np.ndarray:
         coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))

@@ -2,24 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 KEPT_BYTES = 1 << 26  # the oldest go first
 
 Place = tuple[float, float, float]
-
-
-class Sized(Protocol):
-    """What is remembered of a place."""
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of its arrays."""
-
-
-Found = TypeVar("Found", bound=Sized)
 
 
 @dataclass(frozen=True)
@@ -53,22 +42,26 @@ class Entered:
         return self.to_electrodes.nbytes + self.to_touch.nbytes
 
 
-class KeptTouches(Generic[Found]):
+Found = TypeVar("Found", Coupled, Entered)
+
+
+class KeptTouches:
     """What was found last of places (x_mm, y_mm, radius_mm), within KEPT_BYTES."""
 
-    def __init__(self):
-        self._found: dict[Place, Found] = {}
+    def __init__(self) -> None:
+        self._found: dict[tuple[type, Place], Coupled | Entered] = {}
         self._nbytes = 0
 
     def __contains__(self, place: Place) -> bool:
-        return place in self._found
+        return (Coupled, place) in self._found
 
-    def get(self, place: Place, find: Callable[[], Found]) -> Found:
-        """What is kept of a place, else what `find` finds of it."""
-        if place not in self._found:
+    def get(self, kind: type[Found], place: Place, find: Callable[[], Found]) -> Found:
+        """What of a kind is kept of a place, else what `find` finds of it."""
+        key = kind, place
+        if key not in self._found:
             found = find()
             self._nbytes += found.nbytes
             while self._found and self._nbytes > KEPT_BYTES:
                 self._nbytes -= self._found.pop(next(iter(self._found))).nbytes
-            self._found[place] = found
-        return self._found[place]
+            self._found[key] = found
+        return self._found[key]

@@ -221,11 +221,11 @@ class PatchForward(Forward):
         shared = isinstance(near, PatchForward) and near.geometry.patch == geometry.patch
         if shared and near.bare.matches(bare.geometry, bare.accuracy, bare.electrodes.order):
             self.patch, self.at_patch = near.patch, near.at_patch
-            self._coupled, self._entered = near._coupled, near._entered
+            self._kept = near._kept
             change = near.change
         else:
             self.patch = PatchEdge(geometry, bare.disc, bare.accuracy.touch)
-            self._coupled, self._entered = KeptTouches(), KeptTouches()
+            self._kept = KeptTouches()
             self.at_patch = self._at_patch(bare.electrodes)
             change = self._change(bare.electrodes)
         self.change = change
