@@ -20,6 +20,7 @@ from eitskin.diagnose.jacobian import AT_ONCE, GROUP
 from eitskin.diagnose.simulator import KEPT, KEPT_BYTES, beliefs
 from eitskin.effects.third_dimension import HEIGHTS
 from eitskin.errors import InputError
+from eitskin.physics import kept_touches
 from eitskin.physics.accuracy import MODES
 from eitskin.physics.depth import DEPTH_ACCURACIES, MOST_MODES, span
 from eitskin.physics.forward import ACCURACIES
@@ -35,6 +36,7 @@ TRIED = 600  # of columns of trials, sets and rig errors
 GAINS = 5  # of the columns of a gain for every channel
 MAPPED = 6  # of columns that are mapped at once
 LINKED, LASTING = 14, 2  # of the matrix of channels by errors that last
+OUTLINES = 2  # of stores of touched places: of the skin believed, and of one that is tried
 
 
 @dataclass(frozen=True)
@@ -82,8 +84,9 @@ def foretold(counts: Counts, frames: int | np.ndarray) -> np.ndarray:
     states = min(KEPT_BYTES, KEPT * NUMBER * (n**2 + 3 * m))
     searched = (derivatives + TRIED) * column + GAINS * gains + MAPPED * mapped + LINKED * linked
     sheets = SHEET * NUMBER * (2 * MODES[-1] * n) ** 2
+    places = OUTLINES * kept_touches.KEPT_BYTES * counts.touched
     bodies = BODY * NUMBER * counts.modes**2 + (sheets if counts.modes else 0)
-    return PROGRAM + np.maximum(searched + max(states, bodies), sheets)
+    return PROGRAM + places + np.maximum(searched + max(states, bodies), sheets)
 
 
 def most_frames(
