@@ -133,7 +133,7 @@ define install
 endef
 
 .venv/installed: pyproject.toml envs/requirements.lock
-	$(call install,.)
+	$(call install,.[workflow])
 
 .venv/installed-rig: pyproject.toml envs/requirements.lock | .venv/installed
 	$(call install,.[rig])

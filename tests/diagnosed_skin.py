@@ -28,7 +28,7 @@ from simulated_metadata import simulated_metadata
 
 SKIN = Skin(80.0, 3.0, 0.5, tuple(22.5 * np.arange(16)), 5.0, 2e-3, 1e-3, 0.9)
 CHANNELS = channel_table(16)
-SCHEMA = Path(__file__).parents[1] / "workflow" / "schemas" / "diagnosis.schema.yaml"
+SCHEMA = Path(__file__).parents[1] / "workflow/eitskin/diagnose/diagnosis.schema.yaml"
 CONTACT = {"name": "contact-impedance", "electrodes": [7], "parameters": {"ratio": 2.1}}
 GAINS = {
     "name": "channel-gain",

@@ -61,7 +61,7 @@ def test_no_path_leads_from_a_truth_to_a_verdict(inputs):
         own = {f"{DEMO}/{folder}/{case}.parquet" for folder in ("recordings", "queries")}
         assert own <= set(inputs[file])
         folders = {given.split("/")[-2] for given in inputs[file]}
-        assert folders <= {"recordings", "queries", "demo", "schemas"}
+        assert folders <= {"recordings", "queries", "demo", "diagnose"}
     assert upstream(inputs, OPENED) >= {seal, *verdicts, *baselines}
     taken = [file for file, given in inputs.items() if any(g.startswith(TRUTHS) for g in given)]
     assert taken == [OPENED]

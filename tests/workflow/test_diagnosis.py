@@ -53,7 +53,7 @@ def test_a_diagnosis_is_made_of_the_recording_its_check_and_the_schema_alone(fin
     inputs = rows[f"{FOLDER}/diagnosis.json"]["input-file(s)"].split(",")
     recorded = "results/recordings/simulated-twin.parquet"
     checked = "results/recordings/simulated-twin.check.txt"
-    assert set(inputs) == {recorded, checked, "workflow/schemas/diagnosis.schema.yaml"}
+    assert set(inputs) == {recorded, checked, "workflow/eitskin/diagnose/diagnosis.schema.yaml"}
     assert rows[checked]["input-file(s)"] == recorded
     for file, row in rows.items():
         if file.startswith(FOLDER):

@@ -36,7 +36,7 @@ with SnakemakeApi(OutputSettings(quiet={Quietness.ALL})) as api:
         found[rule.name] = rule.script, code(some) if callable(code) else code
 print(json.dumps(found))
 """
-SCHEMA = "workflow/schemas/diagnosis.schema.yaml"
+SCHEMA = "workflow/eitskin/diagnose/diagnosis.schema.yaml"
 ON_REQUEST = {"trials", "capture"}  # hours of work, and a robot: no code plans them again
 
 

@@ -22,7 +22,7 @@ from eitskin.physics.outline import EXPECTED, no_disc
 from eitskin.quantities import listed
 
 REFUSED, UNUSABLE, INTERRUPTED = 1, 2, 130
-SCHEMA = Path(__file__).parents[1] / "schemas" / "diagnosis.schema.yaml"
+SCHEMA = Path(__file__).parent / "diagnose" / "diagnosis.schema.yaml"
 EXIT_CODES = """\
 exit codes:
   0      done

@@ -27,7 +27,7 @@ from eitskin.simulate.readings import apply_skin
 from eitskin.simulate.sets import CONTINUOUS, sample_settings
 
 MISSING = object()
-SCHEMAS = Path(__file__).parents[1] / "schemas"
+REFERRED_TO = {"rig.schema.yaml": Path(__file__).parent / "capture" / "rig.schema.yaml"}
 PATHS = ("path", "query")  # of a recording
 YTE = "__use_yte__"  # by which Snakemake takes a configuration for a template
 
@@ -120,7 +120,7 @@ def _parameters(effect: Effect) -> dict:
 
 def _schema(uri: str) -> Resource:
     """Another schema, which one refers to by its file's name."""
-    return Resource.from_contents(yaml.safe_load((SCHEMAS / uri).read_text(encoding="utf-8")))
+    return Resource.from_contents(yaml.safe_load(REFERRED_TO[uri].read_text(encoding="utf-8")))
 
 
 def with_continuous(config: dict) -> dict[str, dict]:

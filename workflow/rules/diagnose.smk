@@ -1,4 +1,4 @@
-SCHEMA = "workflow/schemas/diagnosis.schema.yaml"
+SCHEMA = "workflow/eitskin/diagnose/diagnosis.schema.yaml"
 # What a diagnosis rests on, for its report.
 EVIDENCE = [
     "residuals.npz",

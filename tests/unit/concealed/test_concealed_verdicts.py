@@ -16,7 +16,7 @@ from eitskin.fingerprint import reached
 from witness.cases import Alike, draw
 
 ROOT = Path(__file__).parents[3]
-SCHEMA = ROOT / "workflow/schemas/diagnosis.schema.yaml"
+SCHEMA = ROOT / "workflow/eitskin/diagnose/diagnosis.schema.yaml"
 
 
 @pytest.fixture

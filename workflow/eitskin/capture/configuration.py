@@ -13,7 +13,7 @@ from eitskin.errors import InputError
 from eitskin.physics.skin import Skin
 from eitskin.schema import Validator, dotted, explained
 
-SCHEMA = Path(__file__).parents[2] / "schemas" / "rig.schema.yaml"
+SCHEMA = Path(__file__).parent / "rig.schema.yaml"
 
 
 def read(path: str | Path) -> dict:
