@@ -11,6 +11,8 @@ from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
 
+import shtab
+
 from eitskin import answers
 from eitskin.atomic import held_folder
 from eitskin.capture import cli as rig
@@ -111,6 +113,8 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=plain,
     )
     parser.add_argument("--version", action="version", version=f"eitskin {version('eitskin')}")
+    words = "what a shell completes commands, options and files by"
+    shtab.add_argument_to(parser, "--print-completion", help=words)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     def command(name: str, run: object, what: str) -> argparse.ArgumentParser:
@@ -125,12 +129,12 @@ def _parser() -> argparse.ArgumentParser:
     _add_source(checking)
     importing = command("import", _import, "turn a recording into an eit-recording")
     _add_source(importing)
-    importing.add_argument("out", help="the Parquet file to write")
+    _add_path(importing, "out", "the Parquet file to write")
     _add_anyway(importing)
     diagnosing = command("diagnose", _diagnose, "say what the simulation of a recording leaves out")
     _add_source(diagnosing)
-    diagnosing.add_argument("--query", help="states, a recording without voltages, to predict")
-    diagnosing.add_argument("--out", help="the folder to write, by default diagnosis-NAME")
+    _add_path(diagnosing, "--query", "states, a recording without voltages, to predict")
+    _add_path(diagnosing, "--out", "the folder to write, by default diagnosis-NAME", shtab.DIR)
     diagnosing.add_argument(
         "--memory",
         type=float,
@@ -140,19 +144,27 @@ def _parser() -> argparse.ArgumentParser:
     )
     _add_anyway(diagnosing)
     comparing = command("compare", _compare, "say what changed between two recordings of one skin")
-    comparing.add_argument("control", help="the earlier recording, in any known format")
-    comparing.add_argument("later", help="the later one, read in the same way")
+    _add_path(comparing, "control", "the earlier recording, in any known format")
+    _add_path(comparing, "later", "the later one, read in the same way")
     _add_reading(comparing)
     part = "of LATER, frames otherwise left out: target (pyeidors-tank), v_rotate:K (iirc-tank)"
     comparing.add_argument("--part", help=part)
-    comparing.add_argument("--out", help="the folder to write, by default comparison-A-vs-B")
+    _add_path(comparing, "--out", "the folder to write, by default comparison-A-vs-B", shtab.DIR)
     rig.add(commands)
     return parser
 
 
+def _add_path(
+    command: argparse.ArgumentParser, name: str, what: str, kind: dict[str, str] = shtab.FILE
+) -> None:
+    """A path of a kind that a shell completes."""
+    action = command.add_argument(name, help=what)
+    action.complete = kind  # as shtab has it
+
+
 def _add_source(command: argparse.ArgumentParser) -> None:
     """The recording that a command reads."""
-    command.add_argument("file", help="a recording in any known format")
+    _add_path(command, "file", "a recording in any known format")
     _add_reading(command)
     command.add_argument(
         "--frames",
@@ -170,7 +182,7 @@ def _add_reading(command: argparse.ArgumentParser) -> None:
     command.add_argument("--order", help="the order of the readings, as check names it")
     command.add_argument("--drive", help=f"the pairs that drive: {steps}")
     command.add_argument("--measure", help=f"the pairs measured: {steps}, or one with -reversed")
-    command.add_argument("--skin", help="YAML: what you know of the skin beside what the file says")
+    _add_path(command, "--skin", "YAML: what you know of the skin beside what the file says")
 
 
 def _add_anyway(command: argparse.ArgumentParser) -> None:

@@ -1,4 +1,5 @@
 import json
+import shutil
 import subprocess
 import sys
 
@@ -112,3 +113,16 @@ def test_a_query_of_other_electrodes_is_refused(make_recording, path, tmp_path, 
     place = "skin.electrode_deg"
     assert printed == f"{query}: {place}: found 8 electrodes, expected the recording's 16\n"
     assert not out.exists()
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_shells_complete_commands_options_and_files(shell, capsys):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["--print-completion", shell])
+    printed = capsys.readouterr().out
+    assert not ended.value.code
+    for word in ("check", "import", "diagnose", "compare", "resume", "--anyway", "--skin"):
+        assert word in printed
+    checked = shutil.which(shell)
+    if checked:
+        subprocess.run([checked, "-n"], input=printed, check=True, text=True)
