@@ -287,7 +287,7 @@ class Reciprocity:
 
 def reciprocity(recording: Recording) -> Reciprocity | None:
     """How well the untouched readings, or their modulus where there is a quadrature, stay the same
-    when drive and measurement are exchanged; None without pairs.
+    when drive and measurement are exchanged; None without pairs and where their squares vanish.
     """
     pairs, signs = reciprocal_channels(recording.channels)
     if not len(pairs):
@@ -299,7 +299,8 @@ def reciprocity(recording: Recording) -> Reciprocity | None:
     if not kept.any():
         return None
     error = float(np.median(np.abs(first - second)[kept] / size[kept]))
-    return Reciprocity(error, relative_change(values, pairs, signs), len(pairs))
+    rms = relative_change(values, pairs, signs)
+    return None if rms is None else Reciprocity(error, rms, len(pairs))
 
 
 def identity_readings(recording: Recording, signs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

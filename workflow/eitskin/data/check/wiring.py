@@ -70,10 +70,11 @@ def order(recording: Recording) -> Order:
 def _order(recording: Recording, values: np.ndarray, signed: bool) -> Order:
     channels, n = recording.channels, recording.n_electrodes
     own = misfit(values, channels, n, signed)
-    others = {
+    misfits = {
         name: misfit(reordered(values, permutation), channels, n, signed).overall
         for name, permutation in known_orders(channels, n).items()
     }
+    others = {name: value for name, value in misfits.items() if value is not None}
     worst = None if own.reciprocity is None else _worst_electrodes(recording, values)
     if own.overall is None or not others:
         return Order(own, np.inf, [], worst)
