@@ -56,7 +56,7 @@ class Entered:
 class KeptTouches(Generic[Found]):
     """What was found last of places (x_mm, y_mm, radius_mm), within KEPT_BYTES."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._found: dict[Place, Found] = {}
         self._nbytes = 0
 

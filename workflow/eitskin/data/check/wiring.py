@@ -119,7 +119,7 @@ def polarity(recording: Recording) -> float | None:
     if metadata["voltage"] != "signed" or metadata["values"] != "absolute" or angles is None:
         return None
     model = alignment.homogeneous_readings(recording.channels, np.array(angles))
-    reading = untouched_readings(recording.voltage, recording)[0]
+    reading = untouched_readings(recording.readings, recording)[0]
     kept = np.isfinite(model) & np.isfinite(reading)
     if kept.sum() < 3 or np.ptp(model[kept]) == 0 or np.ptp(reading[kept]) == 0:
         return None
