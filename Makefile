@@ -77,9 +77,10 @@ rehearse: .venv/installed-test
 	@$(BIN)/python -m pytest -m rehearsal tests/rig tests/workflow
 
 lint: .venv/installed-test
-	@echo "eitskin: checking style"
+	@echo "eitskin: checking style and types"
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
 	@$(BIN)/snakefmt --check Snakefile workflow/rules
 	@$(BIN)/snakemake --lint
 	@$(BIN)/snakemake --lint $(DEMO)

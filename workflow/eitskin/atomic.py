@@ -10,7 +10,7 @@ from pathlib import Path
 from eitskin.errors import InputError, refused
 
 PLACE = "file to write"
-NEEDED = {  # of what the operating system refuses
+NEEDED: dict[int | None, str] = {  # of what the operating system refuses
     errno.ENOSPC: "room on the disk",
     errno.EDQUOT: "room within the quota",
     errno.EFBIG: "room for a file of that size",

@@ -101,7 +101,7 @@ def _statements(tree: ast.Module) -> Iterator[ast.AST]:
 
 def _imports(tree: ast.Module) -> list[str]:
     """Every name that an import statement may load: modules, and what is taken from them."""
-    names = []
+    names: list[str] = []
     for node in _statements(tree):
         if isinstance(node, ast.Import):
             names.extend(alias.name for alias in node.names)

@@ -5,11 +5,12 @@ import io
 import re
 import zlib
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
+from matplotlib.axis import Axis, XAxis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
@@ -22,8 +23,8 @@ DPI = 220
 COLUMN_MM, FULL_MM = 88.0, 180.0
 RIM, ELECTRODE = "#404040", "#202020"
 PLAIN = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}  # behind a text on a line
-CENTRED = {"ha": "center", "va": "center"}
-STYLE = {
+CENTRED: dict[str, Any] = {"ha": "center", "va": "center"}
+STYLE: dict[Any, Any] = {
     "figure.dpi": DPI,
     "figure.constrained_layout.use": True,
     "figure.constrained_layout.w_pad": 0.02,
@@ -125,7 +126,7 @@ def log_limits(
     """A logarithmic axis over `values` and the noise, at least from a half to two."""
     values = values[np.isfinite(values) & (values > 0)]
     low, high = min(0.5, values.min(initial=1.0) / 1.15), max(2.0, values.max(initial=1.0) * room)
-    (axis.axes.set_xlim if axis.axis_name == "x" else axis.axes.set_ylim)(low, high)
+    (axis.axes.set_xlim if isinstance(axis, XAxis) else axis.axes.set_ylim)(low, high)
     log_ticks(axis, low, high, said)
 
 

@@ -1,6 +1,7 @@
 """Numbers with their units as a person writes them."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -55,7 +56,7 @@ def interval(value: float, low: float, high: float, unit: str) -> str:
     return f"{texts[0]} (90 %: {texts[1]} to {texts[2]}){name}"
 
 
-def listed(items: list) -> str:
+def listed(items: Sequence[object]) -> str:
     """`a`, `a and b`, `a, b and c`."""
     texts = [str(item) for item in items]
     return " and ".join(filter(None, [", ".join(texts[:-1]), *texts[-1:]]))

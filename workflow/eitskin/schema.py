@@ -1,6 +1,7 @@
 """What a JSON schema finds wrong, as place, what was found and what was expected."""
 
 import math
+from collections.abc import Callable
 
 import jsonschema
 from jsonschema.exceptions import ValidationError, best_match
@@ -50,7 +51,7 @@ def explained(error: ValidationError) -> tuple[list, str, str]:
         key = next(key for key in wanted if key not in value)
         meaning = error.schema.get("properties", {}).get(key, {})
         return [*place, key], "nothing", meaning.get("description", "a value")
-    expected = {
+    sayings: dict[str, Callable[[], str]] = {
         "type": lambda: _noun(wanted),
         "enum": lambda: "one of " + ", ".join(map(str, wanted)),
         "minimum": lambda: f"{wanted} or more",
@@ -61,7 +62,9 @@ def explained(error: ValidationError) -> tuple[list, str, str]:
         "maxItems": lambda: f"a list of {wanted} or fewer",
         "uniqueItems": lambda: "a list without repetition",
         "minProperties": lambda: f"{wanted} or more keys",
-    }.get(error.validator, lambda: error.schema["description"])()
+    }
+    saying = sayings.get(error.validator)
+    expected = error.schema["description"] if saying is None else saying()
     if isinstance(value, str) and _reads_as_number(value) and error.validator != "enum":
         expected += f" (YAML reads {value} as text; write {_yaml_number(value)})"
     return place, "null" if value is None else repr(value), expected

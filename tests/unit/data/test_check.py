@@ -7,7 +7,7 @@ from eitskin.data import check, importers
 from eitskin.data.channel_order import known_orders
 from eitskin.data.check import ERROR, FACT, UNOBSERVABLE, WARNING, sentences, wiring
 from eitskin.errors import InputError
-from eitskin.physics.protocol import channel_table
+from eitskin.physics.protocol import channel_table, reciprocal_channels
 from shared_data import shared_data
 
 FROM_OWN = "drive-plus-ascending-own"
@@ -75,6 +75,12 @@ def test_reciprocity_error_is_the_median_relative_difference(make_recording):
     first = made.channels[:, 0] < made.channels[:, 2]
     made.voltage[:, first] *= 1.05
     assert value(made, "reciprocity") == pytest.approx(0.05 / 1.025)
+
+
+def test_readings_whose_squares_vanish_have_no_reciprocity(make_recording):
+    made = make_recording(presses=0)
+    made.voltage *= 1e-170
+    assert sentences.reciprocity(made) == []
 
 
 def test_lost_stuck_and_clipped_channels_are_named(make_recording):
@@ -211,6 +217,16 @@ def test_an_order_that_only_touches_betray(make_recording):
     assert untouched.value < 1e-3
     (finding,) = sentences.channel_order(made)
     assert finding.severity == ERROR and "wrong channel order" in finding.sentence
+
+
+def test_readings_too_few_for_another_order_do_not_stop_the_check(make_recording):
+    made = make_recording(presses=0)
+    pairs, _ = reciprocal_channels(made.channels)
+    lost = np.ones(208, dtype=bool)
+    lost[[*pairs[5], *pairs[40]]] = False
+    made.voltage[:, lost] = np.nan
+    (finding,) = check.check(made).about("order")
+    assert finding.severity == FACT
 
 
 def test_readings_that_no_order_repairs_are_unusable(make_recording):

@@ -95,7 +95,7 @@ def hotspots(recording: Recording, rows: np.ndarray) -> np.ndarray:
     change = baseline.changes(recording, "recording")[rows]
     channels = recording.channels
     if recording.metadata["voltage"] == "magnitude":
-        change = change * np.sign(homogeneous_readings(channels, angles))
+        change = change * np.sign(homogeneous_readings(channels, np.array(angles)))
     turns = np.exp(2j * np.pi * np.arange(GRID_ANGLES) / GRID_ANGLES)
     places = (GRID_RADII[:, None] * turns[None, :]).ravel()
     projection = sensitivity(channels, np.array(angles), places)

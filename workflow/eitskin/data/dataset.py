@@ -94,7 +94,7 @@ def read(path: str | Path) -> Dataset:
     if header is None:
         raise InputError(path, "schema", "no key eitskin-dataset", "a dataset's metadata")
     kind = table.schema.field("delta_V").type if "delta_V" in table.column_names else None
-    if not (pa.types.is_fixed_size_list(kind) if kind else False):
+    if kind is None or not pa.types.is_fixed_size_list(kind):
         raise InputError(path, "column delta_V", kind, "fixed_size_list<float32>")
     if kind.value_type != pa.float32() or table["delta_V"].null_count:
         raise InputError(path, "column delta_V", f"{kind} or nulls", "float32 without nulls")

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pyarrow as pa
@@ -10,7 +11,7 @@ import pyarrow.parquet as pq
 from eitskin.errors import InputError
 
 
-def frame(table: pa.Table, **options) -> pd.DataFrame:
+def frame(table: pa.Table, **options: Any) -> pd.DataFrame:
     """A table as pandas has it, made by the calling thread alone; options as of `to_pandas`."""
     return table.to_pandas(use_threads=False, **options)
 

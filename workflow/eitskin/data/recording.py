@@ -85,6 +85,12 @@ class Recording:
     metadata: dict
 
     @property
+    def readings(self) -> np.ndarray:
+        """`voltage` of a recording that is no query."""
+        assert self.voltage is not None
+        return self.voltage
+
+    @property
     def channels(self) -> np.ndarray:
         """(M, 4) int: source, sink, plus, minus."""
         return np.array(self.metadata["channels"], dtype=int).reshape(-1, 4)
@@ -309,12 +315,13 @@ def check_reading(metadata: dict, file: str | Path) -> None:
 
 def _check_arcs(file: str | Path, skin: Skin) -> None:
     """Refuse electrodes that overlap; for that, material and contacts do not matter."""
-    if None in (skin.radius_mm, skin.electrode_deg, skin.electrode_width_mm):
+    radius, angles, width = skin.radius_mm, skin.electrode_deg, skin.electrode_width_mm
+    if radius is None or angles is None or width is None:
         return
     try:
-        Geometry(skin.radius_mm, 1.0, 1.0, skin.electrode_deg, skin.electrode_width_mm, 1.0)
+        Geometry(radius, 1.0, 1.0, np.array(angles), np.array(width), np.array(1.0))
     except InputError as error:
-        found = f"{skin.electrode_width_mm} mm: {error.found}"
+        found = f"{width} mm: {error.found}"
         raise InputError(file, "skin.electrode_width_mm", found, error.expected) from error
 
 
@@ -501,6 +508,7 @@ def _check_on_skin(file: str | Path, recording: Recording) -> None:
 
 def _check_touches(file: str | Path, recording: Recording) -> None:
     frames = recording.frames
+    assert recording.touches is not None
     if len(recording.touches) != len(frames):
         found = f"{len(recording.touches)} rows"
         raise InputError(file, "column touches", found, f"{len(frames)}, one a frame")

@@ -40,7 +40,8 @@ def diagnose(
     rows = np.arange(len(recorded.frames))
     ends = pairwise([0, *begins, len(rows)])
     parts = [subset.of_frames(recorded, (first <= rows) & (rows < end)) for first, end in ends]
-    longest, entries, refusals = None, [], []
+    longest, refusals = None, []
+    entries: list[dict] = []
     for part in sorted(parts, key=lambda part: -len(part.frames)):
         first, last = frames = _frames(part)
         if progress:
@@ -68,6 +69,6 @@ def _frames(part: Recording) -> list[int]:
 
 def _change(before: Recording, after: Recording) -> dict:
     """What a step changed: its first frame, sentences, and `difference` as of comparison.json."""
-    names = tuple("frames {} to {}".format(*_frames(part)) for part in (before, after))
-    sentences, found = compared(before, after, names)
+    names = ["frames {} to {}".format(*_frames(part)) for part in (before, after)]
+    sentences, found = compared(before, after, (names[0], names[1]))
     return {"frame": _frames(after)[0], "sentences": sentences, "difference": found}

@@ -67,7 +67,7 @@ def unobserved(recording: Recording) -> list[str]:
         said.append("Time and dwell: only the order of the frames is known, not their times.")
     if len(frames) < 3:
         said.append("Drift: fewer than three frames.")
-    lost = int(np.isnan(recording.voltage).all(axis=0).sum())
+    lost = int(np.isnan(recording.readings).all(axis=0).sum())
     if lost:
         said.append(f"{lost} of {len(recording.channels)} channels: lost in every frame.")
     if not touch.any():
@@ -137,7 +137,9 @@ class _Part:
 class _Asked:
     """The residual and all that it is asked about; what is lost is 0 throughout."""
 
-    def __init__(self, recording, residual, simulated, fitted):
+    def __init__(
+        self, recording: Recording, residual: np.ndarray, simulated: np.ndarray, fitted: np.ndarray
+    ):
         self.recording = recording
         self.channels = recording.channels
         self.touch = recording.frames["touch"].to_numpy(bool)

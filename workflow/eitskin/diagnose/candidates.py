@@ -5,6 +5,7 @@ a change of typical size: additive, logarithmic where a parameter stays above 0,
 two parameters are a size and an angle.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -53,13 +54,19 @@ class Candidate:
     looks: int = 1
     names: list[tuple[str, int | None]] = field(init=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "names", list(self._coordinates()))
 
     @property
     def name(self) -> str:
         """The effect's name."""
         return self.effect.name
+
+    @property
+    def own_sites(self) -> tuple[int, ...]:
+        """`sites` of a candidate that has some."""
+        assert self.sites is not None
+        return self.sites
 
     @property
     def size(self) -> int:
@@ -77,7 +84,7 @@ class Candidate:
         """What tells it from other candidates."""
         return self.name, self.kind, self.sites, self.scope, tuple(sorted(self.start.items()))
 
-    def _coordinates(self):
+    def _coordinates(self) -> Iterator[tuple[str, int | None]]:
         for key, parameter in self.effect.parameters.items():
             if parameter.whole or (self.effect.polar and key == self.effect.polar[1]):
                 continue
@@ -90,7 +97,7 @@ class Candidate:
                     yield key, 0
                     yield key, 1
                 elif self.scope in ("sparse", "dense") and parameter.dense:
-                    for place in range(len(self.sites)):
+                    for place in range(len(self.own_sites)):
                         yield key, place
                 else:
                     yield key, None
@@ -107,7 +114,9 @@ class Candidate:
             if not at:
                 if key not in values:
                     values[key] = neutral
-            elif self.effect.polar and key == self.effect.polar[0]:
+                continue
+            assert neutral is not None
+            if self.effect.polar and key == self.effect.polar[0]:
                 size, angle = np.hypot(*moved), np.arctan2(moved[1], moved[0])
                 value = neutral * np.exp(size) if parameter.low > 0 else neutral + size
                 values[key] = float(np.clip(value, parameter.low, parameter.high))
@@ -139,7 +148,7 @@ class Candidate:
         setting = self.setting(coordinates)
         item: dict = {"name": self.name}
         if self.kind is not None and self.scope != "common":
-            item[self.kind] = [int(site) for site in self.sites]
+            item[self.kind] = [int(site) for site in self.own_sites]
         values = {
             key: np.asarray(value).tolist()
             for key, value in setting.values.items()
@@ -176,8 +185,8 @@ def log_ways(count: int, size: int) -> float:
 
 def without_site(candidate: Candidate, place: int) -> Candidate:
     """A sparse candidate less one of its sites."""
-    sites = tuple(s for i, s in enumerate(candidate.sites) if i != place)
-    looks = max(1, round(candidate.looks ** (len(sites) / len(candidate.sites))))
+    sites = tuple(s for i, s in enumerate(candidate.own_sites) if i != place)
+    looks = max(1, round(candidate.looks ** (len(sites) / len(candidate.own_sites))))
     return replace(candidate, sites=sites, looks=looks)
 
 
@@ -219,7 +228,9 @@ def catalogue(
     return [replace(c, looks=looks[c.name]) for c in found]
 
 
-def _sites(effect: Effect, counts: dict[str, int], floating: bool):
+def _sites(
+    effect: Effect, counts: dict[str, int], floating: bool
+) -> Iterator[tuple[str | None, tuple[int, ...] | None, str]]:
     if not effect.sites:
         yield None, None, ""
         return

@@ -1,6 +1,7 @@
 """The corrected simulator in the configuration's own form: effects.yaml."""
 
 import re
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -95,7 +96,7 @@ def text(fit: Fit, recorded: Recording, noise: np.ndarray, name: str) -> str:
     if model.sink_grounded:
         said.append("The source is simulated as floating; the recording's sink is grounded.")
     lines = "".join(f"# {line}\n" for line in said)
-    plain = {"sort_keys": False, "default_flow_style": None, "width": 100}
+    plain: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "width": 100}
     return lines + yaml.dump(content, Dumper=_Plain, **plain)
 
 

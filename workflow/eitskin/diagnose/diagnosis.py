@@ -105,7 +105,7 @@ def diagnose(
         report(f"an excerpt: {len(recorded.frames)} of {whole} frames")
     noise, search, kept = begun(recorded, seed, report)
     there = search.problem.whitening.mask
-    seen = replace(recorded, voltage=np.where(there, recorded.voltage, np.nan))
+    seen = replace(recorded, voltage=np.where(there, recorded.readings, np.nan))
     begun_with = search.problem
     put_aside = _put_aside(begun_with, recorded, noise, kept)
     start, cut_short = _untouched_first(search, seen, seed, report), False
@@ -157,7 +157,7 @@ def begun(
     readings (N, M) that are put aside before anything is looked at. InputError where nothing can be
     simulated."""
     kept = aside(recorded, seed)
-    seen = replace(recorded, voltage=np.where(kept, np.nan, recorded.voltage))
+    seen = replace(recorded, voltage=np.where(kept, np.nan, recorded.readings))
     first = estimate(seen)
     problem, scales = problem_of(seen, first)
     model = problem.model
@@ -166,7 +166,7 @@ def begun(
     candidates = catalogue(
         recorded.skin,
         model.believed,
-        np.where(problem.whitening.mask, recorded.voltage, np.nan),
+        np.where(problem.whitening.mask, recorded.readings, np.nan),
         site_counts(recorded.channels),
         scales,
         floating=not model.sink_grounded,
@@ -191,7 +191,7 @@ def _steadied(
     there = fit(problem, [], np.zeros(len(model.calibrations)), polish=True).voltage()
     simulated = np.where(model.known[:, None], there, np.nan)
     if not (model.difference or model.touched.all()):
-        unseen = np.isnan(seen.voltage).all(axis=0)
+        unseen = np.isnan(seen.readings).all(axis=0)
         first = first.told_of(unseen, np.abs(there[~model.touched].mean(axis=0)))
     noise = refine(seen, first, simulated)
     whole = refine(recorded, first, simulated)
@@ -244,6 +244,7 @@ def problem_of(
     model.coarse = not model.touched.any() and share > COARSE * BODY
     geometry = Geometry.from_skin(model.believed)
     current = model.believed.current_A if model.unit != "ohm" else 1.0
+    assert current is not None
     error = np.abs(current * untouched_error(geometry, recorded.channels, "diagnose"))
     coherent = BODY if model.coarse else COHERENT
     error = np.hypot(error, np.hypot(coherent * median, noise.rounding))
@@ -256,8 +257,8 @@ def problem_of(
 def _readings(recorded: Recording, noise: Noise, model: RecordingSimulator) -> np.ndarray:
     """(N, M): what can be compared with a simulation, NaN where a touch's state is not known or a
     reading is lost."""
-    lost = np.zeros(recorded.voltage.shape, bool) if noise.lost is None else noise.lost
-    return np.where(model.known[:, None] & ~lost, recorded.voltage, np.nan)
+    lost = np.zeros(recorded.readings.shape, bool) if noise.lost is None else noise.lost
+    return np.where(model.known[:, None] & ~lost, recorded.readings, np.nan)
 
 
 def _earned(
@@ -309,7 +310,7 @@ def _on_frames(
     """A search like one of a recording, on a few of its frames."""
     problem = search.problem
     model = RecordingSimulator(recorded, few, problem.model.near)
-    readings = np.where(model.known[:, None], few.voltage, np.nan)
+    readings = np.where(model.known[:, None], few.readings, np.nan)
     clock = few.frames["frame"].to_numpy()
     whitening = replace(problem.whitening, mask=np.isfinite(readings), clock=clock)
     problem = Problem(model, readings, whitening)
@@ -390,7 +391,7 @@ def predict(
     """
     fit, force = (state or found.after).fit, query.frames["force_N"].to_numpy(float)
     strange = _strange(fit, found.recorded, query)
-    refused = None
+    refused: InputError | None = None
     for most in np.nanmax(force, initial=0.0) * FORCES:
         lighter = query.frames.assign(force_N=np.minimum(force, most))
         voltage = simulator(fit, found.recorded, replace(query, frames=lighter))
@@ -407,6 +408,7 @@ def predict(
         slopes = np.array(moved).reshape(len(fit.theta), *there.shape)
         spread = np.einsum("pq,pnm->qnm", fit.root, slopes)
         return there, np.sqrt((spread**2).sum(axis=0) + sum(one**2 for one in unlike))
+    assert refused is not None
     raise refused
 
 
@@ -418,8 +420,9 @@ def _strange(fit: Fit, recorded: Recording, query: Recording) -> list[int]:
         rows = unknown(setting, recorded.channels, query.channels)
         if len(rows):
             found.append(index)
-            rows = named.channels(query, rows)
-            said = f"{setting.effect.name}: {rows} of the query are predicted without it, for the"
+            assert setting.kind is not None
+            them = named.channels(query, rows)
+            said = f"{setting.effect.name}: {them} of the query are predicted without it, for the"
             said += f" recording has no such {WHERE[setting.kind]}; std_V has its spread"
             print(f"  {said}", file=sys.stderr, flush=True)
     return found

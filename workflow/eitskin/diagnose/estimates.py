@@ -3,16 +3,42 @@
 Of a value that ended at a bound of what is tried the interval means nothing: `at_bound` says which.
 """
 
+from typing import Protocol
+
 import numpy as np
 
-from eitskin.diagnose.fit import Fit
+from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.fit import Problem
 
 NORMAL_90 = 1.6449
 NUDGE = 1e-4
 UNTOLD = 100.0  # the end of a 90 % interval over its beginning, from which on it tells no size
 
 
-def calibration(fit: Fit) -> dict[str, dict]:
+class Fitted(Protocol):
+    """What is read of a fit."""
+
+    @property
+    def problem(self) -> Problem:
+        """What was fitted."""
+
+    @property
+    def effects(self) -> list[Candidate]:
+        """The effects fitted."""
+
+    @property
+    def theta(self) -> np.ndarray:
+        """(P,): the coordinates."""
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(P, P) of theta."""
+
+    def place(self, index: int) -> slice:
+        """Where an effect's coordinates are among theta."""
+
+
+def calibration(fit: Fitted) -> dict[str, dict]:
     """Every calibration: value, low, high, unit; `at_bound` (low or high) where it ended at one."""
     covariance = fit.covariance
     found = {}
@@ -27,7 +53,7 @@ def calibration(fit: Fit) -> dict[str, dict]:
     return found
 
 
-def estimates(fit: Fit, index: int) -> dict[str, dict]:
+def estimates(fit: Fitted, index: int) -> dict[str, dict]:
     """Every parameter of effect `index`: value, low, high, unit, `at_bound` (low or high, in a list
     None for neither) where one ended there; of several sites as lists parallel to them. By linear
     propagation, of the logarithm where a parameter stays above 0.
@@ -60,6 +86,6 @@ def estimates(fit: Fit, index: int) -> dict[str, dict]:
             at, low, high, ended = at[0], low[0], high[0], ended[0]
         numbers = {"value": at.tolist(), "low": low.tolist(), "high": high.tolist()}
         found[key] = {**numbers, "unit": parameter.unit}
-        if np.not_equal(ended, None).any():
+        if np.not_equal(ended, np.array(None)).any():
             found[key]["at_bound"] = ended.tolist() if isinstance(ended, np.ndarray) else ended
     return found

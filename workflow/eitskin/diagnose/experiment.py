@@ -130,27 +130,29 @@ def _best(
     def beating(recipes: dict[str, Recipe], now: float, within: float) -> dict[str, float]:
         gap = {text: r.gap(found, budget, index, rival, within) for text, r in recipes.items()}
         return {
-            text: gap[text]
+            text: own
             for text, recipe in recipes.items()
-            if gap[text] is not None and gap[text] > now * np.sqrt(recipe.more)
+            if (own := gap[text]) is not None and own > now * np.sqrt(recipe.more)
         }
 
     special = {text: recipe for text, recipe in few.items() if text not in (AS_IS, SAME)}
     now = gap_now if few is whole else few[AS_IS].gap(found, budget, index, rival)
     tried = beating(special, now or 0.0, CLOSE * CONFUSED)
     worth = WORTH * max(tried.values(), default=0.0)
-    first = [text for text in sorted(tried, key=tried.get) if tried[text] >= worth][-MOST_TRIED:]
+    rising = sorted(tried, key=tried.__getitem__)
+    first = [text for text in rising if tried[text] >= worth][-MOST_TRIED:]
     tried = beating({text: whole[text] for text in first}, gap_now, np.inf)
     if max(tried.values(), default=0.0) < CONFUSED:
         same = whole[SAME].gap(found, budget, index, rival)
         tried[SAME] = gap_now if same is None else same
-    best = max(tried, key=tried.get)
+    best = max(tried, key=tried.__getitem__)
     return {**pair, "gap_then": tried[best], "recipe": best}
 
 
 def _sentence(pairs: list[dict]) -> str:
     """What to do and what it would bring, the pairs that one recipe splits together."""
-    parts, by_recipe, in_vain = [], {}, []
+    parts, in_vain = [], []
+    by_recipe: dict[str, list[str]] = {}
     for pair in pairs:
         now, then = number(pair["gap_now"], 2), number(pair["gap_then"], 2)
         names = f"{pair['a']} from {pair['b']}"
@@ -159,8 +161,8 @@ def _sentence(pairs: list[dict]) -> str:
         else:
             split = f"{names} (gap {now} now, {then} then)"
             by_recipe.setdefault(pair["recipe"], []).append(split)
-    for recipe, split in by_recipe.items():
-        parts.append(f"{recipe[0].upper()}{recipe[1:]}: that would tell {listed(split)}.")
+    for recipe, splits in by_recipe.items():
+        parts.append(f"{recipe[0].upper()}{recipe[1:]}: that would tell {listed(splits)}.")
     if in_vain:
         parts.append(f"Nothing tried would tell {listed(in_vain)}.")
     return " ".join(parts) or NOTHING
@@ -340,6 +342,7 @@ class _Rolled(RecordingSimulator):
     def skin(self, coordinates: np.ndarray) -> Skin:
         """The skin, as the board counts its electrodes."""
         skin = super().skin(coordinates)
+        assert skin.electrode_deg is not None
         return replace(skin, electrode_deg=tuple(np.roll(skin.electrode_deg, -1).tolist()))
 
 
@@ -353,9 +356,10 @@ class _Turned(RecordingSimulator):
         self._after = _Rolled(recorded, run.query(again), near=self.near)
 
     def voltage(
-        self, coordinates: np.ndarray, chosen: list[Setting], accuracy: str = "diagnose"
+        self, coordinates: np.ndarray, chosen: list[Setting], accuracy: str | None = "diagnose"
     ) -> np.ndarray:
         """(N, M) as of `RecordingSimulator`."""
+        assert self.believed.electrode_deg is not None
         n = len(self.believed.electrode_deg)
         moved = [
             replace(s, sites=(s.sites - 1) % n)

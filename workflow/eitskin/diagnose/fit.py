@@ -71,7 +71,7 @@ class Fit:
     slopes: Jacobian
     chi2: float = field(init=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "chi2", float((self.residual**2).sum()))
 
     @property
@@ -261,7 +261,13 @@ def whitened_anew(fitted: Fit, problem: Problem) -> Fit:
     return Fit(problem, fitted.effects, fitted.theta, residual, slopes)
 
 
-def _slopes(problem, theta, effects, residual, known: np.ndarray | None = None) -> Jacobian:
+def _slopes(
+    problem: Problem,
+    theta: np.ndarray,
+    effects: list[Candidate],
+    residual: np.ndarray,
+    known: np.ndarray | None = None,
+) -> Jacobian:
     """The Jacobian; of columns known (P, N, M), those that are NaN by differences. Coordinates that
     move channels of their own are moved together."""
     shape = residual.shape
@@ -297,5 +303,5 @@ def _slopes(problem, theta, effects, residual, known: np.ndarray | None = None) 
             unknown[place] = False
     for i in np.flatnonzero(unknown):
         every = np.ones((1, shape[1]), bool)
-        slopes.put(np.array([i]), every, derivative(problem, theta, effects, residual, i))
+        slopes.put(np.array([i]), every, derivative(problem, theta, effects, residual, int(i)))
     return slopes

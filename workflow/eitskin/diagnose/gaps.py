@@ -116,7 +116,7 @@ def _gaps_afar(search: Search, state: State, index: int, within: float) -> list[
             if search.spent:
                 continue
             misfit, _ = afar.start(rough, less.effects, rest.theta, [candidate])
-            gap = float(np.sqrt(misfit))
+            gap: float | None = float(np.sqrt(misfit))
         else:
             gap = _linear_gap(tangents, tangents.residual, candidate)
         if gap is not None and gap < best.get(candidate.name, (np.inf,))[0]:
@@ -151,7 +151,9 @@ def _fitted_best(target: Problem, less: State) -> Fit:
     return min(here, anew, key=lambda fitted: fitted.chi2)
 
 
-def _fitted_from(target, rough, effects, theta: np.ndarray) -> Fit | None:
+def _fitted_from(
+    target: Problem, rough: Problem, effects: list[Candidate], theta: np.ndarray
+) -> Fit | None:
     """Effects fitted from afar: roughly, then to the noise-free signature; None where they cannot
     be."""
     try:
@@ -170,7 +172,7 @@ def _rivals(candidates: list[Candidate], effect: Candidate) -> list[Candidate]:
             continue
         if candidate.kind == "channels":
             if effect.kind == "channels":
-                same = candidate if effect.scope == "dense" else sparse(candidate, effect.sites)
+                same = candidate if effect.scope == "dense" else sparse(candidate, effect.own_sites)
                 found.append(same)
         elif candidate.scope != "dense" or effect.scope == "dense":
             found.append(candidate)
@@ -191,7 +193,9 @@ def _linear_gap(tangents: Tangents, signature: np.ndarray, candidate: Candidate)
     return float(np.sqrt(max(float(signature @ signature) - gain, 0.0)))
 
 
-def _fitted(target, tangents: Tangents, effects, candidate: Candidate) -> Fit | None:
+def _fitted(
+    target: Problem, tangents: Tangents, effects: list[Candidate], candidate: Candidate
+) -> Fit | None:
     """The rival fitted on the nonlinear model to the noise-free signature; None where it cannot
     be."""
     start = np.r_[tangents.fit.theta, np.zeros(candidate.size)]

@@ -127,7 +127,7 @@ def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
     whitening = fit.problem.whitening
     for b in np.unique(label):
         rows = label == b
-        jacobian = turned[:, rows] if by_channel else fit.slopes.full(rows)
+        jacobian = fit.slopes.full(rows) if turned is None else turned[:, rows]
         own = jacobian.reshape(size, -1)
         root = inverse_root(total - own @ own.T + 1e-12 * np.diag(np.diag(total)))
         left = _refitted(fit, rows[None] if by_channel else rows[:, None], root)

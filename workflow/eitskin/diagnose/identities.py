@@ -26,7 +26,7 @@ from eitskin.effects.anisotropy import Anisotropy
 from eitskin.effects.contact_impedance import ContactImpedance
 from eitskin.effects.domain_shape import DomainShape
 from eitskin.effects.drive_gain import DriveGain
-from eitskin.effects.effect import Moment, Setting, SkinEffect
+from eitskin.effects.effect import Effect, Moment, Setting, SkinEffect
 from eitskin.effects.electrode_position import ElectrodePosition
 from eitskin.effects.electrode_width import ElectrodeWidth
 from eitskin.effects.registration import Registration
@@ -94,7 +94,9 @@ class Found:
         there = self.simulated(own.settings())
         change = own.problem.whitening(voltage - there).ravel()
         if places_follow:
-            places = tuple(range(len(self.model.believed.electrode_deg)))
+            angles = self.model.believed.electrode_deg
+            assert angles is not None
+            places = tuple(range(len(angles)))
             like, shift = self.effect, ElectrodePosition()
             every = Candidate(shift, "electrodes", places, "dense", {}, like.skin, like.scales)
             tangents = Tangents(own, reversed(self.search.tangents.values()))
@@ -197,7 +199,7 @@ def carried(geometry: Geometry, base: Geometry, ratio: float, angle_deg: float) 
     phi = np.radians(geometry.electrode_deg)
     first, last = angle(phi - half), angle(phi + half)
     shift = np.degrees(0.5 * (first + last)) - base.electrode_deg
-    per_electrode = [(ElectrodePosition(), {"shift_deg": shift})]
+    per_electrode: list[tuple[Effect, dict]] = [(ElectrodePosition(), {"shift_deg": shift})]
     if not geometry.points:
         node, weight = np.polynomial.legendre.leggauss(16)
         slope = geometry.rim(phi[:, None] + half[:, None] * node, 1)
@@ -259,7 +261,7 @@ def _stretched(found: Found) -> Side | None:
     ln ratio = 2 A to first order, the other effects found following; fitted on the full model."""
     if found.effect.scope != "dense":
         return None
-    phi = np.radians(found.model.skin(found.knobs).electrode_deg)
+    phi = np.radians(np.array(found.model.skin(found.knobs).electrode_deg))
     shift = np.radians(found.values["shift_deg"])
     wave = 2j * np.mean((shift - shift.mean()) * np.exp(-2j * phi))
     if 0.5 * abs(wave) ** 2 < WAVE * np.var(shift):
@@ -311,7 +313,9 @@ def _all_gains(found: Found) -> Side | None:
     better = Setting(_Conductivity(), None, {"ratio": ratio})
     drives = np.unique(found.model.channels[:, 0])
     gain = Setting(DriveGain(), drives, {"gain": ratio}, "drives")
-    sigma = found.model.skin(found.knobs).conductivity_S_per_m * ratio
+    stated = found.model.skin(found.knobs).conductivity_S_per_m
+    assert stated is not None
+    sigma = stated * ratio
     reading = (
         f"As well all currents, or all readings, may be {number(ratio)} times what is stated, and"
         f" the gel conduct {quantity(sigma, 'S/m')}. Measure the current through a known resistor."
@@ -329,7 +333,9 @@ def _size(found: Found) -> Side | None:
         return None
     phase = 0.0 if larger > 0 else 180.0
     size = Setting(shape, None, {"harmonic": 0, "amplitude": abs(larger), "phase_deg": phase})
-    across = 2.0 * found.model.skin(found.knobs).radius_mm / ratio
+    radius = found.model.skin(found.knobs).radius_mm
+    assert radius is not None
+    across = 2.0 * radius / ratio
     reading = f"As well the skin may be {number(across)} mm across. Measure it with a ruler."
     return Side(found.apart(found.simulated([*found.others(), size])), reading)
 
@@ -339,7 +345,9 @@ def _contacts(found: Found) -> Side | None:
     ratio = _factor(found)
     if ratio is None or found.effect.name == "contact-impedance":
         return None
-    sites = np.arange(len(found.model.believed.electrode_deg))
+    angles = found.model.believed.electrode_deg
+    assert angles is not None
+    sites = np.arange(len(angles))
     every = Setting(ContactImpedance(), sites, {"ratio": ratio}, "electrodes")
     reading = (
         f"As well the skin may have its size and every contact {number(ratio)} times the impedance"
@@ -365,7 +373,7 @@ def _shared(found: Found) -> tuple[int, list[int], float] | None:
         table = found.model.channels[:, start : start + 2]
         own = [
             {tuple(sorted(pair)) for pair in table[table[:, 0] == site].tolist()}
-            for site in effects[index].sites
+            for site in effects[index].own_sites
         ]
         if any(len(ends) != 1 for ends in own):
             return None
@@ -428,7 +436,9 @@ def _turned(found: Found, shifted: bool) -> Side | None:
     turned = estimates(found.state.fit, found.index)["rotation_deg"]
     if turned["low"] <= 0.0 <= turned["high"]:
         return None
-    sites = np.arange(len(found.model.believed.electrode_deg))
+    angles = found.model.believed.electrode_deg
+    assert angles is not None
+    sites = np.arange(len(angles))
     ring = Setting(ElectrodePosition(), sites, {"shift_deg": -turn}, "electrodes")
     chosen, what = [*found.others(), ring], "The touches may as well be where they are reported"
     if shifted:

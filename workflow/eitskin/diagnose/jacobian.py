@@ -50,7 +50,7 @@ class Jacobian:
     columns: np.ndarray
     blocks: list[Block] = field(default_factory=list)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         self.size = len(self.columns) + sum(len(b.coordinates) for b in self.blocks)
         own = [b.coordinates for b in self.blocks]
         self.at = np.setdiff1d(np.arange(self.size), np.concatenate([np.zeros(0, int), *own]))

@@ -87,11 +87,11 @@ class Judged:
         those put aside and, of folds, those of the frames that the search saw. Of one unit, which
         has no standard error, by what it is worse alone."""
         aside, seen = self.white.mask, after.problem.whitening.mask
-        left = [
+        left, left_before = (
             np.where(aside, self.by_white(fit).plain, np.where(seen, fold.plain, np.nan))
             for fit, fold in zip((after, before), folds, strict=True)
-        ]
-        found = harm(*left, np.where(aside | seen, 0.0, np.nan), self.unit)
+        )
+        found = harm(left, left_before, np.where(aside | seen, 0.0, np.nan), self.unit)
         larger = found["rmse_V"] > MOST_RATIO * found["rmse_before_V"]
         return larger or found["standard_errors"] > STANDARD_ERRORS
 

@@ -67,7 +67,9 @@ def _modes(recorded: Recording) -> int:
     height = geometry.electrode_height_mm or HEIGHTS[-1] * geometry.thickness_mm
     body = geometry.with_values(deep=True, electrode_height_mm=height)
     across = ACCURACIES["diagnose"].modes(body)
-    up = DEPTH_ACCURACIES["diagnose"].modes(body, span(body))
+    heights = span(body)
+    assert heights is not None
+    up = DEPTH_ACCURACIES["diagnose"].modes(body, heights)
     return min(recorded.n_electrodes * across * up, MOST_MODES)
 
 

@@ -69,8 +69,9 @@ def nearness(recording: Recording) -> np.ndarray | None:
     """(N, n) of each frame's touch to each electrode, 1 / (1 + (distance / pitch)²), 0 where
     untouched; None where nobody knows where the electrodes are."""
     skin = recording.skin
-    known = None not in (skin.radius_mm, skin.electrode_deg)
-    if not known or recording.metadata["position_frame"] != "skin":
+    if skin.radius_mm is None or skin.electrode_deg is None:
+        return None
+    if recording.metadata["position_frame"] != "skin":
         return None
     angle = np.radians(skin.electrode_deg)
     x, y = (recording.frames[key].to_numpy(float)[:, None] for key in ("x_mm", "y_mm"))

@@ -159,7 +159,7 @@ def estimate(recording: Recording) -> Noise:
     """
     absolute = recording.metadata["values"] == "absolute"
     touch = recording.frames["touch"].to_numpy(bool)
-    voltage = recording.voltage
+    voltage = recording.readings
     size = float(np.nanmedian(np.abs(voltage)))
     level = np.zeros(voltage.shape[1])
     if absolute:
@@ -177,14 +177,14 @@ def estimate(recording: Recording) -> Noise:
     # Under a wrong law noisy channels look like modes: the start that leaves the most is right.
     starts = [np.array([1.0, 0.0]), np.array([np.median(squared), 1.0])]
     runs = [seen.witnesses(start) for start in (starts if squared.any() else starts[:1])]
-    witnesses, law = max(runs, key=lambda run: sum(w.dof.sum() for w in run[0].values()))
-    told, law, said = _combined(witnesses, law)
+    witnesses, likeliest = max(runs, key=lambda run: sum(w.dof.sum() for w in run[0].values()))
+    told, fitted, said = _combined(witnesses, likeliest)
     words = {
         "odd": f"the odd half of {odd.shape[1]} reciprocal contrasts over {len(filled)} frames",
         "repeats": f"{still.sum()} untouched frames",
         "bulk": f"what is incoherent in {len(filled)} frames",
     }
-    law = Law(*law.tolist())
+    law = Law(*fitted.tolist())
     sd = law(level)
     source = " and ".join(words[name] for name in told) + said
     source += "; it grows with the reading" if law.growth > 0 else "; alike in all channels"

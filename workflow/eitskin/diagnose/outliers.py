@@ -81,7 +81,9 @@ def spikes(values: np.ndarray, courses: np.ndarray, alone: bool = False) -> np.n
     return found
 
 
-def spiked(values: np.ndarray, odd: np.ndarray, even: np.ndarray, courses: np.ndarray):
+def spiked(
+    values: np.ndarray, odd: np.ndarray, even: np.ndarray, courses: np.ndarray
+) -> np.ndarray:
     """(N, M) bool: readings that are spikes, of residuals (N, M), NaN where lost.
 
     odd (M, P), even (M, M - P): as `parity` gives them; spikes show in the odd half, to which no
@@ -118,7 +120,9 @@ def spiked(values: np.ndarray, odd: np.ndarray, even: np.ndarray, courses: np.nd
     return found if found.mean() <= MOST_SPIKES else np.zeros_like(found)
 
 
-def _beside(hat: np.ndarray, values: np.ndarray, aside: np.ndarray):
+def _beside(
+    hat: np.ndarray, values: np.ndarray, aside: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """(N,) what values (N,) have beside the courses that those not set aside take, in units of what
     the courses leave free, which is the other (N,). hat (N, N): the courses' complement."""
     left, free = hat @ values, np.diag(hat).copy()

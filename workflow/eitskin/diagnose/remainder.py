@@ -91,7 +91,9 @@ def other(atlas: pd.DataFrame, catalogue_p: float) -> Other:
     sites: dict[str, list[int]] = {"electrodes": [], "drives": [], "measures": []}
     if best is not None and best["q"] < DISCOVERY:
         kind = best["statistic"].rpartition(": ")[2]
-        first = int(re.match(r"\d+", best["site"]).group())
+        number = re.match(r"\d+", best["site"])
+        assert number is not None
+        first = int(number.group())
         key = {"electrode": "electrodes", "drive": "drives", "measuring pair": "measures"}[kind]
         sites[key] = [first]
     law = {

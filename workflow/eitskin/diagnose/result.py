@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -45,7 +46,7 @@ def result(found: Diagnosis, name: str) -> dict:
             "jumps": [step["frame"] for step in found.steps],
             "spikes": {
                 "readings": noise.spikes,
-                "share": noise.spikes / found.recorded.voltage.size,
+                "share": noise.spikes / found.recorded.readings.size,
             },
         },
         "effects": entries,
@@ -97,7 +98,7 @@ def _entry(found: Diagnosis, index: int, certain: bool) -> dict:
     gain, error = min((rival.gain, rival.error) for rival in rivals)
     beyond = before.chi2.sum() - before.readings
     share = (left.chi2.sum() - after.chi2.sum()) / beyond if beyond > 0.0 else 0.0
-    entry = {
+    entry: dict[str, Any] = {
         "name": candidate.name,
         "alternatives": alternatives,
         "scope": candidate.scope or "common",
@@ -110,7 +111,7 @@ def _entry(found: Diagnosis, index: int, certain: bool) -> dict:
         "certain": certain,
     }
     if candidate.kind is not None and candidate.scope != "common":
-        entry[candidate.kind] = [int(site) for site in candidate.sites]
+        entry[candidate.kind] = [int(site) for site in candidate.own_sites]
     said = words.finding(entry, EFFECTS[candidate.name])
     also = identities.readings(search, state, index, alternatives)
     entry["sentence"] = " ".join([said, *also])
@@ -210,7 +211,7 @@ def _write_evidence(found: Diagnosis, folder: Path) -> None:
 def _rivals(found: Diagnosis) -> pd.DataFrame:
     rows = []
     for candidate, gaps, rivals in zip(found.after.effects, found.gaps, found.rivals, strict=True):
-        gap = {g.rival: g.gap for g in gaps}
+        gap: dict[str | None, float] = {g.rival: g.gap for g in gaps}
         gap[None] = gaps[0].snr if gaps else np.nan
         rows += [
             {

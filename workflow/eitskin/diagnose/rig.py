@@ -103,8 +103,8 @@ class Rig:
         model = fit.problem.model
         label = np.where(model.touched & model.known, model.press, -1)
         few = len(np.unique(label[label >= 0])) < LEAST_PRESSES
-        own = ("place-per-press", "force-per-press", "force-zero-walk")
-        assumed = frozenset(name for name in own if few and name in columns)
+        scattered = ("place-per-press", "force-per-press", "force-zero-walk")
+        assumed = frozenset(name for name in scattered if few and name in columns)
         return cls(plain, columns, scales, slopes, courses, label, assumed)
 
     @property
@@ -118,6 +118,7 @@ class Rig:
         """The covariance with components of these sizes; those that this rig has no columns for add
         nothing. fitted: as fits have it, quadrature TAIL times as wide and with its mean, errors
         of a channel that stay as they are linked, where frames or presses have any."""
+        parts: dict[str, list[np.ndarray]]
         parts = {"channel": [], "frame": [], "whole": [], "press": [], "linked": []}
         for name, size in sizes.items():
             one = COMPONENTS[name]

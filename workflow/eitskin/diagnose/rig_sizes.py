@@ -59,7 +59,8 @@ def _climbed(
 ) -> tuple[dict[str, float], float, dict[str, float]]:
     """Sizes after rounds of Fisher scoring of those that are free, their likelihood, and what
     each is worth, as of `_scored`."""
-    best, worth = rig.log_likelihood(sizes, residual), {}
+    best = rig.log_likelihood(sizes, residual)
+    worth: dict[str, float] = {}
     for _ in range(rounds):
         target, worth, hoped = _scored(rig, sizes, residual, free)
         if hoped < SETTLED:

@@ -4,6 +4,7 @@ import math
 from collections import OrderedDict
 from copy import copy
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -98,6 +99,8 @@ class RecordingSimulator:
             found = f"{len(frames.frames)} touches of unknown force or probe"
             raise InputError("recording", "frames", found, "untouched frames, or touches known")
         base = None if query is None else RecordingSimulator(recorded)
+        self.believed: Skin
+        self.calibrations: list[Calibration]
         self.believed, self.calibrations = (
             (base.believed, base.calibrations) if base else beliefs(recorded)
         )
@@ -112,7 +115,7 @@ class RecordingSimulator:
         differences, in touched frames. InputError where these have none in a simulation."""
         for i, item in enumerate(self.calibrations):
             if item.name in ("factor", "current_A"):
-                rows = np.isfinite(recorded.voltage).any(axis=1)
+                rows = np.isfinite(recorded.readings).any(axis=1)
                 if self.difference:
                     rows &= self.touched & self.known
                 voltage = self.voltage(np.zeros(len(self.calibrations)), [])
@@ -121,7 +124,7 @@ class RecordingSimulator:
                     found = "differences of unknown scale that a simulation has at 0"
                     expected = "touches with force, or a known skin.current_A with unit V or ohm"
                     raise InputError("recording", "column voltage_V", found, expected)
-                start = item.start * self._median(recorded.voltage[rows]) / simulated
+                start = item.start * self._median(recorded.readings[rows]) / simulated
                 self.calibrations[i] = replace(item, start=start)
                 if item.name == "current_A":
                     self.believed = replace(self.believed, current_A=start)
@@ -159,7 +162,7 @@ class RecordingSimulator:
     def skin(self, coordinates: np.ndarray) -> Skin:
         """The skin at coordinates (P,) of the calibrations."""
         values = self.calibrated(coordinates)
-        known = {k: v for k, v in values.items() if hasattr(self.believed, k)}
+        known: dict[str, Any] = {k: v for k, v in values.items() if hasattr(self.believed, k)}
         if "electrode_rotation_deg" in values:
             turned = np.array(self.believed.electrode_deg) + values["electrode_rotation_deg"]
             known["electrode_deg"] = tuple(turned.tolist())
@@ -186,11 +189,12 @@ class RecordingSimulator:
         skin = self.skin(coordinates)
         accuracy = accuracy or self.accuracy(coordinates, chosen)
         current = 1.0 if self.unit == "ohm" else skin.current_A
+        assert current is not None
         sensed = self._sense(coordinates, skin, chosen, True, accuracy)
         signed = read(sensed, current, chosen, self.sink_grounded)
         if self.difference:
-            untouched = self._sense(coordinates, skin, chosen, False, accuracy)
-            untouched = read(untouched, current, chosen, self.sink_grounded)
+            still = self._sense(coordinates, skin, chosen, False, accuracy)
+            untouched = read(still, current, chosen, self.sink_grounded)
             signed = signed - untouched
             if self.magnitude:
                 signed = signed * np.sign(untouched)
@@ -260,7 +264,7 @@ def beliefs(recorded: Recording) -> tuple[Skin, list[Calibration]]:
     n = recorded.n_electrodes
     start, sd = CONDUCTIVITY
     found = [Calibration("conductivity_S_per_m", "S/m", skin.conductivity_S_per_m or start, sd)]
-    values = {"conductivity_S_per_m": found[0].start}
+    values: dict[str, Any] = {"conductivity_S_per_m": found[0].start}
     for key, (value, width) in UNKNOWN.items():
         if getattr(skin, key) is None:
             unit = {"radius_mm": "mm", "thickness_mm": "mm", "contrast_per_N": "1/N"}

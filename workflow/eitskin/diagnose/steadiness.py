@@ -70,7 +70,9 @@ class _Time:
     share: np.ndarray
     courses: np.ndarray
 
-    def left(self, steadiness: tuple[float, float], values: np.ndarray, modes=None) -> _Left:
+    def left(
+        self, steadiness: tuple[float, float], values: np.ndarray, modes: np.ndarray | None = None
+    ) -> _Left:
         """Of values (N, C), NaN where lost, under (correlation, drift); modes (C, R): directions
         over the columns that are taken out."""
         rho, drift = steadiness
@@ -117,7 +119,9 @@ class _Channels:
     even: np.ndarray
 
     @classmethod
-    def of(cls, halves: tuple, lost: np.ndarray, sd: np.ndarray, patterns: np.ndarray):
+    def of(
+        cls, halves: tuple, lost: np.ndarray, sd: np.ndarray, patterns: np.ndarray
+    ) -> "_Channels":
         """Of odd and even half, lost readings (N, M), noise sd (M,) and patterns (M, G) over
         channels in units of it."""
         odd, even = halves
@@ -194,8 +198,8 @@ def refine(recording: Recording, noise: Noise, simulated: np.ndarray) -> Noise:
         return noise
     sd = noise.sd * np.sqrt(np.mean((found.sd / law) ** 2))
     sd[usable] = found.sd
-    sd = np.maximum(sd, FLOOR * np.nanmedian(np.abs(recording.voltage)))
-    sd = np.maximum(sd, ROUNDING * converter_step(recording.voltage))
+    sd = np.maximum(sd, FLOOR * np.nanmedian(np.abs(recording.readings)))
+    sd = np.maximum(sd, ROUNDING * converter_step(recording.readings))
     lost = np.zeros(residual.shape, bool)
     lost[rows[loud]] = True
     lost[np.ix_(quiet, usable)] = struck
@@ -240,7 +244,9 @@ class _Found:
     dof: float
 
     @classmethod
-    def of(cls, time: _Time, channels: _Channels, residual: np.ndarray, law: np.ndarray):
+    def of(
+        cls, time: _Time, channels: _Channels, residual: np.ndarray, law: np.ndarray
+    ) -> "_Found":
         """Of residuals (N, M), NaN where lost, and the channels' noise sd (M,) by the law."""
         values = channels.values(residual) / np.sqrt(channels.variance(law))
         size = spread(values)
@@ -267,7 +273,9 @@ class _Found:
         return 2.0 * min(tails) < ALPHA
 
 
-def _steadiness(time: _Time, values: np.ndarray, modes=None) -> tuple[tuple[float, float], _Left]:
+def _steadiness(
+    time: _Time, values: np.ndarray, modes: np.ndarray | None = None
+) -> tuple[tuple[float, float], _Left]:
     """(correlation, drift) of values (N, C), each 0 unless the likelihood asks for it, and what is
     left by them."""
 

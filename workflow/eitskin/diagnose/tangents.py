@@ -8,6 +8,7 @@ difference of the simulator.
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -56,7 +57,7 @@ class Tangents:
                 break
         self._columns: dict[tuple, np.ndarray | None] = {}
         self._apart: dict[tuple, np.ndarray | None] = {}
-        self._changes: dict[tuple, np.ndarray] = {}
+        self._changes: dict[Any, Any] = {}
 
     def _accuracy(self) -> str:
         """Of what is differenced. A body takes ten times less at accuracy train, and its
@@ -116,8 +117,8 @@ class Tangents:
         singles = self._singles(candidate, column)
         if candidate.scope != "common":
             return singles
-        per_key = len(singles) // len(candidate.sites)
-        total = sum(s for s in singles[::per_key] if s is not None)
+        per_key = len(singles) // len(candidate.own_sites)
+        total: Any = sum(s for s in singles[::per_key] if s is not None)
         return [total if np.any(total) else None]
 
     def jacobian(self, candidate: Candidate) -> np.ndarray:
@@ -190,7 +191,7 @@ class Tangents:
 
     def _split(self, candidate: Candidate) -> None:
         """The columns of sites with channels of their own, all by one step."""
-        keys = [(*_alone(candidate, site).key, 0) for site in candidate.sites]
+        keys = [(*_alone(candidate, site).key, 0) for site in candidate.own_sites]
         own = self._own_channels(candidate)
         if own is None or all(key in self._columns for key in keys):
             return
@@ -254,6 +255,7 @@ class Tangents:
     def _law(self, candidate: Candidate, index: int) -> np.ndarray | None:
         """(N, n + 1) of `_laws`, the conductivity's last."""
         model, effect = self.problem.model, candidate.effect
+        assert isinstance(effect, SkinEffect)
         base = Geometry.from_skin(model.skin(self.knobs))
         sites = range(len(base.electrode_deg))
         whole = candidate

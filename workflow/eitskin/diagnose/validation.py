@@ -83,10 +83,10 @@ def validate(result: dict, schema_path: str | Path, file: str | Path) -> None:
         Validator(schema(schema_path)).iter_errors(result), key=lambda error: len(error.path)
     )
     if errors:
-        place, found, expected = explained(errors[0])
+        at, found, expected = explained(errors[0])
         named = errors[0].json_path.removeprefix("$.")
-        if len(place) > len(errors[0].absolute_path):
-            named = f"{named}.{place[-1]}".removeprefix("$.")
+        if len(at) > len(errors[0].absolute_path):
+            named = f"{named}.{at[-1]}".removeprefix("$.")
         raise InputError(file, named, found, expected)
     for key, estimate in result["calibration"].items():
         _check_estimate(estimate, file, f"calibration.{key}")

@@ -64,6 +64,7 @@ class _LowRank:
         if self.each == "channel":
             return np.ascontiguousarray((columns.transpose(2, 1, 0) @ turn).transpose(2, 1, 0))
         if self.each == "press":
+            assert self.of_press is not None
             turn = np.tensordot(self.of_press.T, turn, axes=1)
         return np.ascontiguousarray((columns.transpose(1, 2, 0) @ turn).transpose(2, 0, 1))
 
@@ -74,7 +75,10 @@ class _LowRank:
         if self.each == "channel":
             return np.einsum("nm,knm->km", value, self.columns)
         found = np.einsum("nm,knm->kn", value, self.columns)
-        return found @ self.of_press.T if self.each == "press" else found
+        if self.each != "press":
+            return found
+        assert self.of_press is not None
+        return found @ self.of_press.T
 
     def _sum(self, amount: np.ndarray) -> np.ndarray:
         """(N, M): the units, `amount` (K, B) of each."""
@@ -132,7 +136,7 @@ class _Linked(_LowRank):
         found = np.zeros((count, width, count, width))
         channel = np.arange(width)
         found[:, channel, :, channel] = np.einsum("knm,lnm->mkl", self.own, self.own)
-        found = found.reshape(count * width, -1)
+        gram = found.reshape(count * width, -1)
         for number, part in enumerate(self.before):
             units = part.columns
             for one in reversed(self.before[:number]):
@@ -142,8 +146,8 @@ class _Linked(_LowRank):
                 along = part.of_press @ along
             # (LM, K, B), B frames or presses.
             along = along.transpose(0, 3, 1, 2).reshape(count * width, len(units), -1)
-            found += np.einsum("ckb,bk,dkb->cd", along, part.precision, along, optimize=True)
-        return found
+            gram += np.einsum("ckb,bk,dkb->cd", along, part.precision, along, optimize=True)
+        return gram
 
     def apply(self, values: np.ndarray, more: np.ndarray) -> np.ndarray:
         """(..., N, M): values, and `more` (1, K) times their parts along the units."""
@@ -198,7 +202,9 @@ class Whitening:
     clock: np.ndarray | None = field(default=None, repr=False)
 
     @classmethod
-    def of(cls, voltage: np.ndarray, sd: np.ndarray, difference: bool, error: np.ndarray):
+    def of(
+        cls, voltage: np.ndarray, sd: np.ndarray, difference: bool, error: np.ndarray
+    ) -> "Whitening":
         """For readings (N, M), NaN where lost, noise sd (M,) and a coherent error's sd (M,)."""
         rho = np.full(sd.shape, np.inf) if difference else (error / sd) ** 2
         return cls(np.isfinite(voltage), sd, rho)
@@ -221,8 +227,8 @@ class Whitening:
         """(..., N, M) whitened, 0 where lost."""
         if values.ndim > 2:
             # One at a time: it stays in the processor's cache.
-            found = [self(value) for value in values.reshape(-1, *self.mask.shape)]
-            return np.array(found).reshape(values.shape)
+            each = [self(value) for value in values.reshape(-1, *self.mask.shape)]
+            return np.array(each).reshape(values.shape)
         found = self._filtered(values)
         for part in self.parts:
             found = part.apply(found, part.root)
@@ -372,6 +378,6 @@ class Whitening:
                 if each == "linked":
                     found.append(_Linked(columns, found[self._free :]))
                     continue
-                label = self.errors.label if each == "press" else None
+                label = self.errors.label if self.errors is not None and each == "press" else None
                 found.append(_LowRank(columns, each, label))
         return found

@@ -211,8 +211,10 @@ def valued(estimate: dict, factor: float = 1.0, unit: str | None = None) -> list
     numbers = factor * np.array([np.atleast_1d(estimate[k]) for k in ("value", "low", "high")]).T
     ended = np.atleast_1d(np.array(estimate.get("at_bound"), dtype=object))
     return [
-        interval(*each, unit) if bound is None else _ended(each[0], unit, bound)
-        for each, bound in zip(numbers, np.broadcast_to(ended, len(numbers)), strict=True)
+        interval(value, low, high, unit) if bound is None else _ended(value, unit, bound)
+        for (value, low, high), bound in zip(
+            numbers, np.broadcast_to(ended, len(numbers)), strict=True
+        )
     ]
 
 

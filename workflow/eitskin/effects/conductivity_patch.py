@@ -31,6 +31,7 @@ class ConductivityPatch(SkinEffect):
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
         """Places on the skin, in rings a quarter of its radius apart."""
+        assert skin.radius_mm is not None
         rings = [(0.0, 1), (0.25, 6), (0.5, 12), (0.75, 18)]
         places = [
             share * skin.radius_mm * np.exp(2j * np.pi * k / count)

@@ -39,7 +39,7 @@ class DomainShape(SkinEffect):
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
         """The size and the harmonics that a rim is likely to have, drawn wrongly or pressed."""
-        drawn = [{"harmonic": k} for k in range(HARMONICS + 1)]
+        drawn: list[dict[str, float]] = [{"harmonic": k} for k in range(HARMONICS + 1)]
         return drawn + [{"harmonic": k, "carried": 1} for k in range(2, HARMONICS + 1)]
 
     def finding_at(self, values: dict) -> str:
@@ -67,7 +67,8 @@ def _carried(before: Geometry, shaped: Geometry) -> Geometry:
     """`shaped` with electrode edges at the shares of the rim's length that they had before."""
     half = before.electrode_width_mm / (2.0 * before.radius_mm)
     edges = np.radians(before.electrode_deg) + np.array([-1.0, 1.0])[:, None] * half
-    share, first, last = _length(before, edges)[0], *edges.copy()
+    share = _length(before, edges)[0]
+    first, last = edges.copy()
     for _ in range(NEWTON):
         there, rate = _length(shaped, np.array([first, last]))
         first, last = np.array([first, last]) - (there - share) / rate

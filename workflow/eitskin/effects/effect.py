@@ -1,6 +1,7 @@
 """What an effect is: physics written once, for the simulator to apply and the diagnosis to fit."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -122,11 +123,12 @@ class Setting:
 
     effect: Effect
     sites: np.ndarray | None
-    values: dict[str, np.ndarray | float | None] = field(default_factory=dict)
+    values: dict[str, Any] = field(default_factory=dict)
     kind: str | None = None
 
     def at_channels(self, key: str, channels: np.ndarray) -> np.ndarray:
         """(M,): a parameter at each of the channels (M, 4), neutral where no site is."""
+        assert self.kind is not None and self.sites is not None
         index = site_of(self.kind, channels)
         size = max(index.max(), self.sites.max()) + 1
         value = np.full(size, self.effect.parameters[key].neutral)

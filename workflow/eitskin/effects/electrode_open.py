@@ -32,6 +32,7 @@ class ElectrodeOpen(WiringEffect):
         sink_grounded: bool,
     ) -> np.ndarray:
         """Potentials (N, D, n) that the board has."""
+        assert setting.sites is not None
         changed = potential.copy()
         for site in setting.sites:
             changed[:, :, site] = np.nanmean(np.delete(potential, site, axis=2), axis=2)

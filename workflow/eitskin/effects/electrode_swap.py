@@ -22,6 +22,7 @@ class ElectrodeSwap(WiringEffect):
 
     def driven(self, drives: np.ndarray, setting: Setting) -> np.ndarray:
         """The electrodes at the ends of the wires."""
+        assert setting.sites is not None
         return _exchanged(drives.max(initial=setting.sites.max()) + 1, setting.sites)[drives]
 
     def change(
@@ -33,6 +34,7 @@ class ElectrodeSwap(WiringEffect):
         sink_grounded: bool,
     ) -> np.ndarray:
         """Potentials (N, D, n) as the board has them."""
+        assert setting.sites is not None
         return potential[:, :, _exchanged(potential.shape[2], setting.sites)]
 
 

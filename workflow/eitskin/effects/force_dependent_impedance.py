@@ -38,6 +38,7 @@ class ForceDependentImpedance(SkinEffect):
         """The geometry with contacts as the force has them; untouched, as they were."""
         if moment.force_N == 0:
             return geometry
+        assert setting.sites is not None
         weight = np.ones(len(setting.sites))
         if setting.values["range_mm"] is not None:
             centre = geometry.rim(np.radians(geometry.electrode_deg[setting.sites]))

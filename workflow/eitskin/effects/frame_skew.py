@@ -26,6 +26,7 @@ class FrameSkew(ClockEffect):
 
     def force_shift(self, setting: Setting, frames: Frames) -> np.ndarray:
         """(N,) N: force at the frame's last channel minus that at its first."""
+        assert frames.history is not None
         step = np.zeros(len(frames.force_N))
         for rows in frames.history.rows:
             steps = np.diff(frames.force_N[rows])

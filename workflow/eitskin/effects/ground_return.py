@@ -34,6 +34,7 @@ class GroundReturn(LeakEffect):
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
         """Shares of the skin's own conductance, that of a square of it."""
+        assert skin.conductivity_S_per_m is not None
         square = skin.conductivity_S_per_m * 1e-3 * (skin.thickness_mm or 1.0)
         return [{"siemens": share * square} for share in SHARES]
 

@@ -26,6 +26,7 @@ class Hysteresis(TouchEffect):
 
     def change(self, touches: pd.DataFrame, setting: Setting, frames: Frames) -> pd.DataFrame:
         """Touches with the contrast of the unloading branch."""
+        assert frames.history is not None
         force = touches["force_N"].to_numpy()
         peak = np.maximum(frames.history.peak_N(), force)
         below = np.where(peak > 0, 1.0 - force / np.where(peak > 0, peak, 1.0), 0.0)

@@ -1,6 +1,7 @@
 """From an effect as the configuration writes it to one at definite values."""
 
 import zlib
+from typing import Any
 
 import numpy as np
 
@@ -69,7 +70,9 @@ def _sites(
     return kind, sites
 
 
-def _value(given, parameter: Parameter, size: int | None, place: str, key: str, seed: tuple):
+def _value(
+    given: Any, parameter: Parameter, size: int | None, place: str, key: str, seed: tuple
+) -> np.ndarray | float | None:
     if given is None:
         if not parameter.optional:
             raise InputError(place, key, "nothing", f"a value in {parameter.unit}")

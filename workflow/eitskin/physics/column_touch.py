@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from eitskin.physics.bessel_ratios import inner_steps, log_inner, outer_steps
+from eitskin.physics.forward import Forward
 from eitskin.physics.touch import TouchEdge
 
 MOST_SHEETS = 16
@@ -30,12 +31,15 @@ class ColumnTouch:
     left out. A touch that the rim clips has TouchEdge's multipoles alone.
     """
 
-    def __init__(self, edge: TouchEdge, to_electrodes: np.ndarray, forward, tolerance: float):
+    def __init__(
+        self, edge: TouchEdge, to_electrodes: np.ndarray, forward: Forward, tolerance: float
+    ):
         """`to_electrodes` (n order, 2 degree): the edge's coupling; `forward`: the body."""
         self.edge, self.body = edge, forward.electrodes
         radius_mm = edge.geometry.radius_mm
         self.centre, self.radius = edge.centre / radius_mm, edge.radius / radius_mm
-        self.k, self.kept = np.zeros(0), []
+        self.k = np.zeros(0)
+        self.kept: list[np.ndarray] = []
         self.coupling, self.own = to_electrodes, np.zeros((0, 0))
         if not edge.clipped:
             self._reach(-np.log(tolerance))

@@ -27,8 +27,8 @@ class EvenCurrent:
 
     def __init__(self, edge: TouchEdge):
         if edge.clipped:
-            place = f"({edge.touch.x_mm:g}, {edge.touch.y_mm:g}) mm, clipped by the rim"
-            raise InputError("touch", "leak at the touch", place, "a touch inside the skin")
+            where = f"({edge.touch.x_mm:g}, {edge.touch.y_mm:g}) mm, clipped by the rim"
+            raise InputError("touch", "leak at the touch", where, "a touch inside the skin")
         g = edge.geometry
         squeeze = g.anisotropy_ratio**-0.25
         a, b = edge.radius * squeeze, edge.radius / squeeze

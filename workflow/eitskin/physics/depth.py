@@ -14,8 +14,10 @@ images in bottom and top, by quadrature; what is left of the double series falls
 """
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -295,7 +297,9 @@ def _check(geometry: Geometry, heights: Span) -> None:
         raise InputError("skin", "electrode_z_mm", found, expected)
 
 
-def _panels(start: float, stop: float, zero: float, rate: float, apart: float):
+def _panels(
+    start: float, stop: float, zero: float, rate: float, apart: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Nodes and weights on [start, stop] for erfc(rate lag) / |lag - zero|, `apart` at least."""
     return graded_panels(
         start,
@@ -335,6 +339,7 @@ class DepthForward(Forward):
     def _expand(self, near: Forward | None) -> None:
         """Modes on the faces, and what they take."""
         sheet, heights, accuracy = self.electrodes, self.heights, self.depth_accuracy
+        assert heights is not None and isinstance(accuracy, DepthAccuracy)
         shared = (
             isinstance(near, DepthForward)
             and near.heights is not None
@@ -344,6 +349,7 @@ class DepthForward(Forward):
             and near.electrodes.up == accuracy.modes(self.geometry, heights)
         )
         if shared:
+            assert isinstance(near, DepthForward)
             self.electrodes = near.electrodes.moved(sheet, heights)
         else:
             self.electrodes = BodyElectrodes(sheet, heights, accuracy)
@@ -359,11 +365,14 @@ class DepthForward(Forward):
         """As Forward's; a body shares nothing with a sheet."""
         return self.heights is None and super().matches(geometry, accuracy, modes)
 
-    def edge(self, touch: Touch, apart: float = np.inf) -> TouchEdge | ColumnTouch:
+    def edge(  # type: ignore[override]  # what it makes of touches only it meets again
+        self, touch: Touch, apart: float = np.inf
+    ) -> TouchEdge | ColumnTouch:
         """As Forward's, with the multipoles in depth."""
         edge = super().edge(touch, apart)
         if self.heights is None:
             return edge
+        assert isinstance(self.depth_accuracy, DepthAccuracy)
         coupling = super()._to_electrodes(edge)
         return ColumnTouch(edge, coupling, self, self.depth_accuracy.touch_tolerance)
 
@@ -371,9 +380,11 @@ class DepthForward(Forward):
         return edge.coupling if isinstance(edge, ColumnTouch) else super()._to_electrodes(edge)
 
     def _between(self, a: TouchEdge | ColumnTouch, b: TouchEdge | ColumnTouch) -> np.ndarray:
-        if not isinstance(a, ColumnTouch):
-            return super()._between(a, b)
-        return block_diag(super()._between(a.edge, b.edge), a.response_to(b))
+        if isinstance(a, ColumnTouch):
+            assert isinstance(b, ColumnTouch)
+            return block_diag(super()._between(a.edge, b.edge), a.response_to(b))
+        assert isinstance(b, TouchEdge)
+        return super()._between(a, b)
 
     def _even_current(self, edge: TouchEdge | ColumnTouch) -> Entered:
         """As Forward's; even over the depth too, it drives no multipole in depth."""
@@ -383,7 +394,7 @@ class DepthForward(Forward):
         further = np.zeros(len(edge.mass) - len(mean.to_touch))
         return replace(mean, to_touch=np.append(mean.to_touch, further))
 
-    def parameters(self, touches: list[Touch] = ()) -> list[str]:
+    def parameters(self, touches: Sequence[Touch] = ()) -> list[str]:
         """Names that `derivatives` knows; a body's `thickness_mm` is its depth."""
         if self.heights is None:
             return super().parameters(touches)
@@ -392,7 +403,7 @@ class DepthForward(Forward):
         return names + [f"{name}[{i}]" for name in each for i in range(self.electrodes.n)]
 
     def derivatives(
-        self, touches: list[Touch] = (), parameters: list[str] | None = None
+        self, touches: Sequence[Touch] = (), parameters: list[str] | None = None
     ) -> dict[str, np.ndarray]:
         """d impedance / d parameter, (n, n) ohm per unit, by name; all `parameters()` by default.
 
@@ -408,11 +419,12 @@ class DepthForward(Forward):
         return {name: self._slope(name) for name in wanted}
 
     def _slope(self, name: str) -> np.ndarray:
+        assert self.heights is not None
         kind, _, index = name.rstrip("]").partition("[")
         g, relative, currents = self.geometry, *self._solve([])[:2]
         values = {**vars(g), "electrode_height_mm": self.heights.height_mm}
         values["electrode_z_mm"] = self.heights.z_mm
-        value = np.asarray(values[kind], float)[int(index) if index else ()]
+        value: Any = np.asarray(values[kind], float)[int(index) if index else ()]
         step = self._step(kind, value)
         above, below = (self._moved(kind, index, value + s * step).matrix for s in (1.0, -1.0))
         slope = currents.T @ (above - below) @ currents / (2.0 * step)
@@ -426,10 +438,12 @@ class DepthForward(Forward):
             return 0.5 * value
         if kind == "electrode_deg":
             return 0.02
+        assert self.heights is not None
         return 1e-3 * (self.heights.height_mm if kind == "electrode_z_mm" else value)
 
     def _moved(self, kind: str, index: str, value: float) -> BodyElectrodes:
         sheet, heights = self.electrodes.sheet, self.heights
+        assert heights is not None
         if kind == "electrode_height_mm":
             return self.electrodes.moved(sheet, replace(heights, height_mm=value))
         if kind == "electrode_z_mm":

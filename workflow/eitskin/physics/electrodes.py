@@ -11,7 +11,7 @@ import copy
 import numpy as np
 
 from eitskin.physics import neumann
-from eitskin.physics.conformal import DiscMap
+from eitskin.physics.conformal import DiscMap, MapVelocity
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
 
@@ -151,7 +151,7 @@ class Electrodes:
             arc=arc_bend * phi_dot * half + self.arc_slope * half_width_dot[:, None],
         )
 
-    def skin_motion(self, motion: RimMotion, map_velocity) -> "ElectrodeMotion":
+    def skin_motion(self, motion: RimMotion, map_velocity: MapVelocity) -> "ElectrodeMotion":
         """Velocity when the rim or the unfolding moves under electrodes at fixed angles phi."""
         g, half = self.geometry, self.half_width[:, None]
         z_dot = g.unfold(motion.rim(self.phi)) + motion.unfolding(g.rim(self.phi))
@@ -173,7 +173,9 @@ class Electrodes:
         np.fill_diagonal(apart, np.pi)
         return neumann.rim_potential_slope(apart) @ density
 
-    def power_slope(self, density: np.ndarray, field: np.ndarray, motion: "ElectrodeMotion"):
+    def power_slope(
+        self, density: np.ndarray, field: np.ndarray, motion: "ElectrodeMotion"
+    ) -> np.ndarray:
         """(drives, drives): change of the electrodes' power with a motion, contact drop
         included."""
         moved = (motion.theta.ravel()[:, None] * density).T @ field

@@ -4,6 +4,7 @@ Linear in time between the frames of a press, rising from 0 in the 0.5 s before 
 at its last slope after its last (never below 0). A press of one frame has the slope of its rise.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,7 +56,7 @@ class ForceHistory:
     def peak_N(self) -> np.ndarray:
         """(N,) N: the largest force of the press so far."""
 
-        def peak(at, time, force):
+        def peak(at: np.ndarray, time: np.ndarray, force: np.ndarray) -> np.ndarray:
             before = np.maximum.accumulate(force)[np.searchsorted(time, at, side="right") - 1]
             return np.maximum(np.where(at < time[0], 0.0, before), _force(at, time, force))
 
@@ -64,7 +65,7 @@ class ForceHistory:
     def followed_N(self, tau_s: float) -> np.ndarray:
         """(N,) N: m of tau dm/dt = F - m, m = 0 when the press begins, exact for linear pieces."""
 
-        def follow(at, time, force):
+        def follow(at: np.ndarray, time: np.ndarray, force: np.ndarray) -> np.ndarray:
             grid = np.union1d(_with_end(time, force), at)
             there = _force(grid, time, force)
             m = np.zeros(len(grid))
@@ -78,7 +79,9 @@ class ForceHistory:
 
         return self._of_presses(follow)
 
-    def _of_presses(self, value) -> np.ndarray:
+    def _of_presses(
+        self, value: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+    ) -> np.ndarray:
         result = np.zeros(len(self.time_s))
         for rows, (time, force) in zip(self.rows, self.knots, strict=True):
             result[rows] = value(self.time_s[rows], time, force)

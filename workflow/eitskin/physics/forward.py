@@ -7,21 +7,23 @@ place follow from one small generalised eigenproblem, R(c) = R0 - sum_k g_k g_k^
 and every derivative from R's stationarity, dR = X^T dS X.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg import block_diag, cho_factor, cho_solve, solve_triangular
 
 from eitskin.errors import InputError
 from eitskin.physics.conformal import DiscMap
 from eitskin.physics.contact_current import EvenCurrent
-from eitskin.physics.electrodes import Electrodes
+from eitskin.physics.electrodes import ElectrodeMotion, Electrodes
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
 from eitskin.physics.kept_touches import Coupled, Entered, KeptTouches, Place
-from eitskin.physics.touch import Touch, TouchAccuracy, TouchEdge
+from eitskin.physics.touch import EdgeMotion, Touch, TouchAccuracy, TouchEdge
 
 RIM_PHI = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
 NO_CONTRAST = 1e-12  # a touch of less is none
@@ -98,18 +100,18 @@ class TouchModes:
     gains: np.ndarray
     poles: np.ndarray
 
-    def weights(self, contrast: np.ndarray) -> np.ndarray:
+    def weights(self, contrast: ArrayLike) -> np.ndarray:
         """(F, K): c / (1 + c d_k) for contrasts (F,). Raises InputError for -1 and less."""
         contrast = np.asarray(contrast, float)[:, None]
         if not (contrast > -1.0).all():
             raise InputError("touch", "contrast", contrast.min(), "more than -1")
         return contrast / (1.0 + contrast * self.poles)
 
-    def impedance_change(self, contrast: np.ndarray) -> np.ndarray:
+    def impedance_change(self, contrast: ArrayLike) -> np.ndarray:
         """(F, n, n) ohm: R(c) - R0."""
         return -(self.gains * self.weights(contrast)[:, None, :]) @ self.gains.T
 
-    def channel_change(self, channels: np.ndarray, contrast: np.ndarray) -> np.ndarray:
+    def channel_change(self, channels: np.ndarray, contrast: ArrayLike) -> np.ndarray:
         """(F, M) V per A: change of every channel."""
         source, sink, plus, minus = channels.T
         drive = self.gains[source] - self.gains[sink]
@@ -125,7 +127,7 @@ class ContactModes(TouchModes):
 
     own: np.ndarray
 
-    def impedance_change(self, contrast: np.ndarray) -> np.ndarray:
+    def impedance_change(self, contrast: ArrayLike) -> np.ndarray:
         """(F, n + 1, n + 1) ohm: R(c), less the untouched skin's R0 of the electrodes."""
         return self.own + super().impedance_change(contrast)
 
@@ -142,6 +144,10 @@ class Forward:
     """
 
     effort, touch_effort = 1.0, 0.3
+    disc: DiscMap
+    bulk: GradientBulk | None
+    electrodes: Any  # Electrodes, of a body BodyElectrodes
+    _kept: KeptTouches
 
     def __init__(
         self,
@@ -178,7 +184,7 @@ class Forward:
         whole = np.zeros(n * order, dtype=bool)
         whole[::order] = True
         self._whole, self._inner = np.flatnonzero(whole), np.flatnonzero(~whole)
-        self._inner_factor = None
+        self._inner_factor: tuple[np.ndarray, bool] | None = None
         self._inner_currents = np.zeros((0, n))
         self._relative = matrix[np.ix_(self._whole, self._whole)]
         if len(self._inner):
@@ -200,11 +206,11 @@ class Forward:
         same = accuracy == self.accuracy and modes == self.electrodes.order
         return same and geometry.same_outline(self.geometry)
 
-    def transfer_impedance(self, touches: list[Touch] = ()) -> np.ndarray:
+    def transfer_impedance(self, touches: Sequence[Touch] = ()) -> np.ndarray:
         """(n, n) ohm, with any number of touches that do not overlap."""
         return self.sheet_resistance * self._solve(touches)[0]
 
-    def voltages(self, channels: np.ndarray, touches: list[Touch] = ()) -> np.ndarray:
+    def voltages(self, channels: np.ndarray, touches: Sequence[Touch] = ()) -> np.ndarray:
         """(M,) V per A. Raises InputError where a point electrode that drives is measured."""
         return measurable(channel_values(self.transfer_impedance(touches), channels))
 
@@ -236,13 +242,11 @@ class Forward:
         return found
 
     def _places(self, places: list[tuple[float, float, float]]) -> list[TouchModes]:
-        touched = [
-            self._coupling(place, lambda place=place: self.edge(Touch(*place))) for place in places
-        ]
+        touched = [self._coupling(place) for place in places]
         alike: dict[int, list[int]] = {}
         for i, one in enumerate(touched):
             alike.setdefault(len(one.mass), []).append(i)
-        found = {}
+        found: dict[int, TouchModes] = {}
         for indices in alike.values():
             mass, response, coupling = (
                 np.array([getattr(touched[i], name) for i in indices])
@@ -262,7 +266,8 @@ class Forward:
         """
         place = x_mm, y_mm, radius_mm
         edge = cache(lambda: self.edge(Touch(*place)))
-        touch, current = self._coupling(place, edge), self._current(place, edge)
+        touch = self._coupling(place, edge)
+        current = self._kept.get(Entered, place, lambda: self._even_current(edge()))
         to_touch, power = current.to_touch, np.array([[current.power]])
         gains, response = self._relaxed(
             np.column_stack([touch.coupling, current.to_electrodes]),
@@ -280,10 +285,6 @@ class Forward:
             self.sheet_resistance * own,
         )
 
-    def _current(self, place: Place, edge: Callable[[], TouchEdge]) -> Entered:
-        """A current that enters evenly over the touch at a place; edge: finds the touch's."""
-        return self._kept.get(Entered, place, lambda: self._even_current(edge()))
-
     def _even_current(self, edge: TouchEdge) -> Entered:
         """A current that enters evenly over a touch."""
         if self.bulk:
@@ -294,11 +295,11 @@ class Forward:
         to_touch = current.mean_response(edge)
         return Entered(to_electrodes[:, 0], to_touch, current.power, current.inner_power)
 
-    def _coupling(self, place: Place, edge: Callable[[], TouchEdge]) -> Coupled:
-        """The touch's multipoles at a place; edge: finds the touch's."""
+    def _coupling(self, place: Place, edge: Callable[[], TouchEdge] | None = None) -> Coupled:
+        """The touch's multipoles at a place; edge: finds the touch's, where it is known already."""
 
         def find() -> Coupled:
-            found = edge()
+            found = self.edge(Touch(*place)) if edge is None else edge()
             return Coupled(found.mass, self._between(found, found), self._to_electrodes(found))
 
         return self._kept.get(Coupled, place, find)
@@ -326,7 +327,7 @@ class Forward:
         `coupling` (..., n order, k), the electrodes' own modes relaxed."""
         inner = coupling[..., self._inner, :]
         gains = coupling[..., self._whole, :] + self._inner_currents.T @ inner
-        if len(self._inner):
+        if self._inner_factor is not None:
             factor, lower = self._inner_factor
             trans = 0 if lower else 1
             columns = np.moveaxis(inner, -2, 0).reshape(len(self._inner), -1)
@@ -346,7 +347,7 @@ class Forward:
         currents[self._inner] = self._inner_currents
         return currents
 
-    def _solve(self, touches: list[Touch]) -> tuple[np.ndarray, np.ndarray, list, list]:
+    def _solve(self, touches: Sequence[Touch]) -> tuple[np.ndarray, np.ndarray, list, list]:
         """Relative impedance (n, n), electrode mode currents, edges and their multipoles (2 degree,
         n)."""
         touches = [t for t in touches if abs(t.contrast) > NO_CONTRAST]
@@ -370,7 +371,7 @@ class Forward:
         change = gains @ multipoles
         return self._relative + 0.5 * (change + change.T), currents, edges, split
 
-    def parameters(self, touches: list[Touch] = ()) -> list[str]:
+    def parameters(self, touches: Sequence[Touch] = ()) -> list[str]:
         """Names that `derivatives` knows; `[l]` counts electrodes, harmonics or touches."""
         g, n = self.geometry, self.electrodes.n
         names = ["conductivity_S_per_m", "thickness_mm"]
@@ -384,7 +385,7 @@ class Forward:
         return names + [f"{p}[{i}]" for i in range(len(touches)) for p in per_touch]
 
     def derivatives(
-        self, touches: list[Touch] = (), parameters: list[str] | None = None
+        self, touches: Sequence[Touch] = (), parameters: list[str] | None = None
     ) -> dict[str, np.ndarray]:
         """d impedance / d parameter, (n, n) ohm per unit, by name; all `parameters()` by default.
 
@@ -404,7 +405,14 @@ class Forward:
 class _Slopes:
     """dR = X^T dS X for one touched state, with X the currents and multipoles of unit drives."""
 
-    def __init__(self, forward, relative, currents, edges, multipoles):
+    def __init__(
+        self,
+        forward: Forward,
+        relative: np.ndarray,
+        currents: np.ndarray,
+        edges: list[TouchEdge],
+        multipoles: list[np.ndarray],
+    ):
         self.forward, self.geometry = forward, forward.geometry
         self.relative, self.edges, self.multipoles = relative, edges, multipoles
         self.electrodes = forward.electrodes
@@ -414,7 +422,7 @@ class _Slopes:
 
     def of(self, name: str) -> np.ndarray:
         kind, _, index = name.rstrip("]").partition("[")
-        number = int(index) if index else None
+        number: Any = int(index) if index else None
         g = self.geometry
         if kind == "thickness_mm":
             return -self.relative / g.thickness_mm
@@ -450,7 +458,9 @@ class _Slopes:
         moved = {i: e.skin_motion(motion, map_velocity) for i, e in enumerate(self.edges)}
         return self._moved(self.electrodes.skin_motion(motion, map_velocity), moved)
 
-    def _moved(self, electrode_motion, edge_motions: dict) -> np.ndarray:
+    def _moved(
+        self, electrode_motion: ElectrodeMotion | None, edge_motions: dict[int, EdgeMotion]
+    ) -> np.ndarray:
         rim = self.electrodes.rim
         total = np.zeros_like(self.relative)
         rim_dot = np.zeros(len(rim), complex)

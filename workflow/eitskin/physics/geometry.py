@@ -2,6 +2,7 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,7 @@ class Patch:
     radius_mm: float
     contrast: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("radius_mm", "contrast"):
             if not getattr(self, name) > 0:
                 raise InputError("patch", name, getattr(self, name), "more than 0")
@@ -66,7 +67,7 @@ class Geometry:
     deep: bool = False
     patch: Patch | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         angle = np.asarray(self.electrode_deg, dtype=float)
         object.__setattr__(self, "electrode_deg", angle)
         for name in ("electrode_width_mm", "contact_impedivity_ohm_m2"):
@@ -101,6 +102,8 @@ class Geometry:
         for key in needed:
             if getattr(skin, key) is None:
                 raise InputError("skin", key, "null", "a value, to simulate with")
+        assert skin.radius_mm is not None and skin.thickness_mm is not None
+        assert skin.conductivity_S_per_m is not None
         return cls(
             skin.radius_mm,
             skin.thickness_mm,
@@ -112,7 +115,7 @@ class Geometry:
             electrode_z_mm=skin.electrode_z_mm,
         )
 
-    def with_values(self, **values) -> "Geometry":
+    def with_values(self, **values: Any) -> "Geometry":
         """A copy with some fields replaced."""
         return replace(self, **values)
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -49,7 +49,7 @@ class KeptTouches:
     """What was found last of places (x_mm, y_mm, radius_mm), within KEPT_BYTES."""
 
     def __init__(self) -> None:
-        self._found: dict[tuple[type, Place], Coupled | Entered] = {}
+        self._found: dict[tuple[type, Place], Any] = {}
         self._nbytes = 0
 
     def __contains__(self, place: Place) -> bool:

@@ -8,7 +8,9 @@ and, where a touch comes near, on nodes graded towards it; the touch is kept as 
 in multipoles of the patched skin: fields that bend at the patch's edge as the current does.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 from scipy.linalg import lu_factor, lu_solve
@@ -39,6 +41,7 @@ class PatchEdge(Circle):
 
     def __init__(self, geometry: Geometry, disc: DiscMap, accuracy: TouchAccuracy):
         patch = geometry.patch
+        assert patch is not None
         super().__init__(patch.centre, patch.radius_mm, geometry, disc)
         self.factor, self.accuracy = patch.contrast, accuracy
         self.reflection = 2.0 * (self.factor - 1.0) / (self.factor + 1.0)
@@ -110,6 +113,7 @@ class PatchNodes:
         return -self.edge.reflection * (flux + self._own_flux(even))
 
     def _own_flux(self, even: np.ndarray) -> np.ndarray:
+        assert self.spread is not None and self.weight is not None
         per_angle = (self.edge.kernel @ even) / self.edge.weight[:, None]
         return self.weight[:, None] * (self.spread @ per_angle)
 
@@ -118,6 +122,7 @@ class PatchNodes:
         charge = np.zeros_like(flux)
         if within.all():
             return self.charge(flux)
+        assert self.spread is not None and self.weight is not None  # even ones are all within
         part = self.spread[within]
         kernel = self.edge.kernel / self.edge.weight[:, None]
         own = self.weight[within, None] * (part @ kernel @ part.T)
@@ -211,6 +216,10 @@ class PatchForward(Forward):
     the mean over the depth alone.
     """
 
+    patch: PatchEdge
+    at_patch: np.ndarray
+    change: np.ndarray
+
     def __init__(self, bare: Forward, geometry: Geometry, near: Forward | None = None):
         """`bare`: the same skin without its patch; `near`: a solved skin, to share with."""
         vars(self).update(vars(bare))
@@ -218,8 +227,11 @@ class PatchForward(Forward):
         self.effort, self.touch_effort = bare.effort, PATCHED * bare.touch_effort
         if bare.bulk:
             raise InputError("skin", "patch", "a gradient of the conductivity", "none")
-        shared = isinstance(near, PatchForward) and near.geometry.patch == geometry.patch
-        if shared and near.bare.matches(bare.geometry, bare.accuracy, bare.electrodes.order):
+        if (
+            isinstance(near, PatchForward)
+            and near.geometry.patch == geometry.patch
+            and near.bare.matches(bare.geometry, bare.accuracy, bare.electrodes.order)
+        ):
             self.patch, self.at_patch = near.patch, near.at_patch
             self._kept = near._kept
             change = near.change
@@ -241,7 +253,9 @@ class PatchForward(Forward):
         change = self.at_patch.T @ self.patch.charge(electrodes.project(flux).T)
         return 0.5 * (change + change.T)
 
-    def edge(self, touch: Touch, apart: float = np.inf) -> PatchedTouch:
+    def edge(  # type: ignore[override]  # what it makes of touches only it meets again
+        self, touch: Touch, apart: float = np.inf
+    ) -> PatchedTouch:
         """The touch's multipoles in the patched skin. Raises InputError for several touches."""
         if np.isfinite(apart):
             raise InputError("touch", "touches", "several on a patched skin", "one")
@@ -250,14 +264,15 @@ class PatchForward(Forward):
             return PatchedTouch.on_patch(touch, self.patch, self)
         return PatchedTouch.by_patch(touch, self.patch, self)
 
-    def _to_electrodes(self, edge: PatchedTouch) -> np.ndarray:
+    def _to_electrodes(self, edge: PatchedTouch) -> np.ndarray:  # type: ignore[override]
         return edge.coupling
 
-    def _even_current(self, edge: PatchedTouch) -> Entered:
+    def _even_current(self, edge: PatchedTouch) -> Entered:  # type: ignore[override]
         """As Forward's. Raises InputError for a touch that covers a part of the patch's edge."""
         if edge.factor is None:
             place = f"({edge.touch.x_mm:g}, {edge.touch.y_mm:g}) mm, across a patch's edge"
             raise InputError("touch", "leak at the touch", place, "a touch on either side of it")
+        assert edge.nodes is not None
         current, nodes, rim = EvenCurrent(edge.edge), edge.nodes, self.electrodes.rim
         charge = nodes.charge(current.flux(nodes.zeta, nodes.dzeta)[:, None] / edge.factor)
         at_nodes = current.potential(nodes.zeta)
@@ -268,6 +283,8 @@ class PatchForward(Forward):
         inner_power = current.inner_power / edge.factor
         return Entered(to_electrodes[:, 0], to_touch, power, inner_power)
 
-    def derivatives(self, touches: list[Touch] = (), parameters: list[str] | None = None):
+    def derivatives(
+        self, touches: Sequence[Touch] = (), parameters: list[str] | None = None
+    ) -> NoReturn:
         """None is known: raises InputError."""
         raise InputError("skin", "patch", "one", "none, to differentiate")

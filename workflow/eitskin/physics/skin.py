@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import asdict, dataclass, fields
+from typing import Any, TypeGuard
 
 from eitskin.errors import InputError
 
@@ -76,7 +77,7 @@ class Skin:
         return {k: v for k, v in values.items() if k not in OPTIONAL or v is not None}
 
 
-def _checked_shape(file: str, key: str, value: object) -> str | tuple[tuple[float, float], ...]:
+def _checked_shape(file: str, key: str, value: Any) -> str | tuple[tuple[float, float], ...]:
     if key == "outline" and isinstance(value, str) and value.strip():
         return value
     least = 3 if key == "outline" else 1
@@ -95,7 +96,7 @@ def _listed(value: object) -> object:
     return [_listed(one) for one in value] if isinstance(value, tuple) else value
 
 
-def is_number(value: object) -> bool:
+def is_number(value: object) -> TypeGuard[int | float]:
     """Whether a value out of JSON or YAML is a finite number; true, false and whole numbers beyond
     float64 are none.
     """

@@ -5,6 +5,7 @@ exact circle of the skin, mapped onto the unit disc, and cuts no element of any 
 reaches beyond the rim is clipped by it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from eitskin.errors import InputError
 from eitskin.physics import neumann
-from eitskin.physics.conformal import DiscMap
+from eitskin.physics.conformal import DiscMap, MapVelocity
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
 
@@ -24,6 +25,9 @@ CROSSED_NODES = 6
 FLATTEST = 1e-6  # shortest panel, however flat the crossing
 TOUCHING = 1e-5  # squared sine of a crossing so flat that the circles touch
 MOST_PANELS = 150  # from one crossing to the next
+
+Clearance = Callable[[np.ndarray], np.ndarray | float]
+Panels = tuple[float, float, int]  # longest, shortest, nodes
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class Touch:
     radius_mm: float
     contrast: float = 0.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not self.radius_mm > 0:
             raise InputError("touch", "radius_mm", self.radius_mm, "more than 0")
         if not self.contrast > -1:
@@ -115,7 +119,12 @@ class Circle:
         return (np.angle(apart) + np.array([-turn, turn])) % (2.0 * np.pi)
 
     def panels(
-        self, start: float, stop: float, other: "Circle | None", clearance, panels: tuple
+        self,
+        start: float,
+        stop: float,
+        other: "Circle | None",
+        clearance: Clearance,
+        panels: Panels,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Nodes and weights from start to stop by graded_panels with `clearance` and `panels`.
 
@@ -138,7 +147,7 @@ class Circle:
 
         between = start + (crossings - start) % (2.0 * np.pi)
         ends = np.unique([start, *between[between < stop], stop])
-        parts = [graded_panels(*e, clear, *panels, MOST_PANELS) for e in pairwise(ends)]
+        parts = [graded_panels(a, b, clear, *panels, MOST_PANELS) for a, b in pairwise(ends)]
         node, weight = zip(*parts, strict=True)
         return np.concatenate(node), np.concatenate(weight)
 
@@ -218,7 +227,7 @@ class TouchEdge(Circle):
         zeta, tangent = self.mapped(t, 1)
         return np.abs(1.0 - np.abs(zeta)) / np.abs(tangent)
 
-    def _clip(self, t: np.ndarray, outside: np.ndarray, panels: tuple) -> None:
+    def _clip(self, t: np.ndarray, outside: np.ndarray, panels: Panels) -> None:
         leaves = np.flatnonzero(~outside & np.roll(outside, -1))
         enters = np.flatnonzero(outside & np.roll(~outside, -1))
         if len(leaves) != 1 or self.radius > 0.5 * self.geometry.radius_mm:
@@ -282,6 +291,7 @@ class TouchEdge(Circle):
         psi's share of what their polarisation makes. On the rim no current of it enters but the
         even one of N, whose whole is return_share (2 degree,).
         """
+        assert self.bulk is not None
         bulk, place, dzeta = self.bulk, self.place(self.t), self.tangent * self.weight
         line = self.geometry.unfold(1j * (place - self.centre)) * self.weight
         self.bent = bulk.bend(self.geometry.unfold(place), line)[:, None] * self.values
@@ -376,7 +386,7 @@ class TouchEdge(Circle):
         }[parameter]
         return self._moved([self.geometry.unfold(s) for s in speed])
 
-    def skin_motion(self, motion: RimMotion, map_velocity) -> EdgeMotion:
+    def skin_motion(self, motion: RimMotion, map_velocity: MapVelocity) -> EdgeMotion:
         """Node velocities when the skin changes its shape or direction under the touch."""
         ray = self.radius * np.exp(1j * self.t)
         places = (self.centre + ray, 1j * ray, -ray)
@@ -403,7 +413,9 @@ class TouchEdge(Circle):
             + f[1] * speed[2],
         )
 
-    def response_slope(self, amplitude: np.ndarray, contrast: float, motion: EdgeMotion):
+    def response_slope(
+        self, amplitude: np.ndarray, contrast: float, motion: EdgeMotion
+    ) -> np.ndarray:
         """(n, n): change of amplitude^T (self_response + mass / contrast) amplitude with a motion.
 
         amplitude (2 degree, n). Raises InputError for a clipped touch, whose corners would move
@@ -449,7 +461,13 @@ class TouchEdge(Circle):
         np.fill_diagonal(direct, 0.5 * ratio_dot * self.weight)
         return -(direct - image).imag / (2.0 * np.pi)
 
-    def rim_response_slope(self, rim, rim_dot, amplitude, motion: EdgeMotion | None):
+    def rim_response_slope(
+        self,
+        rim: np.ndarray,
+        rim_dot: np.ndarray,
+        amplitude: np.ndarray,
+        motion: EdgeMotion | None,
+    ) -> np.ndarray:
         """(points, n): change of rim_response(rim) @ amplitude when rim points and edge move."""
         self._refuse_at_rim()
         y, dy = self.zeta, self.tangent * self.weight
@@ -464,7 +482,14 @@ class TouchEdge(Circle):
         kernel = neumann.rim_flux_kernel(rim[:, None], y, dy)
         return -(kernel_dot.imag / np.pi) @ value + kernel @ value_dot
 
-    def inner_response_slope(self, other, amplitude, other_amplitude, motion, other_motion):
+    def inner_response_slope(
+        self,
+        other: "TouchEdge",
+        amplitude: np.ndarray,
+        other_amplitude: np.ndarray,
+        motion: EdgeMotion | None,
+        other_motion: EdgeMotion | None,
+    ) -> np.ndarray:
         """(n, n): change of amplitude^T inner_response(other) other_amplitude; motions may be
         None."""
         self._refuse_at_rim()
@@ -493,7 +518,7 @@ class TouchEdge(Circle):
 def graded_panels(
     start: float,
     stop: float,
-    clearance,
+    clearance: Clearance,
     longest: float,
     shortest: float,
     panel_nodes: int,

@@ -43,12 +43,12 @@ def ceilings(recording: Recording) -> list[Ceiling]:
     free = ~recording.frames["touch"].to_numpy(dtype=bool)
     if recording.metadata["values"] == "difference" or free.sum() < LEAST_UNTOUCHED:
         return []
-    values = np.abs(recording.voltage)
+    values = np.abs(recording.readings)
     whole = np.isfinite(values[free]).sum(axis=0) >= LEAST_UNTOUCHED
     level = np.full(values.shape[1], np.nan)
     level[whole] = np.nanmedian(values[free][:, whole], axis=0)
-    noise = channel_noise(recording.voltage[free])
-    quiet = np.nan_to_num(successive_noise(np.diff(recording.voltage[free], axis=0)))
+    noise = channel_noise(recording.readings[free])
+    quiet = np.nan_to_num(successive_noise(np.diff(recording.readings[free], axis=0)))
     channels = recording.channels
     driven = ~undriven(channels)
     response = _response(recording, whole)
@@ -84,8 +84,9 @@ def _response(recording: Recording, whole: np.ndarray) -> _Response | None:
     """None where nobody touches, or places or electrodes are not known in the skin's frame."""
     skin, frames = recording.skin, recording.frames
     touch = frames["touch"].to_numpy(dtype=bool)
-    known = skin.electrode_deg is not None and skin.radius_mm is not None
-    if not touch.any() or not known or recording.metadata["position_frame"] != "skin":
+    if skin.electrode_deg is None or skin.radius_mm is None:
+        return None
+    if not touch.any() or recording.metadata["position_frame"] != "skin":
         return None
     try:
         change = baseline.changes(recording, "recording")[touch]
@@ -103,7 +104,7 @@ def _response(recording: Recording, whole: np.ndarray) -> _Response | None:
     if recording.metadata["voltage"] == "magnitude":
         shape = alignment.homogeneous_readings(recording.channels, angles)
         return _Response(change[inside], expected * np.where(shape < 0, -1.0, 1.0))
-    turned = np.where(np.nanmedian(recording.voltage[~touch][:, whole], axis=0) < 0, -1.0, 1.0)
+    turned = np.where(np.nanmedian(recording.readings[~touch][:, whole], axis=0) < 0, -1.0, 1.0)
     sign = np.ones(len(whole))
     sign[whole] = turned
     return _Response(change[inside] * sign, expected * sign)

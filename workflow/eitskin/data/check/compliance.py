@@ -73,7 +73,7 @@ def _precision(
     recording: Recording, pairs: np.ndarray, first: np.ndarray, second: np.ndarray
 ) -> np.ndarray:
     """(P,): 1 / sd of each logarithm by noise, at the most that of 0.1 % noise."""
-    untouched = recording.voltage[~recording.frames["touch"].to_numpy(dtype=bool)]
+    untouched = recording.readings[~recording.frames["touch"].to_numpy(dtype=bool)]
     noise = np.zeros(untouched.shape[1])
     if len(untouched) > 2:
         noise = channel_noise(untouched) / np.sqrt(len(untouched))

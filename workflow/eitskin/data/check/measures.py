@@ -117,7 +117,7 @@ def dead(recording: Recording) -> Dead | None:
     else None.
     """
     touch = recording.frames["touch"].to_numpy(dtype=bool)
-    reads = np.nan_to_num(recording.voltage) != 0
+    reads = np.nan_to_num(recording.readings) != 0
     difference = recording.metadata["values"] == "difference"
     states = [touch] if difference and touch.any() else [~touch, touch]
     live = np.logical_and.reduce([reads[state].any(axis=0) for state in states if state.any()])
@@ -143,7 +143,7 @@ class Lost:
 
 def lost(recording: Recording) -> Lost:
     """Channels with lost readings and channels that never change."""
-    values, missing = recording.voltage, np.isnan(recording.voltage)
+    values, missing = recording.readings, np.isnan(recording.readings)
     partly = missing.any(axis=0) & ~missing.all(axis=0)
     still = ~missing.any(axis=0) & (values == values[:1]).all(axis=0)
     stuck = still & (len(values) > 2 and not still.all())
@@ -172,7 +172,7 @@ def clipped(recording: Recording) -> Clipped | None:
     """
     if recording.metadata["values"] == "difference":
         return None
-    size = np.unique(np.abs(recording.voltage), axis=0)
+    size = np.unique(np.abs(recording.readings), axis=0)
     if not np.isfinite(size).any():
         return None
     ceiling = np.nanmax(size)
@@ -205,7 +205,7 @@ def noise(recording: Recording) -> Noise | None:
     """
     rows = np.flatnonzero(~recording.frames["touch"].to_numpy(dtype=bool))
     follow = np.diff(rows) == 1
-    steps = np.diff(recording.voltage[rows], axis=0)
+    steps = np.diff(recording.readings[rows], axis=0)
     if follow.any():
         steps = steps[follow]
     if not np.isfinite(steps).any():
@@ -243,7 +243,7 @@ def noise_bound(recording: Recording) -> float | None:
 
 def median_reading(recording: Recording) -> float:
     """The median |reading| of the untouched skin."""
-    untouched = recording.voltage[~recording.frames["touch"].to_numpy(dtype=bool)]
+    untouched = recording.readings[~recording.frames["touch"].to_numpy(dtype=bool)]
     return float(np.nanmedian(np.abs(untouched)))
 
 
@@ -259,7 +259,7 @@ class Drift:
 
 def drift(recording: Recording) -> Drift | None:
     """How the untouched readings change from their first tenth to their last."""
-    untouched = recording.voltage[~recording.frames["touch"].to_numpy(dtype=bool)]
+    untouched = recording.readings[~recording.frames["touch"].to_numpy(dtype=bool)]
     if len(untouched) < 2:
         return None
     tenth = max(1, len(untouched) // 10)
@@ -272,7 +272,7 @@ def drift(recording: Recording) -> Drift | None:
     uncommon = None
     if np.any(last != first):
         factor = first @ last / (first @ first)
-        uncommon = np.linalg.norm(last - factor * first) / np.linalg.norm(last - first)
+        uncommon = float(np.linalg.norm(last - factor * first) / np.linalg.norm(last - first))
     return Drift(float(np.median(np.abs(last - first) / np.abs(first))), uncommon)
 
 
@@ -287,7 +287,7 @@ class Reciprocity:
 
 def reciprocity(recording: Recording) -> Reciprocity | None:
     """How well the untouched readings, or their modulus where there is a quadrature, stay the same
-    when drive and measurement are exchanged; None without pairs.
+    when drive and measurement are exchanged; None without pairs and where their squares vanish.
     """
     pairs, signs = reciprocal_channels(recording.channels)
     if not len(pairs):
@@ -299,14 +299,15 @@ def reciprocity(recording: Recording) -> Reciprocity | None:
     if not kept.any():
         return None
     error = float(np.median(np.abs(first - second)[kept] / size[kept]))
-    return Reciprocity(error, relative_change(values, pairs, signs), len(pairs))
+    rms = relative_change(values, pairs, signs)
+    return None if rms is None else Reciprocity(error, rms, len(pairs))
 
 
 def identity_readings(recording: Recording, signs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Readings (K, M) on which a channel table's identities should hold, and the signs to use: the
     mean untouched frame, or some frames of differences; the modulus where there is a quadrature.
     """
-    values = recording.voltage
+    values = recording.readings
     if recording.quadrature is not None:
         values = np.hypot(values, recording.quadrature)
     if recording.metadata["voltage"] == "magnitude" or recording.quadrature is not None:

@@ -10,7 +10,7 @@ from eitskin.quantities import listed
 FEW = 3
 
 
-def channels(recording: Recording, rows: np.ndarray) -> str:
+def channels(recording: Recording, rows: np.ndarray | Sequence[int]) -> str:
     """`3 channels (0: drive 0-1, measured 2-3, ...)`, at most three named."""
     shown = ", ".join(
         "{}: drive {}-{}, measured {}-{}".format(row, *recording.channels[row])

@@ -144,7 +144,7 @@ def amplitude(recording: Recording) -> float | None:
     skin, metadata = recording.skin, recording.metadata
     sheet = (
         None
-        if None in (skin.conductivity_S_per_m, skin.thickness_mm)
+        if skin.conductivity_S_per_m is None or skin.thickness_mm is None
         else (skin.conductivity_S_per_m * skin.thickness_mm * 1e-3)
     )
     current = {"V": skin.current_A, "ohm": 1.0, "arbitrary": None}[metadata["unit"]]

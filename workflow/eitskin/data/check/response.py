@@ -30,7 +30,7 @@ class Constant:
 
 def constant(recording: Recording) -> Constant | None:
     """Frames without a change of any reading; None where some changes, or frames are few."""
-    values = recording.voltage
+    values = recording.readings
     if len(values) < LEAST_FRAMES:
         return None
     known = np.isfinite(values)

@@ -397,7 +397,7 @@ def unobservable(recording: Recording) -> list[Finding]:
     """What these frames cannot tell, each with the frames to add."""
     return [
         Finding(topic, UNOBSERVABLE, sentence, remedy=remedy)
-        for topic, sentence, remedy in map(MISSING.get, missing(recording))
+        for topic, sentence, remedy in map(MISSING.__getitem__, missing(recording))
     ]
 
 

@@ -94,7 +94,7 @@ def _outlying(
         near, far = _changes(along[:, None], kept, width)
         usual = _ordinary(near[:, 0] ** 2, across, gap, 2.0)
         largest = np.maximum(several, _alike(near, far) / usual / LARGER_COMMON)
-    found = {}
+    found: dict[int, float | None] = {}
     for i in np.flatnonzero(largest > 1.0):
         k = int(kept[i])
         beside = largest[np.abs(kept - k) < width].max()

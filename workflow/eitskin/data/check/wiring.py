@@ -70,10 +70,11 @@ def order(recording: Recording) -> Order:
 def _order(recording: Recording, values: np.ndarray, signed: bool) -> Order:
     channels, n = recording.channels, recording.n_electrodes
     own = misfit(values, channels, n, signed)
-    others = {
+    misfits = {
         name: misfit(reordered(values, permutation), channels, n, signed).overall
         for name, permutation in known_orders(channels, n).items()
     }
+    others = {name: value for name, value in misfits.items() if value is not None}
     worst = None if own.reciprocity is None else _worst_electrodes(recording, values)
     if own.overall is None or not others:
         return Order(own, np.inf, [], worst)
@@ -118,7 +119,7 @@ def polarity(recording: Recording) -> float | None:
     if metadata["voltage"] != "signed" or metadata["values"] != "absolute" or angles is None:
         return None
     model = alignment.homogeneous_readings(recording.channels, np.array(angles))
-    reading = untouched_readings(recording.voltage, recording)[0]
+    reading = untouched_readings(recording.readings, recording)[0]
     kept = np.isfinite(model) & np.isfinite(reading)
     if kept.sum() < 3 or np.ptp(model[kept]) == 0 or np.ptp(reading[kept]) == 0:
         return None

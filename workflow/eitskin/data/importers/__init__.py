@@ -56,7 +56,7 @@ def files(path: str | Path, format: str | None = None) -> list[Path]:
         module = FORMATS.get(format or _detect(path))
     except (InputError, OSError, ValueError):
         module = None
-    more = module.files(path) if hasattr(module, "files") else []
+    more = module.files(path) if module is not None and hasattr(module, "files") else []
     return list(dict.fromkeys([path, *more]))
 
 
@@ -83,8 +83,8 @@ def load(
         raise InputError(path, "file", "no such file", f"a recording: {', '.join(known())}")
     if format is None:
         format = _detect(path)
-    given = {"order": order, "drive": drive, "measure": measure}
-    given = {key: value for key, value in given.items() if value is not None}
+    settings = {"order": order, "drive": drive, "measure": measure}
+    given = {key: value for key, value in settings.items() if value is not None}
     taken = {
         key: given[key] for key in getattr(FORMATS.get(format), "LEFT_OPEN", ()) if key in given
     }

@@ -1,5 +1,7 @@
 """The metadata of an imported recording: what its files say, and null for what they do not."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from eitskin.data.recording import DEFAULTS
@@ -7,7 +9,7 @@ from eitskin.data.recording import DEFAULTS
 
 def describe(
     channels: np.ndarray,
-    electrode_deg: np.ndarray,
+    electrode_deg: np.ndarray | Sequence[float],
     source: str,
     voltage: str,
     position_frame: str = "skin",

@@ -39,8 +39,8 @@ def load(path: Path) -> Recording:
     if positions.shape != (n_presses, 3):
         raise InputError(path, "positions", positions.shape, "x, y, depth a press")
     if untouched.shape != pressed.shape or len(untouched) != n_presses:
-        found = f"{untouched.shape} untouched, {pressed.shape} pressed"
-        raise InputError(path, "responses", found, f"two alike with {n_presses} rows")
+        shapes = f"{untouched.shape} untouched, {pressed.shape} pressed"
+        raise InputError(path, "responses", shapes, f"two alike with {n_presses} rows")
     n_channels = untouched.shape[1]
     n = 2 + round((4 + n_channels) ** 0.5)
     if not n_channels or n % 2 or n * (n - 4) != n_channels:

@@ -187,7 +187,7 @@ def _touch(path: Path, labels: dict, n_frames: int) -> np.ndarray:
     """(F,) bool: as labelled, else where a place is."""
     if "touch" not in labels:
         places = [np.asarray(labels.get(name, np.full(n_frames, np.nan))) for name in PLACED[:2]]
-        return np.isfinite(places).all(axis=0)
+        return np.isfinite(np.array(places)).all(axis=0)
     cells = [str(one).lower() for one in labels["touch"]]
     for row, cell in enumerate(cells):
         if cell not in (*TRUE, *FALSE):

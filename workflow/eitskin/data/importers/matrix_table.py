@@ -5,6 +5,7 @@ One column of numbers, or an array of one dimension, is one frame.
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,7 @@ class Table:
     """What a matrix file holds: `readings` (F, C), and `labels`, (F,) each, floats or words."""
 
     readings: np.ndarray
-    labels: dict[str, np.ndarray | list] = field(default_factory=dict)
+    labels: dict[str, Any] = field(default_factory=dict)
 
 
 def read(path: Path, said: dict) -> Table:
@@ -45,11 +46,12 @@ def read(path: Path, said: dict) -> Table:
         if not file.is_file():
             raise InputError(beside(path), "key labels", f"no file {labels!r}", "one beside it")
         cells = delimited.read(file)
-        for name in cells.names or [""]:
-            if not is_label(name) or name in table.labels or cells.names.count(name) > 1:
+        names = cells.names or [""]
+        for name in names:
+            if not is_label(name) or name in table.labels or names.count(name) > 1:
                 expected = f"names among {', '.join(LABELS)}, {NOTE}..., each once"
                 raise InputError(file, "line of names", repr(name), expected)
-        for column, name in enumerate(cells.names):
+        for column, name in enumerate(names):
             table.labels[name] = _label(cells, name, column)
     return table
 

@@ -140,10 +140,12 @@ def _times(files: list[Path], frames: list[Frame]) -> np.ndarray:
     """(N,) seconds from the first; raises InputError where a date is missing or stands still."""
     if len(frames) == 1:
         return np.zeros(1)
+    dates = []
     for file, frame in zip(files, frames, strict=True):
         if frame.date is None:
             raise InputError(file, "header, date", "none", "yyyy.mm.dd. hh:mm:ss.fff")
-    time = np.array([(frame.date - frames[0].date).total_seconds() for frame in frames])
+        dates.append(frame.date)
+    time = np.array([(date - dates[0]).total_seconds() for date in dates])
     still = np.flatnonzero(np.diff(time) <= 0)
     if len(still):
         file, before = files[still[0] + 1], files[still[0]]
@@ -223,8 +225,8 @@ def _electrodes(
             if not all(cell.isdecimal() for cell in cells):
                 raise InputError(path, f"header, {name}", rest.strip(), "numbers of channels")
             lists[name + colon] = [int(cell) for cell in cells]
-    for columns in (lists.get(READ), lists.get(SETUP), list(range(1, n_columns + 1))):
-        if columns is not None and len(set(columns)) == n_columns:
+    for columns in (lists.get(READ, []), lists.get(SETUP, []), list(range(1, n_columns + 1))):
+        if len(set(columns)) == n_columns:
             break
     ring = sorted({*(lists.get(SETUP) or drives.ravel().tolist()), *drives.ravel().tolist()})
     missing = [electrode for electrode in ring if electrode not in columns]

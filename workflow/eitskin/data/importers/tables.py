@@ -51,7 +51,7 @@ def numbers(path: Path, lines: Iterable[str], columns: int) -> np.ndarray:
 
     Raises InputError naming the row (from 0) for another number of cells or what is no number.
     """
-    rows = []
+    rows: list[list[float]] = []
     for line in lines:
         found = line.split()
         if not found:

@@ -153,11 +153,11 @@ def _labels(test: Tested, shared: list[Shared]) -> list[Label]:
 
 def _own_phases(shared: list[Shared], names: list[str]) -> dict[Label, list[tuple[str, ...]]]:
     """A tone's phase is its recording's own: so are the two coordinates that hold it."""
-    own = [(name,) for name in names]
+    own: list[tuple[str, ...]] = [(name,) for name in names]
     return {
-        (e, effect.candidate.effect.polar[0], axis): own
+        (e, polar[0], axis): own
         for e, effect in enumerate(shared)
-        if _tone(effect)
+        if _tone(effect) and (polar := effect.candidate.effect.polar) is not None
         for axis in (0, 1)
     }
 
@@ -179,12 +179,12 @@ def _is_axis(part: Part, e: int, key: str) -> bool:
     if e == CALIBRATED:
         return False
     polar = part.fit.effects[part.which.index(e)].effect.polar
-    return bool(polar) and key == polar[0]
+    return polar is not None and key == polar[0]
 
 
 def _test(own: list[Part], e: int, key: str, site: int | None) -> Tested:
     have = [p for p in own if any(label[:2] == (e, key) for label in p.labels)]
-    keys = (key,)
+    keys: tuple[str, ...] = (key,)
     estimated = {}
     for part in have:
         at = [i for i, label in enumerate(part.labels) if label[:2] == (e, key)]
@@ -198,6 +198,7 @@ def _test(own: list[Part], e: int, key: str, site: int | None) -> Tested:
                 slope = value / size if size > 0 else np.array([1.0, 0.0])
                 value, covariance = np.array([size]), (slope @ covariance @ slope).reshape(1, 1)
             else:
+                assert effect.polar is not None
                 keys = effect.polar[:2]
         estimated[part.name] = value, covariance
     names = tuple(estimated)
@@ -222,7 +223,7 @@ def _mean(estimated: list[tuple[np.ndarray, np.ndarray]]) -> tuple[float, np.nda
 
 def _runs(estimated: dict[str, tuple[np.ndarray, np.ndarray]]) -> list[tuple[str, ...]]:
     """Neighbouring parts joined, the likeliest equal ones first, two runs at least."""
-    runs = [(name,) for name in estimated]
+    runs: list[tuple[str, ...]] = [(name,) for name in estimated]
     values = list(estimated.values())
     while len(runs) > 2:
         pairs = [_mean(values[i : i + 2]) for i in range(len(runs) - 1)]
@@ -345,7 +346,7 @@ def _at_site(test: Tested, part: Part, view: View) -> dict:
     found = {}
     for key, estimate in estimates(view, index).items():
         if isinstance(estimate["value"], list) and test.site is not None:
-            place = view.effects[index].sites.index(test.site)
+            place = view.effects[index].own_sites.index(test.site)
             at = {name: own[place] for name, own in estimate.items() if isinstance(own, list)}
             estimate = {k: v for k, v in {**estimate, **at}.items() if v is not None}
         found[key] = estimate

@@ -148,14 +148,15 @@ def pair(control: Recording, later: Recording, names: tuple[str, str]) -> Pair:
     moment_s = None if frame_s is None else frame_s * np.arange(count) / count
     n = max(control.n_electrodes, later.n_electrodes)
     signed = control.metadata["voltage"] == "signed"
-    readings = [r.voltage[rows] for r, rows in zip((control, later), still, strict=True)]
+    before, after = (r.readings[rows] for r, rows in zip((control, later), still, strict=True))
     skin = control.metadata["skin"]
     angle = skin.get("electrode_deg")
     # Objects are looked for on a disc.
     elsewhere = angle is None or len(angle) != n or no_disc(control.skin) is not None
     angle = None if elsewhere else np.array(angle, float)
-    place = angle, skin.get("radius_mm")
-    return Pair(names, control.channels, n, signed, moment_s, *readings, still[1], *place)
+    radius = skin.get("radius_mm")
+    table = control.channels
+    return Pair(names, table, n, signed, moment_s, before, after, still[1], angle, radius)
 
 
 def _untouched(recording: Recording, name: str) -> np.ndarray:
@@ -178,7 +179,7 @@ def difference(control: Recording, later: Recording, names: tuple[str, str]) -> 
     if both.electrode_deg is not None:
         sheet = Sheet(both.channels, both.electrode_deg, both.signed)
     judged = _begun(both, potentials, sheet).settled()
-    found = []
+    found: list[Found] = []
     while judged.ranked and judged.most() >= THRESHOLD:
         one = judged.found()
         if found and one.explained.evidence < BESIDE * found[0].explained.evidence:
@@ -251,7 +252,7 @@ class _Begun:
         self.families = self._families(known) if self.wander.count > 0 else []
         ranked = [self._best(family) for family in self.families]
         self.sought = self._sought(sheet, known)
-        self._rank(ranked, self.sought and self.sought.first())
+        self._rank(ranked, None if self.sought is None else self.sought.first())
 
     def _rank(self, ranked: list[Explained], objects: Explained | None) -> None:
         """Explanations, and objects with them, in order of their evidence."""
@@ -303,6 +304,7 @@ class _Begun:
 
     def _mains(self) -> Explained:
         """The best tone, by what is at rest in the frame and by what turns from frame to frame."""
+        assert self.pair.moment_s is not None
         powers = (
             tone_power(frames, self.wander.noise, self.pair.moment_s)
             for frames in (self.before, self.after)
@@ -325,13 +327,13 @@ class _Begun:
         others = [e for e in self.ranked if e.place != best.place]
         if family is not self.tones and len(family) > 1:
             others.append(self.evidence.elsewhere(best, family))
-        objects = isinstance(best.parts[0], Objects)
-        if objects:
-            others += filter(None, [self.sought.other_sign(best), *self.sought.beside()])
+        sought = self.sought if isinstance(best.parts[0], Objects) else None
+        if sought is not None:
+            others += filter(None, [sought.other_sign(best), *sought.beside()])
         others.sort(key=lambda e: -e.evidence)
         rival = next((e for e in others if not self.evidence.holds(e, best)), None)
-        near = [e for e in self.ranked if e.place == best.place]
-        near = [e.name for e in near if e.evidence > best.evidence - MARGIN]
+        here = [e for e in self.ranked if e.place == best.place]
+        near = [e.name for e in here if e.evidence > best.evidence - MARGIN]
         alternatives = tuple(name for name in dict.fromkeys(near) if name != best.name)
         change = self._change(best)
         mean = np.where(change != 0, self.wander.mean, 0.0)
@@ -339,9 +341,8 @@ class _Begun:
         first = self.beginning(change)
         since = int(self.pair.rows[first]) if first else 0
         inside = None
-        if objects:
-            told = (self.sought.explained, self.sought.spread, self.sought.held_out)
-            inside = Inside(*(each(best) for each in told))
+        if sought is not None:
+            inside = Inside(sought.explained(best), sought.spread(best), sought.held_out(best))
         return Found(best, rival, alternatives, since, change, ratio, inside)
 
     def _simplest(self) -> Explained:

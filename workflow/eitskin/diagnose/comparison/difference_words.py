@@ -1,6 +1,7 @@
 """What a difference of two recordings says, in words, and as an entry of comparison.json."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from eitskin.diagnose.comparison.difference import (
     difference,
 )
 from eitskin.diagnose.comparison.evidence import Explained
-from eitskin.diagnose.comparison.objects import EXPLAINS, NAME, Disc, ends
+from eitskin.diagnose.comparison.objects import EXPLAINS, NAME, Disc, ends, objects_of
 from eitskin.diagnose.words import sites
 from eitskin.effects.effect import SITES
 from eitskin.physics.protocol import reciprocal_channels
@@ -80,16 +81,16 @@ def _objects(one: Found, found: Difference) -> list[dict]:
     if one.inside is None:
         return []
     entries = []
-    part = one.explained.parts[0]
+    part = objects_of(one.explained)
     for disc, known in zip(part.discs, ends(part.at, one.inside.spread), strict=True):
-        entry = {"conducting": disc.conducts, "angle_deg": _angle(disc)}
+        entry: dict[str, Any] = {"conducting": disc.conducts, "angle_deg": _angle(disc)}
         for key, numbers in known.items():
             name = "contrast" if key == "ratio" else f"{key}_of_radius"
             entry[name] = _estimate(numbers, "1")
             if key != "ratio":
                 radius = found.pair.radius_mm
-                scaled = radius and [radius * value for value in numbers]
-                entry[f"{key}_mm"] = _estimate(scaled, "mm") if radius else None
+                scaled = [radius * value for value in numbers] if radius else None
+                entry[f"{key}_mm"] = _estimate(scaled, "mm") if scaled else None
         entries.append(entry)
     return entries
 
@@ -189,7 +190,7 @@ def _what(one: Found, found: Difference) -> str:
     if name == "adc-nonlinearity":
         return _converter(one, found)
     if one.inside is not None:
-        discs = one.explained.parts[0].discs
+        discs = objects_of(one.explained).discs
         told = listed([_object(disc, found) for disc in discs])
         some = "something lies" if len(discs) == 1 else f"{len(discs)} things lie"
         return f"{some} in the skin: {told}"
@@ -217,6 +218,7 @@ def _object(disc: Disc, found: Difference) -> str:
 
 def _of_objects(one: Found, found: Difference) -> str:
     """How well objects explain, and what their simulation is."""
+    assert one.inside is not None
     held = one.inside.held_out
     left = number(held["rms_after"] / held["rms_before"], 2)
     return (
@@ -244,7 +246,7 @@ def _where(explained: Explained, found: Difference) -> str:
     return f"electrode{'s' if len(there) > 1 else ''} {listed([int(s) for s in there])}"
 
 
-def _channels(which, found: Difference) -> str:
+def _channels(which: np.ndarray | Sequence[int], found: Difference) -> str:
     if len(which) > FEW:
         return f"{len(which)} channels"
     rows = found.pair.channels
@@ -256,7 +258,7 @@ def _short(explained: Explained) -> str:
     placed = _placed(explained)
     if explained.name == NAME:
         signs = [
-            "conducting" if disc.conducts else "insulating" for disc in explained.parts[0].discs
+            "conducting" if disc.conducts else "insulating" for disc in objects_of(explained).discs
         ]
         return f"{NAME} ({listed(signs)})"
     return " at ".join(filter(None, [explained.name, sites(placed)]))

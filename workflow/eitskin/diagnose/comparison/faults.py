@@ -83,7 +83,7 @@ def families(control: Control) -> list[list[Signature]]:
     measuring = [(plus == e) | (minus == e) for e in range(control.n)]
     found = [
         [
-            Signature("channel-gain", CHANNEL, (m,), np.eye(len(mean))[:, [m]])
+            Signature("channel-gain", CHANNEL, (int(m),), np.eye(len(mean))[:, [m]])
             for m in np.flatnonzero(control.read)
         ],
         [_scaled("drive-gain", DRIVE, d, mean, source == d) for d in np.unique(source)],

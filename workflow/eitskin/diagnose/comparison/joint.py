@@ -1,6 +1,6 @@
 """Several recordings of one skin in one fit: every effect found in any of them, in all of them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
@@ -44,7 +44,7 @@ class Shared:
 class Held(Candidate):
     """A candidate whose values in `start` are held: only how strong it is, is fitted."""
 
-    def _coordinates(self):
+    def _coordinates(self) -> Iterator[tuple[str, int | None]]:
         return (name for name in Candidate._coordinates(self) if name[0] not in self.start)
 
 
@@ -67,8 +67,8 @@ class Part:
         for e, candidate in zip(self.which, self.fit.effects, strict=True):
             polar = candidate.effect.polar and candidate.effect.polar[0]
             for key, place in candidate.names:
-                plain = place is None or key == polar
-                found.append((e, key, place if plain else candidate.sites[place]))
+                site = place if place is None or key == polar else candidate.own_sites[place]
+                found.append((e, key, site))
         return found
 
     @property
@@ -151,7 +151,7 @@ def _merged(a: Candidate, b: Candidate) -> Candidate | None:
     if not a.effect.parameters:
         return None
     scope = "sparse" if a.scope == b.scope == "sparse" else "dense"
-    return replace(more, sites=tuple(sorted({*a.sites, *b.sites})), scope=scope)
+    return replace(more, sites=tuple(sorted({*a.own_sites, *b.own_sites})), scope=scope)
 
 
 def _whole(candidate: Candidate) -> dict[str, float]:
@@ -240,9 +240,9 @@ def _carried(
     for i, (key, place) in enumerate(to.names):
         name = (key, place)
         if key != polar and place is not None:
-            site = to.sites[place]
-            one = own.scope != "common" and site in own.sites
-            name = (key, own.sites.index(site) if one else None)
+            site = to.own_sites[place]
+            one = own.scope != "common" and site in own.own_sites
+            name = (key, own.own_sites.index(site) if one else None)
         if name not in own.names:
             continue
         parameter = to.effect.parameters[key]
@@ -260,6 +260,7 @@ def _origin(candidate: Candidate, key: str, parameter: Parameter) -> float:
     if candidate.effect.polar and key == candidate.effect.polar[0]:
         return 0.0
     value = candidate.start.get(key, candidate.effect.neutral(key, candidate.skin))
+    assert value is not None
     return float(np.log(value)) if parameter.low > 0 else float(value)
 
 
@@ -323,7 +324,8 @@ class Joint:
             most[index] = np.fmax(most[index], part.fit.theta)
         # Between the parts' own values, where far from linear parts might pull it out of physics.
         start = np.clip(np.linalg.solve(information, slope), least, most)
-        return Together(self, fit(self, [], start, jacobian))
+        # As far as `fit` asks, it is a Problem.
+        return Together(self, fit(self, [], start, jacobian))  # type: ignore[arg-type]
 
 
 def _joint_key(label: Label, part: str, groups: Mapping[Label, list[tuple[str, ...]]]) -> tuple:

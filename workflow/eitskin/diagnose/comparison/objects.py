@@ -17,9 +17,10 @@ or the ratio large: ratio r and radius a act through a² (r - 1) / (r + 1) (Seag
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import comb, exp, log, sqrt
+from typing import Any
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
@@ -81,7 +82,14 @@ class Objects(Signature):
     """What discs change together, as a fault's signature; at (4 k,): their coordinates."""
 
     discs: tuple[Disc, ...] = ()
-    at: np.ndarray | None = None
+    at: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+
+def objects_of(found: Explained) -> Objects:
+    """The discs by which a difference is explained."""
+    part = found.parts[0]
+    assert isinstance(part, Objects)
+    return part
 
 
 class Sheet:
@@ -94,7 +102,9 @@ class Sheet:
     def __init__(self, channels: np.ndarray, electrode_deg: np.ndarray, signed: bool):
         self.channels, self.signed = channels, signed
         angle = np.asarray(electrode_deg, float)
-        self.forward = Forward(Geometry(1.0, 1.0, 1.0, angle, 0.0, 0.0), ACCURACY)
+        self.forward = Forward(
+            Geometry(1.0, 1.0, 1.0, angle, np.array(0.0), np.array(0.0)), ACCURACY
+        )
         values = channel_values(self.forward.transfer_impedance(), channels)
         self.known = np.isfinite(values)
         self.raw = np.where(self.known, values, 0.0)
@@ -282,7 +292,7 @@ class Sought:
 
     def best(self) -> Explained:
         """The objects that explain most, as many as bring enough."""
-        chosen = self.one
+        chosen: Any = self.one
         while len(chosen.x) < FREE * MOST:
             better = self._one_more(chosen.x)
             if better is None or chosen.cost - better.cost < 0.5 * BRINGS * self.before:
@@ -304,10 +314,8 @@ class Sought:
                     start = np.concatenate([rest, *(_coordinates(half) for half in halves)])
                     fits.append(self._fitted(start, self.left, self._white))
         for conducts in (True, False):
-            for start in self._starts(at, conducts):
-                fits.append(
-                    self._fitted(np.append(at, _coordinates(start)), self.left, self._white)
-                )
+            for disc in self._starts(at, conducts):
+                fits.append(self._fitted(np.append(at, _coordinates(disc)), self.left, self._white))
         return min(fits, key=lambda fit: fit.cost, default=None)
 
     def _starts(self, at: np.ndarray, conducts: bool) -> Iterator[Disc]:
@@ -370,9 +378,10 @@ class Sought:
 
     def other_sign(self, found: Explained) -> Explained | None:
         """The best explanation with one object of the other sign."""
-        at = found.parts[0].at.reshape(-1, FREE)
+        part = objects_of(found)
+        at = part.at.reshape(-1, FREE)
         rivals = []
-        for i, disc in enumerate(found.parts[0].discs):
+        for i, disc in enumerate(part.discs):
             rest = np.delete(at, i, axis=0).ravel()
             starts = list(self._starts(rest, not disc.conducts))
             starts.append(replace(disc, ratio=1.0 / disc.ratio))
@@ -394,14 +403,16 @@ class Sought:
 
     def explained(self, found: Explained) -> float:
         """The share of the difference's square that objects take, noise left out where known."""
-        after = self.left - self._free(self.evidence.wander.across(found.parts[0].shift))
+        shift = found.parts[0].shift
+        assert shift is not None
+        after = self.left - self._free(self.evidence.wander.across(shift))
         noise = float(self.evidence.wander.count) if self.evidence.wander.prior else 0.0
         before = max(self.before - noise, 0.0)
         return 1.0 - max(float(after @ after) - noise, 0.0) / before if before > 0 else 0.0
 
     def spread(self, found: Explained) -> np.ndarray:
         """(4 k,): standard deviations of the discs' coordinates, from what the fit leaves."""
-        at = found.parts[0].at
+        at = objects_of(found).at
         slope = self._white(self.sheet.slopes(_discs(at)) @ _turns(at))
         left = self.left - self._white(self.sheet.changed(_discs(at)))
         free = max(self.evidence.wander.count - len(at), 1)
@@ -410,7 +421,7 @@ class Sought:
     def held_out(self, found: Explained) -> dict:
         """Misfit on reciprocal pairs that the objects were not fitted to, with and without these,
         in units of what readings wander; what a skin does without a fault is fitted beside."""
-        wander, at = self.evidence.wander, found.parts[0].at
+        wander, at = self.evidence.wander, objects_of(found).at
         change = wander.change - sum(p.shift for p in self.known if p.shift is not None)
         scale = np.where(wander.usable, wander.scale, 0.0)
         bases = [scale[:, None] * wander.nuisance, *(p.basis for p in self.known), self.own]
@@ -423,9 +434,11 @@ class Sought:
             kept = wander.usable & ~out
             free = np.column_stack(bases)
             plain = _Beside(free, wander, kept)
-            fit = self._fitted(
-                at, plain.rest(change), lambda v, p=plain: p.rest((self.gain * v.T).T)
-            )
+
+            def white(values: np.ndarray, plain: _Beside = plain) -> np.ndarray:
+                return plain.rest((self.gain * values.T).T)
+
+            fit = self._fitted(at, plain.rest(change), white)
             told = self.gain * self.sheet.changed(_discs(fit.x))
             for i, known in enumerate((0.0, told)):
                 missed = plain.missed(change - known, out)
@@ -439,8 +452,8 @@ def sought(sheet: Sheet, evidence: Evidence, known: Sequence[Signature]) -> Soug
     """Objects sought the way that explains more with one; None where one explains nothing."""
     ways = (False, True) if sheet.signed else (False,)
     tried = [Sought(sheet, evidence, known, offset) for offset in ways]
-    tried = [each for each in tried if each.one is not None]
-    return min(tried, key=lambda each: each.one.cost, default=None)
+    found = [(each, each.one.cost) for each in tried if each.one is not None]
+    return min(found, key=lambda pair: pair[1], default=(None, 0.0))[0]
 
 
 def _bounds(start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -33,7 +33,8 @@ def with_difference(said: dict, recordings: Mapping[str, Recording]) -> dict:
     unchanged where recordings hold differences, which have no untouched frames to compare."""
     if any(each.metadata["values"] != "absolute" for each in recordings.values()):
         return said
-    told, difference = difference_words.compared(*recordings.values(), tuple(recordings))
+    (before, control), (after, later) = recordings.items()
+    told, difference = difference_words.compared(control, later, (before, after))
     changed = [] if said["sentences"] == [NOTHING] else said["sentences"]
     return said | {"sentences": [*told, *changed], "difference": difference}
 
@@ -77,7 +78,7 @@ def _row(compared: Comparison, test: Tested) -> dict:
     row: dict = {"name": candidate.name if candidate else test.keys[0]}
     row |= {"parameters": list(test.keys), **{kind: [] for kind in SITES}}
     if candidate and candidate.kind is not None and candidate.scope != "common":
-        row[candidate.kind] = list(candidate.sites if test.site is None else (test.site,))
+        row[candidate.kind] = list(candidate.own_sites if test.site is None else (test.site,))
     row["calibration"] = candidate is None
     row |= {"changed": test.changed, "chi2": test.chi2, "dof": test.dof, "p": test.p, "q": test.q}
     values = test.combined or [{} for _ in test.groups]

@@ -90,5 +90,5 @@ def _valued(test: Tested, values: dict, shared: list[Shared]) -> str:
         finding = "" if test.effect == CALIBRATED else shared[test.effect].candidate.effect.finding
         if f"{{{key}:%}}" in finding:
             numbers, unit = [100.0 * n for n in numbers], "%"
-        texts.append(interval(*numbers, unit))
+        texts.append(interval(numbers[0], numbers[1], numbers[2], unit))
     return " with ".join(texts)

@@ -1,7 +1,7 @@
 """The page of a comparison: what changed, what is shared, and one figure."""
 
 import base64
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from html import escape
 from pathlib import Path
 
@@ -134,7 +134,7 @@ def _cells(row: dict) -> list[str]:
     return [f"<code>{escape(name)}</code>", escape(sites(row)), *shown, told]
 
 
-FORMS = {"chi2": number, "p": chance, "q": chance}
+FORMS: dict[str, Callable[[float], str]] = {"chi2": number, "p": chance, "q": chance}
 
 
 def _table(heads: list[str], rows: Iterable[list[str]], caption: str) -> str:
@@ -190,9 +190,9 @@ def _panel(axes: Axes, row: dict, names: list[str]) -> None:
         axes.fill_between(ends, value["low"], value["high"], color=AFTER, alpha=0.25, linewidth=0)
         axes.plot(ends, [value["value"]] * 2, color=AFTER, linewidth=0.9)
     for name, values in row["parts"].items():
-        value, at = values[key], names.index(name)
-        axes.plot([at, at], [value["low"], value["high"]], color=colour, linewidth=1.2)
-        axes.plot(at, value["value"], "o", color=colour, markersize=3.2)
+        value, there = values[key], names.index(name)
+        axes.plot([there, there], [value["low"], value["high"]], color=colour, linewidth=1.2)
+        axes.plot(there, value["value"], "o", color=colour, markersize=3.2)
     unit = next(iter(row["parts"].values()))[key]["unit"]
     where = sites(row)
     title = row["name"] if not row["calibration"] else "calibration"

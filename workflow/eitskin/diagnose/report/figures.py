@@ -1,6 +1,7 @@
 """The figures of a diagnosis: 85 mm wide, one style, before in one colour and after in another."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -56,7 +57,7 @@ def electrodes(evidence: Evidence) -> Figure:
     """The ring of electrodes, seen from the touched side; culprits marked, touches as dots."""
     angle, radius = layout(evidence)
     diagnosis = evidence.diagnosis
-    effects = list(enumerate(diagnosis["effects"], start=1))
+    effects: list[tuple[int | str, dict]] = list(enumerate(diagnosis["effects"], start=1))
     other = diagnosis["other"]
     labels = [
         f"{k}  {'' if certain(effect) else 'perhaps '}{effect['name']}: {where(effect)}"
@@ -115,9 +116,8 @@ def layout(evidence: Evidence) -> tuple[np.ndarray, float]:
     """Angles (n,) deg of the electrodes, evenly where unknown, and the skin's radius, mm; where
     that is unknown, one that holds every touch."""
     skin, calibrated = evidence.recording.skin, evidence.diagnosis["calibration"]
-    angle = skin.electrode_deg
-    if angle is None:
-        angle = even_angles(evidence.recording.n_electrodes)
+    known = skin.electrode_deg
+    angle = even_angles(evidence.recording.n_electrodes) if known is None else known
     radius = skin.radius_mm or calibrated.get("radius_mm", {}).get("value")
     if radius is None:
         reach = np.hypot(evidence.frames["x_mm"], evidence.frames["y_mm"]).max()
@@ -157,7 +157,7 @@ def _draw_pairs(axes: Axes, effects: list, rim: np.ndarray, channels: np.ndarray
 
 def _tag(axes: Axes, at: complex, text: object) -> None:
     box = {"boxstyle": "circle,pad=0.2", "facecolor": CULPRIT, "edgecolor": "white"}
-    white = {"color": "white", "weight": "bold", "fontsize": 6}
+    white: dict[str, Any] = {"color": "white", "weight": "bold", "fontsize": 6}
     axes.text(at.real, at.imag, str(text), bbox=box | {"linewidth": 0.5}, **white, **CENTRED)
 
 
@@ -198,7 +198,8 @@ def draw_matrices(row: Sequence[Axes], evidence: Evidence) -> QuadMesh:
 
 def matrix_bar(figure: Figure, image: QuadMesh, beside: Sequence[Axes]) -> Colorbar:
     """The colours' scale of `draw_matrices`, under some axes."""
-    limit = image.norm.vmax
+    limit = image.get_clim()[1]
+    assert limit is not None
     bar = figure.colorbar(
         image, ax=beside, location="bottom", aspect=40, shrink=0.8, pad=0.03, extend="both"
     )
@@ -272,7 +273,8 @@ def misfit_place(evidence: Evidence) -> Figure | str:
     table = table.assign(**{t: c[touch] for (t, _), c in zip(TITLES, chi2, strict=True)})
     places = table.groupby(["x_mm", "y_mm"], as_index=False).mean()
     shown = places[["before", "after"]].to_numpy()
-    norm = LogNorm(min(0.5, 0.9 * max(shown.min(), 1e-3)), max(2.0, 1.1 * shown.max()))
+    low, high = min(0.5, 0.9 * max(shown.min(), 1e-3)), max(2.0, 1.1 * shown.max())
+    norm = LogNorm(low, high)
     figure = column(56)
     row = figure.subplots(1, 2, sharey=True)
     rim = radius * np.exp(1j * np.radians(angle))
@@ -297,7 +299,7 @@ def misfit_place(evidence: Evidence) -> Figure | str:
         axes.set_xlabel("x, mm")
     row[0].set_ylabel("y, mm")
     bar = figure.colorbar(image, ax=row, location="bottom", aspect=40, shrink=0.8, pad=0.03)
-    log_ticks(bar.ax.xaxis, norm.vmin, norm.vmax, power)
+    log_ticks(bar.ax.xaxis, low, high, power)
     bar.set_label("χ² per reading, mean over a place's touches; noise alone: 1")
     bar.outline.set_linewidth(0.4)
     return figure
@@ -357,14 +359,19 @@ def held_out(evidence: Evidence) -> Figure:
     axes.plot(values, [1, 0], color=QUIET, linewidth=0.8, zorder=1)
     for y, value, (_, colour) in zip((1, 0), values, TITLES, strict=True):
         axes.plot(value, y, "o", color=colour, markersize=6)
-        above = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center", "va": "bottom"}
+        above: dict[str, Any] = {
+            "xytext": (0, 4),
+            "textcoords": "offset points",
+            "ha": "center",
+            "va": "bottom",
+        }
         text = number(value)
         axes.annotate(text, (value, y), color=colour, weight="bold", bbox=PLAIN, **above)
     axes.set_xscale("log")
     log_limits(axes.xaxis, np.array(values + white), power, room=1.8)
     if white:
-        dot = {"marker": "o", "color": "#202020", "linestyle": "", "markersize": 5}
-        hollow = {"markerfacecolor": "white", "label": "white noise alone"}
+        dot: dict[str, Any] = {"marker": "o", "color": "#202020", "linestyle": "", "markersize": 5}
+        hollow: dict[str, Any] = {"markerfacecolor": "white", "label": "white noise alone"}
         keys = [Line2D([], [], **dot, label="noise and rig"), Line2D([], [], **dot, **hollow)]
         figure.legend(handles=keys, loc="outside upper center", ncols=2, borderpad=0.1)
     axes.set(ylim=(-0.5, 1.8), yticks=[1, 0], yticklabels=[title for title, _ in TITLES])
@@ -398,7 +405,11 @@ def rivals(evidence: Evidence) -> Figure | str:
         axes.plot([after, value], [y, y], color=colour, linewidth=0.8, alpha=0.6)
         axes.plot(value, y, "o", color=colour, markersize=4)
         text = number(value) if elpd is None else f"{number(value)} ({number(elpd)} nats)"
-        above = {"textcoords": ("axes fraction", "data"), "va": "center", "color": colour}
+        above: dict[str, Any] = {
+            "textcoords": ("axes fraction", "data"),
+            "va": "center",
+            "color": colour,
+        }
         axes.annotate(name, (value, y), xytext=(0, y - 0.45), ha="left", bbox=PLAIN, **above)
         axes.annotate(text, (value, y), xytext=(1, y - 0.45), ha="right", bbox=PLAIN, **above)
     axes.set_xscale("log")
@@ -425,7 +436,7 @@ def next_experiment(evidence: Evidence) -> Figure | str:
         axes.plot(ends[1], y, "o", color="#202020", markersize=5)
         for word, value, height in zip(("now", "then"), ends, (5, -11), strict=True):
             side = "left" if value < 0.1 * top else "center"  # clear of the names
-            at = {"xytext": (0, height), "textcoords": "offset points", "ha": side}
+            at: dict[str, Any] = {"xytext": (0, height), "textcoords": "offset points", "ha": side}
             axes.annotate(f"{word} {number(value, 2)}", (value, y), fontsize=6.5, **at)
     axes.set(xlim=(0, top), ylim=(len(pairs) - 0.3, -0.7), yticks=range(len(pairs)))
     axes.set_yticklabels([f"{pair['a']}\nor {pair['b']}" for pair in pairs])

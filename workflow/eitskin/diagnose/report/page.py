@@ -319,6 +319,7 @@ def _unit(found: Evidence) -> str:
 
 def _predicted(found: Evidence) -> str:
     table = found.predicted
+    assert table is not None
     sd, size = (float(table[key].median()) for key in ("std_V", "voltage_V"))
     return (
         f"<p>The {len(table)} states of the query are predicted in <code>predicted.parquet</code>:"

@@ -14,6 +14,7 @@ from eitskin.diagnose.search.screen import (
     sparse,
 )
 from eitskin.diagnose.tangents import LEAST, Tangents
+from eitskin.effects.effect import InstrumentEffect
 
 
 def scores(tangents: Tangents, dense: Candidate) -> list[Score]:
@@ -30,16 +31,16 @@ def scores(tangents: Tangents, dense: Candidate) -> list[Score]:
     count = len(slope)
     found = []
     for k in order[:2]:
-        alone = sparse(dense, (int(dense.sites[k]),))
+        alone = sparse(dense, (int(dense.own_sites[k]),))
         found.append(Score(alone, float(gain[k]), 1, float(evidence[k] - np.log(alone.looks))))
-    best, chosen = -np.inf, []
+    best, chosen = -np.inf, order[:0]
     for size in range(2, MOST_SITES + 1):
         total = evidence[order[:size]].sum()
         if total - log_ways(count, size) <= best:
             break
         best, chosen = total - log_ways(count, size), order[:size]
     if len(chosen):
-        few = sparse(dense, tuple(sorted(int(dense.sites[k]) for k in chosen)))
+        few = sparse(dense, tuple(sorted(int(dense.own_sites[k]) for k in chosen)))
         total = float(gain[chosen].sum())
         found.append(Score(few, total, len(chosen), float(best), choices(few)))
     together = best_amplitude([evidence_along(slope, information, a).sum() for a in AMPLITUDES])
@@ -49,13 +50,14 @@ def scores(tangents: Tangents, dense: Candidate) -> list[Score]:
 
 def looks(dense: Candidate) -> int:
     """How many independent looks `scores` takes at most: each channel, the best few, all."""
-    return len(dense.sites) + 2
+    return len(dense.own_sites) + 2
 
 
 def _sums(tangents: Tangents, dense: Candidate) -> tuple[np.ndarray, np.ndarray]:
     """Slope (M,) and information (M,) of each channel's own column, the fitted projected out; 0
     where the channel's is a fitted one."""
     parameter = next(iter(dense.effect.parameters.values()))
+    assert isinstance(dense.effect, InstrumentEffect)
     whitening = tangents.problem.whitening
     shape = tangents.voltage.shape
     column = dense.scales.of(parameter) * dense.effect.slope(tangents.voltage)

@@ -91,8 +91,10 @@ def score(tangents: Tangents, candidate: Candidate) -> Score | None:
 def best_few(tangents: Tangents, dense: Candidate) -> Score | None:
     """Score of the `subset` of a dense candidate; None where there is none."""
     few = subset(tangents, dense)
-    one = few and score(tangents, few)
-    return one and replace(one, choices=choices(few))
+    if few is None:
+        return None
+    one = score(tangents, few)
+    return None if one is None else replace(one, choices=choices(few))
 
 
 def choices(few: Candidate) -> int:
@@ -104,7 +106,7 @@ def choices(few: Candidate) -> int:
 def subset(tangents: Tangents, dense: Candidate) -> Candidate | None:
     """The sparse candidate of two or more sites that a forward selection finds among the sites of a
     dense one: as long as the evidence, with the prior over subsets, grows."""
-    singles = [tangents.of(sparse(dense, (site,))) for site in dense.sites]
+    singles = [tangents.of(sparse(dense, (site,))) for site in dense.own_sites]
     usable = [i for i, column in enumerate(singles) if len(column) == 1]
     if len(usable) < 3:
         return None
@@ -125,17 +127,19 @@ def subset(tangents: Tangents, dense: Candidate) -> Candidate | None:
         chosen.append(i)
     if len(chosen) < 2:
         return None
-    return sparse(dense, tuple(sorted(dense.sites[usable[i]] for i in chosen)))
+    return sparse(dense, tuple(sorted(dense.own_sites[usable[i]] for i in chosen)))
 
 
-def _subset_evidence(slope, information, chosen: list[int], count: int) -> float:
+def _subset_evidence(
+    slope: np.ndarray, information: np.ndarray, chosen: list[int], count: int
+) -> float:
     at = np.array(chosen)
     return log_evidence(slope[at], information[np.ix_(at, at)]) - log_ways(count, len(chosen))
 
 
 def sparse(dense: Candidate, sites: tuple[int, ...]) -> Candidate:
     """The sparse candidate of some of a dense one's sites."""
-    looks = round(np.exp(log_ways(len(dense.sites), len(sites))))
+    looks = round(np.exp(log_ways(len(dense.own_sites), len(sites))))
     return replace(dense, sites=sites, scope="sparse", looks=int(looks))
 
 
@@ -159,7 +163,8 @@ class Null:
 
 def null(tangents: Tangents, candidates: list[Candidate], free: int, seed: int) -> Null:
     """Draw NULL_DRAWS recordings without any effect, as far as the score tests see them."""
-    groups, at = [], {}
+    groups = []
+    at: dict[float, int] = {}
     rng = np.random.default_rng(seed)
     mark = rng.standard_normal(tangents.residual.size)  # one number tells a column from another
     bank = np.empty((sum(map(tangents.count, candidates)), len(mark)))  # only what is filled counts

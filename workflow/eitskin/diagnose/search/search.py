@@ -252,15 +252,14 @@ class Search:
         before = state = self.calibrated()
         self.step("calibrate", None, state)
         if start is not None and start.effects:
-            state = self._begun(before, start)
-            if state is not None and resorts.foreign(state.effects):
-                found = self._drop(self._confirmed(self._blurred(state)))
+            begun = self._begun(before, start)
+            if begun is not None and resorts.foreign(begun.effects):
+                found = self._drop(self._confirmed(self._blurred(begun)))
                 if resorts.foreign(found.effects):
                     return before, found
                 self.unblur()
-            elif state is not None:
-                return before, self._explained(self._drop(self._confirmed(state)))
-            state = before
+            elif begun is not None:
+                return before, self._explained(self._drop(self._confirmed(begun)))
         while (plain := self._gross(state)) is not None:
             state = plain
         if self.unlike(state):
@@ -273,8 +272,7 @@ class Search:
             self.rival_evidence = free.log_evidence
         found = self._without_freedom(state, self._explained(state))
         # What is unfinished has not lost to it.
-        won = free is not None and free.log_evidence > found.log_evidence
-        if won and not self.spent:
+        if free is not None and free.log_evidence > found.log_evidence and not self.spent:
             self.step("swap", free.effects[-1], free)
             self.rival_evidence = -np.inf
             found = self._explained(self._drop(free))
@@ -311,7 +309,7 @@ class Search:
             self.report(f"again without a free value at every site ({', '.join(sorted(dense))})")
             kept = [c for c in self.candidates if c.name not in dense or c.scope != "dense"]
             found = self._rival(state, found, kept)
-        several = any(c.scope == "sparse" and len(c.sites) > FEW_SITES for c in found.effects)
+        several = any(c.scope == "sparse" and len(c.own_sites) > FEW_SITES for c in found.effects)
         if several and not self.spent:
             self.report("again with single sites and pairs alone")
             found = self._rival(state, found, [c for c in self.candidates if c.scope != "dense"])
@@ -442,7 +440,7 @@ class Search:
         taken = {c.key for c in state.effects}
         # So far off with effects in it, a set wants more than any few channels.
         hopeless = bool(state.effects) and not self.untouched and self._misfit(state) > GROSS
-        found = []
+        found: list[Score | None] = []
         for candidate in self.candidates:
             if candidate.key in taken or self.starts_afar(candidate):
                 continue
@@ -459,9 +457,8 @@ class Search:
                 found.append(score(tangents, candidate))
                 if candidate.scope == "dense":
                     found.append(best_few(tangents, candidate))
-        found = [s for s in found if s is not None]
         self._draw_null(tangents)
-        return sorted(found, key=lambda s: -s.log_evidence)
+        return sorted((s for s in found if s is not None), key=lambda s: -s.log_evidence)
 
     def _draw_null(self, tangents: Tangents) -> None:
         """`null`, once: score tests of single candidates are drawn; those of channels, of discrete
@@ -483,6 +480,7 @@ class Search:
     def global_p(self, local: float) -> float:
         """How often chance alone gives one look's p-value of `local` or less, over all that is
         looked at."""
+        assert self.null is not None
         return self.null.p_value(local)
 
     def _tried(self, tangents: Tangents, candidate: Candidate) -> Score | None:
@@ -574,6 +572,7 @@ class Search:
         if trial.fit.problem.model is self.problem.model:
             return True
         less = self.without(trial, trial.effects.index(new))
+        assert trial.score is not None
         p = self._own_p(trial.score, less, trial)
         return p < SIGNIFICANT and trial.log_evidence > less.log_evidence + LEAST_EVIDENCE
 
@@ -596,6 +595,7 @@ class Search:
     def _without_component(self, state: State, name: str, known: set[str]) -> list[Score]:
         """The best scores of COMPETING names where a component is none of the covariance. Without
         it a candidate's information is no less, so that the score with it bounds that without."""
+        assert state.rig is not None
         here = self.linearised(state)
         whitening = state.rig.whitening({**state.sizes, name: 0.0}, fitted=True)
         problem = replace(here.fit.problem, whitening=whitening)
@@ -610,8 +610,8 @@ class Search:
             p = chance(float(slope @ np.linalg.pinv(one.information) @ slope), one.dof)
             if self.global_p(p) < SIGNIFICANT:
                 bounds.setdefault(own.name, []).append((p, own))
-        found = [_least(tangents, own) for own in bounds.values()]
-        found = [s for s in found if s is not None and self.global_p(s.p_value) < SIGNIFICANT]
+        least = [_least(tangents, own) for own in bounds.values()]
+        found = [s for s in least if s is not None and self.global_p(s.p_value) < SIGNIFICANT]
         return sorted(found, key=lambda s: -s.log_evidence)[:COMPETING]
 
     def _own_p(self, score: Score, state: State, trial: State) -> float:
@@ -730,12 +730,11 @@ class Search:
                 place = state.fit.place(index)
                 values = np.zeros(joined.size)
                 for i, name in enumerate(joined.names):
-                    site = joined.sites[name[1]] if name[1] is not None else None
-                    if site in other.sites:
-                        old = (name[0], other.sites.index(site))
-                        values[i] = theta[place][other.names.index(old)]
-                    elif name[1] is None:
+                    if name[1] is None:
                         values[i] = theta[place][other.names.index(name)]
+                    elif (site := joined.own_sites[name[1]]) in other.own_sites:
+                        old = (name[0], other.own_sites.index(site))
+                        values[i] = theta[place][other.names.index(old)]
                 start = np.r_[theta[: place.start], values, theta[place.stop :]]
                 effects[index] = joined
                 return self._fitted(effects, start, None, state, enough)
@@ -749,7 +748,14 @@ class Search:
             [*effects, candidate], start, np.concatenate([jacobian, columns]), state, enough
         )
 
-    def _fitted(self, effects, start, jacobian, state: State, enough: float) -> State | None:
+    def _fitted(
+        self,
+        effects: list[Candidate],
+        start: np.ndarray,
+        jacobian: np.ndarray | None,
+        state: State,
+        enough: float,
+    ) -> State | None:
         try:
             with self.problem.model.near.within(self.most_solved):
                 problem = state.fit.problem
@@ -828,7 +834,7 @@ class Search:
             effect = state.effects[index]
             if effect.effect.site_number:
                 continue
-            while effect.scope == "sparse" and effect.size == len(effect.sites) > 1:
+            while effect.scope == "sparse" and effect.size == len(effect.own_sites) > 1:
                 place = state.fit.place(index)
                 sd = np.sqrt(np.diag(state.fit.covariance)[place])
                 weakest = int(np.argmin(np.abs(state.fit.theta[place]) / sd))
@@ -979,7 +985,7 @@ def _choices(effect: Candidate) -> int:
     """Among how many an effect that is there was chosen, as of `Score`."""
     if effect.effect.tone:
         return effect.looks
-    few = effect.scope == "sparse" and len(effect.sites) > 1
+    few = effect.scope == "sparse" and len(effect.own_sites) > 1
     return choices(effect) if few else 1
 
 
@@ -987,8 +993,8 @@ def _lead(effect: Candidate, rival: Candidate) -> float:
     """Nats by which a rival must be ahead of an effect to take its place: where it is the same at
     further sites, what every site must earn."""
     sparse = effect.scope == rival.scope == "sparse" and rival.name == effect.name
-    if sparse and set(rival.sites) > set(effect.sites):
-        return LEAST_EVIDENCE * (len(rival.sites) - len(effect.sites))
+    if sparse and set(rival.own_sites) > set(effect.own_sites):
+        return LEAST_EVIDENCE * (len(rival.own_sites) - len(effect.own_sites))
     return LEAD
 
 
@@ -1011,8 +1017,8 @@ def _one_entry(a: Candidate, b: Candidate) -> bool:
 
 
 def _joined(a: Candidate, b: Candidate) -> Candidate | None:
-    sites = tuple(sorted({*a.sites, *b.sites}))
-    if len(sites) == len(a.sites) or len(sites) > MOST_JOINED:
+    sites = tuple(sorted({*a.own_sites, *b.own_sites}))
+    if len(sites) == len(a.own_sites) or len(sites) > MOST_JOINED:
         return None
     return Candidate(
         a.effect, a.kind, sites, "sparse", a.start, a.skin, a.scales, a.looks * b.looks
@@ -1056,7 +1062,7 @@ def _slow(candidate: Candidate) -> bool:
 
 
 def _form(candidate: Candidate) -> tuple[str, bool, tuple[str, ...]]:
-    few = candidate.scope == "sparse" and len(candidate.sites) > 1
+    few = candidate.scope == "sparse" and len(candidate.own_sites) > 1
     return candidate.scope, few, tuple(candidate.start)
 
 

@@ -4,16 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.candidates import Candidate, Scales
 from eitskin.diagnose.search import screen
 from eitskin.diagnose.tangents import Tangents
 from eitskin.effects.effect import Effect
+from eitskin.physics.skin import Skin
 
 OVERSAMPLING = 2.5
 MOST_LINES = 400_000
 
 
-def score(tangents: Tangents, effect: Effect, skin, scales) -> screen.Score | None:
+def score(tangents: Tangents, effect: Effect, skin: Skin, scales: Scales) -> screen.Score | None:
     """The strongest tone (Scargle 1982) of the residual, from a quarter of a period a frame to a
     channel's Nyquist frequency; None where nobody knows when channels are read."""
     model = tangents.problem.model
@@ -28,7 +29,8 @@ def score(tangents: Tangents, effect: Effect, skin, scales) -> screen.Score | No
     candidate = Candidate(effect, None, None, "", start, skin, scales, looks)
     if len(tangents.of(candidate)) < 2:
         return None
-    return replace(screen.score(tangents, candidate), choices=looks)
+    found = screen.score(tangents, candidate)
+    return None if found is None else replace(found, choices=looks)
 
 
 def strongest(weighted: np.ndarray, time_s: np.ndarray, frame_s: float) -> tuple[float, int]:
