@@ -77,6 +77,16 @@ def test_reciprocity_error_is_the_median_relative_difference(make_recording):
     assert value(made, "reciprocity") == pytest.approx(0.05 / 1.025)
 
 
+def test_one_of_a_thing_is_no_plural(make_recording):
+    made = make_recording(presses=1)
+    assert "in 1 press at 1 place;" in "".join(
+        f.sentence for f in check.check(made).about("frames")
+    )
+    probe, *_ = check.check(made).about("probe")
+    assert probe.severity == FACT
+    assert probe.sentence.endswith(" mm always.") and "different" not in probe.sentence
+
+
 def test_readings_whose_squares_vanish_have_no_reciprocity(make_recording):
     made = make_recording(presses=0)
     made.voltage *= 1e-170

@@ -3,6 +3,7 @@ ships is what its command makes."""
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -55,3 +56,18 @@ def test_the_sample_s_sentence_is_the_one_on_the_front_page():
     found = diagnosis.diagnose(recording.read(SAMPLE / "recording.parquet"))
     (effect,) = result.result(found, "sample")["effects"]
     assert effect["sentence"] in PAGES[0].read_text(encoding="utf-8")
+
+
+@pytest.mark.long
+def test_of_the_sample_without_conductivity_contacts_and_contrast_the_same_is_said():
+    shipped = recording.read(SAMPLE / "recording.parquet")
+    unknown = ("conductivity_S_per_m", "contact_impedivity_ohm_m2", "contrast_per_N")
+    skin = shipped.metadata["skin"] | dict.fromkeys(unknown)
+    found = diagnosis.diagnose(replace(shipped, metadata=shipped.metadata | {"skin": skin}))
+    said = result.result(found, "sample")
+    (effect,) = said["effects"]
+    assert (effect["name"], effect["electrodes"]) == ("electrode-position", [6])
+    assert effect["parameters"]["shift_deg"]["value"] == pytest.approx(2.0, abs=1e-3)
+    assert said["verdict"] == "explained" and not any(
+        "at_bound" in c for c in said["calibration"].values()
+    )

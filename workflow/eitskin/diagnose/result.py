@@ -234,6 +234,8 @@ def _identifiability(found: Diagnosis) -> pd.DataFrame:
     rows = []
     for name in sorted(catalogue_names()):
         gap = nearest.get(name)
+        if EFFECTS[name].last_resort and gap is None:
+            continue  # it was not sought
         snr = gap.snr if gap else found.strengths.get(name, 0.0)
         rows.append(
             {

@@ -30,7 +30,8 @@ UNKNOWN = {
     "contact_impedivity_ohm_m2": (2e-3, 1.0),
     "contrast_per_N": (0.5, 2.0),
 }
-CONDUCTIVITY = (0.5, 0.2)
+CONDUCTIVITY = (0.5, 2.0)
+CONDUCTIVITY_SD = 0.2  # of one that is stated: gels dry and warm
 FACTOR_SD = 10.0
 MOST = 3.0  # sd by which a calibration may be off
 SLIVER = 0.02  # of that: so near a bound, a fit has ended at it
@@ -262,8 +263,9 @@ def beliefs(recorded: Recording) -> tuple[Skin, list[Calibration]]:
     """The skin with a start for what is unknown, and what is calibrated."""
     skin, metadata = recorded.skin, recorded.metadata
     n = recorded.n_electrodes
-    start, sd = CONDUCTIVITY
-    found = [Calibration("conductivity_S_per_m", "S/m", skin.conductivity_S_per_m or start, sd)]
+    stated = skin.conductivity_S_per_m
+    start, sd = CONDUCTIVITY if stated is None else (stated, CONDUCTIVITY_SD)
+    found = [Calibration("conductivity_S_per_m", "S/m", start, sd)]
     values: dict[str, Any] = {"conductivity_S_per_m": found[0].start}
     for key, (value, width) in UNKNOWN.items():
         if getattr(skin, key) is None:

@@ -122,7 +122,8 @@ def contents(recording: Recording) -> list[Finding]:
         f"a {kind} of {held.frames} frames: {held.untouched} untouched, {held.touched} touched"
     )
     if held.touched:
-        sentence += f" in {held.presses} presses at {held.places} places"
+        sentence += f" in {_counted(held.presses, 'press', 'presses')}"
+        sentence += f" at {_counted(held.places, 'place', 'places')}"
     if held.seconds is not None:
         sentence += f"; {held.seconds:.3g} s long"
     found = [_fact("frames", f"{sentence}. Source: {metadata['source']}.")]
@@ -139,9 +140,15 @@ def contents(recording: Recording) -> list[Finding]:
         levels = measures.levels(recording, name)
         if levels is not None:
             least, largest, different = levels
-            span = f"{least:.3g} to {largest:.3g} {unit}, {different} different"
+            span = f"{least:.3g} {unit} always"
+            if different > 1:
+                span = f"{least:.3g} to {largest:.3g} {unit}, {different} different"
             found.append(_fact(name.rsplit("_", 1)[0], f"{span}."))
     return found
+
+
+def _counted(count: int, one: str, several: str) -> str:
+    return f"{count} {one if count == 1 else several}"
 
 
 def skin(recording: Recording) -> list[Finding]:
