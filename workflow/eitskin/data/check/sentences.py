@@ -147,7 +147,7 @@ def contents(recording: Recording) -> list[Finding]:
     return found
 
 
-def _counted(count: int, one: str, several: str) -> str:
+def _counted(count: int | None, one: str, several: str) -> str:
     return f"{count} {one if count == 1 else several}"
 
 
