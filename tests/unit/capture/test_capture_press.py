@@ -1,18 +1,18 @@
 """One press on a pretended rig: a spring under the probe, no devices and no time."""
 
 import copy
+from pathlib import Path
 
 import pytest
 import yaml
 
 pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
 
-from eitskin.capture import configuration
 from eitskin.capture.press import press
 from eitskin.capture.press_plan import Contact
 from eitskin.capture.rig import Fault
 
-PAPER = configuration.SCHEMA.parents[1] / "config" / "rig.yaml"
+PAPER = Path(__file__).parents[3] / "workflow" / "config" / "rig.yaml"
 CONTACT = Contact(number=0, probe_mm=7.0, session="7 mm, 1", x_mm=10.0, y_mm=-20.0, target_N=8.5)
 SEARCHED_MM = 0.2  # below the surface, where a search ends
 

@@ -1,6 +1,7 @@
 """The plan: every place with every probe, once, repeatably."""
 
 import copy
+from pathlib import Path
 
 import pytest
 import yaml
@@ -11,7 +12,7 @@ from eitskin.capture import configuration
 from eitskin.capture.press_plan import contacts, plan_sha256
 from eitskin.errors import InputError
 
-PAPER = configuration.SCHEMA.parents[1] / "config" / "rig.yaml"
+PAPER = Path(__file__).parents[3] / "workflow" / "config" / "rig.yaml"
 RIG = yaml.safe_load(PAPER.read_text(encoding="utf-8"))["rig"]
 
 

@@ -3,18 +3,19 @@
 import copy
 import hashlib
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
-from eitskin.capture import configuration, journal, record
+from eitskin.capture import journal, record
 from eitskin.capture.press_plan import contacts, plan_sha256
 from eitskin.capture.wire import RMS_STEP_V, measured
 from eitskin.data import check, recording
 from eitskin.errors import InputError
 
-PAPER = configuration.SCHEMA.parents[1] / "config" / "rig.yaml"
+PAPER = Path(__file__).parents[3] / "workflow" / "config" / "rig.yaml"
 RIG = yaml.safe_load(PAPER.read_text(encoding="utf-8"))["rig"]
 RIG["plan"] |= {"radii": 1, "angles": 2, "probes_mm": [7.0, 10.0]}
 ZERO_N = 0.02

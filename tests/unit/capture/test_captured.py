@@ -1,15 +1,17 @@
 """What becomes of a capture: a recording with its manifest, or the reason why it ended early."""
 
+from pathlib import Path
+
 import pytest
 import yaml
 
 pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
 
-from eitskin.capture import cli, configuration, record, session
+from eitskin.capture import cli, record, session
 from eitskin.capture.captured import capture_recording
 from eitskin.errors import InputError
 
-PAPER = configuration.SCHEMA.parents[1] / "config" / "rig.yaml"
+PAPER = Path(__file__).parents[3] / "workflow" / "config" / "rig.yaml"
 RIG = yaml.safe_load(PAPER.read_text(encoding="utf-8"))["rig"]
 CHANGED = {**RIG, "probe_change": ["change"]}
 
