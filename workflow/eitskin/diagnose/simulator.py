@@ -30,7 +30,7 @@ UNKNOWN = {
     "contact_impedivity_ohm_m2": (2e-3, 1.0),
     "contrast_per_N": (0.5, 2.0),
 }
-CONDUCTIVITY = (0.5, 2.0)
+CONDUCTIVITY = (0.5, 0.5)
 CONDUCTIVITY_SD = 0.2  # of one that is stated: gels dry and warm
 FACTOR_SD = 10.0
 MOST = 3.0  # sd by which a calibration may be off
