@@ -151,9 +151,9 @@ def line(control: Path, later: Path) -> tuple[float, float]:
     other's, and the rms that it leaves over that of a line through 0. No model has a part in it."""
     x, y = (np.loadtxt(file, delimiter=",", usecols=0) for file in (control, later))
     both = np.column_stack([x, np.ones(len(x))])
-    left = [y - basis @ np.linalg.lstsq(basis, y)[0] for basis in (both, both[:, :1])]
-    offset = np.linalg.lstsq(both, y)[0][1]
-    return float(offset), float(np.linalg.norm(left[0]) / np.linalg.norm(left[1]))
+    slope, offset = np.linalg.lstsq(both, y)[0]
+    left, through_0 = y - slope * x - offset, y - (x @ y) / (x @ x) * x
+    return float(offset), float(np.linalg.norm(left) / np.linalg.norm(through_0))
 
 
 def _against(truth, objects: list[dict]) -> dict:

@@ -18,6 +18,7 @@ from eitskin.diagnose.comparison.difference_words import compared
 from eitskin.diagnose.diagnosis import Diagnosis
 from eitskin.diagnose.excerpt import LIMIT_GIB
 from eitskin.diagnose.result import result
+from eitskin.diagnose.words import stretch
 from eitskin.errors import InputError
 
 OF_A_PART = ("verdict", "effects", "other", "fit")  # of diagnosis.json
@@ -43,9 +44,9 @@ def diagnose(
     longest, refusals = None, []
     entries: list[dict] = []
     for part in sorted(parts, key=lambda part: -len(part.frames)):
-        first, last = frames = _frames(part)
+        frames = _frames(part)
         if progress:
-            print(f"  of frames {first} to {last}", file=sys.stderr, flush=True)
+            print(f"  of {stretch(frames)}", file=sys.stderr, flush=True)
         try:
             found = diagnosis.diagnose(part, seed, progress, memory_GiB)
         except InputError as refusal:
@@ -53,7 +54,7 @@ def diagnose(
             entries.append({"frames": frames, "refused": str(refusal)})
             continue
         longest = longest or found
-        said = result(found, f"frames {first} to {last}")
+        said = result(found, stretch(frames))
         entries.append({"frames": frames, **{key: said[key] for key in OF_A_PART}})
     if longest is None:
         raise refusals[0]
@@ -69,6 +70,6 @@ def _frames(part: Recording) -> list[int]:
 
 def _change(before: Recording, after: Recording) -> dict:
     """What a step changed: its first frame, sentences, and `difference` as of comparison.json."""
-    names = ["frames {} to {}".format(*_frames(part)) for part in (before, after)]
-    sentences, found = compared(before, after, (names[0], names[1]))
+    names = stretch(_frames(before)), stretch(_frames(after))
+    sentences, found = compared(before, after, names)
     return {"frame": _frames(after)[0], "sentences": sentences, "difference": found}

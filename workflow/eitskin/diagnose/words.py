@@ -106,15 +106,18 @@ def told(diagnosis: dict) -> list[str]:
 
 
 def stretch(frames: list[int]) -> str:
-    """The frames of a part: `Frames 3 to 60`."""
-    return "Frames {} to {}".format(*frames)
+    """The frames of a part: `frames 3 to 60`."""
+    return "frames {} to {}".format(*frames)
 
 
 def of_parts(diagnosis: dict) -> list[tuple[str, list[str]]]:
     """Of a recording with steps, what each step changed and what was found of each part, in order
     of time: a head and sentences each."""
     found = [
-        (stretch(part["frames"]), [part["refused"]] if "refused" in part else told(part))
+        (
+            stretch(part["frames"]).capitalize(),
+            [part["refused"]] if "refused" in part else told(part),
+        )
         for part in diagnosis.get("parts", [])
     ]
     for place, step in enumerate(diagnosis.get("steps", [])):

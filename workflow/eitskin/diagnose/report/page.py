@@ -257,7 +257,7 @@ def _apart(found: Evidence) -> str:
     lines = [
         "<h2>Before and after each step</h2>",
         "<p>The readings step, so that this recording is of more than one state of skin and rig."
-        f" The rest of this report is of {stretch(longest['frames']).lower()}, the longest part."
+        f" The rest of this report is of {stretch(longest['frames'])}, the longest part."
         " What a step changed is found without a model of the skin.</p>",
     ]
     for head, sentences in told:
