@@ -9,7 +9,7 @@ from scipy.stats import binom
 
 from calibration.trial import true_gaps
 from eitskin.data.recording import Recording, presses
-from eitskin.diagnose import diagnosis, result, tangents
+from eitskin.diagnose import diagnosis, result, rig_sizes, tangents
 from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.corrected import items
 from eitskin.diagnose.fit import fit, whitened_anew
@@ -33,6 +33,7 @@ CONTACT = {"name": "contact-impedance", "electrodes": [3], "parameters": {"ratio
 SWAP = {"name": "electrode-swap", "electrodes": [1, 5], "parameters": {}}
 MEMORY = {"name": "multiplexer-memory", "parameters": {"mu": 0.03}}
 DRIFT = {"name": "conductivity-drift", "parameters": {"per_minute": 0.00025}}
+STIFF = {"name": "touch-contrast", "parameters": {"ratio": 1.05}}
 NOISE = 5e-4
 
 
@@ -243,14 +244,45 @@ def test_an_effect_has_the_p_value_of_its_own_score():
     assert min(p.values()) < search.SIGNIFICANT < max(p.values())
 
 
-def test_names_that_a_rig_error_holds_are_found_as_if_all_were_scored_without_it(monkeypatch):
-    recorded = small_recording(
-        {"name": "touch-contrast", "parameters": {"ratio": 1.05}}, noise=NOISE, places=8
-    )
+def off_in_force(share, *effects):
+    """A recording with forces that are off by a share of them from press to press."""
+    recorded = small_recording(*effects, noise=NOISE, places=8)
     press, draw = presses(recorded), np.random.default_rng(1)
-    off = np.where(press >= 0, 0.05 * draw.normal(size=press.max() + 1)[press], 0.0)
+    off = np.where(press >= 0, share * draw.normal(size=press.max() + 1)[press], 0.0)
     recorded.frames["force_N"] *= 1.0 + off
-    _, held, _ = diagnosis.begun(recorded, 1)
+    return recorded
+
+
+def test_sizes_are_learned_where_they_may_bring_what_a_set_lacks():
+    _, held, _ = diagnosis.begun(off_in_force(0.01), 1)
+    learned = held.calibrated()
+    plain = fit(held.problem, [], learned.fit.theta)
+    as_it_is = held.state(plain, least=np.inf)
+    assert not any(as_it_is.sizes.values())
+    gained = learned.log_evidence - as_it_is.log_evidence
+    assert 3.0 < gained < search.BEHIND
+    promise = rig_sizes.promised(held.rig, plain.misfit, as_it_is.sizes)
+    assert promise > gained
+    for lacking in (-10.0, 0.5 * gained):
+        assert any(held.state(plain, least=as_it_is.log_evidence + lacking).sizes.values())
+    for lacking in (promise + 1.0, search.BEHIND + 1.0):
+        never = held.state(plain, least=as_it_is.log_evidence + lacking)
+        assert never.log_evidence == as_it_is.log_evidence
+
+
+def test_what_an_effect_leaves_is_fitted_once(contact, monkeypatch):
+    found = contact[1]
+    held, state = found.search, found.after
+    monkeypatch.setattr(held, "met", {})
+    monkeypatch.setattr(held, "lesser", {})
+    less = held.less(state, 0)
+    assert held.less(state, 0).fit is less.fit
+    other = replace(state, fit=replace(state.fit, theta=state.fit.theta + 0.01))
+    assert held.less(other, 0).fit is not less.fit
+
+
+def test_names_that_a_rig_error_holds_are_found_as_if_all_were_scored_without_it(monkeypatch):
+    _, held, _ = diagnosis.begun(off_in_force(0.05, STIFF), 1)
     state = held.calibrated()
     assert state.sizes["force-per-press"] > 0.0
     monkeypatch.setattr(search, "COMPETING", 100)

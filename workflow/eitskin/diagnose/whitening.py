@@ -174,9 +174,10 @@ def met(a: np.ndarray, b: np.ndarray, each: str, of_press: np.ndarray | None = N
     presses (of_press (B, N)) or channels, or over all readings, which one error acts on."""
     if each == "whole":
         return (a.reshape(len(a), -1) @ b.reshape(len(b), -1).T)[None]
-    order = (2, 0, 1) if each == "channel" else (1, 0, 2)
-    left, right = (np.ascontiguousarray(own.transpose(order)) for own in (a, b))
-    found = left @ right.transpose(0, 2, 1)
+    if each == "channel":
+        left, right = (np.ascontiguousarray(own.transpose(2, 0, 1)) for own in (a, b))
+        return left @ right.transpose(0, 2, 1)
+    found = a.transpose(1, 0, 2) @ b.transpose(1, 2, 0)
     if each != "press":
         return found
     return (of_press @ found.reshape(len(found), -1)).reshape(-1, len(a), len(b))

@@ -28,7 +28,7 @@ from eitskin.diagnose.fit import (
 )
 from eitskin.diagnose.held_out import HeldOut, held_out
 from eitskin.diagnose.rig import COMPONENTS, Rig
-from eitskin.diagnose.rig_sizes import SETTLED, learned
+from eitskin.diagnose.rig_sizes import SETTLED, learned, promised
 from eitskin.diagnose.search import afar, channels, resorts, tones
 from eitskin.diagnose.search.screen import (
     AMPLITUDES,
@@ -74,6 +74,9 @@ FEW = 6  # coordinates; candidates with more are fitted after the others
 GROSS = 30.0  # chi squared over its degrees of freedom above which gross faults are tried first
 PLAIN = 0.5  # of the misfit without it, that a gross fault may leave
 RACE = 10.0  # nats behind the best trial at which another is given up
+# Nats behind, as its errors' sizes were, at which they are not learned: they would be all that
+# there is.
+BEHIND = 100.0
 
 
 @dataclass
@@ -138,6 +141,7 @@ class Search:
     null: Null | None = None
     tangents: dict[tuple, Tangents] = field(default_factory=dict)
     met: dict[tuple, State] = field(default_factory=dict)
+    lesser: dict[tuple, tuple[Fit, State]] = field(default_factory=dict)
     lengths: dict[tuple, float] = field(default_factory=dict)
     scored: dict[tuple, list[Score]] = field(default_factory=dict)
     trials: dict[tuple, list[State]] = field(default_factory=dict)
@@ -168,29 +172,47 @@ class Search:
         p_values: dict | None = None,
         sizes: dict[str, float] | None = None,
         rig: Rig | None = None,
+        least: float = -np.inf,
     ) -> State:
         """A fit with its evidence and held-out density; sizes: those of the rig's errors that it
-        has, from which they are learned; rig: these errors about a fit like it. A discrepancy may
-        have taken what an effect has to explain: what the fit makes of it without one counts if
-        that is likelier."""
-        found = self._learned_state(fitted, p_values, sizes, rig)
+        has, from which they are learned; rig: these errors about a fit like it; least: the log
+        evidence without hope of which they stay as they are. A discrepancy may have taken what an
+        effect has to explain: what the fit makes of it without one counts if that is likelier."""
+        found = self._learned_state(fitted, p_values, sizes, rig, least)
         named = self.named(found, found.fit)
         if not found.effects or named is found.fit:
             return found
         own = {k: s for k, s in found.sizes.items() if not COMPONENTS[k].discrepancy}
-        other = self._learned_state(stepped(named), p_values, own, found.rig)
+        least = max(least, found.log_evidence)
+        other = self._learned_state(stepped(named), p_values, own, found.rig, least)
         return found if other.log_evidence <= found.log_evidence else other
 
     def _learned_state(
-        self, fitted: Fit, p_values: dict | None, sizes: dict[str, float] | None, rig: Rig | None
+        self,
+        fitted: Fit,
+        p_values: dict | None,
+        sizes: dict[str, float] | None,
+        rig: Rig | None,
+        least: float,
     ) -> State:
-        sizes, prior, rig = dict(sizes or {}), 0.0, rig or self.rig
-        if rig is not None:
-            for _ in range(LEARNED):
-                fitted, sizes, rig, gained = self._learned(fitted, sizes, rig)
-                if gained < SETTLED:
-                    break
-            prior = rig.log_prior(sizes)
+        sizes, rig = dict(sizes or {}), rig or self.rig
+        found = self._as_is(fitted, p_values, sizes, rig)
+        lacking = least - found.log_evidence
+        if rig is None or lacking > BEHIND:
+            return found
+        if lacking > 0.0 and promised(rig, fitted.misfit, sizes) < lacking:
+            return found
+        for _ in range(LEARNED):
+            fitted, sizes, rig, gained = self._learned(fitted, sizes, rig)
+            if gained < SETTLED:
+                break
+        return self._as_is(fitted, p_values, sizes, rig)
+
+    def _as_is(
+        self, fitted: Fit, p_values: dict | None, sizes: dict[str, float], rig: Rig | None
+    ) -> State:
+        """A fit with the evidence that it has in its own covariance."""
+        prior = 0.0 if rig is None else rig.log_prior(sizes)
         whitening = fitted.problem.whitening
         likelihood = prior - 0.5 * (fitted.chi2 + whitening.log_determinant)
         evidence = likelihood + occam(fitted)
@@ -375,7 +397,8 @@ class Search:
     def _judge_in(self, problem: Problem, rig: Rig | None) -> None:
         """Sets in another covariance, without what is kept of the one before."""
         self.problem, self.rig = problem, rig
-        for kept in (self.tangents, self.met, self.lengths, self.scored, self.trials):
+        found = self.tangents, self.met, self.lesser, self.lengths, self.scored, self.trials
+        for kept in found:
             kept.clear()
 
     def _free_channels(self, state: State) -> State | None:
@@ -637,12 +660,16 @@ class Search:
             listed = shortlist(scores) if self._hopeful(scores) else []
             listed += self._afar(state, listed)
             competing = self._competing(state, {s.candidate.name for s in listed})
-            for s in [*listed, *competing]:
+            for number, s in enumerate([*listed, *competing]):
                 if self.spent:
                     break
                 if known is not None and s.candidate.key == known.key:
                     continue
-                trial = self.with_effect(state, s.candidate, self._cost(state, best - RACE))
+                enough = self._cost(state, best - RACE)
+                # A competing one has next to nothing until sizes are learned.
+                least = max(state.log_evidence + LEAST_EVIDENCE, best - RACE)
+                least = least if number < len(listed) else -np.inf
+                trial = self.with_effect(state, s.candidate, enough, least)
                 if trial is not None:
                     trial.score = s
                     trial.p_values[added(state, trial).key] = self._own_p(s, state, trial)
@@ -709,10 +736,11 @@ class Search:
             return None
 
     def with_effect(
-        self, state: State, candidate: Candidate, enough: float = np.inf
+        self, state: State, candidate: Candidate, enough: float = np.inf, least: float = -np.inf
     ) -> State | None:
         """`state` with a candidate fitted beside what is there; joined to a sparse effect of the
-        same name. None where it cannot be, or would take too long; enough: as of `fit`."""
+        same name. None where it cannot be, or would take too long; enough: as of `fit`; least: as
+        of `state`."""
         effects, theta, jacobian = list(state.effects), state.fit.theta, state.fit.jacobian
         for index, other in enumerate(effects):
             if other.name != candidate.name or other.kind != candidate.kind:
@@ -737,16 +765,15 @@ class Search:
                         values[i] = theta[place][other.names.index(old)]
                 start = np.r_[theta[: place.start], values, theta[place.stop :]]
                 effects[index] = joined
-                return self._fitted(effects, start, None, state, enough)
+                return self._fitted(effects, start, None, state, enough, least)
             if not other.effect.several or _one_entry(other, candidate):
                 return None
         if self.starts_afar(candidate):
             return self._from_afar(state, [candidate])
         start = np.r_[theta, np.zeros(candidate.size)]
         columns = self.linearised(state).jacobian(candidate)
-        return self._fitted(
-            [*effects, candidate], start, np.concatenate([jacobian, columns]), state, enough
-        )
+        known = np.concatenate([jacobian, columns])
+        return self._fitted([*effects, candidate], start, known, state, enough, least)
 
     def _fitted(
         self,
@@ -755,6 +782,7 @@ class Search:
         jacobian: np.ndarray | None,
         state: State,
         enough: float,
+        least: float,
     ) -> State | None:
         try:
             with self.problem.model.near.within(self.most_solved):
@@ -765,13 +793,13 @@ class Search:
                     afresh = np.r_[np.zeros(knobs), start[knobs:]]
                     again = fit(problem, effects, afresh, enough=enough)
                     fitted = min(fitted, again, key=lambda f: f.chi2)
-                return self.state(fitted, state.p_values, state.sizes, state.rig)
+                return self.state(fitted, state.p_values, state.sizes, state.rig, least)
         except (InputError, np.linalg.LinAlgError, Spent):
             return None
 
-    def without(self, state: State, index: int) -> State:
+    def without(self, state: State, index: int, least: float = -np.inf) -> State:
         """`state` less one effect, the rest fitted anew, from the beliefs where no skin has the
-        rest alone."""
+        rest alone; least: as of `state`."""
         place = state.fit.place(index)
         effects = [c for i, c in enumerate(state.effects) if i != index]
         theta = np.delete(state.fit.theta, np.arange(place.start, place.stop))
@@ -780,7 +808,7 @@ class Search:
             fitted = fit(state.fit.problem, effects, theta, jacobian)
         except InputError:
             fitted = fit(state.fit.problem, effects, np.zeros_like(theta))
-        return self.state(fitted, state.p_values, state.sizes, state.rig)
+        return self.state(fitted, state.p_values, state.sizes, state.rig, least)
 
     def renew_catalogue_p(self, state: State) -> None:
         """`catalogue_p` of a state, where it is another's."""
@@ -814,8 +842,9 @@ class Search:
         while dropped and len(state.effects) > 1:
             dropped = False
             for index in range(len(state.effects) - 1):
-                less = self.without(state, index)
-                if less.log_evidence > state.log_evidence - LEAST_EVIDENCE:
+                least = state.log_evidence - LEAST_EVIDENCE
+                less = self.without(state, index, least)
+                if less.log_evidence > least:
                     self.step("drop", state.effects[index], less)
                     state, dropped = less, True
                     break
@@ -846,8 +875,9 @@ class Search:
                     fitted = fit(state.fit.problem, effects, theta, jacobian)
                 except InputError:
                     break
-                trial = self.state(fitted, state.p_values, state.sizes, state.rig)
-                if trial.log_evidence <= state.log_evidence - LEAST_EVIDENCE:
+                least = state.log_evidence - LEAST_EVIDENCE
+                trial = self.state(fitted, state.p_values, state.sizes, state.rig, least)
+                if trial.log_evidence <= least:
                     break
                 trial.p_values[fewer.key] = state.p_values.get(effect.key, 1.0)
                 state, effect = trial, fewer
@@ -891,15 +921,18 @@ class Search:
         return state
 
     def less(self, state: State, index: int) -> State:
-        """`state` less one effect, polished unless no more may be solved; kept with its tangents
+        """`state` less one effect, polished unless no more may be solved; kept, with its tangents
         where the set was met."""
         key = tuple(c.key for i, c in enumerate(state.effects) if i != index)
         if key in self.met:
             return replace(self.met[key], p_values=dict(state.p_values))
-        less = self.without(state, index)
-        if self.spent:
-            return less
-        return self.state(self._polished(less.fit), less.p_values, less.sizes, less.rig)
+        whole, less = self.lesser.get(key, (None, None))
+        if less is None or whole is not state.fit:
+            less = self.without(state, index)
+            if not self.spent:
+                less = self.state(self._polished(less.fit), less.p_values, less.sizes, less.rig)
+            self.lesser[key] = state.fit, less
+        return replace(less, p_values=dict(state.p_values))
 
     def _cost(self, state: State, log_evidence: float) -> float:
         """What a fit may cost at most in the covariance of `state`, for a log evidence."""
