@@ -155,11 +155,11 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_path(
-    command: argparse.ArgumentParser, name: str, what: str, kind: dict[str, str] = shtab.FILE
+    command: argparse.ArgumentParser, name: str, what: str, kind: dict = shtab.FILE
 ) -> None:
     """A path of a kind that a shell completes."""
     action = command.add_argument(name, help=what)
-    action.complete = kind  # as shtab has it
+    action.complete = kind  # type: ignore[attr-defined]  # shtab's, which argparse's stubs lack
 
 
 def _add_source(command: argparse.ArgumentParser) -> None:
@@ -212,7 +212,8 @@ def _source(arguments: argparse.Namespace) -> Recording:
     loaded = _load(arguments.file, arguments)
     if arguments.frames is None:
         return loaded
-    return subset.stretch(loaded, *arguments.frames, arguments.file)
+    first, last = arguments.frames
+    return subset.stretch(loaded, first, last, arguments.file)
 
 
 def _checked(recorded: Recording, arguments: argparse.Namespace) -> check.Check | None:
@@ -232,7 +233,8 @@ def _print_apart(checked: check.Check, count: int, arguments: argparse.Namespace
     """Where a recording of so many frames has steps, the commands that diagnose apart what lies
     between them."""
     start = arguments.frames[0] if arguments.frames else 0
-    steps = sorted(start + finding.frame for finding in checked.about("step"))
+    frames = [found.frame for found in checked.about("step") if found.frame is not None]
+    steps = sorted(start + frame for frame in frames)
     if not steps:
         return
     given = vars(arguments)
@@ -346,15 +348,15 @@ def _compare(arguments: argparse.Namespace) -> int:
     from eitskin.diagnose.report import comparison_page
 
     files = (arguments.control, arguments.later)
-    names = tuple(map(answers.name, files))
+    names = answers.name(arguments.control), answers.name(arguments.later)
     if arguments.part is not None:
         names = (names[0], f"{names[1]}, {arguments.part}")
     elif names[0] == names[1]:
         names = files
-    parts = None, arguments.part
-    recordings = (_load(file, arguments, part) for file, part in zip(files, parts, strict=True))
     with named(" and ".join(files)):
-        sentences, difference = difference_words.compared(*recordings, names)
+        control = _load(arguments.control, arguments)
+        later = _load(arguments.later, arguments, arguments.part)
+        sentences, difference = difference_words.compared(control, later, names)
     said = result.of_difference(list(names), sentences, difference)
     stems = "-vs-".join(map(answers.name, files))
     with held_folder(arguments.out or f"comparison-{stems}") as folder:

@@ -5,6 +5,7 @@ import os
 import re
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -51,7 +52,8 @@ def validate(config: dict, schema_path: str | Path, files: Iterable[str | Path])
     files = [Path(file) for file in files]
     for file in files:
         read(file)
-    rules = Validator(schema(schema_path), registry=Registry(retrieve=_schema))
+    registry = Registry(retrieve=_schema)  # type: ignore[call-arg]  # referencing's stub is wrong
+    rules = Validator(schema(schema_path), registry=registry)
     errors = list(rules.iter_errors(config))
     try:
         if errors:
@@ -108,7 +110,7 @@ def schema(path: str | Path) -> dict:
 
 def _parameters(effect: Effect) -> dict:
     """What a schema asks of an effect's parameters; their bounds are `settings`' to check."""
-    rules = {}
+    rules: dict[str, dict] = {}
     for key, parameter in effect.parameters.items():
         rules[key] = {"$ref": f"#/$defs/{'optional-value' if parameter.optional else 'value'}"}
         if parameter.whole:
@@ -329,7 +331,7 @@ def file_of(place: list, config: dict, files: Iterable[str | Path]) -> str:
     return "--config"
 
 
-def _at(place: list, node: object) -> object:
+def _at(place: list, node: Any) -> Any:
     """What stands at `place` within nested mappings and lists, or MISSING."""
     for part in place:
         if part not in (node if isinstance(node, dict) else _indices(node)):

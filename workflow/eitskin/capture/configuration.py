@@ -33,6 +33,7 @@ def validate(rig: object, file: str | Path) -> None:
     if errors:
         place, found, expected = explained(errors[0])
         raise InputError(file, dotted(["rig", *place]), found, expected)
+    assert isinstance(rig, dict)
     check(rig, file)
 
 

@@ -22,35 +22,36 @@ class Dashboard:
         with self._lock:
             if self._socket is not None:
                 with contextlib.suppress(OSError):
-                    return self._exchange(command)
-                self._close()
-            self._socket = socket.create_connection((self._host, PORT), timeout=TIMEOUT_S)
+                    return self._exchange(self._socket, command)
+                self._close(self._socket)
+            opened = socket.create_connection((self._host, PORT), timeout=TIMEOUT_S)
+            self._socket = opened
             try:
-                self._line()  # the greeting
-                return self._exchange(command)
+                self._line(opened)  # the greeting
+                return self._exchange(opened, command)
             except OSError:
-                self._close()
+                self._close(opened)
                 raise
 
-    def _exchange(self, command: str) -> str:
-        self._socket.sendall(command.encode() + b"\n")
-        return self._line()
+    def _exchange(self, opened: socket.socket, command: str) -> str:
+        opened.sendall(command.encode() + b"\n")
+        return self._line(opened)
 
-    def _line(self) -> str:
+    def _line(self, opened: socket.socket) -> str:
         while b"\n" not in self._rest:
-            chunk = self._socket.recv(4096)
+            chunk = opened.recv(4096)
             if not chunk:
                 raise ConnectionError("the dashboard closed the connection")
             self._rest += chunk
         line, _, self._rest = self._rest.partition(b"\n")
         return line.decode(errors="replace").strip()
 
-    def _close(self) -> None:
-        self._socket.close()
+    def _close(self, opened: socket.socket) -> None:
+        opened.close()
         self._socket, self._rest = None, b""
 
     def close(self) -> None:
         """Close the connection."""
         with self._lock:
             if self._socket is not None:
-                self._close()
+                self._close(self._socket)

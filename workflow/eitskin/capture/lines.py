@@ -6,10 +6,13 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import serial
 
 from eitskin.capture.wire import Reject
+
+Value = TypeVar("Value")
 
 LONGEST_LINE = 65536  # bytes; more without an end is noise
 KEPT_LINES = 4096
@@ -17,7 +20,7 @@ READ_S = 0.02
 
 
 @dataclass(frozen=True)
-class Line:
+class Line(Generic[Value]):
     """One line: its bytes, what they say, and when it ended on the host's monotonic clock (s).
 
     `before_s` is the end of the line before, None for the first; `before_ok` whether that one was
@@ -26,7 +29,7 @@ class Line:
 
     number: int
     raw: bytes
-    value: object
+    value: Value | Reject
     end_s: float
     before_s: float | None
     before_ok: bool
@@ -37,18 +40,18 @@ class Line:
         return not isinstance(self.value, Reject)
 
 
-class Splitter:
+class Splitter(Generic[Value]):
     """Bytes as they come, to lines. What stands before the first newline is nobody's line: it
     began before the port was opened, and may be stale bytes joined to a frame."""
 
-    def __init__(self, parse: Callable[[bytes], object]):
+    def __init__(self, parse: Callable[[bytes], Value | Reject]):
         self._parse = parse
         self._pending = b""
         self._number = 0
         self._before: tuple[float | None, bool] = (None, False)
         self._synchronised = False
 
-    def feed(self, chunk: bytes, now_s: float) -> list[Line]:
+    def feed(self, chunk: bytes, now_s: float) -> list[Line[Value]]:
         """The lines that `chunk`, read at `now_s`, completes."""
         *whole, self._pending = (self._pending + chunk).split(b"\n")
         lines = []
@@ -65,7 +68,7 @@ class Splitter:
             self._pending, self._synchronised = b"", False
         return lines
 
-    def _line(self, raw: bytes, value: object, now_s: float) -> Line:
+    def _line(self, raw: bytes, value: Value | Reject, now_s: float) -> Line[Value]:
         self._number += 1
         line = Line(self._number, raw, value, now_s, *self._before)
         self._before = (now_s, line.ok)
@@ -85,7 +88,7 @@ def began_after(line: Line, moment_s: float, period_s: float, slack_s: float = 0
     return 0.5 * period_s <= line.end_s - line.before_s <= 1.75 * period_s + slack_s
 
 
-class Port:
+class Port(Generic[Value]):
     """A serial port read by a thread of its own until it is closed.
 
     Raises OSError (a SerialException is one) where the port cannot be opened. A port that vanishes
@@ -96,7 +99,7 @@ class Port:
         self,
         device: str,
         baud: int,
-        parse: Callable[[bytes], object],
+        parse: Callable[[bytes], Value | Reject],
         start: bytes = b"",
         clock: Callable[[], float] = time.monotonic,
     ):
@@ -104,7 +107,7 @@ class Port:
         self.lost: str | None = None
         self._clock = clock
         self._splitter = Splitter(parse)
-        self._lines: deque[Line] = deque(maxlen=KEPT_LINES)
+        self._lines: deque[Line[Value]] = deque(maxlen=KEPT_LINES)
         self._changed = threading.Condition()
         self._closing = False
         self._serial = serial.Serial(device, baud, timeout=READ_S, exclusive=True)
@@ -130,7 +133,7 @@ class Port:
                     self._lines.extend(lines)
                     self._changed.notify_all()
 
-    def since(self, number: int) -> list[Line]:
+    def since(self, number: int) -> list[Line[Value]]:
         """The lines after line `number`, as far as they are kept."""
         with self._changed:
             newer = []

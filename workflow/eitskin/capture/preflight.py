@@ -10,7 +10,7 @@ import numpy as np
 from eitskin.capture.configuration import pressing_m_s
 from eitskin.capture.dashboard import Dashboard
 from eitskin.capture.interlock import NORMAL_SAFETY, RUNNING, SAFE_BITS
-from eitskin.capture.lines import Line, Port
+from eitskin.capture.lines import Line, Port, Value
 from eitskin.capture.rtde import RobotState, RtdeError, robot_state
 from eitskin.capture.wire import BOARDS, LOAD_CELLS, Reject, Restart, measured
 from eitskin.errors import InputError
@@ -57,22 +57,22 @@ def robot(config: dict) -> tuple[list[Finding], dict]:
     except RtdeError as error:
         return [Finding("robot", False, f"no state of the robot: {error}")], {}
     findings = [_state_finding(state, series, config["pose"]["box_m"])]
-    identity = {"controller": ".".join(map(str, state.version))}
+    identity: dict[str, str | bool] = {"controller": ".".join(map(str, state.version))}
     dashboard = Dashboard(host)
     try:
-        identity["serial"] = dashboard.ask("get serial number")
-        identity["polyscope"] = dashboard.ask("PolyscopeVersion")
+        identity["serial"] = serial = dashboard.ask("get serial number")
+        identity["polyscope"] = polyscope = dashboard.ask("PolyscopeVersion")
         remote = series == "cb3" or dashboard.ask("is in remote control").lower() == "true"
     except OSError as error:
         findings.append(Finding("dashboard", False, f"the dashboard does not answer: {error}"))
         return findings, identity
     finally:
         dashboard.close()
-    said = f"serial number {identity['serial']}, {identity['polyscope']}"
+    said = f"serial number {serial}, {polyscope}"
     if not remote:
         findings.append(Finding("dashboard", False, "the robot is not in remote control"))
-    identity["emulated"] = EMULATED in identity["serial"] + identity["polyscope"]
-    if identity["emulated"] != config["emulated"]:
+    identity["emulated"] = emulated = EMULATED in serial + polyscope
+    if emulated != config["emulated"]:
         claimed = "emulated" if config["emulated"] else "real"
         text = f"{said}: not what the configuration says, {claimed}"
         findings.append(Finding("dashboard", False, text))
@@ -120,7 +120,7 @@ def watchdog(config: dict) -> Finding:
     return Finding("watchdog", True, text)
 
 
-def load_cell(port: Port, config: dict) -> Finding:
+def load_cell(port: Port[float | Restart], config: dict) -> Finding:
     """Whether the load cell is heard, fresh, not frozen and at zero."""
     lines = _listen(port, READINGS, lambda line: isinstance(line.value, float))
     values = np.array([line.value for line in lines if isinstance(line.value, float)])
@@ -135,19 +135,15 @@ def load_cell(port: Port, config: dict) -> Finding:
     return Finding("load cell", True, said)
 
 
-def board(port: Port, config: dict) -> Finding:
+def board(port: Port[np.ndarray], config: dict) -> Finding:
     """Whether the board sends whole frames, and how much of the converter they use."""
     profile = BOARDS[config["board"]["profile"]]
-
-    def frame(line: Line) -> bool:
-        return isinstance(line.value, np.ndarray)
-
-    lines = _listen(port, FRAMES, frame)
-    frames = [line for line in lines if frame(line)]
+    lines = _listen(port, FRAMES, lambda line: isinstance(line.value, np.ndarray))
+    frames = [(line.end_s, line.value) for line in lines if isinstance(line.value, np.ndarray)]
     if len(frames) < FRAMES:
         return Finding("board", False, _unheard(port, lines, f"{len(frames)} frames"))
-    readings = np.array([line.value[measured(profile.n_electrodes)] for line in frames])
-    period = np.median(np.diff([line.end_s for line in frames]))
+    readings = np.array([frame[measured(profile.n_electrodes)] for _, frame in frames])
+    period = np.median(np.diff([end_s for end_s, _ in frames]))
     saturated = int((readings > profile.linear_V).any(axis=0).sum())
     said = (
         f"{len(frames)} whole frames, {period:.3f} s apart, {readings.min():.4f} to "
@@ -161,9 +157,11 @@ def board(port: Port, config: dict) -> Finding:
     return Finding("board", True, said)
 
 
-def _listen(port: Port, wanted: int, counts: Callable[[Line], bool]) -> list[Line]:
+def _listen(
+    port: Port[Value], wanted: int, counts: Callable[[Line[Value]], bool]
+) -> list[Line[Value]]:
     """The lines of a port until `wanted` of them count, or for 5 s."""
-    lines: list[Line] = []
+    lines: list[Line[Value]] = []
     end_s = time.monotonic() + WAIT_S
     while time.monotonic() < end_s and port.lost is None:
         port.wait(LISTEN_S)
@@ -173,7 +171,7 @@ def _listen(port: Port, wanted: int, counts: Callable[[Line], bool]) -> list[Lin
     return lines
 
 
-def _unheard(port: Port, lines: list[Line], seen: str) -> str:
+def _unheard(port: Port[Value], lines: list[Line[Value]], seen: str) -> str:
     rejects = [line.value for line in lines if isinstance(line.value, Reject)]
     if port.lost is not None:
         return f"the port is gone: {port.lost}"
@@ -186,28 +184,32 @@ def _unheard(port: Port, lines: list[Line], seen: str) -> str:
 
 
 @contextlib.contextmanager
-def opened_load_cell(config: dict) -> Iterator[Port]:
+def opened_load_cell(config: dict) -> Iterator[Port[float | Restart]]:
     """The load cell's port; raises InputError where it cannot be opened."""
     cell = config["load_cell"]
-    with _opened("load_cell", cell["port"], lambda: _port(cell, LOAD_CELLS[cell["profile"]])) as it:
-        yield it
+
+    def opening() -> Port[float | Restart]:
+        return Port(cell["port"], cell["baud"], LOAD_CELLS[cell["profile"]])
+
+    with _opened("load_cell", cell["port"], opening) as port:
+        yield port
 
 
 @contextlib.contextmanager
-def opened_board(config: dict) -> Iterator[Port]:
+def opened_board(config: dict) -> Iterator[Port[np.ndarray]]:
     """The board's port; raises InputError where it cannot be opened."""
     board = config["board"]
     profile = BOARDS[board["profile"]]
-    with _opened("board", board["port"], lambda: _port(board, profile.parse, profile.start)) as it:
-        yield it
 
+    def opening() -> Port[np.ndarray]:
+        return Port(board["port"], board["baud"], profile.parse, profile.start)
 
-def _port(device: dict, parse: Callable[[bytes], object], start: bytes = b"") -> Port:
-    return Port(device["port"], device["baud"], parse, start)
+    with _opened("board", board["port"], opening) as port:
+        yield port
 
 
 @contextlib.contextmanager
-def _opened(name: str, device: str, opening: Callable[[], Port]) -> Iterator[Port]:
+def _opened(name: str, device: str, opening: Callable[[], Port[Value]]) -> Iterator[Port[Value]]:
     try:
         port = opening()
     except OSError as error:
@@ -223,13 +225,19 @@ def check(config: dict) -> list[Finding]:
     """Everything, one after another, each by itself; nothing moves."""
     findings, _ = robot(config)
     findings.append(watchdog(config))
-    for name, opened, look in (
-        ("load cell", opened_load_cell, load_cell),
-        ("board", opened_board, board),
-    ):
-        try:
-            with opened(config) as port:
-                findings.append(look(port, config))
-        except InputError as error:
-            findings.append(Finding(name, False, str(error)))
+    findings.append(_looked_at("load cell", opened_load_cell, load_cell, config))
+    findings.append(_looked_at("board", opened_board, board, config))
     return findings
+
+
+def _looked_at(
+    name: str,
+    opened: Callable[[dict], contextlib.AbstractContextManager[Port[Value]]],
+    look: Callable[[Port[Value], dict], Finding],
+    config: dict,
+) -> Finding:
+    try:
+        with opened(config) as port:
+            return look(port, config)
+    except InputError as error:
+        return Finding(name, False, str(error))

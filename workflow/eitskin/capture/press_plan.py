@@ -33,7 +33,8 @@ def contacts(plan: dict) -> list[Contact]:
     """All presses. Every probe visits every place, in a random order, in equal sessions; targets
     are drawn between the two of `target_N`. The same plan gives the same presses."""
     rng = np.random.default_rng([plan["seed"], 5])
-    grid, found = places(plan), []
+    grid = places(plan)
+    found: list[Contact] = []
     for probe in plan["probes_mm"]:
         order = rng.permutation(len(grid))
         for part, chosen in enumerate(np.array_split(order, plan["sessions_per_probe"]), start=1):

@@ -74,7 +74,7 @@ def to_recording(records: list[dict], file: str | Path) -> tuple[Recording, int]
     place_mm = 1e3 * (ends.mean(axis=1) - centre)
     kept = ~(table["touch"] & ~(table["force_N"] > 0)).to_numpy()
     voltage = _voltages(rows, config, file)[kept]
-    place_mm, table = place_mm[kept], table[kept].reset_index(drop=True)
+    (x_mm, y_mm), table = place_mm[kept].T, table[kept].reset_index(drop=True)
     by_number = {contact.number: contact for contact in planned}
     at = [by_number[number] for number in table["contact"]]
     touch = table["touch"].to_numpy()
@@ -83,7 +83,8 @@ def to_recording(records: list[dict], file: str | Path) -> tuple[Recording, int]
     frames = frames_table(
         time_s,
         touch,
-        *place_mm.T,
+        x_mm,
+        y_mm,
         table["force_N"],
         probe_mm=np.array([contact.probe_mm for contact in at]),
         depth_mm=table["depth_mm"].to_numpy(dtype=float),

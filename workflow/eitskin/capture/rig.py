@@ -69,8 +69,8 @@ class Rig:
         clock: Callable[[], float] = time.monotonic,
     ):
         self.config, self.robot = config, robot
-        self._load: Port | None = None
-        self._board: Port | None = None
+        self._load: Port[float | Restart] | None = None
+        self._board: Port[np.ndarray] | None = None
         self.signal: int | None = None  # set by a signal's handler
         self.zero_N = 0.0  # what the untouched load cell reads
         self._clock = clock
@@ -84,7 +84,7 @@ class Rig:
         self._jump_N = 0.0
         self._retreat_from_N: float | None = None
 
-    def listen(self, load: Port, board: Port) -> None:
+    def listen(self, load: Port[float | Restart], board: Port[np.ndarray]) -> None:
         """Take the load cell and the board, all their lines from the first on."""
         self._load, self._board = load, board
 
@@ -113,9 +113,9 @@ class Rig:
 
     def _look(self) -> State:
         if self._load is not None:
-            self._read_load()
+            self._read_load(self._load)
         if self._board is not None:
-            self._read_board()
+            self._read_board(self._board)
         state = self.robot.state
         force_s, force_N = self._forces[-1] if self._forces else (-math.inf, math.nan)
         jump_N, self._jump_N = self._jump_N, 0.0
@@ -139,15 +139,15 @@ class Rig:
             retreat_from_N=self._retreat_from_N,
         )
 
-    def _read_load(self) -> None:
-        for line in self._load.since(self._load_number):
+    def _read_load(self, load: Port[float | Restart]) -> None:
+        for line in load.since(self._load_number):
             self._load_number = line.number
             if isinstance(line.value, Restart):
                 # The greeting of a cell that our opening of the port has restarted is no fault.
                 self._load_restarts += bool(self._forces)
             elif isinstance(line.value, Reject):
                 self._load_rejects += 1
-                self._keep_reject("load cell", line)
+                self._keep_reject("load cell", line, line.value)
             else:
                 self._load_rejects = 0
                 if self._forces:
@@ -156,22 +156,22 @@ class Rig:
                     self._frozen = self._frozen + 1 if line.value == before_N else 1
                 self._forces.append((line.end_s, line.value))
 
-    def _read_board(self) -> None:
-        for line in self._board.since(self._board_number):
+    def _read_board(self, board: Port[np.ndarray]) -> None:
+        for line in board.since(self._board_number):
             self._board_number = line.number
             if isinstance(line.value, Reject):
                 self._board_rejects += 1
-                self._keep_reject("board", line)
+                self._keep_reject("board", line, line.value)
             else:
                 self._board_rejects = 0
 
-    def _keep_reject(self, port: str, line: Line) -> None:
+    def _keep_reject(self, port: str, line: Line, reject: Reject) -> None:
         self._rejects.append(
             {
                 "kind": "reject",
                 "port": port,
-                "reason": line.value.reason,
-                "detail": line.value.detail,
+                "reason": reject.reason,
+                "detail": reject.detail,
                 "raw": line.raw.decode("latin-1"),
                 "end_s": line.end_s,
             }
@@ -312,28 +312,30 @@ class Rig:
         """
         self.wait(settle_s)
         settled_s, rejected = self._clock(), len(self._rejects)
-        board = self.config["board"]
+        period_s, port = self.config["board"]["period_s"], self._board
+        assert port is not None
         seen = [self._board_number]
 
-        def next_frame() -> Line | None:
-            if self._board.lost is not None:
-                raise Fault(Stop("board lost", f"the board's port is gone: {self._board.lost}"))
+        def next_frame() -> Line[np.ndarray] | None:
+            if port.lost is not None:
+                raise Fault(Stop("board lost", f"the board's port is gone: {port.lost}"))
             if self._board_rejects >= self._limits.rejects:
                 said = f"{self._board_rejects} lines in a row were no frame"
                 raise Fault(Stop("board rejects", f"the board cannot be read: {said}"))
-            for line in self._board.since(seen[0]):
+            for line in port.since(seen[0]):
                 seen[0] = line.number
-                whole = began_after(line, settled_s, board["period_s"])
+                whole = began_after(line, settled_s, period_s)
                 if whole and self._force(line) is not None:
                     return line
             return None
 
-        longest_s = FRAMES_WAITED * board["period_s"] + 2.0
+        longest_s = FRAMES_WAITED * period_s + 2.0
         line = self.watch(next_frame, longest_s, "a frame of the board")
         return self._record(line, settled_s, len(self._rejects) - rejected)
 
-    def _force(self, line: Line) -> Force | None:
+    def _force(self, line: Line[np.ndarray]) -> Force | None:
         """The force while a frame was measured; None where no reading came."""
+        assert line.before_s is not None
         during = np.array([N for s, N in self._forces if line.before_s <= s <= line.end_s])
         if len(during) == 0:
             return None
@@ -345,8 +347,10 @@ class Rig:
             len(during),
         )
 
-    def _record(self, line: Line, settled_s: float, rejected: int) -> dict:
+    def _record(self, line: Line[np.ndarray], settled_s: float, rejected: int) -> dict:
         force = self._force(line)
+        assert force is not None and line.before_s is not None
+        assert not isinstance(line.value, Reject)
         first, last = self.robot.state_at(line.before_s), self.robot.state_at(line.end_s)
         reading = line.value[measured(self._profile.n_electrodes)]
         return {

@@ -20,6 +20,8 @@ STILL_M_S = 5e-4
 KEPT_STATES = 8192
 ALIVE_S = 0.05
 
+Vector6D = tuple[float, float, float, float, float, float]  # as RTDE has poses and speeds
+
 
 @dataclass(frozen=True)
 class Reported:
@@ -27,8 +29,8 @@ class Reported:
 
     host_s: float
     timestamp_s: float
-    pose: tuple[float, ...]
-    speed: tuple[float, ...]
+    pose: Vector6D
+    speed: Vector6D
     robot_mode: int
     safety_mode: int
     safety_bits: int
@@ -87,6 +89,7 @@ class Robot:
             raise RobotError(f"{host}: {reason}")
 
     def _read(self) -> None:
+        assert self._process.stdout is not None
         for line in self._process.stdout:
             now_s, message = self._clock(), json.loads(line)
             with self._changed:
@@ -115,6 +118,7 @@ class Robot:
         self._states.append(Reported(host_s=now_s, pose=pose, speed=speed, **state))
 
     def _errors(self) -> None:
+        assert self._process.stderr is not None
         for line in self._process.stderr:
             self._said.append(line.strip())
 
@@ -168,6 +172,7 @@ class Robot:
         return ok is True
 
     def _send(self, message: dict) -> None:
+        assert self._process.stdin is not None
         with contextlib.suppress(OSError, ValueError):  # a worker that is gone is told by `lost`
             self._process.stdin.write(json.dumps(message) + "\n")
             self._process.stdin.flush()
@@ -215,6 +220,7 @@ class Robot:
 
     def close(self) -> None:
         """End the worker: the arm stops, the controller is left without a program."""
+        assert self._process.stdin is not None
         with contextlib.suppress(OSError, ValueError):
             self._process.stdin.close()
         try:

@@ -8,6 +8,7 @@ import contextlib
 import socket
 import struct
 from dataclasses import dataclass
+from typing import BinaryIO
 
 PORT = 30004
 TIMEOUT_S = 2.0
@@ -86,12 +87,14 @@ def _package(payload: bytes) -> tuple:
     return struct.unpack(layout, payload)[1:]
 
 
-def _reply(connection: socket.socket, stream, command: int, payload: bytes = b"") -> bytes:
+def _reply(
+    connection: socket.socket, stream: BinaryIO, command: int, payload: bytes = b""
+) -> bytes:
     connection.sendall(pack(command, payload))
     return _next(stream, command)
 
 
-def _next(stream, command: int) -> bytes:
+def _next(stream: BinaryIO, command: int) -> bytes:
     """The payload of the next package of one kind; messages for people are passed over."""
     while True:
         size, kind = HEADER.unpack(_exactly(stream, HEADER.size))
@@ -104,7 +107,7 @@ def _next(stream, command: int) -> bytes:
             raise RtdeError(f"package {kind}, expected {command}")
 
 
-def _exactly(stream, size: int) -> bytes:
+def _exactly(stream: BinaryIO, size: int) -> bytes:
     data = stream.read(size)
     if len(data) < size:
         raise RtdeError("the controller closed the connection")

@@ -45,7 +45,8 @@ def whiten(voltage: Tensor, axes: Tensor, variances: Tensor) -> tuple[Tensor, Te
     """Standardised voltages (N, M) along the principal `axes` (M, M) over the root of `variances`
     (M,), rising: all but the last K (N, M - K), and the last K (N, K), the touches' subspace."""
     whitened = (voltage.double() @ axes) / variances.sqrt()
-    return whitened.tensor_split([-min(COMPONENTS, len(axes) - 1)], dim=1)
+    others, score = whitened.tensor_split([-min(COMPONENTS, len(axes) - 1)], dim=1)
+    return others, score
 
 
 def strangeness(

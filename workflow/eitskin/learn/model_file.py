@@ -7,12 +7,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from pickle import UnpicklingError
+from typing import TypeVar
 
 import torch
 from torch import Tensor, nn
 
 from eitskin.atomic import atomic_path
 from eitskin.errors import InputError
+
+Network = TypeVar("Network", bound=nn.Module)
 
 
 @dataclass
@@ -26,7 +29,7 @@ class Trained:
         """The seeds it was trained with."""
         return [run["seed"] for run in self.header["runs"]]
 
-    def into(self, module: nn.Module, seed: int) -> nn.Module:
+    def into(self, module: Network, seed: int) -> Network:
         """`module` with this seed's weights, frozen."""
         start = f"{seed}/"
         weights = {k.removeprefix(start): v for k, v in self.tensors.items() if k.startswith(start)}

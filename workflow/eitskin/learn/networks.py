@@ -147,6 +147,8 @@ class TokenEncoder(nn.Module):
     """Tokens (B, L, W) → (B, 64): embedded, told apart by sinusoidal positions, two encoder layers
     of four heads and 128 hidden units, averaged. The mean and no dropout are our choice."""
 
+    position: Tensor
+
     def __init__(self, n_tokens: int, width: int):
         super().__init__()
         self.embedding = nn.Linear(width, WIDTH)
@@ -167,6 +169,8 @@ class Transformer(nn.Module):
 
     `tokens` (L, W) int: the channels of each token, M for an empty slot, which reads 0.
     """
+
+    tokens: Tensor
 
     def __init__(self, tokens: Tensor, n_targets: int):
         super().__init__()
@@ -214,6 +218,11 @@ class Svr(nn.Module):
     """Support vector regression once fitted, a Gaussian kernel, its vectors shared by the targets:
     states (B, T) float64 = Σ_s dual[t, s] exp(-gamma ‖v - support[s]‖²) + intercept[t]."""
 
+    support: Tensor
+    dual: Tensor
+    intercept: Tensor
+    gamma: Tensor
+
     def __init__(self, n_channels: int, n_targets: int):
         super().__init__()
         self.register_buffer("support", torch.empty(0, n_channels))
@@ -221,7 +230,7 @@ class Svr(nn.Module):
         self.register_buffer("intercept", torch.empty(n_targets, dtype=torch.float64))
         self.register_buffer("gamma", torch.empty((), dtype=torch.float64))
 
-    def _load_from_state_dict(self, state_dict: dict, prefix: str, *rest) -> None:
+    def _load_from_state_dict(self, state_dict: dict, prefix: str, *rest: object) -> None:
         """As PyTorch's; how many vectors there are is the file's to say."""
         for name in ("support", "dual"):
             self.register_buffer(name, torch.empty_like(state_dict[prefix + name]))

@@ -173,8 +173,8 @@ def device_name() -> str:
 @without_subnormals()
 def fit(
     module: nn.Module,
-    train: tuple[Tensor, ...],
-    validation: tuple[Tensor, ...],
+    train: Sequence[Tensor],
+    validation: Sequence[Tensor],
     loss: Loss,
     optimiser: Optimiser,
     budget: Budget,
@@ -230,11 +230,11 @@ def learning_rates(optimiser: Optimiser, steps: int) -> Iterator[float]:
         yield optimiser.learning_rate * (share if optimiser.schedule == "cosine" else 1.0)
 
 
-def _mean_loss(loss: Loss, module: nn.Module, samples: tuple[Tensor, ...]) -> float:
+def _mean_loss(loss: Loss, module: nn.Module, samples: Sequence[Tensor]) -> float:
     """A loss over all samples, a bounded number of them at a time."""
     chunks = zip(*(values.split(networks.CHUNK) for values in samples), strict=True)
     total = sum(loss(module, *chunk).double() * len(chunk[0]) for chunk in chunks)
-    return total.item() / len(samples[0])
+    return float(total) / len(samples[0])
 
 
 def fit_svr(voltage: Tensor, state: Tensor, tube: Tube) -> Svr:
@@ -345,7 +345,7 @@ def train_predictor(
     device = deterministic()
     material = prepare(dataset, part, budget, draw)
     targets = dataset.metadata["targets"]
-    settings = {"force_weight": recipe.force_weight, "lambda_latent": lambda_latent}
+    settings: dict = {"force_weight": recipe.force_weight, "lambda_latent": lambda_latent}
     known = models.model(model)
     if known.support_vectors:
         settings = {}
@@ -379,6 +379,7 @@ def train_predictor(
         latent_dim = settings["latent_dim"]
         encoder = taught[0].into(Autoencoder(v.shape[1], latent_dim), seed).encoder.to(device)
     if known.encoder:
+        assert isinstance(module.encoder, nn.Module)
         module.encoder.load_state_dict(encoder.state_dict())
     if lambda_latent:
         regressor = taught[1].into(StateToLatent(s.shape[1], latent_dim), seed).to(device)
@@ -412,6 +413,7 @@ def train_model(
         encoder, regressor, output = (Path(folder, f"{k}.pt") for k in range(3))
         job, teachers = (recipe.optimiser, recipe.budget, seed, seed), []
         if recipe.lambda_latent or models.model(model).encoder:
+            assert recipe.latent_dim is not None
             train_autoencoder(dataset, part, encoder, *job, recipe.latent_dim)
             teachers.append(encoder)
         if recipe.lambda_latent:

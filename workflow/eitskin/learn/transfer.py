@@ -69,13 +69,13 @@ def as_simulated(target: Dataset, source: dict, electrode_deg: list[float] | Non
     name, metadata = target.metadata["name"], target.metadata
     column: dict[tuple, tuple[int, float]] = {}
     for k, (a, b, p, m) in enumerate(metadata["channels"]):
-        for key, sign in (
-            ((a, b, p, m), 1),
-            ((b, a, m, p), 1),
-            ((b, a, p, m), -1),
-            ((a, b, m, p), -1),
+        for key, turned in (
+            ((a, b, p, m), 1.0),
+            ((b, a, m, p), 1.0),
+            ((b, a, p, m), -1.0),
+            ((a, b, m, p), -1.0),
         ):
-            column.setdefault(key, (k, float(sign)))
+            column.setdefault(key, (k, turned))
     wanted = [tuple(channel) for channel in source["channels"]]
     lacking = sum(channel not in column for channel in wanted)
     if lacking:
@@ -123,7 +123,9 @@ def _power(symmetric: np.ndarray, exponent: float) -> np.ndarray:
     return axes * variance**exponent @ axes.T
 
 
-def affine(predicted: np.ndarray, few: np.ndarray, truth: np.ndarray, scale: np.ndarray):
+def affine(
+    predicted: np.ndarray, few: np.ndarray, truth: np.ndarray, scale: np.ndarray
+) -> np.ndarray:
     """States (N, T) after ŝ + B ŝ + b, where B (T, T) and b are fitted to `truth` (n, T) on the
     predictions `few` (n, T); `scale` (T,) are the targets' standard deviations. A ridge draws B,
     not b, to zero."""
@@ -219,7 +221,9 @@ def transferred(
             table.append(_left_out(method, f"changes are in {unit}, the simulation's in {theirs}"))
     states = {key: predict_seeds(model, value)[..., columns] for key, value in inputs.items()}
 
-    def scored(method: str, draw: int, frames: int, k: int, state: np.ndarray, at: list[int]):
+    def scored(
+        method: str, draw: int, frames: int, k: int, state: np.ndarray, at: list[int]
+    ) -> list[dict]:
         return _scored(method, draw, model.seeds()[k], frames, truth[test], state, variables, at)
 
     every = list(range(len(variables)))
@@ -337,12 +341,16 @@ def _states(target: Dataset, variables: list[str]) -> np.ndarray:
     return target.states()[:, [target.metadata["targets"].index(v) for v in variables]]
 
 
-def _adapted(model: Trained, delta_V: np.ndarray, gain: np.ndarray, shift: np.ndarray):
+def _adapted(
+    model: Trained, delta_V: np.ndarray, gain: np.ndarray, shift: np.ndarray
+) -> np.ndarray:
     mean, scale = (model.tensors[f"voltage_{key}"].numpy() for key in ("mean", "scale"))
     return (gain * (delta_V - mean) / scale + shift) * scale + mean
 
 
-def _with_isotonic(state: np.ndarray, few: np.ndarray, truth: np.ndarray, force: list[int]):
+def _with_isotonic(
+    state: np.ndarray, few: np.ndarray, truth: np.ndarray, force: list[int]
+) -> np.ndarray:
     state = state.copy()
     for i in force:
         state[:, i] = isotonic(state[:, i], few[:, i], truth[:, i])

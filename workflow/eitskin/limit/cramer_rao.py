@@ -33,6 +33,7 @@ def table(experiment: Experiment, grid: pd.DataFrame) -> pd.DataFrame:
     unknown = experiment.unknown()
     models = {"known": unknown.at_mean(), "unknown": unknown}
     rows = []
+    assert experiment.skin.radius_mm is not None
     reach = experiment.skin.radius_mm - 0.5 * experiment.probe_mm
     for place in grid[np.hypot(grid["x_mm"], grid["y_mm"]) < (1.0 - CLEAR) * reach].itertuples():
         for force in FORCES_N:

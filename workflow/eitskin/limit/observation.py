@@ -57,7 +57,7 @@ class Experiment:
     forces: dict[str, float]
     force_max_N: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         names = [effect["name"] for effect in self.effects]
         for k, effect in enumerate(self.effects):
             name = effect["name"]
@@ -94,6 +94,7 @@ class Experiment:
         gain_spread = np.zeros((len(self.channels), 0))
         for effect, setting in zip(in_instrument, instrument, strict=True):
             if setting.effect.name == "channel-gain":
+                assert setting.sites is not None
                 spread = _spread(effect["parameters"]["gain"], len(setting.sites))
                 gain_spread = np.zeros((len(self.channels), spread.shape[1]))
                 gain_spread[setting.sites] = (spread.T / setting.values["gain"]).T
@@ -109,7 +110,7 @@ class Experiment:
         return settings([{**effect, "parameters": parameters}], counts, (0,))[0]
 
 
-def _spread(given, size: int) -> np.ndarray:
+def _spread(given: object, size: int) -> np.ndarray:
     """(size, draws): what standard normal draws add to a parameter's values, given as the
     configuration has it."""
     if not isinstance(given, dict):
@@ -136,7 +137,7 @@ class SessionModel:
     skin_spread: np.ndarray
     gain_spread: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         self._forward: tuple[bytes, Forward, np.ndarray] | None = None
         self._base = Geometry.from_skin(self.experiment.skin)
 
@@ -221,13 +222,15 @@ class SessionModel:
         differences, forwards.
         """
         experiment, force = self.experiment, float(state[2])
+        contrast_per_N = experiment.skin.contrast_per_N
+        assert contrast_per_N is not None
         names = self._slope_names()
         forward, untouched = self.forward(unknown)
         touch = Touch(
             float(state[0]),
             float(state[1]),
             0.5 * experiment.probe_mm,
-            experiment.skin.contrast_per_N * force,
+            contrast_per_N * force,
         )
         try:
             by = forward.derivatives([touch], [*names, "x_mm[0]", "y_mm[0]", "contrast[0]"])
@@ -244,7 +247,7 @@ class SessionModel:
         e, noise = self.change(state, unknown)
         still, found = np.zeros((2, 3 + self.skin_spread.shape[1], len(e)))
         found[:3] = readings([by["x_mm[0]"], by["y_mm[0]"], by["contrast[0]"]])
-        found[2] = experiment.skin.contrast_per_N * found[2] + gain_slope / gain * e
+        found[2] = contrast_per_N * found[2] + gain_slope / gain * e
         still[2] = gain_slope * untouched
         if names:
             still[3:] = self.skin_spread.T @ readings([still_by[name] for name in names])
@@ -275,7 +278,7 @@ class SessionModel:
             for k in range(np.size(value))
         ]
 
-    def _differences(self, state: np.ndarray, unknown: np.ndarray):
+    def _differences(self, state: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         size = 3 + len(unknown)
         steps = np.full(size, STEP)
         steps[:3] = STEP_MM, STEP_MM, STEP_N

@@ -24,7 +24,9 @@ LEAST_SHARE = 1e-4  # of the evidence; modes with less are left out
 class Likelihood(Protocol):
     """Of `size` unknowns whose prior is standard normal."""
 
-    size: int
+    @property
+    def size(self) -> int:
+        """How many unknowns."""
 
     def log(self, z: np.ndarray) -> float:
         """Logarithm of the likelihood at z (size,), up to a constant."""

@@ -9,6 +9,7 @@ model of the same samples is held against, in the same metrics.
 import sys
 import zlib
 from pathlib import Path
+from typing import TypedDict
 
 import numpy as np
 import pandas as pd
@@ -25,8 +26,10 @@ from eitskin.simulate.state_priors import force_N, place_normal
 
 TARGETS = {"x": "x_mm", "y": "y_mm", "F": "force_N"}
 ESTIMATES = ("limit", "limit_known")  # skin and gains unknown, and known
-COLUMNS = ("configuration", "recording", "split", "estimate", "target", "metric")
-COLUMNS = (*COLUMNS, "value", "low", "high", "unit", "samples")
+COLUMNS = (
+    *("configuration", "recording", "split", "estimate", "target", "metric"),
+    *("value", "low", "high", "unit", "samples"),
+)
 PLACES, FORCES = 600, 8  # from which searches may start
 STARTS, APART_MM = 2, 12.0
 LEAST_EFFECTIVE, MORE = 16.0, (4, 16)  # draws; with fewer as many times the pairs are drawn
@@ -87,15 +90,24 @@ class Starts:
         return np.column_stack([self.place_normal[chosen], self.force_normal[force[chosen]]])
 
 
+class Estimate(TypedDict):
+    """Posterior `mean` and `sd` (3,) of x mm, y mm and F N; `effective`, the share of the weighted
+    draws that counts, and `modes`, how many there are."""
+
+    mean: np.ndarray
+    sd: np.ndarray
+    effective: float
+    modes: int
+
+
 def estimate(
     model: SessionModel,
     delta_V: np.ndarray,
     starts: np.ndarray,
     pairs: int,
     rng: np.random.Generator,
-) -> dict[str, np.ndarray | float]:
-    """Posterior `mean` and `sd` (3,) of x mm, y mm and F N given a change (M,) V; `effective`, the
-    share of the weighted draws that counts, and `modes`, how many there are.
+) -> Estimate:
+    """What the posterior says given a change (M,) V.
 
     starts (S, 3): standard normal numbers of the states from which modes are sought.
     """
@@ -143,7 +155,8 @@ def estimates(
                 one[column] = truth[column]
                 one[f"{column}_mean"] = posterior["mean"][k]
                 one[f"{column}_sd"] = posterior["sd"][k]
-            found.append(one | {key: posterior[key] for key in ("effective", "modes")})
+            one |= {"effective": posterior["effective"], "modes": posterior["modes"]}
+            found.append(one)
     return pd.DataFrame(found)
 
 
@@ -166,13 +179,8 @@ def score(found: pd.DataFrame, dataset: Dataset, split: str, seed: int) -> pd.Da
             )
             pulls = (truth - mean) / sd
             for metric in (*metrics.METRICS, "z2"):
-
-                def value(rows, metric=metric, truth=truth, mean=mean, pulls=pulls):
-                    if metric == "z2":
-                        return float((pulls[rows] ** 2).mean())
-                    return metrics.METRICS[metric](truth[rows], mean[rows])
-
-                low, high = np.quantile([value(rows) for rows in again], [0.025, 0.975])
+                found_again = [_value(metric, truth[k], mean[k], pulls[k]) for k in again]
+                low, high = np.quantile(found_again, [0.025, 0.975])
                 rows.append(
                     {
                         "configuration": dataset.metadata["configuration"],
@@ -181,7 +189,7 @@ def score(found: pd.DataFrame, dataset: Dataset, split: str, seed: int) -> pd.Da
                         "estimate": name,
                         "target": target,
                         "metric": metric,
-                        "value": value(np.arange(len(table))),
+                        "value": _value(metric, truth, mean, pulls),
                         "low": float(low),
                         "high": float(high),
                         "unit": "1" if metric == "z2" else metrics.unit(metric, target),
@@ -189,6 +197,12 @@ def score(found: pd.DataFrame, dataset: Dataset, split: str, seed: int) -> pd.Da
                     }
                 )
     return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def _value(metric: str, truth: np.ndarray, mean: np.ndarray, pulls: np.ndarray) -> float:
+    if metric == "z2":
+        return float((pulls**2).mean())
+    return metrics.METRICS[metric](truth, mean)
 
 
 def write(table: pd.DataFrame, path: str | Path) -> None:

@@ -17,11 +17,15 @@ from eitskin.learn.metrics import interval_of_seeds, summary, unit
 DEFAULT = "default"
 PLAIN, INFORMED = PAIR = "mlp", "physics-informed-mlp"  # the two that are compared
 WITH_OWN_TEACHERS = ("latent_dim", "samples")  # what an autoencoder and a regressor depend on
-VARIED = ("study", "value", "dataset", "split", "model", "target", "metric", "mean", "low", "high")
-VARIED = (*VARIED, "each", "unit", "seeds", "budget")
-COMPARED = ("dataset", "split", "widths", "target", "metric", "unit", "plain", "informed")
-COMPARED = (*COMPARED, "difference", "low", "high", "seeds", "budget")
-COMPARED = (*COMPARED, "plain_setting", "informed_setting", "verdict")
+VARIED = (
+    *("study", "value", "dataset", "split", "model", "target", "metric", "mean", "low", "high"),
+    *("each", "unit", "seeds", "budget"),
+)
+COMPARED = (
+    *("dataset", "split", "widths", "target", "metric", "unit", "plain", "informed"),
+    *("difference", "low", "high", "seeds", "budget"),
+    *("plain_setting", "informed_setting", "verdict"),
+)
 SHOWN = {"r2": "R²", "mae": "MAE"}
 
 

@@ -6,6 +6,8 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
@@ -53,6 +55,7 @@ def press(recording: Recording, name: str) -> Press:
     for key in ("radius_mm", "electrode_deg"):
         if getattr(skin, key) is None:
             raise InputError(name, f"skin.{key}", "null", "a value, to draw the skin")
+    assert skin.radius_mm is not None
     if recording.voltage is None or metadata["values"] != "absolute":
         found = "a query" if recording.voltage is None else "differences"
         raise InputError(name, "voltage_V", found, "absolute readings")
@@ -124,7 +127,7 @@ def draw(press: Press) -> Figure:
     colours = matplotlib.colormaps[SEQUENTIAL](np.linspace(0.85, 0.0, count))
     with style():
         figure = plotting.sheet(plotting.COLUMN_MM, 98.0)
-        upper, lower = figure.subfigures(2, 1, height_ratios=(1.0, 0.9))
+        (upper,), (lower,) = figure.subfigures(2, 1, squeeze=False, height_ratios=(1.0, 0.9))
         frame, change = upper.subplots(2, 1, sharex=True)
         channel = np.arange(len(press.untouched))
         frame.plot(channel, factor * press.untouched, color=plotting.ELECTRODE, linewidth=0.6)
@@ -166,7 +169,7 @@ def draw(press: Press) -> Figure:
     return figure
 
 
-def _draw_image(axes, press: Press, image: np.ndarray, limit: float):
+def _draw_image(axes: Axes, press: Press, image: np.ndarray, limit: float) -> QuadMesh:
     grid = np.full((ACROSS, ACROSS), np.nan)
     step = 2.0 / ACROSS
     column = ((press.places.real + 1.0) / step).astype(int)

@@ -34,6 +34,8 @@ BOX, STAGE_GAP, LANE, TITLE = 6.2, 4.0, 2.6, 4.2  # heights in mm
 BETWEEN, PAD = 1.2, 1.2
 GAP = 8.0  # between columns
 
+Item = str | tuple[str, int]  # of a column: a stage, or the lane of a rule's arrows
+
 
 @dataclass
 class Rules:
@@ -46,7 +48,8 @@ class Rules:
 
     def followers(self, rule: str) -> set[str]:
         """All rules that come after one, directly or not."""
-        found, waiting = set(), [rule]
+        found: set[str] = set()
+        waiting = [rule]
         while waiting:
             here = waiting.pop()
             new = {after for before, after in self.edges if before == here} - found
@@ -106,8 +109,8 @@ def columns(rules: Rules) -> dict[str, int]:
     """The column of each stage: the longest way to it from a stage that needs nothing. Stages that
     need one another share a column."""
     names = list(dict.fromkeys(rules.stage.values()))
-    pairs = {(rules.stage[a], rules.stage[b]) for a, b in rules.edges}
-    pairs = [(names.index(a), names.index(b)) for a, b in pairs if a != b]
+    needs = {(rules.stage[a], rules.stage[b]) for a, b in rules.edges}
+    pairs = [(names.index(a), names.index(b)) for a, b in needs if a != b]
     row, column = np.array(pairs, dtype=int).reshape(-1, 2).T
     graph = csr_array((np.ones(len(row)), (row, column)), shape=(len(names), len(names)))
     _, group = connected_components(graph, connection="strong")
@@ -148,7 +151,7 @@ class Layout:
         self.width = (plotting.FULL_MM - 2.0 - GAP * (self.count - 1)) / self.count - 2 * PAD
         self.members = {stage: self._in_order(stage) for stage in self.column}
         self.lanes = {(a, c) for a, b in self.drawn for c in range(self._of(a) + 1, self._of(b))}
-        self.items: list[list] = [
+        self.items: list[list[Item]] = [
             [stage for stage, at in self.column.items() if at == c]
             + sorted(lane for lane in self.lanes if lane[1] == c)
             for c in range(self.count)
@@ -166,7 +169,7 @@ class Layout:
         own = [rule for rule in self.rules.stage if self.rules.stage[rule] == stage]
         return sorted(own, key=lambda rule: sum(rule in self.rules.followers(o) for o in own))
 
-    def _height(self, item) -> float:
+    def _height(self, item: Item) -> float:
         if isinstance(item, tuple):
             return LANE
         count = len(self.members[item])
@@ -213,7 +216,7 @@ class Layout:
         for a, b in self.drawn:
             if self._of(a) == self._of(b):
                 continue
-            chain = [self.rules.stage[a]]
+            chain: list[Item] = [self.rules.stage[a]]
             chain += [(a, c) for c in range(self._of(a) + 1, self._of(b))]
             chain += [self.rules.stage[b]]
             ways = self.way((a, b))
@@ -225,7 +228,7 @@ class Layout:
         self._stack()
 
 
-def _gap(item, after) -> float:
+def _gap(item: Item, after: Item) -> float:
     """Between two items of a column; lanes may lie close."""
     return 0.0 if isinstance(item, tuple) and isinstance(after, tuple) else STAGE_GAP
 

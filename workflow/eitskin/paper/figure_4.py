@@ -7,6 +7,7 @@ import matplotlib
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
@@ -47,7 +48,7 @@ def choose(metrics: dict[str, pd.DataFrame]) -> Chosen:
         error[model] = float(own.iloc[0])
     if len(error) < 2:
         raise InputError("config.yaml", "models", ", ".join(error) or "none", "two or more to draw")
-    order = sorted(error, key=error.get)
+    order = sorted(error, key=lambda model: error[model])
     return Chosen(order[-1], order[0], tuple(error))
 
 
@@ -140,7 +141,9 @@ def _draw_places(
     _bar(figure, drawn, axes, "mean |error of force|, N", extend)
 
 
-def _bar(figure: Figure, drawn, axes, label: str, extend: str = "neither") -> Colorbar:
+def _bar(
+    figure: Figure, drawn: ScalarMappable, axes: Axes, label: str, extend: str = "neither"
+) -> Colorbar:
     bar = figure.colorbar(drawn, ax=axes, location="bottom", aspect=35, shrink=0.8, extend=extend)
     bar.set_label(label)
     bar.outline.set_linewidth(0.4)

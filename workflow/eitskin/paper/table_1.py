@@ -1,5 +1,6 @@
 """Table I: every model's metrics in one file, the paper's numbers beside them."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -23,7 +24,7 @@ def paper(path: str | Path) -> pd.DataFrame:
 
 
 def collect(
-    paths: list[str | Path], published: str | Path, limits: list[str | Path] = ()
+    paths: list[str | Path], published: str | Path, limits: Sequence[str | Path] = ()
 ) -> pd.DataFrame:
     """Rows (TABLE and KEPT) of the metrics files and of ensembles, in a fixed order; raises
     InputError.
@@ -79,7 +80,7 @@ def _with_ensemble(table: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([table, several.assign(**own, low=float("nan"), high=float("nan"), each="")])
 
 
-def _limits(paths: list[str | Path], estimate: str) -> pd.DataFrame:
+def _limits(paths: Sequence[str | Path], estimate: str) -> pd.DataFrame:
     """configuration, recording, split, target, metric, value of one estimate."""
     columns = ["configuration", "recording", "split", "target", "metric", "value"]
     tables = [pd.read_csv(path) for path in paths]
@@ -92,7 +93,7 @@ def _limits(paths: list[str | Path], estimate: str) -> pd.DataFrame:
 def write(
     paths: list[str | Path],
     published: str | Path,
-    limits: list[str | Path],
+    limits: Sequence[str | Path],
     csv: str | Path,
     markdown: str | Path,
 ) -> None:

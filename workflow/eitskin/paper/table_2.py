@@ -256,7 +256,8 @@ def to_markdown(rows: pd.DataFrame, left_out: list[str], permutations: int) -> s
             lines += [f"Its unit is not volt: simulated readings are multiplied by {scale:.4g}."]
         lines += ["", "| simulation | " + " | ".join(NAMES.values()) + " |", "|---" * 5 + "|"]
         for label, cells in group.groupby("simulation", sort=False):
-            text = " | ".join(_cell(cell) for cell in cells.itertuples())
+            columns = ("measure", "value", "notices", "paper")
+            text = " | ".join(_cell(*cell) for cell in cells[[*columns]].itertuples(index=False))
             lines.append(f"| {label} | {text} |")
         own = group[group["simulation"] == PLAIN]
         halves = " | ".join(f"{c.halves_low:.4g} … {c.halves_high:.4g}" for c in own.itertuples())
@@ -264,10 +265,10 @@ def to_markdown(rows: pd.DataFrame, left_out: list[str], permutations: int) -> s
     return "\n".join(lines) + "\n"
 
 
-def _cell(cell) -> str:
-    text = f"{cell.value:.4f}" if cell.measure == "ncc" else f"{cell.value:.3f}"
-    text += "*" if cell.notices == "yes" else ""
-    return text + (f" ({cell.paper:g})" if pd.notna(cell.paper) else "")
+def _cell(measure: str, value: float, notices: str, paper: float) -> str:
+    text = f"{value:.4f}" if measure == "ncc" else f"{value:.3f}"
+    text += "*" if notices == "yes" else ""
+    return text + (f" ({paper:g})" if pd.notna(paper) else "")
 
 
 def reading(group: pd.DataFrame) -> list[str]:

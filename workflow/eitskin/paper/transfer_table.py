@@ -87,7 +87,7 @@ def difference(one: pd.DataFrame, other: pd.DataFrame) -> tuple[float, float, fl
     """
     drawn = [bool((runs["draw"] >= 0).all()) for runs in (one, other)]
     if drawn[0] == drawn[1]:
-        key = "draw" if drawn[0] else "seed"
+        key: str | None = "draw" if drawn[0] else "seed"
     else:
         key = "seed" if set(one["source"]) == set(other["source"]) else None
     if key is not None:
@@ -180,7 +180,7 @@ def reading(runs: pd.DataFrame, variable: str) -> str:
         return f"{word} {other} ({mean:+.2f} {unit}{limits})"
 
     def least(methods: list[str]) -> str | None:
-        return min((m for m in methods if m in of), key=error.get, default=None)
+        return min((m for m in methods if m in of), key=lambda m: error[m], default=None)
 
     if ZERO_SHOT in of:
         text = f"zero-shot errs by {error[ZERO_SHOT]:.2f} {unit}"
@@ -190,9 +190,9 @@ def reading(runs: pd.DataFrame, variable: str) -> str:
     best = least([m for m in METHODS if METHODS[m] == FEW and m not in REFERENCES])
     alone = least([CONSTANT, NEAREST, TRAINED_FEW])
     if best is not None:
-        others = [m for m in (ZERO_SHOT, alone) if m in of]
-        text = [f"with 5 % of the labels {best} errs least, {error[best]:.2f} {unit}"]
-        said.append(", ".join([*text, *(versus(best, other) for other in others)]))
+        others = [m for m in (ZERO_SHOT, alone) if m is not None and m in of]
+        told = [f"with 5 % of the labels {best} errs least, {error[best]:.2f} {unit}"]
+        said.append(", ".join([*told, *(versus(best, other) for other in others)]))
     if alone is not None:
         said.append(f"the 5 % alone give {error[alone]:.2f} {unit} at best ({alone})")
     if TRAINED_ALL in of:

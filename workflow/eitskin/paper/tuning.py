@@ -10,8 +10,11 @@ from eitskin.paper.ablation import score, size
 
 AXES = ("widths", "learning_rate", "weight_decay", "force_weight")
 SHOWN = (("mae", "x"), ("mae", "y"), ("mae", "F"), ("r2", "F"))
-TUNING = ("dataset", "split", "budget", "model", *AXES, "seeds", "score")
-TUNING = (*TUNING, *(f"{metric}_{target}" for metric, target in SHOWN), "best")
+TUNING = (
+    *("dataset", "split", "budget", "model", *AXES, "seeds", "score"),
+    *(f"{metric}_{target}" for metric, target in SHOWN),
+    "best",
+)
 
 
 def row(rows: pd.DataFrame, about: dict, point: dict, budget: str) -> dict:

@@ -34,9 +34,9 @@ def leaking(
     mean = np.zeros((len(potential), potential.shape[2]))
     mean[:, sites] = np.where(total > 0, admittance, 1.0) / np.where(total > 0, total, len(sites))
     for sink in np.unique(drives[:, 1]) if sink_grounded else [None]:
-        rows = drives[:, 1] == sink if sink_grounded else slice(None)
+        rows = slice(None) if sink is None else drives[:, 1] == sink
         response = impedance[:, :, sites]
-        if sink_grounded:
+        if sink is not None:
             response = response - impedance[:, :, [sink]]
             mean = np.broadcast_to(np.eye(potential.shape[2])[sink], mean.shape)
         zero = np.einsum("fdi,fi->fd", potential[:, rows], mean)

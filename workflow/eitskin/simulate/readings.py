@@ -9,12 +9,26 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from eitskin.effects.effect import ORDER, ForceEffect, Frames, LeakEffect, Moment, Setting
+from eitskin.effects.effect import (
+    ORDER,
+    ClockEffect,
+    Effect,
+    ForceEffect,
+    Frames,
+    InstrumentEffect,
+    LeakEffect,
+    Moment,
+    Setting,
+    SkinEffect,
+    TouchEffect,
+    WiringEffect,
+)
 from eitskin.errors import InputError
 from eitskin.physics.force_history import ForceHistory
 from eitskin.physics.forward import Forward, channel_values, measurable
@@ -23,6 +37,8 @@ from eitskin.physics.skin import Skin
 from eitskin.physics.solver import SolvedSkins
 from eitskin.simulate.interpolation import enough_nodes, lagrange
 from eitskin.simulate.leaks import leaking
+
+Kind = TypeVar("Kind", bound=Effect)
 
 LEAST_CONDUCTIVITY = 1e-3  # of the background's, inside a touch
 KEPT_SKINS = 16
@@ -40,22 +56,27 @@ def of_stage(chosen: list[Setting], stage: str) -> list[Setting]:
     return sorted(found, key=lambda setting: order.index(setting.effect.order))
 
 
+def of_kind(chosen: list[Setting], kind: type[Kind]) -> list[tuple[Kind, Setting]]:
+    """The effects of one class with their settings, in the order in which they apply."""
+    return [(s.effect, s) for s in of_stage(chosen, kind.stage) if isinstance(s.effect, kind)]
+
+
 def apply_force(frames: Frames, chosen: list[Setting]) -> Frames:
     """`frames` with the true force, by every effect on the force reported."""
-    effects = [s for s in of_stage(chosen, "touch") if isinstance(s.effect, ForceEffect)]
+    effects = of_kind(chosen, ForceEffect)
     if not effects:
         return frames
+    assert frames.history is not None
     history = frames.history
-    for setting in effects:
-        history = setting.effect.change(history, setting)
+    for effect, setting in effects:
+        history = effect.change(history, setting)
     return replace(frames, force_N=history.force_N(), history=history)
 
 
 def apply_touch(touches: pd.DataFrame, chosen: list[Setting], frames: Frames) -> pd.DataFrame:
     """Touches with every effect of `chosen` on what a touch is, once the true force is known."""
-    for setting in of_stage(chosen, "touch"):
-        if not isinstance(setting.effect, ForceEffect):
-            touches = setting.effect.change(touches, setting, frames)
+    for effect, setting in of_kind(chosen, TouchEffect):
+        touches = effect.change(touches, setting, frames)
     return touches
 
 
@@ -64,19 +85,17 @@ def apply_skin(geometry: Geometry, chosen: list[Setting], moment: Moment) -> Geo
 
     Raises InputError for an effect on the contacts of point electrodes.
     """
-    for setting in of_stage(chosen, "skin"):
-        if setting.effect.on_contacts and geometry.points:
-            place = f"effect {setting.effect.name}"
+    for effect, setting in of_kind(chosen, SkinEffect):
+        if effect.on_contacts and geometry.points:
+            place = f"effect {effect.name}"
             raise InputError(place, "name", "point electrodes", "electrodes with a width")
-        geometry = setting.effect.change(geometry, setting, moment)
+        geometry = effect.change(geometry, setting, moment)
     return geometry
 
 
 def on_contact(chosen: list[Setting]) -> bool:
     """Whether one of `chosen` needs the touch as one more terminal."""
-    return any(
-        isinstance(s.effect, LeakEffect) and s.effect.on_contact for s in of_stage(chosen, "wiring")
-    )
+    return any(effect.on_contact for effect, _ in of_kind(chosen, LeakEffect))
 
 
 def apply_wiring(
@@ -92,35 +111,33 @@ def apply_wiring(
     impedance is (N, n + 1, n + 1), the last terminal the contact, 0 where there is none, and
     force_N (N,) is the true force.
     """
-    wiring = of_stage(chosen, "wiring")
-    leaks = [s for s in wiring if isinstance(s.effect, LeakEffect)]
-    wires = [s for s in wiring if not isinstance(s.effect, LeakEffect)]
-    for setting in reversed(wires):
-        drives = setting.effect.driven(drives, setting)
+    leaks, wires = of_kind(chosen, LeakEffect), of_kind(chosen, WiringEffect)
+    for effect, setting in reversed(wires):
+        drives = effect.driven(drives, setting)
     potential = np.swapaxes(impedance[:, :, drives[:, 0]] - impedance[:, :, drives[:, 1]], 1, 2)
     if leaks:
         frames, terminals = impedance.shape[:2]
         force_N = np.zeros(frames) if force_N is None else force_N
         electrodes = terminals - on_contact(chosen)
         admittance = np.zeros((frames, terminals))
-        for setting in leaks:
-            own = electrodes + setting.effect.on_contact
-            admittance[:, :own] += setting.effect.admittance(setting, force_N, own)
+        for leak, setting in leaks:
+            own = electrodes + leak.on_contact
+            admittance[:, :own] += leak.admittance(setting, force_N, own)
         if on_contact(chosen):
             admittance[impedance[:, -1, -1] == 0.0, -1] = 0.0
-        sink_grounded = sink_grounded or any(s.effect.grounds_sink for s in leaks)
+        sink_grounded = sink_grounded or any(leak.grounds_sink for leak, _ in leaks)
         potential = leaking(potential, admittance, impedance, drives, sink_grounded)
     if on_contact(chosen):
         potential, impedance = potential[:, :, :-1], impedance[:, :-1, :-1]
-    for setting in wires:
-        potential = setting.effect.change(potential, setting, drives, impedance, sink_grounded)
+    for effect, setting in wires:
+        potential = effect.change(potential, setting, drives, impedance, sink_grounded)
     return potential
 
 
 def apply_instrument(voltage: np.ndarray, chosen: list[Setting], frames: Frames) -> np.ndarray:
     """Readings (N, M) V of `voltage` (N, M) V with every instrument effect of `chosen`."""
-    for setting in of_stage(chosen, "instrument"):
-        voltage = setting.effect.change(voltage, setting, frames)
+    for effect, setting in of_kind(chosen, InstrumentEffect):
+        voltage = effect.change(voltage, setting, frames)
     return voltage
 
 
@@ -145,10 +162,11 @@ def simulate(
     frames have skins of their own. `near`: a solved skin, to share with. Raises InputError where
     `skin` or a touched state lacks a value that a simulation needs, and where a channel has none.
     """
-    near = SolvedSkins(*[near] if near else [])
+    shared = SolvedSkins(*[near] if near else [])
     sensed = sense(
-        states, press, skin, channels, chosen, accuracy, frame_s, force_max_N, near, progress
+        states, press, skin, channels, chosen, accuracy, frame_s, force_max_N, shared, progress
     )
+    assert skin.current_A is not None
     return read(sensed, skin.current_A, chosen, sink_grounded)
 
 
@@ -256,8 +274,8 @@ def _skewed(frames: Frames, chosen: list[Setting]) -> tuple[Frames, np.ndarray, 
     """
     moment = np.linspace(-0.5, 0.5, len(frames.channels))
     seen = np.repeat(frames.force_N[:, None], len(moment), axis=1)
-    for setting in of_stage(chosen, "clock"):
-        seen += setting.effect.force_shift(setting, frames)[:, None] * moment
+    for effect, setting in of_kind(chosen, ClockEffect):
+        seen += effect.force_shift(setting, frames)[:, None] * moment
     seen = np.maximum(seen, 0.0)
     first, last = seen[:, 0], seen[:, -1]
     return replace(frames, seen_N=seen), 0.5 * (first + last), 0.5 * (last - first)
@@ -269,7 +287,7 @@ def read(
     """The stages of wiring and instrument of `simulate`: readings (N, M) V."""
     frames = sensed.frames
     channels = frames.channels
-    asked = [s for s in of_stage(chosen, "instrument") if not s.effect.on_readings]
+    asked = any(not effect.on_readings for effect, _ in of_kind(chosen, InstrumentEffect))
     above_sink = None
     if asked or of_stage(chosen, "wiring"):
         drives, drive = _drives(channels)
@@ -372,9 +390,9 @@ class _Solver:
                 moments = np.array(list(product(*few)))
                 by_time, by_force = (lagrange(n, own[:, k]) for k, n in enumerate(few))
                 weights = (by_time[:, :, None] * by_force[:, None, :]).reshape(len(rows), -1)
-            for moment, weight in zip(moments, weights.T, strict=True):
+            for (minutes, force_N), weight in zip(moments, weights.T, strict=True):
                 some = np.flatnonzero(weight)
-                yield skins.at(*moment, place), rows[some], weight[some]
+                yield skins.at(minutes, force_N, place), rows[some], weight[some]
 
 
 class _Skins:
@@ -421,7 +439,8 @@ class _Skins:
         def impedance(t: float) -> np.ndarray:
             moment = 0.5 * (low + high)
             moment[axis] = t
-            return self.at(*moment, place).transfer_impedance()
+            minutes, force_N = moment
+            return self.at(minutes, force_N, place).transfer_impedance()
 
         most = min(len(np.unique(moments[:, axis])) - 1, MOST_SKINS)
         return enough_nodes(impedance, low[axis], high[axis], most)
@@ -467,7 +486,7 @@ def _spread(values: np.ndarray) -> np.ndarray:
 def _places(places: np.ndarray, touched: np.ndarray) -> list[tuple[tuple, list[int]]]:
     """Places (x, y, radius) of touched rows, in order of appearance, with the rows of each."""
     found: dict[tuple, list[int]] = {}
-    for row in np.flatnonzero(touched):
+    for row in np.flatnonzero(touched).tolist():
         found.setdefault(tuple(places[row].tolist()), []).append(row)
     return list(found.items())
 

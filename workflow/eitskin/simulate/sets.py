@@ -8,7 +8,9 @@ paper's code, the untouched frame carries the instrument of its touched frame's 
 import json
 import sys
 import zlib
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -26,16 +28,20 @@ from eitskin.physics.skin import Skin
 from eitskin.simulate import state_priors
 from eitskin.simulate.readings import apply_instrument, simulate
 
+Item = TypeVar("Item")
+
 STAGE_KEY = b"eitskin-stage"
 NOISE = zlib.crc32(b"noise")
 CONTINUOUS = "-continuous"  # so ends the name of a set whose touches lie everywhere
 
 
-def _watched(items, unit: str):
+def _watched(items: Iterable[Item], unit: str) -> Iterable[Item]:
     return tqdm(items, unit=unit, disable=not sys.stderr.isatty())
 
 
-def sessions(places: int, levels: int, session_frames: int, crossed: bool, seed: int):
+def sessions(
+    places: int, levels: int, session_frames: int, crossed: bool, seed: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Session, place and level (each (places * levels,) int) of every sample.
 
     Location-major, `session_frames` at a time, as the paper; crossed: every session presses all
@@ -77,7 +83,13 @@ def continuous_samples(
     )
 
 
-def _grid_samples(grid: pd.DataFrame, force_N: np.ndarray, session, place, level) -> pd.DataFrame:
+def _grid_samples(
+    grid: pd.DataFrame,
+    force_N: np.ndarray,
+    session: np.ndarray,
+    place: np.ndarray,
+    level: np.ndarray,
+) -> pd.DataFrame:
     chosen = grid.iloc[place]
     return pd.DataFrame(
         {
@@ -105,15 +117,21 @@ def sample_settings(
     return chosen
 
 
-def _laid_out(mesh, touch_grid) -> tuple[np.ndarray, np.ndarray, pd.DataFrame]:
+def _laid_out(
+    mesh: str | Path, touch_grid: str | Path
+) -> tuple[np.ndarray, np.ndarray, pd.DataFrame]:
     """Channels (M, 4), force levels and the grid of places."""
     with np.load(mesh) as laid:
         return laid["channels"], laid["force_N"], pd.read_csv(touch_grid)
 
 
 def _simulate_sessions(
-    table: pd.DataFrame, channels: np.ndarray, skin: dict, accuracy: str, chosen_of
-):
+    table: pd.DataFrame,
+    channels: np.ndarray,
+    skin: dict,
+    accuracy: str,
+    chosen_of: Callable[[int, np.ndarray], list[Setting]],
+) -> tuple[pd.DataFrame, np.ndarray, np.ndarray, np.ndarray]:
     believed = Skin.from_metadata(skin, "config.yaml")
     untouched = np.empty((len(table), len(channels)), dtype=np.float32)
     touched = np.empty_like(untouched)
@@ -133,7 +151,9 @@ def _simulate_sessions(
     return table, untouched, touched, channels
 
 
-def write_clean(mesh, touch_grid, out: str | Path, skin: dict, accuracy: str):
+def write_clean(
+    mesh: str | Path, touch_grid: str | Path, out: str | Path, skin: dict, accuracy: str
+) -> None:
     """Every place and force on the ideal skin, as a stage."""
     channels, force_N, grid = _laid_out(mesh, touch_grid)
     places, levels = len(grid), len(force_N)
@@ -147,8 +167,8 @@ def write_clean(mesh, touch_grid, out: str | Path, skin: dict, accuracy: str):
 
 
 def write_skin_stage(
-    mesh,
-    touch_grid,
+    mesh: str | Path,
+    touch_grid: str | Path,
     out: str | Path,
     seed: int,
     skin: dict,
@@ -157,7 +177,7 @@ def write_skin_stage(
     session_frames: int,
     crossed: bool,
     continuous: dict | None = None,
-):
+) -> None:
     """Every place and force with the effects that need a forward solve, drawn anew for each
     session, as a stage.
 
@@ -178,7 +198,7 @@ def write_skin_stage(
     _write_stage(out, *_simulate_sessions(table, channels, skin, accuracy, chosen_of))
 
 
-def write_stage(stage, out: str | Path, seed: int, effect: dict, position: int):
+def write_stage(stage: str | Path, out: str | Path, seed: int, effect: dict, position: int) -> None:
     """One instrument effect, drawn anew for each session, applied to a stage."""
     table, untouched, touched, channels = read_stage(stage)
     force = table["force_N"].to_numpy()
@@ -192,8 +212,13 @@ def write_stage(stage, out: str | Path, seed: int, effect: dict, position: int):
 
 
 def write_dataset(
-    stage, out: str | Path, configuration: str, seed: int, noise: float, baseline: str
-):
+    stage: str | Path,
+    out: str | Path,
+    configuration: str,
+    seed: int,
+    noise: float,
+    baseline: str,
+) -> None:
     """Noise on untouched and touched frame, `noise` times each frame's median |v|; their
     difference.
 
@@ -248,7 +273,13 @@ def read_stage(path: str | Path) -> tuple[pd.DataFrame, np.ndarray, np.ndarray, 
     return table, values("untouched_V"), values("touched_V"), channels
 
 
-def _write_stage(path, table: pd.DataFrame, untouched, touched, channels: np.ndarray) -> None:
+def _write_stage(
+    path: str | Path,
+    table: pd.DataFrame,
+    untouched: np.ndarray,
+    touched: np.ndarray,
+    channels: np.ndarray,
+) -> None:
     stored = pa.Table.from_pandas(table, preserve_index=False)
     for name, values in (("untouched_V", untouched), ("touched_V", touched)):
         flat = pa.array(np.ascontiguousarray(values, dtype=np.float32).ravel())

@@ -33,7 +33,7 @@ def place_normal(xy_mm: np.ndarray, reach_mm: float) -> np.ndarray:
     return xy_mm / (reach_mm * _shrink(-2.0 * np.log1p(-share))[0])
 
 
-def _shrink(square) -> tuple[np.ndarray, np.ndarray]:
+def _shrink(square: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
     """h = sqrt((1 - exp(-t/2)) / t) and its derivative, of t = `square`; 1 - t/4 + t²/24 at 0."""
     near = np.asarray(square) < FLAT
     t = np.where(near, 1.0, square)

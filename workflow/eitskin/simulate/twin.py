@@ -12,6 +12,7 @@ import pandas as pd
 
 from eitskin.data import recording
 from eitskin.effects.settings import settings, site_counts
+from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from eitskin.simulate.layout import polar_grid
@@ -38,6 +39,7 @@ def presses(
     N_per_mm (probe / 10 mm) depth^exponent, its stiffness scattered by `scatter` from place to
     place.
     """
+    low_N, high_N = target_N
     rows: list[dict] = []
     time, contact = 0.0, 0
     for probe in probes_mm:
@@ -48,7 +50,7 @@ def presses(
                 for _ in range(untouched_frames):
                     rows.append({**session, "time_s": time, "touch": False, "contact": None})
                     time += frame_s + 0.05
-                target = rng.uniform(*target_N)
+                target = rng.uniform(low_N, high_N)
                 stiff = stiffness["N_per_mm"] * probe / 10.0
                 stiff *= np.exp(stiffness["scatter"] * rng.standard_normal())
                 depth = force = 0.0
@@ -94,9 +96,10 @@ def write(
     `noise`: standard deviation of a reading over the median |v| of its frame.
     """
     believed = Skin.from_metadata(skin, "config.yaml: twin")
-    channels = channel_table(len(believed.electrode_deg), **protocol)
+    geometry = Geometry.from_skin(believed)
+    channels = channel_table(len(geometry.electrode_deg), **protocol)
     rng = np.random.default_rng([seed, 3])
-    grid = polar_grid(believed.radius_mm, probe_mm=0.0, **touch_grid)
+    grid = polar_grid(geometry.radius_mm, probe_mm=0.0, **touch_grid)
     frames = presses(grid, rng=rng, **press)
     chosen = settings(effects, site_counts(channels), (seed, 0))
     metadata = {
