@@ -14,6 +14,7 @@ from diagnosed_skin import CHANNELS, KINDS, RIG, SCHEMA, diagnosed, with_rig
 from eitskin import plotting
 from eitskin.diagnose import rig_words
 from eitskin.diagnose.report import evidence, figures, page
+from eitskin.diagnose.result import OF_A_PART
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
 from eitskin.errors import InputError
@@ -261,6 +262,24 @@ def test_what_the_diagnosis_writes_is_text_not_markup(tmp_path):
     parsed = Page(rewritten(folder))
     assert "<script>" not in (folder / "report.html").read_text(encoding="utf-8")
     assert unescape(parsed.text).count(evil) >= 6
+
+
+@pytest.mark.parametrize("marked", [True, False])
+def test_the_part_that_the_report_is_of_is_the_one_that_is_told(tmp_path, marked):
+    """Frames alone do not say which it is; files of before have no mark."""
+    folder, _ = diagnosed(tmp_path, "consistent")
+
+    def change(diagnosis):
+        own = {key: diagnosis[key] for key in OF_A_PART}
+        told = {"frames": [0, 60], **own, **({"told": True} if marked else {})}
+        step = {"frame": 61, "sentences": ["All is other."], "difference": {}}
+        diagnosis |= {"parts": [told, {"frames": [61, 200], **own}], "steps": [step]}
+
+    edited(folder, "diagnosis.json", change)
+    text = Page(rewritten(folder)).text
+    which = "frames 0 to 60, " if marked else ""
+    assert f"The rest of this report is of {which}the longest part that could be" in text
+    assert "Frames 61 to 200" in text and "All is other." in text
 
 
 def test_sites_of_every_kind_and_no_gap(tmp_path):

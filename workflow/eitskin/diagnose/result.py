@@ -23,6 +23,8 @@ from eitskin.diagnose.verdict import acceptable, verdict
 from eitskin.effects import EFFECTS, catalogue_names
 from eitskin.errors import InputError
 
+OF_A_PART = ("verdict", "effects", "other", "fit")  # what diagnosis.json has of each part
+
 
 def result(found: Diagnosis, name: str) -> dict:
     """diagnosis.json of a diagnosis, as an object."""
@@ -33,7 +35,7 @@ def result(found: Diagnosis, name: str) -> dict:
     named = found.search.named(found.after, found.after.fit)
     p = judged.p_value(named, noise.dof)
     entries = [_entry(found, i, acceptable(p)) for i in range(len(found.after.effects))]
-    return {
+    said: dict[str, Any] = {
         "format": "eit-diagnosis",
         "version": 1,
         "recording": name,
@@ -68,8 +70,12 @@ def result(found: Diagnosis, name: str) -> dict:
                 **{f"rms_{when}_V": one.rms for when, one in held.items()},
             }
         },
-        **({"parts": [*found.parts], "steps": [*found.steps]} if found.steps else {}),
     }
+    if found.steps:
+        own = {key: said[key] for key in OF_A_PART}
+        said["parts"] = [part | own if "told" in part else part for part in found.parts]
+        said["steps"] = [*found.steps]
+    return said
 
 
 def unobservable(found: Diagnosis) -> list[str]:

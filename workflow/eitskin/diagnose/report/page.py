@@ -250,14 +250,11 @@ def _apart(found: Evidence) -> str:
     told = of_parts(found.diagnosis)
     if not told:
         return ""
-    longest = max(
-        (part for part in found.diagnosis["parts"] if "refused" not in part),
-        key=lambda part: part["frames"][1] - part["frames"][0],
-    )
+    of = [f"{stretch(part['frames'])}, " for part in found.diagnosis["parts"] if "told" in part]
     lines = [
         "<h2>Before and after each step</h2>",
         "<p>The readings step, so that this recording is of more than one state of skin and rig."
-        f" The rest of this report is of {stretch(longest['frames'])}, the longest part."
+        f" The rest of this report is of {''.join(of)}the longest part that could be diagnosed."
         " What a step changed is found without a model of the skin.</p>",
     ]
     for head, sentences in told:
