@@ -51,15 +51,29 @@ def interval(value: float, low: float, high: float, unit: str) -> str:
     span = max(value - low, high - value) / factor
     if span == 0:
         return f"{number(value / factor, 4)}{name}, held"
-    decimals = 1 - math.floor(math.log10(span))
+    decimals = _decimals(span)
     texts = [_rounded(each / factor, decimals) for each in (value, low, high)]
     return f"{texts[0]} (90 %: {texts[1]} to {texts[2]}){name}"
+
+
+def alike(a: float, b: float, span: float) -> bool:
+    """Whether two numbers are written alike where an interval is worth their digits that reaches
+    so far to its farther side; of a span of 0, or of none, whether they are equal."""
+    if not 0.0 < span < math.inf:
+        return a == b
+    decimals = _decimals(span)
+    return round(a, decimals) == round(b, decimals)
 
 
 def listed(items: Sequence[object]) -> str:
     """`a`, `a and b`, `a, b and c`."""
     texts = [str(item) for item in items]
     return " and ".join(filter(None, [", ".join(texts[:-1]), *texts[-1:]]))
+
+
+def _decimals(span: float) -> int:
+    """Decimals that a number is worth whose interval reaches so far to its farther side."""
+    return 1 - math.floor(math.log10(span))
 
 
 def _by_ten(value: float, digits: int) -> str:

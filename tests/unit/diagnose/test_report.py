@@ -122,6 +122,7 @@ def test_an_effect_comes_with_numbers_and_a_mend(written):
     text = Page(page_of(written, "explained")).text
     assert "ratio = 2.104 (90 %: 2.087 to 2.121)" in text
     assert "Re-seat electrode 7." in text
+    assert "in the median channel, and in all others. Found from" in text
     assert "The 20 states of the query are predicted" in text
     assert "states of the query" not in page_of(written, "consistent")
 
@@ -331,7 +332,8 @@ def test_dense_values_are_summed_up(tmp_path):
 
     edited(folder, "diagnosis.json", change)
     text = Page(rewritten(folder)).text
-    assert "from 0.900 to 1.30, farthest out 1.300 (90 %: 1.290 to 1.310) at channel 13" in text
+    ends = "0.900 (90 %: 0.890 to 0.910) to 1.300 (90 %: 1.290 to 1.310)"
+    assert f"anything from {ends}, farthest out at channel 13" in text
     assert "channel-gain, 208 channels, static" in text
 
 

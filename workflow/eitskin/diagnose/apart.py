@@ -21,6 +21,7 @@ from eitskin.diagnose.result import OF_A_PART, result
 from eitskin.diagnose.words import stretch
 from eitskin.errors import InputError
 
+
 def diagnose(
     recorded: Recording,
     seed: int = 1,

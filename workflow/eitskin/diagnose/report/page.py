@@ -28,6 +28,7 @@ from eitskin.diagnose.words import (
     of_parts,
     pinned,
     sites,
+    spread,
     stretch,
     valued,
     where,
@@ -293,8 +294,8 @@ def _effect(k: int, effect: dict, found: Evidence) -> str:
 
 
 def _parameter(name: str, estimate: dict, effect: dict) -> str:
-    """One parameter with its interval; of a list, its range and the value farthest out."""
-    label, unit, texts = f"<code>{escape(name)}</code>", estimate["unit"], valued(estimate)
+    """One parameter with its interval; of a list, its range and where it is farthest out."""
+    label, texts = f"<code>{escape(name)}</code>", valued(estimate)
     if not isinstance(estimate["value"], list):
         return f"{label} = {escape(texts[0])}"
     value = np.array(estimate["value"])
@@ -306,8 +307,8 @@ def _parameter(name: str, estimate: dict, effect: dict) -> str:
         ]
         return f"{label} = {escape(listed(each))}"
     far = int(np.argmax(np.abs(value - np.median(value))))
-    text = f"from {number(value.min())} to {quantity(value.max(), unit)}, farthest out {texts[far]}"
-    return f"{label} {escape(f'{text} at {sites({kind: [effect[kind][far]]})}')}"
+    text = f"{spread(estimate, texts)}, farthest out at {sites({kind: [effect[kind][far]]})}"
+    return f"{label} {escape(text)}"
 
 
 def _unit(found: Evidence) -> str:
@@ -515,11 +516,12 @@ def _calibration(found: Evidence) -> str:
 
 def _noise(found: Evidence) -> str:
     unit, sd = _unit(found), found.noise_V[np.isfinite(found.noise_V)]
+    least, most = quantity(sd.min(), unit), quantity(sd.max(), unit)
+    over = f"{least} to {most} over the channels" if least != most else "and in all others"
     return (
         "<h2>The noise</h2>\n"
         f"<p>Standard deviation of a reading: {quantity(found.diagnosis['noise_V'], unit)} in the"
-        f" median channel, {quantity(sd.min(), unit)} to {quantity(sd.max(), unit)} over the"
-        f" channels. Found from: {escape(found.noise_source)}"
+        f" median channel, {over}. Found from: {escape(found.noise_source)}"
         f" ({number(found.noise_dof)} degrees of freedom).</p>"
     )
 
