@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 MINUS, NONE = "\N{MINUS SIGN}", "\N{EN DASH}"
+NO_BREAK = "\N{NO-BREAK SPACE}"
 PREFIXED = ("V", "S", "S/N", "A", "Ω")
 PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M"}
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -65,6 +66,11 @@ def alike(a: float, b: float, span: float) -> bool:
     return round(a, decimals) == round(b, decimals)
 
 
+def plain(text: str) -> str:
+    """A text for a terminal, where one greps: plain spaces alone."""
+    return text.replace(NO_BREAK, " ")
+
+
 def listed(items: Sequence[object]) -> str:
     """`a`, `a and b`, `a, b and c`."""
     texts = [str(item) for item in items]
@@ -102,4 +108,4 @@ def _scale(value: float, unit: str) -> tuple[float, str]:
 
 
 def _spaced(unit: str) -> str:
-    return "" if unit == "1" else unit if unit == "°" else f"\N{NO-BREAK SPACE}{unit}"
+    return "" if unit == "1" else unit if unit == "°" else f"{NO_BREAK}{unit}"
