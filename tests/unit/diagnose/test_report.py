@@ -346,6 +346,19 @@ def test_the_atlas_shows_what_is_significant(written):
     assert "None of 16 statistics is significant." in text
 
 
+def test_rivals_begin_with_what_is_named_where_that_is_told(written, tmp_path):
+    found = evidence.read(written["explained"], *_rest(written["explained"]))
+    drawn = figures.rivals(found).axes[0]
+    told = [text.get_text() for text in drawn.texts]
+    value = found.tables["rivals"]["chi2_per_dof"][0]
+    assert told[:3] == ["all that is named", figures.number(value), "without contact-impedance"]
+    folder, _ = diagnosed(tmp_path, "explained")
+    path = folder / "evidence" / "rivals.csv"
+    pd.read_csv(path).iloc[1:].to_csv(path, index=False)
+    drawn = figures.rivals(evidence.read(folder, *_rest(folder))).axes[0]
+    assert drawn.texts[0].get_text() == "without contact-impedance"
+
+
 def test_an_unfinished_folder_is_refused(tmp_path):
     folder, _ = diagnosed(tmp_path, "consistent")
     path = folder / "evidence" / "rivals.csv"

@@ -51,6 +51,18 @@ def test_nothing_missing_is_consistent():
     assert 0.49 < conductivity["low"] < conductivity["high"] < 0.51
 
 
+def test_what_else_could_be_there_is_held_against_the_covariance_of_what_is_named(contact):
+    """Chi squared rises by twice what the log density falls by: a rival has no discrepancy of its
+    own in which its misfit would be hidden."""
+    _, found = contact
+    table = result._rivals(found)
+    assert table["effect"].tolist() == ["", *["contact-impedance"] * len(found.rivals[0])]
+    rise = table["chi2_per_dof"] - table["chi2_per_dof"][0]
+    assert 0.8 < table["chi2_per_dof"][0] < 1.25 and table["elpd_difference"][0] == 0.0
+    fall = -2.0 * table["elpd_difference"] / found.search.problem.whitening.size
+    assert rise[1] > 0.4 and rise.to_numpy() == pytest.approx(fall.to_numpy(), rel=0.1, abs=0.05)
+
+
 def test_loud_frames_are_numbered_as_in_the_recording_that_an_excerpt_is_of(contact):
     recorded, found = contact
     thinned = replace(

@@ -50,8 +50,9 @@ CAPTIONS = {
     "misfit_time": "Misfit against time. Dots are frames, lines their means.",
     "misfit_place": "Misfit over the skin.",
     "held_out": "The misfit of what was held out.",
-    "rivals": "Each name taken out again, and others in its place. In brackets: the difference in"
-    " held-out log predictive density to all that is named; below 0 is worse.",
+    "rivals": "Each name taken out again, and others in its place: what was not put aside is held"
+    " out in turn and predicted from the rest, against the noise and rig errors of all that is"
+    " named. In brackets: the difference in log predictive density; below 0 is worse.",
     "next_experiment": "What the next experiment would tell apart. Shaded: a gap under 3, where"
     " names are one class.",
 }
