@@ -124,7 +124,9 @@ def test_what_few_frames_showed_must_stand_on_all_of_them(contact):
     few = found.after
     _, after = again.run(few)
     assert [c.key for c in after.effects] == [c.key for c in few.effects]
-    assert again.path[1]["action"] == "start"
+    begun = [row for row in again.path if row["action"] == "start"]
+    assert [(row["effect"], row["sites"]) for row in begun] == [("contact-impedance", "3")]
+    assert begun[0]["p_value"] == few.p_value(few.effects[0]) < search.SIGNIFICANT
     assert after.p_value(after.effects[0]) < search.SIGNIFICANT
     # One value too many, found on frames that said so alone.
     more = next(c for c in again.candidates if c.name == "measurement-gain" and c.scope == "sparse")
@@ -158,7 +160,11 @@ def test_a_search_on_few_frames_goes_on_with_all(monkeypatch):
         "multiplexer-memory",
     ]
     steps = [(step["action"], step["effect"]) for step in found.search.path]
-    assert steps == [("calibrate", ""), ("start", ""), ("add", "multiplexer-memory")]
+    assert steps == [
+        ("calibrate", ""),
+        ("start", "contact-impedance"),
+        ("add", "multiplexer-memory"),
+    ]
     monkeypatch.setattr(diagnosis, "FIRST_SHARE", 0.0)
     unbegun = diagnosis.diagnose(small_recording(CONTACT, weak, noise=NOISE)).search.path
     assert "start" not in [step["action"] for step in unbegun]

@@ -17,7 +17,7 @@ from eitskin.diagnose import rig_words
 from eitskin.diagnose.classes import CONFUSED, WEAK
 from eitskin.diagnose.report import evidence, figures
 from eitskin.diagnose.report.evidence import Evidence
-from eitskin.diagnose.search.search import CUT_SHORT
+from eitskin.diagnose.search.search import CUT_SHORT, START
 from eitskin.diagnose.verdict import LIKELY
 from eitskin.diagnose.words import (
     UNITS,
@@ -547,6 +547,11 @@ def _record(found: Evidence) -> str:
         ]
         heads = ["step", "action", "effect", "sites", "χ²", "log evidence", "p"]
         parts.append(_table(heads, rows, ("step", "χ²", "log evidence", "p")))
+    if (search["action"] == START).any():
+        parts.append(
+            f"<p>{START.capitalize()}: found first, on the frames in which nobody touches or on"
+            " some of all, with p there, and fitted to all frames.</p>"
+        )
     if (search["action"] == CUT_SHORT).any():
         parts.append(
             "<p>The search, or the comparison with other names after it, was cut short: it had"
