@@ -250,6 +250,7 @@ def _atlas(residual: np.ndarray) -> pd.DataFrame:
 
 def _rivals(effects: list[dict], rms: list[float]) -> pd.DataFrame:
     rows = [
+        ("", "", rms[1] ** 2, 0.0, np.nan),
         ("contact-impedance", "nothing", rms[0] ** 2, -4120.0, np.nan),
         ("contact-impedance", "electrode-width", 1.01 * rms[1] ** 2, -1.3, 2.1),
         ("contact-impedance", "electrode-position", 0.4 * rms[0] ** 2, -1650.0, 11.2),

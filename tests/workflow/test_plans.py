@@ -5,6 +5,7 @@ import shutil
 import pytest
 
 from eitskin.learn import model_file
+from sample_files import logger, parquet
 
 pytestmark = pytest.mark.xdist_group("finished")
 
@@ -344,6 +345,27 @@ def test_a_recording_is_added_by_its_path_alone(house, tmp_path):
     }
     made = {"import_recording", "check", "record_dataset", "split", *LEARNING}
     assert house.jobs(files=["more.yaml"]) == made | TABLE
+
+
+def test_an_importer_s_edit_imports_recordings_of_its_format_alone(fresh, tmp_path):
+    house = fresh.copy(tmp_path / "house")
+    brought = {"press": logger(house.folder), "frames": parquet(house.folder)}
+    named = ", ".join(f"{name}: {{path: {path.name}}}" for name, path in brought.items())
+    (house.folder / "more.yaml").write_text(f"recordings: {{{named}}}\n")
+    made = [f"results/recordings/{name}.parquet" for name in brought]
+    run = house.snakemake("more.yaml", "--", *made)
+    assert run.returncode == 0, run.stderr
+
+    def pending(importer):
+        path = house.folder / "workflow" / "eitskin" / "data" / "importers" / importer
+        path.write_text(f"{path.read_text(encoding='utf-8')}\nUNUSED = 1\n")
+        plan = house.snakemake("more.yaml", "--summary", "--", *made)
+        rows = [line.split("\t") for line in plan.stdout.splitlines()]
+        return {row[0] for row in rows if row[-1] == "update pending"}
+
+    assert pending("matrix.py") == set()
+    assert pending("logger_csv.py") == {made[0]}
+    assert pending("__init__.py") == {*made}
 
 
 def test_the_paper_s_second_table_and_figures_can_be_planned_by_name(fresh, tmp_path):

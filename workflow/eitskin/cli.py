@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
+from typing import TextIO
 
 import shtab
 
@@ -21,7 +22,7 @@ from eitskin.data.recording import Recording
 from eitskin.diagnose.excerpt import LIMIT_GIB
 from eitskin.errors import InputError, named, refused
 from eitskin.physics.outline import EXPECTED, no_disc
-from eitskin.quantities import listed
+from eitskin.quantities import listed, plain
 
 REFUSED, UNUSABLE, INTERRUPTED = 1, 2, 130
 SCHEMA = Path(__file__).parent / "diagnose" / "diagnosis.schema.yaml"
@@ -222,11 +223,16 @@ def _checked(recorded: Recording, arguments: argparse.Namespace) -> check.Check 
     if result.ok or arguments.anyway:
         return result
     for finding in result.of(check.ERROR):
-        print(f"{arguments.file}: {finding.topic}: {finding.sentence}", file=sys.stderr)
+        _say(f"{arguments.file}: {finding.topic}: {finding.sentence}", sys.stderr)
     print("Not usable as it stands; --anyway goes on all the same.", file=sys.stderr)
     if arguments.json:
         answers.write(answers.checked(result, arguments.file))
     return None
+
+
+def _say(text: str, to: TextIO | None = None) -> None:
+    """Print sentences, on stdout unless told where, with the spaces that one greps for."""
+    print(plain(text), file=to, flush=True)
 
 
 def _print_apart(checked: check.Check, count: int, arguments: argparse.Namespace) -> None:
@@ -254,7 +260,7 @@ def _print_before(checked: check.Check, count: int, arguments: argparse.Namespac
             "frames: {} to {} of the file, from here on numbered from 0.".format(*arguments.frames)
         )
     for finding in (*checked.about("skin"), *checked.of(check.WARNING), *checked.of(check.ERROR)):
-        print(f"{finding.topic}: {finding.sentence}", flush=True)
+        _say(f"{finding.topic}: {finding.sentence}")
     _print_apart(checked, count, arguments)
 
 
@@ -330,9 +336,9 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         answers.write(said | {"report": str(report)})
         return 0
     for head, sentences in words.of_parts(said) or [("", words.told(said))]:
-        print("\n".join([f"{head}:", *sentences] if head else sentences))
+        _say("\n".join([f"{head}:", *sentences] if head else sentences))
     for sentence in words.pinned(said["calibration"]):
-        print(sentence)
+        _say(sentence)
     print(report)
     return 0
 
@@ -367,7 +373,8 @@ def _compare(arguments: argparse.Namespace) -> int:
     if arguments.json:
         answers.write(said | {"report": str(report)})
     else:
-        print("\n".join([*sentences, str(report)]))
+        _say("\n".join(sentences))
+        print(report)
     return 0
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 MINUS, NONE = "\N{MINUS SIGN}", "\N{EN DASH}"
+NO_BREAK = "\N{NO-BREAK SPACE}"
 PREFIXED = ("V", "S", "S/N", "A", "Ω")
 PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M"}
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -51,15 +52,34 @@ def interval(value: float, low: float, high: float, unit: str) -> str:
     span = max(value - low, high - value) / factor
     if span == 0:
         return f"{number(value / factor, 4)}{name}, held"
-    decimals = 1 - math.floor(math.log10(span))
+    decimals = _decimals(span)
     texts = [_rounded(each / factor, decimals) for each in (value, low, high)]
     return f"{texts[0]} (90 %: {texts[1]} to {texts[2]}){name}"
+
+
+def alike(a: float, b: float, span: float) -> bool:
+    """Whether two numbers are written alike where an interval is worth their digits that reaches
+    so far to its farther side; of a span of 0, or of none, whether they are equal."""
+    if not 0.0 < span < math.inf:
+        return a == b
+    decimals = _decimals(span)
+    return round(a, decimals) == round(b, decimals)
+
+
+def plain(text: str) -> str:
+    """A text for a terminal, where one greps: plain spaces alone."""
+    return text.replace(NO_BREAK, " ")
 
 
 def listed(items: Sequence[object]) -> str:
     """`a`, `a and b`, `a, b and c`."""
     texts = [str(item) for item in items]
     return " and ".join(filter(None, [", ".join(texts[:-1]), *texts[-1:]]))
+
+
+def _decimals(span: float) -> int:
+    """Decimals that a number is worth whose interval reaches so far to its farther side."""
+    return 1 - math.floor(math.log10(span))
 
 
 def _by_ten(value: float, digits: int) -> str:
@@ -88,4 +108,4 @@ def _scale(value: float, unit: str) -> tuple[float, str]:
 
 
 def _spaced(unit: str) -> str:
-    return "" if unit == "1" else unit if unit == "°" else f"\N{NO-BREAK SPACE}{unit}"
+    return "" if unit == "1" else unit if unit == "°" else f"{NO_BREAK}{unit}"

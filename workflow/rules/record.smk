@@ -6,6 +6,12 @@ BROUGHT = [
 ]
 
 
+def read_from(recording):
+    """The path of a recording, and its format where that is stated."""
+    item = config["recordings"][recording]
+    return item["path"], item.get("format")
+
+
 rule twin:
     output:
         "results/twin/simulated-twin.parquet",
@@ -30,15 +36,7 @@ rule twin:
 
 rule import_recording:
     input:
-        lambda wildcards: list(
-            map(
-                str,
-                importers.files(
-                    config["recordings"][wildcards.recording]["path"],
-                    config["recordings"][wildcards.recording].get("format"),
-                ),
-            )
-        ),
+        lambda wildcards: list(map(str, importers.files(*read_from(wildcards.recording)))),
     output:
         "results/recordings/{recording}.parquet",
     log:
@@ -60,7 +58,9 @@ rule import_recording:
         },
         skin=lookup(dpath="recordings/{recording}/skin", within=config, default=None),
         frames=lookup(dpath="recordings/{recording}/frames", within=config, default=None),
-        code=fingerprint("import_recording", IMPORTERS),
+        code=lambda wildcards: fingerprint(
+            "import_recording", importers.readers(*read_from(wildcards.recording))
+        ),
     message:
         "Reading the recording {wildcards.recording}"
     script:

@@ -443,3 +443,6 @@ def test_what_is_read_is_told_before_it_is_read(tmp_path):
     assert importers.files(frames) == [frames, *sorted(frames.iterdir())]
     for other in (tmp_path / "absent.parquet", pair[0].with_name("text.md")):
         assert importers.files(other) == [other]
+        assert importers.readers(other) == []
+    assert importers.readers(frames) == ["eitskin.data.importers.lct_tank"]
+    assert importers.readers(pair[0], "patterned-skin") == ["eitskin.data.importers.patterned_skin"]

@@ -1,17 +1,20 @@
 """A recording with a step is diagnosed apart, and what the step changed is said."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
+from diagnosed_skin import SCHEMA
 from eitskin import cli
 from eitskin.data import recording
 from eitskin.data.recording import Recording
-from eitskin.diagnose import apart, diagnosis
+from eitskin.diagnose import apart, diagnosis, result
+from eitskin.diagnose.validation import validate
 from eitskin.diagnose.words import of_parts
 from eitskin.errors import InputError
+from small_skin import small_recording
 from witness import owned
 
 STEPS = 33, 57
@@ -36,8 +39,9 @@ def stepped(make_recording):
 
 @pytest.fixture
 def diagnosed(monkeypatch):
-    """Parts given to the diagnosis, in order; of the lengths in `refused` it ends in a refusal."""
-    given, refused = [], set()
+    """Parts given to the diagnosis, in order; of the lengths in `refused` it ends in a refusal;
+    and those whose result was made."""
+    given, refused, made = [], set(), []
 
     def diagnose(recorded, *_):
         given.append(recorded)
@@ -45,18 +49,19 @@ def diagnosed(monkeypatch):
             raise InputError("recording", "frames", len(recorded.frames), "others")
         return Told(recorded)
 
-    def result(found, name):
+    def said(found, name):
+        made.append(found.recorded)
         entries = {"verdict": "consistent", "effects": [], "other": {"sentence": None}, "fit": {}}
         return {"recording": name, **entries}
 
     monkeypatch.setattr(diagnosis, "diagnose", diagnose)
-    monkeypatch.setattr(apart, "result", result)
-    return given, refused
+    monkeypatch.setattr(apart, "result", said)
+    return given, refused, made
 
 
 def test_parts_are_the_whole_recording_and_steps_lie_between(stepped, diagnosed):
     found = apart.diagnose(stepped)
-    given, _ = diagnosed
+    given, *_ = diagnosed
     ends = [part["frames"] for part in found.parts]
     first_after = [step["frame"] for step in found.steps]
     assert [b[0] for b in ends[1:]] == first_after and len(first_after) == 2
@@ -75,12 +80,14 @@ def test_a_step_says_what_it_changed_and_back(stepped, diagnosed):
         (one,) = step["difference"]["found"]
         assert one["named"] and one["channels"] == [40]
         assert word in step["sentences"][0]
-    heads = [head for head, _ in of_parts({"parts": found.parts, "steps": found.steps})]
+    of_no_file = {"verdict": "consistent", "effects": [], "other": {"sentence": None}}
+    parts = [part | of_no_file if "told" in part else part for part in found.parts]
+    heads = [head for head, _ in of_parts({"parts": parts, "steps": found.steps})]
     assert [head.split()[0] for head in heads] == ["Frames", "The", "Frames", "The", "Frames"]
 
 
 def test_the_longest_part_that_can_be_diagnosed_is_told(stepped, diagnosed):
-    given, refused = diagnosed
+    given, refused, _ = diagnosed
     apart.diagnose(stepped)
     lengths = sorted(len(part.frames) for part in given)
     refused.add(lengths[-1])
@@ -91,6 +98,33 @@ def test_the_longest_part_that_can_be_diagnosed_is_told(stepped, diagnosed):
     refused.update(lengths)
     with pytest.raises(InputError, match=f"found {lengths[-1]},"):
         apart.diagnose(stepped)
+
+
+def test_one_part_says_that_it_is_told_and_its_result_is_made_where_it_is_written(
+    stepped, diagnosed
+):
+    given, refused, made = diagnosed
+    found = apart.diagnose(stepped)
+    assert [part["frames"] for part in found.parts if "told" in part] == [frames_of(found)]
+    assert len(made) == len(given) - 1 and all(part is not found.recorded for part in made)
+    refused.add(len(found.recorded.frames))
+    found = apart.diagnose(stepped)
+    assert [part["frames"] for part in found.parts if "told" in part] == [frames_of(found)]
+
+
+def frames_of(found):
+    return found.recorded.frames["frame"].iloc[[0, -1]].tolist()
+
+
+def test_what_is_told_stands_at_the_top_and_among_the_parts():
+    found = diagnosis.diagnose(small_recording(places=4))
+    other = {"frames": [0, 4], "refused": "too short"}
+    step = {"frame": 5, "sentences": ["All is other."], "difference": {}}
+    told = {"frames": [5, 60], "told": True}
+    said = result.result(replace(found, parts=(other, told), steps=(step,)), "skin")
+    validate(said, SCHEMA, "diagnosis.json")
+    assert said["parts"] == [other, told | {key: said[key] for key in result.OF_A_PART}]
+    assert "parts" not in result.result(found, "skin")
 
 
 def test_without_a_step_nothing_is_apart(make_recording, diagnosed):

@@ -10,7 +10,7 @@ import pytest
 from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table
 from eitskin.diagnose import experiment
-from eitskin.diagnose.candidates import catalogue
+from eitskin.diagnose.candidates import Candidate, catalogue
 from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.diagnosis import problem_of
 from eitskin.diagnose.experiment import NOTHING, SAME, Budget, propose
@@ -18,7 +18,9 @@ from eitskin.diagnose.fit import Problem, fit
 from eitskin.diagnose.gaps import Gap, gaps
 from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.search.search import Search
+from eitskin.effects import EFFECTS
 from eitskin.effects.settings import settings, site_counts
+from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from eitskin.simulate.readings import simulate
@@ -158,6 +160,27 @@ def test_a_turned_connector_takes_faults_of_the_skin_along_and_no_others():
     plain = of({"name": "drive-gain", "drives": [3], "parameters": {"gain": 1.0}})[1]
     gained = ~np.isclose(after[0], plain[0], rtol=1e-9)
     np.testing.assert_array_equal(gained, CHANNELS[:, 0] == 3)
+
+
+def test_a_body_too_low_for_a_finer_solution_is_tried_as_coarsely_as_it_was_fitted(monkeypatch):
+    taken, sd = recorded(RADIUS, [], 1e-4)
+    problem, scales = problem_of(taken, sd)
+    problem.model.coarse = True
+    low = {"depth_mm": 3.0 * SKIN.radius_mm, "electrode_height_mm": 0.01 * SKIN.radius_mm}
+    body = Candidate(EFFECTS["third-dimension"], None, None, "common", low, SKIN, scales)
+    theta = np.zeros(len(problem.model.calibrations) + body.size)
+    with pytest.raises(InputError, match="apart"):
+        problem.model.voltage(*problem.split(theta, [body]), accuracy="diagnose")
+    rows = np.arange(len(taken.frames))
+    found = SimpleNamespace(
+        recorded=taken,
+        search=Search(problem, [], rows % 5, 1, lambda line: None),
+        after=SimpleNamespace(effects=[body], fit=SimpleNamespace(theta=theta)),
+    )
+    monkeypatch.setattr(experiment, "gaps", lambda *_: [Gap("electrode-width", 5.0, 9.0)])
+    recipes = experiment._recipes(found, rows)
+    for text in (SAME, experiment.TURN):
+        assert recipes[text].gap(found, Budget(np.inf), 0, "electrode-width") == 5.0, text
 
 
 def test_driven_electrodes_split_contacts_from_leaks():

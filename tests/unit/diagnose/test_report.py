@@ -14,6 +14,7 @@ from diagnosed_skin import CHANNELS, KINDS, RIG, SCHEMA, diagnosed, with_rig
 from eitskin import plotting
 from eitskin.diagnose import rig_words
 from eitskin.diagnose.report import evidence, figures, page
+from eitskin.diagnose.result import OF_A_PART
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
 from eitskin.errors import InputError
@@ -121,6 +122,7 @@ def test_an_effect_comes_with_numbers_and_a_mend(written):
     text = Page(page_of(written, "explained")).text
     assert "ratio = 2.104 (90 %: 2.087 to 2.121)" in text
     assert "Re-seat electrode 7." in text
+    assert "in the median channel, and in all others. Found from" in text
     assert "The 20 states of the query are predicted" in text
     assert "states of the query" not in page_of(written, "consistent")
 
@@ -263,6 +265,24 @@ def test_what_the_diagnosis_writes_is_text_not_markup(tmp_path):
     assert unescape(parsed.text).count(evil) >= 6
 
 
+@pytest.mark.parametrize("marked", [True, False])
+def test_the_part_that_the_report_is_of_is_the_one_that_is_told(tmp_path, marked):
+    """Frames alone do not say which it is; files of before have no mark."""
+    folder, _ = diagnosed(tmp_path, "consistent")
+
+    def change(diagnosis):
+        own = {key: diagnosis[key] for key in OF_A_PART}
+        told = {"frames": [0, 60], **own, **({"told": True} if marked else {})}
+        step = {"frame": 61, "sentences": ["All is other."], "difference": {}}
+        diagnosis |= {"parts": [told, {"frames": [61, 200], **own}], "steps": [step]}
+
+    edited(folder, "diagnosis.json", change)
+    text = Page(rewritten(folder)).text
+    which = "frames 0 to 60, " if marked else ""
+    assert f"The rest of this report is of {which}the longest part that could be" in text
+    assert "Frames 61 to 200" in text and "All is other." in text
+
+
 def test_sites_of_every_kind_and_no_gap(tmp_path):
     """Every name of the catalogue at its sites: drawn, and mended in words without a gap."""
     folder, _ = diagnosed(tmp_path, "explained")
@@ -312,7 +332,8 @@ def test_dense_values_are_summed_up(tmp_path):
 
     edited(folder, "diagnosis.json", change)
     text = Page(rewritten(folder)).text
-    assert "from 0.900 to 1.30, farthest out 1.300 (90 %: 1.290 to 1.310) at channel 13" in text
+    ends = "0.900 (90 %: 0.890 to 0.910) to 1.300 (90 %: 1.290 to 1.310)"
+    assert f"anything from {ends}, farthest out at channel 13" in text
     assert "channel-gain, 208 channels, static" in text
 
 
@@ -323,6 +344,29 @@ def test_the_atlas_shows_what_is_significant(written):
     text = Page(page_of(written, "explained")).text
     assert "16 of 16 statistics at a false discovery rate of 5%" in text
     assert "None of 16 statistics is significant." in text
+
+
+def test_rivals_begin_with_what_is_named_where_that_is_told(written, tmp_path):
+    found = evidence.read(written["explained"], *_rest(written["explained"]))
+    drawn = figures.rivals(found).axes[0]
+    told = [text.get_text() for text in drawn.texts]
+    value = found.tables["rivals"]["chi2_per_dof"][0]
+    assert told[:3] == ["all that is named", figures.number(value), "without contact-impedance"]
+    folder, _ = diagnosed(tmp_path, "explained")
+    path = folder / "evidence" / "rivals.csv"
+    pd.read_csv(path).iloc[1:].to_csv(path, index=False)
+    drawn = figures.rivals(evidence.read(folder, *_rest(folder))).axes[0]
+    assert drawn.texts[0].get_text() == "without contact-impedance"
+
+
+def test_what_was_found_first_on_fewer_frames_is_on_the_path(written, tmp_path):
+    assert "Start: found first" not in Page(page_of(written, "explained")).text
+    folder, _ = diagnosed(tmp_path, "explained")
+    path = folder / "evidence" / "search.csv"
+    pd.read_csv(path).replace({"action": {"add": "start"}}).to_csv(path, index=False)
+    text = Page(rewritten(folder)).text
+    assert "startelectrode-widthelectrodes 7" in text
+    assert "Start: found first" in text
 
 
 def test_an_unfinished_folder_is_refused(tmp_path):

@@ -52,6 +52,18 @@ def test_nothing_missing_is_consistent():
     assert 0.49 < conductivity["low"] < conductivity["high"] < 0.51
 
 
+def test_what_else_could_be_there_is_held_against_the_covariance_of_what_is_named(contact):
+    """Chi squared rises by twice what the log density falls by: a rival has no discrepancy of its
+    own in which its misfit would be hidden."""
+    _, found = contact
+    table = result._rivals(found)
+    assert table["effect"].tolist() == ["", *["contact-impedance"] * len(found.rivals[0])]
+    rise = table["chi2_per_dof"] - table["chi2_per_dof"][0]
+    assert 0.8 < table["chi2_per_dof"][0] < 1.25 and table["elpd_difference"][0] == 0.0
+    fall = -2.0 * table["elpd_difference"] / found.search.problem.whitening.size
+    assert rise[1] > 0.4 and rise.to_numpy() == pytest.approx(fall.to_numpy(), rel=0.1, abs=0.05)
+
+
 def test_loud_frames_are_numbered_as_in_the_recording_that_an_excerpt_is_of(contact):
     recorded, found = contact
     thinned = replace(
@@ -113,7 +125,9 @@ def test_what_few_frames_showed_must_stand_on_all_of_them(contact):
     few = found.after
     _, after = again.run(few)
     assert [c.key for c in after.effects] == [c.key for c in few.effects]
-    assert again.path[1]["action"] == "start"
+    begun = [row for row in again.path if row["action"] == "start"]
+    assert [(row["effect"], row["sites"]) for row in begun] == [("contact-impedance", "3")]
+    assert begun[0]["p_value"] == few.p_value(few.effects[0]) < search.SIGNIFICANT
     assert after.p_value(after.effects[0]) < search.SIGNIFICANT
     # One value too many, found on frames that said so alone.
     more = next(c for c in again.candidates if c.name == "measurement-gain" and c.scope == "sparse")
@@ -147,7 +161,11 @@ def test_a_search_on_few_frames_goes_on_with_all(monkeypatch):
         "multiplexer-memory",
     ]
     steps = [(step["action"], step["effect"]) for step in found.search.path]
-    assert steps == [("calibrate", ""), ("start", ""), ("add", "multiplexer-memory")]
+    assert steps == [
+        ("calibrate", ""),
+        ("start", "contact-impedance"),
+        ("add", "multiplexer-memory"),
+    ]
     monkeypatch.setattr(diagnosis, "FIRST_SHARE", 0.0)
     unbegun = diagnosis.diagnose(small_recording(CONTACT, weak, noise=NOISE)).search.path
     assert "start" not in [step["action"] for step in unbegun]

@@ -140,6 +140,36 @@ def test_each_its_own():
     )
 
 
+@pytest.mark.parametrize("spread", [0.0, 1e-3, 0.3])
+def test_values_that_their_intervals_cannot_tell_apart_have_no_range(spread):
+    """0.5600 and 0.5602 are 0.56 with an interval of 0.2, and as many values with one of 1e-5."""
+    gain = 0.56 + spread * np.linspace(0.0, 0.2, 16)
+    wide = np.full(16, 0.01)
+    wide[0] = 0.2
+    text = said("measurement-gain", "measures", 16, "dense", gain=(gain, gain - wide, gain + wide))
+    if spread < 0.1:
+        assert "read about 0.56 (90 %: 0.36 to 0.76) times" in text
+    else:
+        assert "anything from 0.56 (90 %: 0.36 to 0.76) to 0.620 (90 %: 0.610 to 0.630)" in text
+    text = said("measurement-gain", "measures", 16, "dense", gain=(gain, gain - 1e-5, gain + 1e-5))
+    assert ("anything from 0.5600000 (" in text) == (spread > 0.0)
+    assert not re.search(r"from (\S+) \(.*?\) to \1 \(", text)
+
+
+def test_values_at_a_bound_have_no_digits_of_their_interval():
+    made = entry("measurement-gain", "measures", 16, "dense")
+    gain = np.linspace(0.2, 3.0, 16)
+    bound = ["low", *[None] * 15]
+    made["parameters"]["gain"] |= {"value": gain, "low": gain - 0.1, "high": gain + 0.1}
+    made["parameters"]["gain"] |= {"at_bound": bound}
+    made["parameters"]["gain"]["high"][0] = 100.0
+    text = words.finding(made, EFFECTS["measurement-gain"])
+    assert "from 0.200 (the least value tried, without an interval) to 3.00 (90 %: 2.90" in text
+    made["parameters"]["gain"] |= {"value": np.full(16, 0.2), "at_bound": ["low"] * 16}
+    text = words.finding(made, EFFECTS["measurement-gain"])
+    assert "read about 0.200 (the least value tried, without an interval) times" in text
+
+
 def test_a_rim_of_another_size_is_no_shape():
     for phase, word in ((0.0, "larger"), (180.0, "smaller")):
         text = said(

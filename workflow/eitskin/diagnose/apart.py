@@ -17,11 +17,9 @@ from eitskin.diagnose import diagnosis
 from eitskin.diagnose.comparison.difference_words import compared
 from eitskin.diagnose.diagnosis import Diagnosis
 from eitskin.diagnose.excerpt import LIMIT_GIB
-from eitskin.diagnose.result import result
+from eitskin.diagnose.result import OF_A_PART, result
 from eitskin.diagnose.words import stretch
 from eitskin.errors import InputError
-
-OF_A_PART = ("verdict", "effects", "other", "fit")  # of diagnosis.json
 
 
 def diagnose(
@@ -31,7 +29,7 @@ def diagnose(
     memory_GiB: float = LIMIT_GIB,
 ) -> Diagnosis:
     """`diagnosis.diagnose` of a recording without steps; else of the longest part that can be
-    diagnosed, with `parts` and `steps` as diagnosis.json has them.
+    diagnosed, which is the `told` one of `parts`, with `parts` and `steps` as of Diagnosis.
 
     Raises InputError as it does; where no part can be diagnosed, the longest one's.
     """
@@ -53,7 +51,10 @@ def diagnose(
             refusals.append(refusal)
             entries.append({"frames": frames, "refused": str(refusal)})
             continue
-        longest = longest or found
+        if longest is None:
+            longest = found
+            entries.append({"frames": frames, "told": True})
+            continue
         said = result(found, stretch(frames))
         entries.append({"frames": frames, **{key: said[key] for key in OF_A_PART}})
     if longest is None:

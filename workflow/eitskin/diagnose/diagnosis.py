@@ -55,7 +55,8 @@ class Diagnosis:
     """What was found of one recording, and the search that found it. aside (N, M): readings that
     the search has not seen; judged: by which it is judged; rig: its errors, as of `findings`;
     named: the fit of the state after, nothing without a name in its covariance. parts, steps: of a
-    recording that was diagnosed apart, whose longest part this is of, as `apart` has them.
+    recording that was diagnosed apart, as diagnosis.json has them; the part that is `told` is what
+    this is of, and has its frames alone.
     """
 
     recorded: Recording

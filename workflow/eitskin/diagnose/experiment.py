@@ -87,6 +87,7 @@ class Recipe:
         """Gap between effect `index` and a rival name in this experiment, within as of `gaps`;
         None: not to be had, or not with what is left of the budget."""
         model = self.simulator()
+        model.coarse = found.search.problem.model.coarse  # as what the gap now was found with
         if EFFECTS[rival].disc and isinstance(model, _Turned):
             return None  # its tangents have every channel where the board's table has it
         effects, theta = found.after.effects, found.after.fit.theta
@@ -356,9 +357,10 @@ class _Turned(RecordingSimulator):
         self._after = _Rolled(recorded, run.query(again), near=self.near)
 
     def voltage(
-        self, coordinates: np.ndarray, chosen: list[Setting], accuracy: str | None = "diagnose"
+        self, coordinates: np.ndarray, chosen: list[Setting], accuracy: str | None = None
     ) -> np.ndarray:
         """(N, M) as of `RecordingSimulator`."""
+        accuracy = accuracy or self.accuracy(coordinates, chosen)
         assert self.believed.electrode_deg is not None
         n = len(self.believed.electrode_deg)
         moved = [

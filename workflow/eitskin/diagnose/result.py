@@ -18,10 +18,15 @@ from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.diagnosis import Diagnosis, predict
 from eitskin.diagnose.estimates import calibration, estimates
 from eitskin.diagnose.experiment import propose
+from eitskin.diagnose.fit import whitened_anew
 from eitskin.diagnose.gaps import OBSERVABLE
+from eitskin.diagnose.held_out import held_out
+from eitskin.diagnose.search.search import State
 from eitskin.diagnose.verdict import acceptable, verdict
 from eitskin.effects import EFFECTS, catalogue_names
 from eitskin.errors import InputError
+
+OF_A_PART = ("verdict", "effects", "other", "fit")  # what diagnosis.json has of each part
 
 
 def result(found: Diagnosis, name: str) -> dict:
@@ -33,7 +38,7 @@ def result(found: Diagnosis, name: str) -> dict:
     named = found.search.named(found.after, found.after.fit)
     p = judged.p_value(named, noise.dof)
     entries = [_entry(found, i, acceptable(p)) for i in range(len(found.after.effects))]
-    return {
+    said: dict[str, Any] = {
         "format": "eit-diagnosis",
         "version": 1,
         "recording": name,
@@ -68,8 +73,12 @@ def result(found: Diagnosis, name: str) -> dict:
                 **{f"rms_{when}_V": one.rms for when, one in held.items()},
             }
         },
-        **({"parts": [*found.parts], "steps": [*found.steps]} if found.steps else {}),
     }
+    if found.steps:
+        own = {key: said[key] for key in OF_A_PART}
+        said["parts"] = [part | own if "told" in part else part for part in found.parts]
+        said["steps"] = [*found.steps]
+    return said
 
 
 def unobservable(found: Diagnosis) -> list[str]:
@@ -209,18 +218,32 @@ def _write_evidence(found: Diagnosis, folder: Path) -> None:
 
 
 def _rivals(found: Diagnosis) -> pd.DataFrame:
-    rows = []
+    """What each name in an effect's place costs on frames held out in turn: chi squared against the
+    noise and the rig's errors of the state found, whatever each has learned for itself. First the
+    state found, of no effect."""
+
+    def row(effect: str, instead: str, state: State, elpd: float, gap: float) -> dict:
+        left = held_out(whitened_anew(state.fit, found.named.problem), found.search.fold)
+        return {
+            "effect": effect,
+            "instead": instead,
+            "chi2_per_dof": left.chi2_per_dof,
+            "elpd_difference": elpd,
+            "gap": gap,
+        }
+
+    rows = [row("", "", found.after, 0.0, np.nan)] if found.after.effects else []
     for candidate, gaps, rivals in zip(found.after.effects, found.gaps, found.rivals, strict=True):
         gap: dict[str | None, float] = {g.rival: g.gap for g in gaps}
         gap[None] = gaps[0].snr if gaps else np.nan
         rows += [
-            {
-                "effect": candidate.name,
-                "instead": rival.name or "nothing",
-                "chi2_per_dof": rival.state.held_out.chi2_per_dof,
-                "elpd_difference": -rival.gain,
-                "gap": gap.get(rival.name, np.nan),
-            }
+            row(
+                candidate.name,
+                rival.name or "nothing",
+                rival.state,
+                -rival.gain,
+                gap.get(rival.name, np.nan),
+            )
             for rival in rivals
         ]
     return pd.DataFrame(

@@ -7,7 +7,7 @@ import numpy as np
 from eitskin.diagnose.estimates import UNTOLD
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Effect, site_of
-from eitskin.quantities import interval, listed, number, quantity
+from eitskin.quantities import alike, interval, listed, number, quantity
 
 MOST_LISTED = 6  # sites; more are counted
 MOST_VALUES = 4  # of one parameter; of more, the least and the largest
@@ -221,6 +221,19 @@ def valued(estimate: dict, factor: float = 1.0, unit: str | None = None) -> list
     ]
 
 
+def spread(estimate: dict, texts: list[str]) -> str:
+    """Many values of an estimate of diagnosis.json as the least and the largest; where the wider of
+    their intervals cannot tell these apart, as that one. texts: of all, as of `valued`."""
+    value, low, high = (np.array(estimate[key]) for key in ("value", "low", "high"))
+    ended = estimate.get("at_bound") or [None] * len(value)
+    reach = np.where([each is None for each in ended], np.fmax(value - low, high - value), 0.0)
+    least, most = value.argmin(), value.argmax()
+    wide = max(least, most, key=lambda i: reach[i])
+    if texts[least] == texts[most] or alike(value[least], value[most], reach[wide]):
+        return f"about {texts[wide]}"
+    return f"anything from {texts[least]} to {texts[most]}"
+
+
 def _ended(value: float, unit: str, bound: str) -> str:
     return f"{quantity(value, unit)} (the {BOUNDS[bound]} value tried, without an interval)"
 
@@ -243,5 +256,5 @@ def _estimate(estimate: dict, whole: bool, percent: bool) -> str:
         return number(values[0])
     texts = valued(estimate, 100.0, "%") if percent else valued(estimate)
     if len(texts) > MOST_VALUES:
-        return f"anything from {texts[values.argmin()]} to {texts[values.argmax()]}"
+        return spread(estimate, texts)
     return texts[0] if len(texts) == 1 else f"respectively {listed(texts)}"

@@ -14,6 +14,7 @@ from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Check
 from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 from eitskin.progress import patient
+from eitskin.quantities import plain
 
 __all__ = ["ERROR", "FACT", "UNOBSERVABLE", "WARNING", "Check", "check", "text", "write"]
 
@@ -66,7 +67,7 @@ def text(result: Check) -> str:
             remedy = f" Add: {finding.remedy}." if finding.remedy else ""
             lines.append(f"  {finding.topic}: {finding.sentence}{remedy}")
     lines.append("Usable." if result.ok else "Not usable as it stands.")
-    return "\n".join(lines) + "\n"
+    return plain("\n".join(lines) + "\n")
 
 
 def write(result: Check, path: str | Path, file: str | Path) -> None:

@@ -11,6 +11,7 @@ to be one of the format.
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 from eitskin.data import recording
 from eitskin.data.channel_order import in_order
@@ -52,12 +53,24 @@ def files(path: str | Path, format: str | None = None) -> list[Path]:
     """What `load` reads: the path itself, which may be a folder, then files inside or beside it.
     Of a path that nothing can be read from yet, itself alone."""
     path = Path(path)
-    try:
-        module = FORMATS.get(format or _detect(path))
-    except (InputError, OSError, ValueError):
-        module = None
+    module = _reader(path, format)
     more = module.files(path) if module is not None and hasattr(module, "files") else []
     return list(dict.fromkeys([path, *more]))
+
+
+def readers(path: str | Path, format: str | None = None) -> list[str]:
+    """The modules by which `load` reads a path: one; none of our own format, as of a path that
+    nothing can be read from yet: the workflow makes recordings in our own."""
+    module = _reader(Path(path), format)
+    return [] if module is None else [module.__name__]
+
+
+def _reader(path: Path, format: str | None) -> ModuleType | None:
+    """The module of the format of a path; None of our own, and where it has none."""
+    try:
+        return FORMATS.get(format or _detect(path))
+    except (InputError, OSError, ValueError):
+        return None
 
 
 def load(

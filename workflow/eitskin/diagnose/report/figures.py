@@ -383,13 +383,14 @@ def held_out(evidence: Evidence) -> Figure:
 
 
 def rivals(evidence: Evidence) -> Figure | str:
-    """Held-out chi2 with an effect taken out again, or with another name in its place."""
+    """Chi2 of frames held out in turn, of all that is named, with an effect taken out again, and
+    with another name in its place."""
     table = evidence.tables["rivals"]
     if table.empty:
         return "No effect was named: there is none to take out or to replace."
-    after = evidence.diagnosis["fit"]["held_out"]["chi2_per_dof_after"]
-    rows = [("all that is named", after, None, AFTER)]
-    for effect, group in table.groupby("effect", sort=False):
+    of_none = table["effect"] == ""
+    rows = [("all that is named", v, None, AFTER) for v in table["chi2_per_dof"][of_none]]
+    for effect, group in table[~of_none].groupby("effect", sort=False):
         out = group["instead"] == "nothing"
         for _, row in group[out].iterrows():
             rows.append((f"without {effect}", row["chi2_per_dof"], row["elpd_difference"], BEFORE))
@@ -402,7 +403,7 @@ def rivals(evidence: Evidence) -> Figure | str:
     axes.spines["left"].set_visible(False)
     axes.axvline(1, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)))
     for y, (name, value, elpd, colour) in enumerate(rows):
-        axes.plot([after, value], [y, y], color=colour, linewidth=0.8, alpha=0.6)
+        axes.plot([rows[0][1], value], [y, y], color=colour, linewidth=0.8, alpha=0.6)
         axes.plot(value, y, "o", color=colour, markersize=4)
         text = number(value) if elpd is None else f"{number(value)} ({number(elpd)} nats)"
         above: dict[str, Any] = {
@@ -415,7 +416,7 @@ def rivals(evidence: Evidence) -> Figure | str:
     axes.set_xscale("log")
     log_limits(axes.xaxis, np.array([value for _, value, *_ in rows]), power)
     axes.set(ylim=(len(rows) - 0.6, -0.8), yticks=[])
-    axes.set_xlabel("held-out χ² per degree of freedom")
+    axes.set_xlabel("χ² per degree of freedom, held out in turn")
     return figure
 
 

@@ -17,7 +17,7 @@ from eitskin.diagnose import rig_words
 from eitskin.diagnose.classes import CONFUSED, WEAK
 from eitskin.diagnose.report import evidence, figures
 from eitskin.diagnose.report.evidence import Evidence
-from eitskin.diagnose.search.search import CUT_SHORT
+from eitskin.diagnose.search.search import CUT_SHORT, START
 from eitskin.diagnose.verdict import LIKELY
 from eitskin.diagnose.words import (
     UNITS,
@@ -28,6 +28,7 @@ from eitskin.diagnose.words import (
     of_parts,
     pinned,
     sites,
+    spread,
     stretch,
     valued,
     where,
@@ -49,8 +50,9 @@ CAPTIONS = {
     "misfit_time": "Misfit against time. Dots are frames, lines their means.",
     "misfit_place": "Misfit over the skin.",
     "held_out": "The misfit of what was held out.",
-    "rivals": "Each name taken out again, and others in its place. In brackets: the difference in"
-    " held-out log predictive density to all that is named; below 0 is worse.",
+    "rivals": "Each name taken out again, and others in its place: what was not put aside is held"
+    " out in turn and predicted from the rest, against the noise and rig errors of all that is"
+    " named. In brackets: the difference in log predictive density; below 0 is worse.",
     "next_experiment": "What the next experiment would tell apart. Shaded: a gap under 3, where"
     " names are one class.",
 }
@@ -250,14 +252,11 @@ def _apart(found: Evidence) -> str:
     told = of_parts(found.diagnosis)
     if not told:
         return ""
-    longest = max(
-        (part for part in found.diagnosis["parts"] if "refused" not in part),
-        key=lambda part: part["frames"][1] - part["frames"][0],
-    )
+    of = [f"{stretch(part['frames'])}, " for part in found.diagnosis["parts"] if "told" in part]
     lines = [
         "<h2>Before and after each step</h2>",
         "<p>The readings step, so that this recording is of more than one state of skin and rig."
-        f" The rest of this report is of {stretch(longest['frames'])}, the longest part."
+        f" The rest of this report is of {''.join(of)}the longest part that could be diagnosed."
         " What a step changed is found without a model of the skin.</p>",
     ]
     for head, sentences in told:
@@ -296,8 +295,8 @@ def _effect(k: int, effect: dict, found: Evidence) -> str:
 
 
 def _parameter(name: str, estimate: dict, effect: dict) -> str:
-    """One parameter with its interval; of a list, its range and the value farthest out."""
-    label, unit, texts = f"<code>{escape(name)}</code>", estimate["unit"], valued(estimate)
+    """One parameter with its interval; of a list, its range and where it is farthest out."""
+    label, texts = f"<code>{escape(name)}</code>", valued(estimate)
     if not isinstance(estimate["value"], list):
         return f"{label} = {escape(texts[0])}"
     value = np.array(estimate["value"])
@@ -309,8 +308,8 @@ def _parameter(name: str, estimate: dict, effect: dict) -> str:
         ]
         return f"{label} = {escape(listed(each))}"
     far = int(np.argmax(np.abs(value - np.median(value))))
-    text = f"from {number(value.min())} to {quantity(value.max(), unit)}, farthest out {texts[far]}"
-    return f"{label} {escape(f'{text} at {sites({kind: [effect[kind][far]]})}')}"
+    text = f"{spread(estimate, texts)}, farthest out at {sites({kind: [effect[kind][far]]})}"
+    return f"{label} {escape(text)}"
 
 
 def _unit(found: Evidence) -> str:
@@ -518,11 +517,12 @@ def _calibration(found: Evidence) -> str:
 
 def _noise(found: Evidence) -> str:
     unit, sd = _unit(found), found.noise_V[np.isfinite(found.noise_V)]
+    least, most = quantity(sd.min(), unit), quantity(sd.max(), unit)
+    over = f"{least} to {most} over the channels" if least != most else "and in all others"
     return (
         "<h2>The noise</h2>\n"
         f"<p>Standard deviation of a reading: {quantity(found.diagnosis['noise_V'], unit)} in the"
-        f" median channel, {quantity(sd.min(), unit)} to {quantity(sd.max(), unit)} over the"
-        f" channels. Found from: {escape(found.noise_source)}"
+        f" median channel, {over}. Found from: {escape(found.noise_source)}"
         f" ({number(found.noise_dof)} degrees of freedom).</p>"
     )
 
@@ -547,6 +547,11 @@ def _record(found: Evidence) -> str:
         ]
         heads = ["step", "action", "effect", "sites", "χ²", "log evidence", "p"]
         parts.append(_table(heads, rows, ("step", "χ²", "log evidence", "p")))
+    if (search["action"] == START).any():
+        parts.append(
+            f"<p>{START.capitalize()}: found first, on the frames in which nobody touches or on"
+            " some of all, with p there, and fitted to all frames.</p>"
+        )
     if (search["action"] == CUT_SHORT).any():
         parts.append(
             "<p>The search, or the comparison with other names after it, was cut short: it had"

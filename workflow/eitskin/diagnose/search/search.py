@@ -60,6 +60,7 @@ SHARE = 0.3
 MOST_NAMES = 12
 MOST_SOLVED = 24_000  # sheets, of one diagnosis
 UNEXPLAINED = "static-discrepancy"  # the component of a value a channel
+START = "start"  # the step on the path of an effect that was found on fewer frames
 CUT_SHORT = "cut short"  # the step on the path that says so
 ALIKE = 0.3  # squared correlation with the simulation, from which on names are looked for
 UNLIKE = "unlike"  # the step on the path that says so
@@ -310,7 +311,8 @@ class Search:
             return None
         if state.log_evidence <= before.log_evidence or self.unlike(state):
             return None
-        self.step("start", None, state)
+        for effect in state.effects:
+            self.step(START, effect, state, state.p_value(effect))
         return state
 
     def cut_short(self, state: State) -> None:
