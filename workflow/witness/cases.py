@@ -111,17 +111,12 @@ class Case:
 
 def owners_metadata(channels: np.ndarray, frame_s: float, believed: Skin) -> dict:
     """Metadata of a simulated recording as its owner writes them; channels (M, 4); frame_s: s."""
-    return {
-        **recording.DEFAULTS,
-        "format": "eit-recording",
-        "version": 1,
-        "channels": channels.tolist(),
-        "voltage": "signed",
-        "frame_s": frame_s,
-        "position_frame": "skin",
-        "source": "simulation",
-        "skin": believed.metadata(),
-    }
+    return recording.metadata_of(channels, believed.metadata(), "simulation", frame_s=frame_s)
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """A number between two, evenly in its logarithm, of three significant digits."""
+    return float(f"{np.exp(rng.uniform(np.log(low), np.log(high))):.3g}")
 
 
 class _Shown:
@@ -184,17 +179,14 @@ def _draw_skin(rng: np.random.Generator) -> Skin:
     def between(low: float, high: float, digits: int) -> float:
         return round(float(rng.uniform(low, high)), digits)
 
-    def scale(low: float, high: float) -> float:
-        return float(f"{np.exp(rng.uniform(np.log(low), np.log(high))):.3g}")
-
     return Skin(
         radius_mm=between(50.0, 90.0, 1),
         thickness_mm=between(2.0, 4.0, 2),
         conductivity_S_per_m=between(0.2, 1.0, 3),
         electrode_deg=tuple((360.0 / N_ELECTRODES * np.arange(N_ELECTRODES)).tolist()),
         electrode_width_mm=between(4.0, 9.0, 1),
-        contact_impedivity_ohm_m2=scale(5e-4, 1e-2),
-        current_A=scale(1e-4, 5e-3),
+        contact_impedivity_ohm_m2=log_uniform(rng, 5e-4, 1e-2),
+        current_A=log_uniform(rng, 1e-4, 5e-3),
         contrast_per_N=between(0.2, 1.0, 3),
     )
 

@@ -96,17 +96,14 @@ def to_recording(records: list[dict], file: str | Path) -> tuple[Recording, int]
         frames[f"note_{name}"] = table[name].astype("str")
     for name in ("spread_N", "saturated", "robot_s"):
         frames[f"note_{name}"] = table[name]
-    metadata = {
-        **recording.DEFAULTS,
-        "format": "eit-recording",
-        "version": 1,
-        "channels": channel_table(BOARDS[config["board"]["profile"]].n_electrodes).tolist(),
-        "voltage": "magnitude",
-        "frame_s": float(min([frame_s, *np.diff(time_s)])),
-        "position_frame": "robot",
-        "source": source(records),
-        "skin": believed_skin(config, file).metadata(),
-    }
+    metadata = recording.metadata_of(
+        channel_table(BOARDS[config["board"]["profile"]].n_electrodes),
+        believed_skin(config, file).metadata(),
+        source(records),
+        "magnitude",
+        "robot",
+        float(min([frame_s, *np.diff(time_s)])),
+    )
     return Recording(frames, voltage, None, None, metadata), int((~kept).sum())
 
 

@@ -78,10 +78,8 @@ def validate(dataset: Dataset, file: str | Path) -> None:
 def write(dataset: Dataset, path: str | Path) -> None:
     """Write a valid dataset to `path`, atomically; equal datasets give equal bytes."""
     validate(dataset, path)
-    n_channels = dataset.delta_V.shape[1]
     table = pa.Table.from_pandas(dataset.table, preserve_index=False)
-    flat = pa.array(np.ascontiguousarray(dataset.delta_V).ravel())
-    table = table.append_column("delta_V", pa.FixedSizeListArray.from_arrays(flat, n_channels))
+    table = table.append_column("delta_V", parquet.lists(dataset.delta_V))
     header = json.dumps(dataset.metadata, sort_keys=True, allow_nan=False)
     with atomic_path(path) as temporary:
         pq.write_table(table.replace_schema_metadata({SCHEMA_KEY: header}), temporary)
@@ -98,10 +96,9 @@ def read(path: str | Path) -> Dataset:
         raise InputError(path, "column delta_V", kind, "fixed_size_list<float32>")
     if kind.value_type != pa.float32() or table["delta_V"].null_count:
         raise InputError(path, "column delta_V", f"{kind} or nulls", "float32 without nulls")
-    flat = table["delta_V"].combine_chunks().flatten().to_numpy(zero_copy_only=False)
     dataset = Dataset(
         parquet.frame(table.drop_columns(["delta_V"]), ignore_metadata=True),
-        flat.reshape(len(table), kind.list_size),
+        parquet.listed(table["delta_V"]),
         json.loads(header),
     )
     validate(dataset, path)

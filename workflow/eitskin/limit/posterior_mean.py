@@ -8,14 +8,12 @@ model of the same samples is held against, in the same metrics.
 
 import sys
 import zlib
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from scipy.special import ndtri
 from tqdm import tqdm
 
-from eitskin.atomic import atomic_path
 from eitskin.data.dataset import Dataset
 from eitskin.learn import metrics
 from eitskin.limit.observation import Experiment, Sample, SessionModel
@@ -189,9 +187,3 @@ def score(found: pd.DataFrame, dataset: Dataset, split: str, seed: int) -> pd.Da
                     }
                 )
     return pd.DataFrame(rows, columns=list(COLUMNS))
-
-
-def write(table: pd.DataFrame, path: str | Path) -> None:
-    """Write a table of this module to a CSV file, atomically."""
-    with atomic_path(path) as temporary:
-        table.to_csv(temporary, index=False)
