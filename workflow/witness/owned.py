@@ -138,13 +138,7 @@ def draw(kind: str, seed: int) -> Owned:
 def _made(kind: str, seed: int, plan: _Plan, rng: np.random.Generator) -> Owned | None:
     """The recording of a plan, None where nothing would be seen of what it conceals."""
     frame_s = round(float(rng.uniform(0.2, 0.4)), 3)
-    radius, query = plan.true.radius_mm, None
-    if plan.touched:
-        room = plan.room * radius
-        states = recording_frames(rng, room, frame_s, Keep())
-        query = query_frames(rng, states, room, frame_s, Keep())
-    else:
-        states = _still(int(rng.integers(FRAMES[0], FRAMES[1] + 1)), frame_s)
+    states, query = _frames(rng, plan, frame_s)
     world = World(plan.true, plan.channels, frame_s)
     clean = world.readings(states, plan.laws)
     truth = plan.truth
@@ -197,6 +191,17 @@ def _made(kind: str, seed: int, plan: _Plan, rng: np.random.Generator) -> Owned 
         level,
         rig,
     )
+
+
+def _frames(
+    rng: np.random.Generator, plan: _Plan, frame_s: float
+) -> tuple[pd.DataFrame, pd.DataFrame | None]:
+    """States of the recording and, where the skin is touched, of the query after it."""
+    if not plan.touched:
+        return _still(int(rng.integers(FRAMES[0], FRAMES[1] + 1)), frame_s), None
+    room = plan.room * plan.true.radius_mm
+    states = recording_frames(rng, room, frame_s, Keep())
+    return states, query_frames(rng, states, room, frame_s, Keep())
 
 
 def beyond(

@@ -131,15 +131,7 @@ def from_recording(recording: Recording, name: str) -> Dataset:
 
     frames = recording.frames[kept].reset_index(drop=True)
     columns = {column: frames[column].to_numpy(float) for column in NUMBERS}
-    targets = [
-        target
-        for target, column in TARGETS.items()
-        if np.isfinite(columns[column]).all() and np.ptp(columns[column]) > 0
-    ]
-    if not targets:
-        raise InputError(name, "x, y, force and depth", "none known that varies", "at least one")
-    if not np.isfinite(columns["x_mm"] + columns["y_mm"]).all():
-        raise InputError(name, "columns x_mm, y_mm", "a touch without place", "a number")
+    targets = _targets(columns, name)
     place, place_rule = places(np.column_stack([columns["x_mm"], columns["y_mm"]]))
     table = pd.DataFrame(
         {
@@ -170,3 +162,18 @@ def from_recording(recording: Recording, name: str) -> Dataset:
         "untouched": untouched_noise(difference[~touched]),
     }
     return Dataset(table, difference[kept].astype(np.float32), metadata)
+
+
+def _targets(columns: dict[str, np.ndarray], name: str) -> list[str]:
+    """Those of TARGETS that are known in every frame and vary. Raises InputError, with `name` as
+    its file, for none, and for a touch whose place is not known."""
+    targets = [
+        target
+        for target, column in TARGETS.items()
+        if np.isfinite(columns[column]).all() and np.ptp(columns[column]) > 0
+    ]
+    if not targets:
+        raise InputError(name, "x, y, force and depth", "none known that varies", "at least one")
+    if not np.isfinite(columns["x_mm"] + columns["y_mm"]).all():
+        raise InputError(name, "columns x_mm, y_mm", "a touch without place", "a number")
+    return targets
