@@ -124,6 +124,7 @@ def diagnose(
         search.cut_short(after)
     named = _named(search, after, begun_with.whitening)
     atlas_after = _atlas(recorded, noise, named)
+    left = _left(search, after, atlas_after)
     return Diagnosis(
         recorded,
         search,
@@ -138,7 +139,7 @@ def diagnose(
         named,
         found,
         strengths(search, after),
-        _left(search, after, atlas_after),
+        left,
     )
 
 
