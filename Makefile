@@ -1,4 +1,4 @@
-# make · make small · make paper · make concealed · make concealed_final · make demo-capture · make test · make test-long · make rehearse · make lint · make docs · make real · make bench · make accuracy · make clean
+# make · make small · make paper · make concealed · make concealed_final · make demo-capture · make test · make test-long · make coverage · make rehearse · make lint · make docs · make real · make bench · make accuracy · make clean
 # Needs Python 3.11 or 3.12 (PYTHON=… picks one); after the installs nothing needs the network.
 
 BIN := .venv/bin
@@ -27,7 +27,7 @@ export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
 
 .DELETE_ON_ERROR:
-.PHONY: run small paper concealed concealed_final demo-capture test test-long rehearse lint docs real bench accuracy clean
+.PHONY: run small paper concealed concealed_final demo-capture test test-long coverage rehearse lint docs real bench accuracy clean
 
 run: .venv/installed
 	@echo "eitskin: simulating, training and writing results/tables/table_1.csv on $(CORES) cores"
@@ -71,6 +71,12 @@ test-long: .venv/installed-test
 	echo "eitskin: searching properties and testing what takes long; again: make test-long SEED=$$seed"; \
 	$(BIN)/python -m pytest -n $(CORES) --dist loadgroup -m '(hypothesis or long) and not rehearsal' \
 	  --hypothesis-profile search --hypothesis-seed $$seed
+
+# Of the fast tests; TESTS=tests/unit/data: of a part of them.
+coverage: .venv/installed-test
+	@echo "eitskin: measuring what the fast tests run, longer than they take; the least covered modules first"
+	@$(BIN)/python -m pytest -q -n $(CORES) --dist loadgroup --cov --cov-report= $(TESTS)
+	@$(BIN)/python -m coverage report | sed -n '1,42p;/^TOTAL/p'
 
 rehearse: .venv/installed-test
 	@echo "eitskin: rehearsing the rig's faults with the real ur_rtde, minutes; keep the machine free meanwhile"

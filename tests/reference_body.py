@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 from skfem import Basis, BilinearForm, ElementLineP2, ElementTriP2, FacetBasis, LinearForm, MeshLine
 from skfem.helpers import dot, grad
 
-from benchmark.finite_elements import symmetric_disc_mesh
+from symmetric_mesh import symmetric_disc_mesh
 
 
 @BilinearForm

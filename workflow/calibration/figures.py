@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eitskin.atomic import atomic_path
@@ -53,17 +54,7 @@ def reliability(table: pd.DataFrame) -> Figure:
         figure = Figure(figsize=(WIDTH_IN, WIDTH_IN))
         axes = figure.add_subplot()
         axes.plot([0, 1], [0, 1], color=QUIET, linewidth=0.8, linestyle="--")
-        below, above = kept["share"] - kept["low"], kept["high"] - kept["share"]
-        axes.errorbar(
-            kept["probability"],
-            kept["share"],
-            yerr=np.array([below, above]).clip(0.0),
-            fmt="o",
-            color=AFTER,
-            markersize=3,
-            capsize=2,
-            linewidth=0.8,
-        )
+        shares(axes, kept, "probability")
         for line in kept.itertuples():
             axes.annotate(
                 f"{line.n}",
@@ -76,6 +67,21 @@ def reliability(table: pd.DataFrame) -> Figure:
         axes.set_xlabel("probability stated that something is outside the catalogue")
         axes.set_ylabel("share of recordings where something is")
     return figure
+
+
+def shares(axes: Axes, table: pd.DataFrame, along: str) -> None:
+    """Points of a table's shares with their intervals, low to high, along one of its columns."""
+    ends = np.array([table["share"] - table["low"], table["high"] - table["share"]])
+    axes.errorbar(
+        table[along],
+        table["share"],
+        yerr=np.nan_to_num(ends).clip(0.0),
+        fmt="o",
+        color=AFTER,
+        markersize=3,
+        capsize=2,
+        linewidth=0.8,
+    )
 
 
 def write(folder: Path) -> None:

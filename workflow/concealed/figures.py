@@ -87,17 +87,7 @@ def p_values(table: pd.DataFrame) -> Figure:
         axes = figure.add_subplot()
         axes.plot([5e-4, 1], [5e-4, 1], color=QUIET, linewidth=0.8, linestyle="--")
         kept = table[(table["n"] > 0) & (table["share"] > 0)]
-        ends = np.array([kept["share"] - kept["low"], kept["high"] - kept["share"]])
-        axes.errorbar(
-            kept["p"],
-            kept["share"],
-            yerr=np.nan_to_num(ends).clip(0.0),
-            fmt="o",
-            color=AFTER,
-            markersize=3,
-            capsize=2,
-            linewidth=0.8,
-        )
+        calibrated.shares(axes, kept, "p")
         axes.set_xscale("log")
         axes.set_yscale("log")
         axes.set(xlim=(5e-4, 1.2), ylim=(5e-4, 1.2), aspect="equal")

@@ -201,6 +201,14 @@ def text(table: pd.DataFrame) -> str:
     ten = rod[rod["case"].isin([f"{ROD} rod {k:02d}" for k in TEN])]
     empty = table[table["case"].str.contains(" empty ")]
     files = table.drop(rod.index).drop(empty.index)
+    two_currents = empty[empty["currents"] != ""]
+    lines = [*_shares(files, rod, ten, empty), "", *_cases(pd.concat([files, ten, empty]))]
+    return "\n".join([*lines, "", *_lines_through(two_currents)]) + "\n"
+
+
+def _shares(
+    files: pd.DataFrame, rod: pd.DataFrame, ten: pd.DataFrame, empty: pd.DataFrame
+) -> list[str]:
     judged_on = pd.concat([files, ten])
     known = judged_on[judged_on["named"] & judged_on["sign_right"].notna()]
     placed = files[files["worst_deg"].notna()]
@@ -232,13 +240,16 @@ def text(table: pd.DataFrame) -> str:
                 f" even steps on it {found['rms_even']:.3f};"
                 f" steps {mean:.1f}° ± {sd:.1f}° ({low:.1f}° to {high:.1f}°) |"
             )
-    lines += [
-        "",
+    return lines
+
+
+def _cases(table: pd.DataFrame) -> list[str]:
+    lines = [
         "| file | named | objects: + conducts | at, degrees | misfit left on held-out pairs |"
         " sign right | off, degrees |",
         "|---|---|---|---|---|---|---|",
     ]
-    for row in pd.concat([files, ten, empty]).to_dict("records"):
+    for row in table.to_dict("records"):
         left = "" if np.isnan(row["held_out_left"]) else f"{row['held_out_left']:.2f}"
         off = "" if np.isnan(row["worst_deg"]) else f"{row['worst_deg']:.1f}"
         right = {True: "yes", False: "no"}.get(row["sign_right"], "")
@@ -247,19 +258,23 @@ def text(table: pd.DataFrame) -> str:
         lines.append(
             f"| {row['case']} | {said} | {signs} | {row['angle_deg']} | {left} | {right} | {off} |"
         )
-    lines += [
-        "",
+    return lines
+
+
+def _lines_through(empty: pd.DataFrame) -> list[str]:
+    """Of empty tanks read with two currents: the straight line through both readings."""
+    lines = [
         "| empty tanks read with two currents | named | straight line: offset, mV | rms that it"
         " leaves, of a line's through 0 |",
         "|---|---|---|---|",
     ]
-    for row in empty[empty["currents"] != ""].to_dict("records"):
+    for row in empty.to_dict("records"):
         offset = f"{1e3 * row['line_offset_V']:.2f}".replace("-", MINUS)
         pair = f"{row['case'].split('empty ')[1]}, {row['currents']}"
         lines.append(
             f"| {pair} | {row['beside'] or 'nothing'} | {offset} | {row['line_left']:.2f} |"
         )
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def _share(hits: pd.Series) -> str:

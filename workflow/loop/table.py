@@ -8,10 +8,10 @@ import pandas as pd
 
 from eitskin.atomic import atomic_path
 from eitskin.data.dataset import UNITS
-from eitskin.errors import InputError
 from eitskin.learn.metrics import interval
-from eitskin.learn.transfer_runs import METHODS, RUNS, TRAINED_FEW, ZERO_SHOT
-from eitskin.paper.transfer_table import read_runs
+from eitskin.learn.transfer_runs import METHODS, TRAINED_FEW, ZERO_SHOT
+from eitskin.paper import transfer_table
+from eitskin.paper.transfer_table import Files
 from loop.naming import AUTHORS, BELIEF, DIAGNOSIS, LABELS, SOURCES, TRUTH
 
 KEYS = ("case", "model", "source")
@@ -26,18 +26,13 @@ TABLE = (
 
 WORTH = ("model", "against", "cases", "saved", "low", "high", "sure", "over_truth")
 
-Files = list[tuple[dict[str, str], str | Path]]  # KEYS of a file of runs, and the file
-
 
 def collect(files: Files) -> pd.DataFrame:
     """The runs of all files, KEYS before them, with rows of PLACE.
 
     Raises InputError where there are none, or a file holds something else.
     """
-    if not files:
-        raise InputError("loop", "files of runs", "none", "at least one")
-    tables = [read_runs(path).assign(**keys)[[*KEYS, *RUNS]] for keys, path in files]
-    runs = pd.concat(tables, ignore_index=True)
+    runs = transfer_table.collect(files, KEYS, "loop")
     by = [*KEYS, "method", "draw", "seed", "labelled_frames", "metric", "left_out"]
     xy = runs[runs["variable"].isin(["x", "y"]) & runs["metric"].isin(["mae", "rmse"])]
     both = xy.groupby(by, sort=False)["value"].agg(["mean", "size"]).reset_index()

@@ -4,6 +4,7 @@ import pandas as pd
 
 from eitskin.data import dataset
 from eitskin.errors import reported
+from eitskin.learn import metrics
 from eitskin.limit import cramer_rao, posterior_mean
 
 with reported(snakemake.log[0]):
@@ -13,4 +14,4 @@ with reported(snakemake.log[0]):
         dataset.read(files.dataset), **{block: params[block] for block in blocks}
     )
     found = cramer_rao.table(experiment, pd.read_csv(files.touch_grid))
-    posterior_mean.write(found, snakemake.output[0])
+    metrics.write(found, snakemake.output[0])

@@ -2,6 +2,7 @@
 
 from eitskin.data import dataset, splits
 from eitskin.errors import reported
+from eitskin.learn import metrics
 from eitskin.limit import posterior_mean
 
 with reported(snakemake.log[0]):
@@ -13,7 +14,7 @@ with reported(snakemake.log[0]):
     found = posterior_mean.estimates(
         experiment, data, part, params.seed, params.samples, params.pairs
     )
-    posterior_mean.write(found, snakemake.output.samples)
-    posterior_mean.write(
+    metrics.write(found, snakemake.output.samples)
+    metrics.write(
         posterior_mean.score(found, data, "continuous", params.seed), snakemake.output.metrics
     )

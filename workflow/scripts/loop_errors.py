@@ -4,7 +4,7 @@ from pathlib import Path
 
 from eitskin.data import dataset, splits
 from eitskin.errors import reported
-from eitskin.learn import transfer_runs
+from eitskin.learn import metrics
 from eitskin.learn.train import Budget, Recipe
 from loop import errors
 
@@ -15,6 +15,4 @@ with reported(snakemake.log[0]):
     recipe = Recipe.of(params.recipe, Budget(**params.budget), params.latent_dim)
     chosen = (names.source, names.model, Path(files.recording).parent, target, part, recipe)
     drawn = (params.authors, params.forces, params.probe_mm)
-    transfer_runs.write(
-        errors.errors(*chosen, params.seed, params.draw, *drawn), snakemake.output[0]
-    )
+    metrics.write(errors.errors(*chosen, params.seed, params.draw, *drawn), snakemake.output[0])

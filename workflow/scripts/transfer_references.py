@@ -2,7 +2,7 @@
 
 from eitskin.data import dataset, splits
 from eitskin.errors import reported
-from eitskin.learn import model_file, transfer, transfer_runs
+from eitskin.learn import metrics, model_file, transfer
 from eitskin.learn.train import Budget, Recipe
 
 with reported(snakemake.log[0]):
@@ -11,4 +11,4 @@ with reported(snakemake.log[0]):
     part = splits.read(files.split, data.table)
     recipe = Recipe.of(params.recipe, Budget(**params.budget), params.latent_dim)
     rows = transfer.references(model_file.read_seeds(files.models), data, part, recipe, params.seed)
-    transfer_runs.write(rows, snakemake.output[0])
+    metrics.write(rows, snakemake.output[0])

@@ -2,7 +2,7 @@
 
 from eitskin.data import dataset, recording, splits
 from eitskin.errors import reported
-from eitskin.learn import model_file, transfer, transfer_runs
+from eitskin.learn import metrics, model_file, transfer, transfer_runs
 
 with reported(snakemake.log[0]):
     files = snakemake.input
@@ -14,4 +14,4 @@ with reported(snakemake.log[0]):
     seeds = range(snakemake.params.seed, snakemake.params.seed + transfer_runs.DRAWS)
     draws = [transfer_runs.labelled(target.table, part, seed) for seed in seeds]
     rows = transfer.transferred(model_file.read_seeds(files.models), *sides, angles, draws)
-    transfer_runs.write(rows, snakemake.output[0])
+    metrics.write(rows, snakemake.output[0])

@@ -111,17 +111,12 @@ class Case:
 
 def owners_metadata(channels: np.ndarray, frame_s: float, believed: Skin) -> dict:
     """Metadata of a simulated recording as its owner writes them; channels (M, 4); frame_s: s."""
-    return {
-        **recording.DEFAULTS,
-        "format": "eit-recording",
-        "version": 1,
-        "channels": channels.tolist(),
-        "voltage": "signed",
-        "frame_s": frame_s,
-        "position_frame": "skin",
-        "source": "simulation",
-        "skin": believed.metadata(),
-    }
+    return recording.metadata_of(channels, believed.metadata(), "simulation", frame_s=frame_s)
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """A number between two, evenly in its logarithm, of three significant digits."""
+    return float(f"{np.exp(rng.uniform(np.log(low), np.log(high))):.3g}")
 
 
 class _Shown:
@@ -137,6 +132,38 @@ class _Shown:
         if key not in self._known:
             self._known[key] = self.world.readings(self.states, laws, hidden)
         return self._known[key]
+
+    def snr(self, made: dict | outside.Outside, noise_V: np.ndarray) -> float:
+        """SNR of one law, of the catalogue or outside it, in noise (M,) V."""
+        laws, hidden = ([made], None) if isinstance(made, dict) else ([], made)
+        return signature(self.readings(laws, hidden), self.readings([]), noise_V)
+
+
+@dataclass(frozen=True)
+class _Bench:
+    """What there is before anything is concealed: skin: as drawn; free: a disc (x, y, radius), mm,
+    in which a law may sit; grounded: the source's sink; the others as of `Case`."""
+
+    skin: Skin
+    true: Skin
+    believed: Skin
+    frame_s: float
+    grounded: bool
+    free: tuple[float, float, float]
+    channels: np.ndarray
+    states: pd.DataFrame
+    query: pd.DataFrame
+
+    def world(self, generator: str) -> World:
+        """What answers the frames."""
+        return World(self.true, self.channels, self.frame_s, self.grounded, generator=generator)
+
+    def scene(self, untouched_V: np.ndarray) -> strengths.Scene:
+        """What effects are drawn for, with readings (M,) V of the untouched skin."""
+        thickness = self.skin.thickness_mm
+        return strengths.Scene(
+            self.believed, self.channels, untouched_V, self.free, self.grounded, thickness
+        )
 
 
 def together(names: Sequence[str]) -> bool:
@@ -184,17 +211,14 @@ def _draw_skin(rng: np.random.Generator) -> Skin:
     def between(low: float, high: float, digits: int) -> float:
         return round(float(rng.uniform(low, high)), digits)
 
-    def scale(low: float, high: float) -> float:
-        return float(f"{np.exp(rng.uniform(np.log(low), np.log(high))):.3g}")
-
     return Skin(
         radius_mm=between(50.0, 90.0, 1),
         thickness_mm=between(2.0, 4.0, 2),
         conductivity_S_per_m=between(0.2, 1.0, 3),
         electrode_deg=tuple((360.0 / N_ELECTRODES * np.arange(N_ELECTRODES)).tolist()),
         electrode_width_mm=between(4.0, 9.0, 1),
-        contact_impedivity_ohm_m2=scale(5e-4, 1e-2),
-        current_A=scale(1e-4, 5e-3),
+        contact_impedivity_ohm_m2=log_uniform(rng, 5e-4, 1e-2),
+        current_A=log_uniform(rng, 1e-4, 5e-3),
         contrast_per_N=between(0.2, 1.0, 3),
     )
 
@@ -299,8 +323,25 @@ def draw(
     whole, (kind, _, rig) = kind, kind.partition("+")
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
     names, law = names_of(kind, rng, generator) if names is None else (names, None)
-    least, most = (LEAST_LEVEL, MOST_LEVEL) if alike is None else alike.levels
-    floor = max(least, GENERATORS[generator].least_level)
+    levels = (LEAST_LEVEL, MOST_LEVEL) if alike is None else alike.levels
+    bench = _bench(rng, names, law, frames, alike)
+    searched = generator if law in outside.OUTSIDE_SOLID else "boundary"
+    shown = _Shown(bench.world(searched), bench.states)
+    floor = max(levels[0], GENERATORS[generator].least_level)
+    concealed = _concealed(rng, bench, shown, names, law, levels, floor, share)
+    clean = _noiseless(bench, shown, concealed, generator)
+    errors = _rig_errors(rig, np.random.default_rng([zlib.crc32(f"{kind}+rig".encode()), seed]))
+    return _recorded(replace(clean, kind=whole, seed=seed), errors, rng)
+
+
+def _bench(
+    rng: np.random.Generator,
+    names: list[str],
+    law: str | None,
+    frames: int | None,
+    alike: Alike | None,
+) -> _Bench:
+    """A skin and its frames that suit the names of effects and a law outside the catalogue."""
     skin = _draw_skin(rng)
     deep = "third-dimension" in names or (alike is not None and alike.deep)
     if deep:
@@ -312,110 +353,146 @@ def draw(
     true = replace(skin, conductivity_S_per_m=float(skin.conductivity_S_per_m * off))
     frame_s = round(float(rng.uniform(0.2, 0.4)), 3)
     grounded = "indenter-grounding" in names or ("ground-leak" in names and rng.uniform() < 0.5)
-    free = _free_disc(rng, skin.radius_mm, 6.0, 13.0)
-    around = (*free[:2], max(free[2], CLEAR_MM))
-    clear = law is not None and LAWS[law].keeps_clear
-    if clear:
-        free = (*free[:2], CLEAR_MM)
-    keep = Keep()
-    if alike is not None:
-        grounded, keep = True, Keep((around,), APART_MM, clear=True)
-    elif clear:
-        keep = Keep((free,), APART_MM)
-    elif "conductivity-patch" in names:
-        crossed = "indenter-grounding" not in names
-        keep = Keep((free,), NO_TANGENT_MM if crossed else APART_MM, crossed)
-    channels = channel_table(N_ELECTRODES)
+    free, keep = _kept_clear(rng, skin.radius_mm, names, law, alike)
     states = recording_frames(rng, skin.radius_mm, frame_s, keep, frames)
     number = None if alike is None else alike.query_frames
     query = query_frames(rng, states, skin.radius_mm, frame_s, keep, number)
-    searched = generator if law in outside.OUTSIDE_SOLID else "boundary"
-    world = World(true, channels, frame_s, grounded, generator=searched)
-    shown = _Shown(world, states)
+    channels = channel_table(N_ELECTRODES)
+    grounded = grounded or alike is not None
+    return _Bench(skin, true, believed, frame_s, grounded, free, channels, states, query)
+
+
+def _kept_clear(
+    rng: np.random.Generator,
+    radius_mm: float,
+    names: list[str],
+    law: str | None,
+    alike: Alike | None,
+) -> tuple[tuple[float, float, float], Keep]:
+    """A disc (x, y, radius), mm, in which a law may sit, and what touches keep clear of."""
+    x, y, reach = _free_disc(rng, radius_mm, 6.0, 13.0)
+    clear = law is not None and LAWS[law].keeps_clear
+    free = (x, y, CLEAR_MM if clear else reach)
+    if alike is not None:
+        return free, Keep(((x, y, max(reach, CLEAR_MM)),), APART_MM, clear=True)
+    if clear:
+        return free, Keep((free,), APART_MM)
+    if "conductivity-patch" in names:
+        crossed = "indenter-grounding" not in names
+        return free, Keep((free,), NO_TANGENT_MM if crossed else APART_MM, crossed)
+    return free, Keep()
+
+
+@dataclass(frozen=True)
+class _Concealed:
+    """What a case conceals, and its noise; hidden: a law outside the catalogue, `outside` its entry
+    in the truth; noise_V (M,): sd; the others as of `Case`."""
+
+    effects: list[dict]
+    scopes: list[str]
+    snr: list[float]
+    hidden: outside.Outside | None
+    outside: dict | None
+    level: float
+    noise_V: np.ndarray
+
+
+def _concealed(
+    rng: np.random.Generator,
+    bench: _Bench,
+    shown: _Shown,
+    names: list[str],
+    law: str | None,
+    levels: tuple[float, float],
+    floor: float,
+    share: float | None,
+) -> _Concealed:
+    """Named effects, or a law outside the catalogue, with strengths that show; levels: of the
+    noise, from and to, `floor` the least after all; share: as of `draw`."""
     plain = shown.readings([])
-    median = float(np.median(np.abs(plain[0])))
-    level = float(f"{np.exp(rng.uniform(*np.log((least, most)))):.3g}")
-    level = max(level, floor)
+    level = max(log_uniform(rng, *levels), floor)
     mixed = rng.uniform(0.2, 0.8) if rng.uniform() < 0.3 else 0.0
-    scene = strengths.Scene(believed, channels, plain[0], free, grounded, skin.thickness_mm)
+    scene = bench.scene(plain[0])
     drawn = [_drawn(name, rng, scene) for name in names]
-    scopes = [one.scope for one in drawn]
-    growing = [one for one in drawn if one.unit is not None]
     # Where a wire is off or on another electrode, the noise is that of what the board then reads.
     read = shown.readings([one.at(0.0) for one in drawn if one.unit is None])
+    median = float(np.median(np.abs(plain[0])))
     noise = level * ((1.0 - mixed) * median + mixed * np.abs(read[0]))
-    makers = [(one.at, one.unit, one.most) for one in growing]
-    hidden = None
-    if law is not None:
-        hidden = _outside(rng, law, states, plain[0], skin, free)
-        unit = None if law in outside.OUTSIDE_SOLID else 0.1 * hidden.most
-        makers = [(lambda a: replace(hidden, amount=a), unit, hidden.amount)]
+    hidden = None if law is None else _outside(rng, law, bench, plain[0])
+    makers = _makers(drawn, law, hidden, share)
     band = OUTSIDE_SNR if law else SINGLE_SNR if len(names) < 2 else SET_SNR
     wanted = np.exp(rng.uniform(*np.log(band), len(makers)))
     if share is not None:
-        makers = [(at, min(unit, share * most), share * most) for at, unit, most in makers]
         wanted[:] = BEYOND
-
-    def show(at, a: float) -> float:
-        made = at(a)
-        law_or_hidden = ([made], None) if isinstance(made, dict) else ([], made)
-        return signature(shown.readings(*law_or_hidden), plain, noise)
-
-    found = _strengths(show, makers, wanted)
-    lack = min(
-        (reached / want for (_, reached), want in zip(found, wanted, strict=True)), default=1
-    )
+    found = _strengths(shown, makers, wanted, noise)
+    reached = (snr / want for (_, snr), want in zip(found, wanted, strict=True))
+    lack = min(reached, default=1)
     if lack < 0.9 and share is None:
         # What is physical is too weak in this noise: there is less of it then.
         quieter = max(lack, floor / level)
         level, noise = level * quieter, noise * quieter
-        found = _strengths(show, makers, wanted)
+        found = _strengths(shown, makers, wanted, noise)
     amounts = iter(found)
     effects, snr, other = [], [], None
     for one in drawn:
         fixed = one.unit is None
-        a, reached = (0.0, show(one.at, 0.0)) if fixed else next(amounts)
+        a, reached = (0.0, shown.snr(one.at(0.0), noise)) if fixed else next(amounts)
         effects.append(one.at(a))
         snr.append(reached)
-    if law is not None:
+    if hidden is not None:
         a, reached = next(amounts)
         hidden = replace(hidden, amount=a)
         other = {"law": law, "parameters": hidden.parameters(), "snr": reached}
-    clean = shown.readings(effects, hidden)
-    given = list(snr)
+    return _Concealed(effects, [one.scope for one in drawn], snr, hidden, other, level, noise)
+
+
+def _makers(drawn: list, law: str | None, hidden: outside.Outside | None, share: float | None):
+    """(at, unit, most) of each effect that has a strength, or of the law outside the catalogue."""
+    makers = [(one.at, one.unit, one.most) for one in drawn if one.unit is not None]
+    if hidden is not None:
+        unit = None if law in outside.OUTSIDE_SOLID else 0.1 * hidden.most
+        makers = [(lambda a: replace(hidden, amount=a), unit, hidden.amount)]
+    if share is not None:
+        makers = [(at, min(unit, share * most), share * most) for at, unit, most in makers]
+    return makers
+
+
+def _noiseless(bench: _Bench, shown: _Shown, made: _Concealed, generator: str) -> Case:
+    """The case before a rig records it, noise-free, its kind and seed not told yet."""
+    effects, world, states = made.effects, shown.world, bench.states
+    clean = shown.readings(effects, made.hidden)
+    given = list(made.snr)
     if len(effects) > 1:
         rest = [[e for e in effects if e is not one] for one in effects]
-        given = [signature(clean, shown.readings(r), noise) for r in rest]
-    if generator != searched:
-        world = World(true, channels, frame_s, grounded, generator=generator)
-        clean = world.readings(states, effects, hidden)
+        given = [signature(clean, shown.readings(r), made.noise_V) for r in rest]
+    if generator != world.generator.name:
+        world = bench.world(generator)
+        clean = world.readings(states, effects, made.hidden)
     largest = float(states["force_N"].max())
-    metadata = owners_metadata(channels, frame_s, believed)
-    metadata["source_reference"] = "sink-grounded" if grounded else "floating"
-    errors = _rig_errors(rig, np.random.default_rng([zlib.crc32(f"{kind}+rig".encode()), seed]))
-    plainly = Case(
-        kind=whole,
-        seed=seed,
-        believed=believed,
-        true=true,
+    metadata = owners_metadata(bench.channels, bench.frame_s, bench.believed)
+    metadata["source_reference"] = "sink-grounded" if bench.grounded else "floating"
+    return Case(
+        kind="",
+        seed=0,
+        believed=bench.believed,
+        true=bench.true,
         effects=effects,
-        scopes=scopes,
-        snr=snr,
+        scopes=made.scopes,
+        snr=made.snr,
         snr_given_others=given,
-        outside=other,
+        outside=made.outside,
         metadata=metadata,
         states=states,
         clean=clean,
         voltage=clean,
-        noise_V=noise,
-        level=level,
-        query=query,
-        query_clean=world.readings(query, effects, hidden, largest),
+        noise_V=made.noise_V,
+        level=made.level,
+        query=bench.query,
+        query_clean=world.readings(bench.query, effects, made.hidden, largest),
         world=world,
         rig=(),
         true_states=states,
     )
-    return _recorded(plainly, errors, rng)
 
 
 def again(case: Case, rig: str, number: int) -> Case:
@@ -460,8 +537,14 @@ def _rig_errors(rig: str, rng: np.random.Generator) -> tuple[RigError, ...]:
     return tuple(rig_errors.draw(rng, kinds))
 
 
-def _strengths(show, makers: list[tuple], wanted: np.ndarray) -> list[tuple[float, float]]:
+def _strengths(
+    shown: _Shown, makers: list[tuple], wanted: np.ndarray, noise_V: np.ndarray
+) -> list[tuple[float, float]]:
     """Strength and SNR of each maker (at, unit, most), as `scaled`; without a unit, of `most`."""
+
+    def show(at, a: float) -> float:
+        return shown.snr(at(a), noise_V)
+
     return [
         (most, show(at, most))
         if unit is None
@@ -470,10 +553,11 @@ def _strengths(show, makers: list[tuple], wanted: np.ndarray) -> list[tuple[floa
     ]
 
 
-def _outside(rng, law: str, states, untouched_V, skin, free) -> outside.Outside:
+def _outside(rng, law: str, bench: _Bench, untouched_V) -> outside.Outside:
+    states = bench.states
     presses = states["contact"].dropna().unique().astype(int)
-    end = float(states["time_s"].iloc[-1])
-    scene = outside.Scene(N_ELECTRODES, presses, end, skin.radius_mm, free, untouched_V)
+    end, radius = float(states["time_s"].iloc[-1]), bench.skin.radius_mm
+    scene = outside.Scene(N_ELECTRODES, presses, end, radius, bench.free, untouched_V)
     drawn = LAWS[law].draw(rng, scene)
     if law == "palm":
         drawn = replace(drawn, radius_mm=round(float(rng.uniform(4.0, 8.0)), 2))

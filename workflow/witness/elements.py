@@ -40,18 +40,6 @@ class Fineness:
     crossing: float = 0.02
     gap: float = 0.7
 
-    def finer(self) -> "Fineness":
-        """All these sides half as long."""
-        return replace(
-            self,
-            end=0.5 * self.end,
-            rim=0.5 * self.rim,
-            most=0.5 * self.most,
-            circle=0.5 * self.circle,
-            crossing=0.5 * self.crossing,
-            gap=0.5 * self.gap,
-        )
-
 
 @BilinearForm
 def _stiffness(u, v, w):

@@ -22,7 +22,7 @@ from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table, every_channel, undriven
 from eitskin.physics.skin import Skin
 from witness import rig_errors
-from witness.cases import owners_metadata, signature
+from witness.cases import log_uniform, owners_metadata, signature
 from witness.rig_errors import USUAL, RigError
 from witness.schedule import Keep, query_frames, recording_frames
 from witness.world import World
@@ -138,17 +138,11 @@ def draw(kind: str, seed: int) -> Owned:
 def _made(kind: str, seed: int, plan: _Plan, rng: np.random.Generator) -> Owned | None:
     """The recording of a plan, None where nothing would be seen of what it conceals."""
     frame_s = round(float(rng.uniform(0.2, 0.4)), 3)
-    radius, query = plan.true.radius_mm, None
-    if plan.touched:
-        room = plan.room * radius
-        states = recording_frames(rng, room, frame_s, Keep())
-        query = query_frames(rng, states, room, frame_s, Keep())
-    else:
-        states = _still(int(rng.integers(FRAMES[0], FRAMES[1] + 1)), frame_s)
+    states, query = _frames(rng, plan, frame_s)
     world = World(plan.true, plan.channels, frame_s)
     clean = world.readings(states, plan.laws)
     truth = plan.truth
-    level = _log_uniform(rng, *LEVELS)
+    level = log_uniform(rng, *LEVELS)
     noise = np.full(clean.shape[1], level * float(np.median(np.abs(clean[0]))))
     seen = np.inf
     if plan.later is not None:
@@ -199,6 +193,17 @@ def _made(kind: str, seed: int, plan: _Plan, rng: np.random.Generator) -> Owned 
     )
 
 
+def _frames(
+    rng: np.random.Generator, plan: _Plan, frame_s: float
+) -> tuple[pd.DataFrame, pd.DataFrame | None]:
+    """States of the recording and, where the skin is touched, of the query after it."""
+    if not plan.touched:
+        return _still(int(rng.integers(FRAMES[0], FRAMES[1] + 1)), frame_s), None
+    room = plan.room * plan.true.radius_mm
+    states = recording_frames(rng, room, frame_s, Keep())
+    return states, query_frames(rng, states, room, frame_s, Keep())
+
+
 def beyond(
     true: Skin,
     believed: Skin,
@@ -229,10 +234,6 @@ def _still(count: int, frame_s: float) -> pd.DataFrame:
     return frames.assign(contact=pd.array([None] * count, dtype="Int64"))
 
 
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(f"{np.exp(rng.uniform(np.log(low), np.log(high))):.3g}")
-
-
 def _between(rng: np.random.Generator, low: float, high: float) -> float:
     return float(f"{rng.uniform(low, high):.4g}")
 
@@ -244,7 +245,7 @@ def _mild(rng: np.random.Generator) -> tuple[RigError, ...]:
     for kind in kinds:
         usual = USUAL[kind].size
         band = (MILD[0] * usual, MILD[1] * usual)
-        size = _log_uniform(rng, *(MILD_CORRELATION if kind == "correlated-noise" else band))
+        size = log_uniform(rng, *(MILD_CORRELATION if kind == "correlated-noise" else band))
         found.append(RigError(kind, size, int(rng.integers(2**31))))
     return tuple(found)
 
@@ -274,8 +275,8 @@ def _sheet(rng: np.random.Generator) -> Skin:
         conductivity_S_per_m=_between(rng, 0.2, 1.0),
         electrode_deg=_angles(16),
         electrode_width_mm=_between(rng, 4.0, 9.0),
-        contact_impedivity_ohm_m2=_log_uniform(rng, 5e-4, 1e-2),
-        current_A=_log_uniform(rng, 1e-4, 5e-3),
+        contact_impedivity_ohm_m2=log_uniform(rng, 5e-4, 1e-2),
+        current_A=log_uniform(rng, 1e-4, 5e-3),
         contrast_per_N=_between(rng, 0.2, 1.0),
     )
 
@@ -297,8 +298,8 @@ def _tank(rng: np.random.Generator, electrodes: str, count: int = 16) -> Skin:
         conductivity_S_per_m=_between(rng, 0.1, 0.5),
         electrode_deg=_angles(count),
         electrode_width_mm=width,
-        contact_impedivity_ohm_m2=_log_uniform(rng, 5e-4, 1e-2),
-        current_A=_log_uniform(rng, 1e-4, 5e-3),
+        contact_impedivity_ohm_m2=log_uniform(rng, 5e-4, 1e-2),
+        current_A=log_uniform(rng, 1e-4, 5e-3),
         contrast_per_N=0.0,
         electrode_height_mm=height,
         electrode_z_mm=0.5 * height + float(np.floor(1e3 * rng.uniform() * (depth - height)) / 1e3),
@@ -418,7 +419,7 @@ def _fault(rng: np.random.Generator, count: int) -> dict:
         {
             "name": "contact-impedance",
             "electrodes": [site],
-            "parameters": {"ratio": [_log_uniform(rng, 5.0, 30.0)]},
+            "parameters": {"ratio": [log_uniform(rng, 5.0, 30.0)]},
         },
         {
             "name": "measurement-gain",

@@ -100,20 +100,11 @@ def _missing(corners: np.ndarray, nodes: list[np.ndarray], count: int) -> int:
     return lacking
 
 
-def triangulate(
-    curves: list[Curve],
-    size: Callable[[np.ndarray], np.ndarray],
-    start: np.ndarray | None = None,
-    rim: np.ndarray | None = None,
-) -> Mesh:
-    """The mesh within the first curve, the rim; others lie inside it and may cross at `fixed`.
-
-    size: the wanted side of a triangle at places; start: places within the rim to begin with,
-    kept where they are far enough from the curves; rim: the angles of the rim's nodes. Raises
-    ValueError where no mesh follows all curves.
-    """
-    angles = [curve.nodes(size) for curve in curves[1:]]
-    angles.insert(0, curves[0].nodes(size) if rim is None else rim)
+def _on_curves(
+    curves: list[Curve], angles: list[np.ndarray]
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Places (P,) of the curves' nodes at their angles, those where curves meet once; of each curve
+    its nodes (K,) among them."""
     place = np.zeros(0, complex)
     nodes = []
     for curve, phi in zip(curves, angles, strict=True):
@@ -128,6 +119,24 @@ def triangulate(
             at = at[~met]
         nodes.append(index)
         place = np.concatenate([place, at])
+    return place, nodes
+
+
+def triangulate(
+    curves: list[Curve],
+    size: Callable[[np.ndarray], np.ndarray],
+    start: np.ndarray | None = None,
+    rim: np.ndarray | None = None,
+) -> Mesh:
+    """The mesh within the first curve, the rim; others lie inside it and may cross at `fixed`.
+
+    size: the wanted side of a triangle at places; start: places within the rim to begin with,
+    kept where they are far enough from the curves; rim: the angles of the rim's nodes. Raises
+    ValueError where no mesh follows all curves.
+    """
+    angles = [curve.nodes(size) for curve in curves[1:]]
+    angles.insert(0, curves[0].nodes(size) if rim is None else rim)
+    place, nodes = _on_curves(curves, angles)
     fixed = len(place)
     sides = [(place[curve], place[np.roll(curve, -1)]) for curve in nodes]
     middle = np.concatenate([0.5 * (a + b) for a, b in sides])

@@ -6,9 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import reference_disc as reference
-from benchmark.finite_elements import FiniteElements, straight_mesh, symmetric_disc_mesh
+from benchmark.finite_elements import FiniteElements, straight_mesh
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
+from symmetric_mesh import symmetric_disc_mesh
 
 N = 16
 CHANNELS = channel_table(N)

@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import binomtest, kstest
 
 from eitskin.data.recording import Recording, presses
-from eitskin.diagnose.atlas import COLUMNS, atlas, unobserved
+from eitskin.diagnose.atlas import COLUMNS, atlas
 from eitskin.effects.settings import settings, site_counts
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
@@ -311,7 +311,6 @@ def test_without_reciprocal_pairs_there_is_no_parity():
     bench = Bench(8, 4, "adjacent", "opposite")
     table = bench.ask(bench.clean)
     assert not table["statistic"].str.contains("reciprocity").any()
-    assert any(line.startswith("Reciprocity") for line in unobserved(bench.recording(bench.clean)))
 
 
 def test_magnitudes(ring):
@@ -334,7 +333,6 @@ def test_without_touches(small):
     law = table["statistic"].str.split(":").str[0]
     assert set(law) == {"everything", "constant", "untouched", "time", "scan", "amplitude"}
     assert (table["q"] > 0.05).all()
-    assert any("no frame is touched" in line for line in unobserved(recording))
 
 
 def test_what_is_unknown_has_no_rows(small):
@@ -345,13 +343,6 @@ def test_what_is_unknown_has_no_rows(small):
     assert not law & {"force", "load direction", "dwell", "probe", "time"}
     assert "order" in law
     assert "position: electrode" not in set(table["statistic"])
-    said = unobserved(small.recording(small.clean, frames, clock="index", position_frame="robot"))
-    start = ["Time and dwell", "Force: nobody", "Load direction", "Probe: its size", "Touches near"]
-    assert [any(line.startswith(words) for line in said) for words in start] == [True] * 5
-
-
-def test_everything_is_observed_where_everything_is_there(small):
-    assert unobserved(small.recording(small.clean)) == []
 
 
 def test_one_frame(small):

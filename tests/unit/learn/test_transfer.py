@@ -358,5 +358,5 @@ def test_too_few_labels_to_train_on_are_said(tmp_path):
 def test_written_twice_equal_bytes(simulated, tmp_path):
     rows = run(simulated, recorded(touches(600, seed=5)))
     for name in "ab":
-        transfer_runs.write(rows, tmp_path / name)
+        metrics.write(rows, tmp_path / name)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from eitskin.errors import InputError
-from eitskin.learn import transfer_runs
+from eitskin.learn import metrics, transfer_runs
 from loop import figure, table
 from loop.naming import AUTHORS, BELIEF, DIAGNOSIS, LABELS, TRUTH
 
@@ -35,7 +35,7 @@ def files(folder, errors=ERRORS):
         if source == BELIEF:
             found += rows([1.2, 1.3, 1.1], "CORAL")
         path = folder / f"{source}.csv"
-        transfer_runs.write(pd.DataFrame(found, columns=list(transfer_runs.RUNS)), path)
+        metrics.write(pd.DataFrame(found, columns=list(transfer_runs.RUNS)), path)
         listed.append(({"case": "bench", "model": "mlp", "source": source}, path))
     return listed
 

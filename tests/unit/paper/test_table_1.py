@@ -49,7 +49,7 @@ def limit_file(folder):
         for metric in ("r2", "mae", "rmse", "z2")
     ]
     path = folder / "limit.csv"
-    posterior_mean.write(pd.DataFrame(rows, columns=list(posterior_mean.COLUMNS)), path)
+    metrics.write(pd.DataFrame(rows, columns=list(posterior_mean.COLUMNS)), path)
     return path
 
 

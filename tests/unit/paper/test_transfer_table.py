@@ -25,7 +25,7 @@ def files(folder, source: pd.DataFrame, references: pd.DataFrame):
     found = []
     for name, table in (("simulated-authors", source), ("", references)):
         path = folder / f"{name or 'references'}.csv"
-        transfer_runs.write(table, path)
+        metrics.write(table, path)
         found.append(({"source": name, **KEYS}, path))
     return found
 

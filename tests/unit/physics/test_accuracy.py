@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from eitskin.physics import accuracy
+from eitskin.physics.forward import Forward
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table
 
@@ -29,11 +30,14 @@ def test_untouched(skin, name, bound):
 @pytest.mark.parametrize(("name", "bound"), [("train", 5e-3), ("diagnose", 2e-4)])
 @pytest.mark.parametrize("radius", [3.5, 7.5])
 def test_touch_nearest_the_rim(skin, name, bound, radius):
-    place = (72.0, 0.0, radius)
-    change = accuracy.Forward(SKINS[skin]).place(*place)
-    size = np.linalg.norm(change.channel_change(CHANNELS, accuracy.CONTRASTS), axis=1)
-    error = accuracy.touch_error(SKINS[skin], CHANNELS, name, place)
-    assert (np.linalg.norm(error, axis=1) < bound * size).all()
+    found, finest, usual = (
+        Forward(SKINS[skin], fineness)
+        .place(72.0, 0.0, radius)
+        .channel_change(CHANNELS, accuracy.CONTRASTS)
+        for fineness in (name, accuracy.FINEST, "diagnose")
+    )
+    size = np.linalg.norm(usual, axis=1)
+    assert (np.linalg.norm(found - finest, axis=1) < bound * size).all()
 
 
 def test_the_error_falls_at_the_order_told():

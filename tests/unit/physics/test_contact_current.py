@@ -8,7 +8,7 @@ from scipy.integrate import dblquad
 from skfem import Basis, LinearForm
 
 import reference_patch as reference
-from benchmark.finite_elements import FiniteElements, symmetric_disc_mesh
+from benchmark.finite_elements import FiniteElements
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.physics.contact_current import EvenCurrent
@@ -20,6 +20,7 @@ from eitskin.physics.solver import forward_model
 from eitskin.physics.touch import Touch
 from eitskin.simulate.leaks import leaking
 from eitskin.simulate.readings import simulate
+from symmetric_mesh import symmetric_disc_mesh
 
 CHANNELS = channel_table(16)
 COUNTS = site_counts(CHANNELS)

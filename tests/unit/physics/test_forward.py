@@ -6,12 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import reference_disc as reference
-from benchmark.finite_elements import FiniteElements, symmetric_disc_mesh
+from benchmark.finite_elements import FiniteElements
 from eitskin.errors import InputError
 from eitskin.physics.forward import Accuracy, Forward, channel_values
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table, reciprocal_channels
 from eitskin.physics.touch import Touch, TouchAccuracy
+from symmetric_mesh import symmetric_disc_mesh
 
 CHANNELS = channel_table(16)
 ELECTRODES = np.arange(16) * 22.5

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmark.finite_elements import FiniteElements, symmetric_disc_mesh
+from benchmark.finite_elements import FiniteElements
 from eitskin.errors import InputError
 from eitskin.physics.forward import Forward, channel_values
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table, reciprocal_channels
 from eitskin.physics.touch import Touch
+from symmetric_mesh import symmetric_disc_mesh
 from witness import laws
 from witness.boundary import Body, Disc
 

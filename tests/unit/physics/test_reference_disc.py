@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import reference_disc as reference
-from benchmark.finite_elements import FiniteElements, symmetric_disc_mesh
+from benchmark.finite_elements import FiniteElements
 from eitskin.physics.protocol import channel_table
+from symmetric_mesh import symmetric_disc_mesh
 
 N = 16
 ANGLES = 2 * np.pi * np.arange(N) / N

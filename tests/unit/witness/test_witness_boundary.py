@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from benchmark.finite_elements import FiniteElements, symmetric_disc_mesh
+from benchmark.finite_elements import FiniteElements
 from eitskin.physics.forward import Forward, channel_values
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.touch import Touch
+from symmetric_mesh import symmetric_disc_mesh
 from witness.arc import moment_response, segment_operator
 from witness.boundary import Body, Disc, Radial, Resolution
 from witness.curves import Shape

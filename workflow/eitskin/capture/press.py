@@ -49,13 +49,7 @@ def press(
         raise Fault(Stop("load cell zero", f"the load cell has drifted: {said}; zero it anew"))
 
     show({"phase": "search", "depth_mm": None})
-    lowest = hover - 1e-3 * plan["search_mm"]
-    search = (motion["search_m_s"], motion["press_m_s2"])
-    if rig.move((x, y, lowest), *search, until=lambda: rig.touches(plan["touch_N"])):
-        said = f"no touch within {plan['search_mm']} mm below {hover} m"
-        raise Fault(Stop("no touch", f"{said}: is the skin there, does the load cell feel?"))
-    surface = rig.position_m[2]
-    floor = rig.config["pose"]["box_m"][2][0]
+    surface = _surface_m(rig, x, y, hover)
 
     def lower_to(step: int) -> float:
         depth_m = 1e-3 * plan["step_mm"] * step
@@ -63,14 +57,10 @@ def press(
         rig.move((x, y, surface - depth_m), *pressing)
         return 1e3 * (surface - rig.position_m[2])
 
-    force_N, growth_N, step, end = rig.force_N, 0.0, 0, "target"
+    force_N, growth_N, step, end = rig.force_N, 0.0, 0, ""
     while force_N < contact.target_N:
-        deeper_mm = plan["step_mm"] * (step + 1)
-        if deeper_mm > plan["depth_cap_mm"] or surface - 1e-3 * deeper_mm < floor:
-            end = "depth cap"
-            break
-        if force_N + STEP_GROWTH * growth_N > limits["soft_N"]:
-            end = "stiff"
+        end = _no_further(rig, surface, step + 1, force_N + STEP_GROWTH * growth_N)
+        if end:
             break
         step += 1
         depth_mm = lower_to(step)
@@ -83,4 +73,26 @@ def press(
             take("unload", upper, lower_to(upper))
     show({"phase": "up", "depth_mm": None})
     rig.move((x, y, hover), *travel)
-    return end
+    return end or "target"
+
+
+def _surface_m(rig: Rig, x: float, y: float, hover: float) -> float:
+    """The height at which the probe, lowered from `hover` at (x, y), m, touches; raises Fault where
+    it does not."""
+    plan, motion = rig.config["plan"], rig.config["motion"]
+    lowest = hover - 1e-3 * plan["search_mm"]
+    search = (motion["search_m_s"], motion["press_m_s2"])
+    if rig.move((x, y, lowest), *search, until=lambda: rig.touches(plan["touch_N"])):
+        said = f"no touch within {plan['search_mm']} mm below {hover} m"
+        raise Fault(Stop("no touch", f"{said}: is the skin there, does the load cell feel?"))
+    return rig.position_m[2]
+
+
+def _no_further(rig: Rig, surface: float, step: int, force_N: float) -> str:
+    """Why a step below the surface, a height in m, must not be taken, after which the force may be
+    force_N; nothing where it may."""
+    plan, floor = rig.config["plan"], rig.config["pose"]["box_m"][2][0]
+    depth_mm = plan["step_mm"] * step
+    if depth_mm > plan["depth_cap_mm"] or surface - 1e-3 * depth_mm < floor:
+        return "depth cap"
+    return "stiff" if force_N > rig.config["limits"]["soft_N"] else ""

@@ -53,22 +53,8 @@ def to_recording(records: list[dict], file: str | Path) -> tuple[Recording, int]
         found = f"contact {first} of {len(planned)} unfinished"
         raise InputError(file, "contacts", found, "all finished; `eitskin rig resume` goes on")
     rows = journal.finished_frames(records)
-    offsets = _run_offsets(records)
     frame_s = config["board"]["frame_s"]
-    table = pd.DataFrame(
-        {
-            "time_s": [_begin_s(row, frame_s) + offsets[row["run"]] for row in rows],
-            "touch": [row["phase"] != "untouched" for row in rows],
-            "force_N": [row["force_N"] - row["zero_N"] for row in rows],
-            "depth_mm": [row["depth_mm"] for row in rows],
-            "contact": [row["contact"] for row in rows],
-            "phase": [row["phase"] for row in rows],
-            "spread_N": [row["force_spread_N"] for row in rows],
-            "saturated": [row["saturated"] for row in rows],
-            "utc": [row["end_utc"] for row in rows],
-            "robot_s": [row["robot_end_s"] for row in rows],
-        }
-    )
+    table = _measured(rows, _run_offsets(records), frame_s)
     centre = np.array(config["pose"]["centre"][:2])
     ends = np.array([[row["pose_before"][:2], row["pose_end"][:2]] for row in rows])
     place_mm = 1e3 * (ends.mean(axis=1) - centre)
@@ -97,18 +83,33 @@ def to_recording(records: list[dict], file: str | Path) -> tuple[Recording, int]
         frames[f"note_{name}"] = table[name].astype("str")
     for name in ("spread_N", "saturated", "robot_s"):
         frames[f"note_{name}"] = table[name]
-    metadata = {
-        **recording.DEFAULTS,
-        "format": "eit-recording",
-        "version": 1,
-        "channels": channel_table(BOARDS[config["board"]["profile"]].n_electrodes).tolist(),
-        "voltage": "magnitude",
-        "frame_s": float(min([frame_s, *np.diff(time_s)])),
-        "position_frame": "robot",
-        "source": source(records),
-        "skin": believed_skin(config, file).metadata(),
-    }
+    metadata = recording.metadata_of(
+        channel_table(BOARDS[config["board"]["profile"]].n_electrodes),
+        believed_skin(config, file).metadata(),
+        source(records),
+        "magnitude",
+        "robot",
+        float(min([frame_s, *np.diff(time_s)])),
+    )
     return Recording(frames, voltage, None, None, metadata), int((~kept).sum())
+
+
+def _measured(rows: list[dict], offsets: dict, frame_s: float) -> pd.DataFrame:
+    """What a journal says of its frames, one row each; offsets: s, of a run's clock."""
+    return pd.DataFrame(
+        {
+            "time_s": [_begin_s(row, frame_s) + offsets[row["run"]] for row in rows],
+            "touch": [row["phase"] != "untouched" for row in rows],
+            "force_N": [row["force_N"] - row["zero_N"] for row in rows],
+            "depth_mm": [row["depth_mm"] for row in rows],
+            "contact": [row["contact"] for row in rows],
+            "phase": [row["phase"] for row in rows],
+            "spread_N": [row["force_spread_N"] for row in rows],
+            "saturated": [row["saturated"] for row in rows],
+            "utc": [row["end_utc"] for row in rows],
+            "robot_s": [row["robot_end_s"] for row in rows],
+        }
+    )
 
 
 def source(records: list[dict]) -> str:

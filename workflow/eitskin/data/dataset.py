@@ -78,10 +78,8 @@ def validate(dataset: Dataset, file: str | Path) -> None:
 def write(dataset: Dataset, path: str | Path) -> None:
     """Write a valid dataset to `path`, atomically; equal datasets give equal bytes."""
     validate(dataset, path)
-    n_channels = dataset.delta_V.shape[1]
     table = pa.Table.from_pandas(dataset.table, preserve_index=False)
-    flat = pa.array(np.ascontiguousarray(dataset.delta_V).ravel())
-    table = table.append_column("delta_V", pa.FixedSizeListArray.from_arrays(flat, n_channels))
+    table = table.append_column("delta_V", parquet.lists(dataset.delta_V))
     header = json.dumps(dataset.metadata, sort_keys=True, allow_nan=False)
     with atomic_path(path) as temporary:
         pq.write_table(table.replace_schema_metadata({SCHEMA_KEY: header}), temporary)
@@ -98,10 +96,9 @@ def read(path: str | Path) -> Dataset:
         raise InputError(path, "column delta_V", kind, "fixed_size_list<float32>")
     if kind.value_type != pa.float32() or table["delta_V"].null_count:
         raise InputError(path, "column delta_V", f"{kind} or nulls", "float32 without nulls")
-    flat = table["delta_V"].combine_chunks().flatten().to_numpy(zero_copy_only=False)
     dataset = Dataset(
         parquet.frame(table.drop_columns(["delta_V"]), ignore_metadata=True),
-        flat.reshape(len(table), kind.list_size),
+        parquet.listed(table["delta_V"]),
         json.loads(header),
     )
     validate(dataset, path)
@@ -134,15 +131,7 @@ def from_recording(recording: Recording, name: str) -> Dataset:
 
     frames = recording.frames[kept].reset_index(drop=True)
     columns = {column: frames[column].to_numpy(float) for column in NUMBERS}
-    targets = [
-        target
-        for target, column in TARGETS.items()
-        if np.isfinite(columns[column]).all() and np.ptp(columns[column]) > 0
-    ]
-    if not targets:
-        raise InputError(name, "x, y, force and depth", "none known that varies", "at least one")
-    if not np.isfinite(columns["x_mm"] + columns["y_mm"]).all():
-        raise InputError(name, "columns x_mm, y_mm", "a touch without place", "a number")
+    targets = _targets(columns, name)
     place, place_rule = places(np.column_stack([columns["x_mm"], columns["y_mm"]]))
     table = pd.DataFrame(
         {
@@ -173,3 +162,18 @@ def from_recording(recording: Recording, name: str) -> Dataset:
         "untouched": untouched_noise(difference[~touched]),
     }
     return Dataset(table, difference[kept].astype(np.float32), metadata)
+
+
+def _targets(columns: dict[str, np.ndarray], name: str) -> list[str]:
+    """Those of TARGETS that are known in every frame and vary. Raises InputError, with `name` as
+    its file, for none, and for a touch whose place is not known."""
+    targets = [
+        target
+        for target, column in TARGETS.items()
+        if np.isfinite(columns[column]).all() and np.ptp(columns[column]) > 0
+    ]
+    if not targets:
+        raise InputError(name, "x, y, force and depth", "none known that varies", "at least one")
+    if not np.isfinite(columns["x_mm"] + columns["y_mm"]).all():
+        raise InputError(name, "columns x_mm, y_mm", "a touch without place", "a number")
+    return targets

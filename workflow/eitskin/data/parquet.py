@@ -1,9 +1,10 @@
-"""Tables read from Parquet files, whole or refused in one line."""
+"""Tables of Parquet files: read whole or refused in one line; columns that hold a list a row."""
 
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -51,3 +52,15 @@ def read(path: str | Path, columns: Sequence[str] | None = None) -> pa.Table:
         raise InputError(
             path, "file", f"damaged data ({reason})", "a whole Parquet file"
         ) from error
+
+
+def lists(values: np.ndarray) -> pa.FixedSizeListArray:
+    """A column of lists of M numbers, one a row, of `values` (N, M)."""
+    flat = pa.array(np.ascontiguousarray(values).ravel())
+    return pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
+
+
+def listed(column: pa.ChunkedArray) -> np.ndarray:
+    """(N, M), read-only: a column as of `lists`, without nulls."""
+    flat = column.combine_chunks().flatten().to_numpy(zero_copy_only=False)
+    return flat.reshape(len(column), column.type.list_size)

@@ -213,21 +213,44 @@ def write(recording: Recording, path: str | Path) -> None:
     Raises InputError as `read` does; then nothing is written.
     """
     validate(recording, path)
-    width = len(recording.metadata["channels"])
     arrays = {}
     for name in recording.frames:
         kind = COLUMNS.get(name) or OPTIONAL_COLUMNS.get(name)
         arrays[name] = pa.array(recording.frames[name], type=kind, from_pandas=True)
     for name, values in zip(READINGS, (recording.voltage, recording.quadrature), strict=True):
         if values is not None:
-            flat = pa.array(np.ascontiguousarray(values, dtype=float).ravel())
-            arrays[name] = pa.FixedSizeListArray.from_arrays(flat, width)
+            arrays[name] = parquet.lists(np.asarray(values, dtype=float))
     if recording.touches is not None:
         arrays["touches"] = pa.array(recording.touches, type=TOUCHES)
     text = json.dumps(recording.metadata, sort_keys=True, allow_nan=False)
     table = pa.table(arrays).replace_schema_metadata({SCHEMA_KEY: text.encode()})
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
         pq.write_table(table, stream, compression="zstd", write_page_checksum=True)
+
+
+def metadata_of(
+    channels: np.ndarray,
+    skin: dict,
+    source: str,
+    voltage: str = "signed",
+    position_frame: str = "skin",
+    frame_s: float | None = None,
+    **others: str,
+) -> dict:
+    """The metadata of a recording of channels (M, 4); `skin` as `Skin.metadata`; frame_s: s;
+    `others`: values of keys of DEFAULTS, where they are not the default ones."""
+    return {
+        **DEFAULTS,
+        "format": "eit-recording",
+        "version": 1,
+        "channels": np.asarray(channels).tolist(),
+        "voltage": voltage,
+        "frame_s": frame_s,
+        "position_frame": position_frame,
+        "source": source,
+        "skin": skin,
+        **others,
+    }
 
 
 def validate(recording: Recording, file: str | Path) -> None:

@@ -19,7 +19,6 @@ from scipy.stats import chi2, false_discovery_control
 from eitskin.data.recording import Recording
 from eitskin.diagnose.misfit_drivers import Law, laws, load_direction, nearness
 from eitskin.diagnose.noise import parity
-from eitskin.physics.protocol import reciprocal_channels
 
 DISCOVERY = 0.05  # a row says that something differs below this q
 FITTED = 1e-6  # a direction with less of its squared length left is a fitted one
@@ -50,52 +49,6 @@ def atlas(
         columns=COLUMNS,
     )
     return table.iloc[np.lexsort([-_surprise(table), table["p"]])].reset_index(drop=True)
-
-
-def unobserved(recording: Recording) -> list[str]:
-    """What the atlas of a recording cannot look at, and why: one sentence each."""
-    frames, metadata = recording.frames, recording.metadata
-    touch = frames["touch"].to_numpy(bool)
-    said = []
-    if metadata["values"] == "difference":
-        said.append("What is the same in every frame: the values are differences from a baseline.")
-    if not len(reciprocal_channels(recording.channels)[0]):
-        said.append("Reciprocity: no channel has drive and measurement exchanged with another.")
-    if len(set(_rotations(recording.channels, recording.n_electrodes))) == len(recording.channels):
-        said.append("Rotational harmonics: no channel is another one turned round the skin.")
-    if metadata["clock"] == "index":
-        said.append("Time and dwell: only the order of the frames is known, not their times.")
-    if len(frames) < 3:
-        said.append("Drift: fewer than three frames.")
-    lost = int(np.isnan(recording.readings).all(axis=0).sum())
-    if lost:
-        said.append(f"{lost} of {len(recording.channels)} channels: lost in every frame.")
-    if not touch.any():
-        return [
-            *said,
-            "Force, load direction, dwell, probe, place and touches: no frame is touched.",
-        ]
-    names = {law.statistic for law in laws(recording)}
-    force = frames["force_N"].to_numpy(float)[touch]
-    if "force" not in names:
-        why = "nobody measured it" if np.isnan(force).all() else "fewer than three forces"
-        said.append(f"Force: {why}.")
-    if "load direction" not in names:
-        direction = load_direction(recording)
-        missing = "unloading" if (direction > 0).any() else "loading and unloading"
-        said.append(f"Load direction: no press shows {missing}.")
-    if "dwell" not in names and metadata["clock"] == "measured":
-        said.append("Dwell: no press is seen at three times.")
-    if "probe" not in names:
-        known = frames["probe_mm"].notna().any()
-        said.append(f"Probe: {'only one size' if known else 'its size is not known'}.")
-    if "press" not in names:
-        said.append("Presses against each other: there is only one.")
-    if "position" not in names:
-        said.append("Place: fewer than three places.")
-    if nearness(recording) is None:
-        said.append("Touches near each electrode: where the electrodes are is not known.")
-    return said
 
 
 @dataclass(frozen=True)

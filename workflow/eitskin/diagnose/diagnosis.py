@@ -114,11 +114,7 @@ def diagnose(
         start, cut_short = _few_first(search, seen, seed, report, start)
         report(f"then on {len(recorded.frames)}")
     before, after = search.run(start)
-    was_foreign = foreign(after.effects)
-    after, judged = _earned(search, search.settled(after), put_aside, recorded, noise)
-    if was_foreign and not foreign(after.effects):
-        search.unblur()
-        after, judged = _earned(search, before, put_aside, recorded, noise)
+    after, judged = _kept_effects(search, before, after, put_aside, recorded, noise)
     search.renew_catalogue_p(after)
     if not after.effects:
         before = after
@@ -129,10 +125,7 @@ def diagnose(
         search.cut_short(after)
     named = _named(search, after, begun_with.whitening)
     atlas_after = _atlas(recorded, noise, named)
-    if search.unlike(after):
-        left = unlike(search.likeness(after))
-    else:
-        left = other(atlas_after, search.catalogue_p)
+    left = _left(search, after, atlas_after)
     return Diagnosis(
         recorded,
         search,
@@ -260,6 +253,31 @@ def _readings(recorded: Recording, noise: Noise, model: RecordingSimulator) -> n
     reading is lost."""
     lost = np.zeros(recorded.readings.shape, bool) if noise.lost is None else noise.lost
     return np.where(model.known[:, None] & ~lost, recorded.readings, np.nan)
+
+
+def _left(search: Search, after: State, left: pd.DataFrame) -> Other:
+    """What is said of what a state leaves, `left` in the atlas."""
+    if search.unlike(after):
+        return unlike(search.likeness(after))
+    return other(left, search.catalogue_p)
+
+
+def _kept_effects(
+    search: Search,
+    before: State,
+    after: State,
+    put_aside: Problem,
+    recorded: Recording,
+    noise: Noise,
+) -> tuple[State, Judged]:
+    """What a search ended with, less what does not earn its place; where that was a last resort,
+    the state before it, judged in the noise before it."""
+    was_foreign = foreign(after.effects)
+    after, judged = _earned(search, search.settled(after), put_aside, recorded, noise)
+    if was_foreign and not foreign(after.effects):
+        search.unblur()
+        after, judged = _earned(search, before, put_aside, recorded, noise)
+    return after, judged
 
 
 def _earned(

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import pyarrow.parquet as pq
 
 from eitskin.atomic import atomic_path
@@ -169,10 +168,9 @@ def read_query(path: str | Path, recorded: Recording) -> Recording:
 def _write_predicted(query: str | Path, voltage: np.ndarray, sd: np.ndarray, out: Path) -> None:
     table = parquet.read(query)
     for key, values in (("voltage_V", voltage), ("std_V", sd)):
-        column = pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
         if key in table.column_names:
             table = table.drop_columns(key)
-        table = table.append_column(key, column)
+        table = table.append_column(key, parquet.lists(values))
     with atomic_path(out) as path:
         pq.write_table(table, path)
 

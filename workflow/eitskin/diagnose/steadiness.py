@@ -203,23 +203,30 @@ def refine(recording: Recording, noise: Noise, simulated: np.ndarray) -> Noise:
     lost = np.zeros(residual.shape, bool)
     lost[rows[loud]] = True
     lost[np.ix_(quiet, usable)] = struck
-    correlation, drift = found.steadiness
-    said = [f"{np.median(sd / noise.sd):.3g} times as large"]
-    said += [f"correlated from frame to frame, {correlation:.2g}"] * bool(correlation)
-    said += [f"drifting by {drift:.2g} of its size to the end"] * bool(drift)
-    said += ["uneven over the channels"] * uneven
-    said += [f"{loud.sum()} loud frames and {struck.sum()} spikes put aside"] * strays
+    larger, spikes = float(np.median(sd / noise.sd)), int(struck.sum())
+    said = _said(larger, *found.steadiness, uneven, int(loud.sum()), spikes)
     return replace(
         noise,
         sd=sd,
         dof=found.dof,
         source=f"{noise.source}; by the residuals of a first fit {', '.join(said)}",
-        correlation=correlation,
-        drift=drift,
+        correlation=found.steadiness[0],
+        drift=found.steadiness[1],
         lost=lost if strays else None,
         loud_frames=tuple(rows[loud].tolist()),
-        spikes=int(struck.sum()),
+        spikes=spikes,
     )
+
+
+def _said(
+    larger: float, correlation: float, drift: float, uneven: bool, loud: int, spikes: int
+) -> list[str]:
+    """What residuals tell of the noise, in words; larger: how many times."""
+    said = [f"{larger:.3g} times as large"]
+    said += [f"correlated from frame to frame, {correlation:.2g}"] * bool(correlation)
+    said += [f"drifting by {drift:.2g} of its size to the end"] * bool(drift)
+    said += ["uneven over the channels"] * uneven
+    return said + [f"{loud} loud frames and {spikes} spikes put aside"] * bool(loud or spikes)
 
 
 def _kept(lost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

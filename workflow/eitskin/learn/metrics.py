@@ -135,6 +135,6 @@ def evaluate(
 
 
 def write(rows: pd.DataFrame, path: str | Path) -> None:
-    """Write rows of `evaluate` to a CSV file, atomically."""
+    """Write rows of `evaluate`, or of another table of errors, to a CSV file, atomically."""
     with atomic_path(path) as temporary:
         rows.to_csv(temporary, index=False)

@@ -359,22 +359,13 @@ def train_predictor(
     (v, s), (v_check, s_check) = _moved(material, device)
     weights = [recipe.force_weight if target == "F" else 1.0 for target in targets]
     weight = torch.tensor(weights, device=device)
-
-    scalers = material.scalers
-    raw = material.validation[0] * scalers["voltage_scale"] + scalers["voltage_mean"]
-    untouched = dataset.metadata.get("untouched")
-    for name, gate in (
-        ("touch", gates.touch_gate(raw, scalers["voltage_scale"], untouched)),
-        ("familiar", gates.familiar_gate(material.apart, material.validation[0])),
-    ):
-        settings[name] = {k: v for k, v in gate.items() if not isinstance(v, Tensor)}
-        scalers |= {f"{name}_{k}": v for k, v in gate.items() if isinstance(v, Tensor)}
+    settings |= _set_gates(material, dataset.metadata.get("untouched"))
     fitted_by = Tube() if known.support_vectors else recipe.optimiser
     header = _header(dataset, model, fitted_by, budget, settings)
 
     torch.manual_seed(seed)
     module = networks.predictor(model, Shape.of(header, v.shape[1])).to(device)
-    train, validation = [v, s], [v_check, s_check]
+    train, validation, regressor = [v, s], [v_check, s_check], None
     if known.encoder or lambda_latent:
         latent_dim = settings["latent_dim"]
         encoder = taught[0].into(Autoencoder(v.shape[1], latent_dim), seed).encoder.to(device)
@@ -385,19 +376,40 @@ def train_predictor(
         regressor = taught[1].into(StateToLatent(s.shape[1], latent_dim), seed).to(device)
         train, validation = [*train, encoder(v)], [*validation, encoder(v_check)]
 
-    def loss(module: nn.Module, voltage: Tensor, state: Tensor, *latent: Tensor) -> Tensor:
-        predicted = module(voltage)
-        value = supervision(predicted, state, weight)
-        if lambda_latent:
-            value = value + lambda_latent * alignment(regressor, predicted, *latent)
-        return value  # equation 8
-
+    loss = _predictor_loss(weight, lambda_latent, regressor)
     if known.support_vectors:
         module = fit_svr(v, s, Tube())
         history = [[_mean_loss(loss, module, part) for part in (train, validation)]]
     else:
         history = fit(module, train, validation, loss, recipe.optimiser, budget, seed)
     _write(header, material, output, seed, module, history)
+
+
+def _predictor_loss(weight: Tensor, lambda_latent: float, regressor: nn.Module | None) -> Loss:
+    """Equation 8, of a network and voltages, states and, where λ is not 0, latents; weight (T,)."""
+
+    def loss(module: nn.Module, voltage: Tensor, state: Tensor, *latent: Tensor) -> Tensor:
+        predicted = module(voltage)
+        value = supervision(predicted, state, weight)
+        if regressor is not None:
+            value = value + lambda_latent * alignment(regressor, predicted, *latent)
+        return value
+
+    return loss
+
+
+def _set_gates(material: Material, untouched: dict | None) -> dict[str, dict]:
+    """The numbers of the gates of `learn.gates` by their names, for a model's header; their tensors
+    join the material's scalers."""
+    scalers, numbers = material.scalers, {}
+    raw = material.validation[0] * scalers["voltage_scale"] + scalers["voltage_mean"]
+    for name, gate in (
+        ("touch", gates.touch_gate(raw, scalers["voltage_scale"], untouched)),
+        ("familiar", gates.familiar_gate(material.apart, material.validation[0])),
+    ):
+        numbers[name] = {k: v for k, v in gate.items() if not isinstance(v, Tensor)}
+        scalers |= {f"{name}_{k}": v for k, v in gate.items() if isinstance(v, Tensor)}
+    return numbers
 
 
 def train_model(

@@ -205,7 +205,6 @@ def transferred(
         return pd.DataFrame(table, columns=list(RUNS))
     columns = [source.metadata["targets"].index(variable) for variable in variables]
     truth = _states(target, variables)
-    scale = model.tensors["state_scale"].numpy()[columns]
     test, seen = part == "test", part != "test"
     simulated = source.delta_V[source_part == "train"].astype(float)
 
@@ -231,21 +230,41 @@ def transferred(
         for method, state in states.items():
             table += scored(method, -1, 0, k, state[k][test], every)
     force = [i for i in every if variables[i] == "F"]
-    aligned = inputs["CORAL"]
     for draw, few in enumerate(draws):
         k = draw % len(model.seeds())
-        if ZERO_SHOT in states:
-            plain = states[ZERO_SHOT][k]
-            moved = affine(plain[test], plain[few], truth[few], scale)
-            table += scored("affine", draw, len(few), k, moved, every)
-            moved = _with_isotonic(plain[test], plain[few], truth[few], force)
-            table += scored("isotonic", draw, len(few), k, moved, force)
-        gain, shift = adapter(model, model.seeds()[k], aligned[few], truth[few], columns)
-        state = predict_seeds(model, _adapted(model, aligned, gain, shift))[k][:, columns]
-        table += scored("CORAL + adapter", draw, len(few), k, state[test], every)
-        moved = _with_isotonic(state[test], state[few], truth[few], force)
-        table += scored("CORAL + adapter + isotonic", draw, len(few), k, moved, force)
+        plain = states[ZERO_SHOT][k] if ZERO_SHOT in states else None
+        moved = _by_labels(model, k, plain, inputs["CORAL"], few, truth[few], columns, force, test)
+        for method, state in moved.items():
+            at = force if method.endswith("isotonic") else every
+            table += scored(method, draw, len(few), k, state, at)
     return pd.DataFrame(table, columns=list(RUNS))
+
+
+def _by_labels(
+    model: Trained,
+    k: int,
+    plain: np.ndarray | None,
+    aligned: np.ndarray,
+    few: np.ndarray,
+    truth: np.ndarray,
+    columns: list[int],
+    force: list[int],
+    test: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """States of the rows `test` by every method that uses labels, those `truth` (n, T) of the rows
+    `few` (n,): of a model's seed, the k-th; plain (N, T): its states of the changes as they are,
+    None where there are none; aligned (N, M): changes after CORAL; columns: T of the model's
+    states; force: the forces among them."""
+    moved = {}
+    if plain is not None:
+        scale = model.tensors["state_scale"].numpy()[columns]
+        moved["affine"] = affine(plain[test], plain[few], truth, scale)
+        moved["isotonic"] = _with_isotonic(plain[test], plain[few], truth, force)
+    gain, shift = adapter(model, model.seeds()[k], aligned[few], truth, columns)
+    state = predict_seeds(model, _adapted(model, aligned, gain, shift))[k][:, columns]
+    moved["CORAL + adapter"] = state[test]
+    isotonic = _with_isotonic(state[test], state[few], truth, force)
+    return moved | {"CORAL + adapter + isotonic": isotonic}
 
 
 def references(

@@ -1,12 +1,8 @@
 """Runs of a transfer from simulation to recording: the methods, the labels that they may see, and
 the table of errors that each leaves."""
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
-
-from eitskin.atomic import atomic_path
 
 SHARE = 0.05  # of the recording's training frames, labelled
 DRAWS = 10  # of the labelled presses
@@ -45,9 +41,3 @@ def labelled(table: pd.DataFrame, part: np.ndarray, seed: int) -> np.ndarray:
 def presses(table: pd.DataFrame, rows: np.ndarray) -> np.ndarray:
     """(n,): the press, a place in a session, of each of some rows, counted from 0."""
     return table.iloc[rows].groupby(["session", "place"], sort=True).ngroup().to_numpy()
-
-
-def write(rows: pd.DataFrame, path: str | Path) -> None:
-    """Write rows (RUNS) to a CSV file, atomically."""
-    with atomic_path(path) as temporary:
-        rows.to_csv(temporary, index=False)

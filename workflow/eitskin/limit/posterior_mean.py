@@ -8,7 +8,6 @@ model of the same samples is held against, in the same metrics.
 
 import sys
 import zlib
-from pathlib import Path
 from typing import TypedDict
 
 import numpy as np
@@ -16,7 +15,6 @@ import pandas as pd
 from scipy.special import ndtri
 from tqdm import tqdm
 
-from eitskin.atomic import atomic_path
 from eitskin.data.dataset import Dataset
 from eitskin.learn import metrics
 from eitskin.limit.observation import Experiment, Sample, SessionModel
@@ -203,9 +201,3 @@ def _value(metric: str, truth: np.ndarray, mean: np.ndarray, pulls: np.ndarray) 
     if metric == "z2":
         return float((pulls**2).mean())
     return metrics.METRICS[metric](truth, mean)
-
-
-def write(table: pd.DataFrame, path: str | Path) -> None:
-    """Write a table of this module to a CSV file, atomically."""
-    with atomic_path(path) as temporary:
-        table.to_csv(temporary, index=False)

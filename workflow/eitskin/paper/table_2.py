@@ -18,6 +18,7 @@ from eitskin.data.dataset import LOST_SHARE
 from eitskin.errors import InputError
 from eitskin.paper.similarity import MEASURES, Pool
 from eitskin.physics.skin import Skin
+from eitskin.quantities import listed
 from eitskin.simulate import untouched_frames
 
 LEAST_FRAMES = 20  # untouched ones, to z-score by
@@ -84,29 +85,7 @@ def compare(
     `readings.simulate` do.
     """
     own = recorded(source, name)
-    effects, noise = block["effects"], block["noise"]
-    believed = Skin.from_metadata(skin, "config.yaml")
-    believed = replace(believed, electrode_deg=source.skin.electrode_deg)
-
-    def simulated(kept: list[dict], noise: float) -> np.ndarray:
-        voltage = untouched_frames.frames(
-            believed,
-            source.channels,
-            effects,
-            kept,
-            noise,
-            sessions,
-            frames,
-            force_N,
-            accuracy,
-            seed,
-        )
-        magnitude = source.metadata["voltage"] == "magnitude"
-        return (np.abs(voltage) if magnitude else voltage)[:, own.kept]
-
-    sets = {PLAIN: simulated([], noise), ALL: simulated(effects, noise)}
-    sets |= {label: simulated([item], noise) for label, item in _labels(effects).items()}
-    sets[QUIET] = simulated([], 0.0)
+    sets = _simulated(source, own, skin, block, sessions, frames, force_N, accuracy, seed)
     scale = 1.0
     if source.metadata["unit"] != "V":
         scale = float(np.median(np.abs(own.frames)) / np.median(np.abs(sets[QUIET])))
@@ -120,11 +99,57 @@ def compare(
         label: len(own.frames) + k * size + np.arange(size).reshape(sessions, frames)
         for k, label in enumerate(sets)
     }
+    found = _measured(pool, rows, permutations, seed)
+    source_name = source.metadata["source"]
+    origin = "simulated" if source_name == "simulation" else source_name
+    for column, value in enumerate((name, origin, configuration)):
+        found.insert(column, GROUP[column], value)
+    return found.assign(
+        frames_recorded=len(own.frames),
+        frames_simulated=size,
+        channels=len(own.kept),
+        scale=scale,
+    )
+
+
+def _simulated(
+    source: recording.Recording,
+    own: Recorded,
+    skin: dict,
+    block: dict,
+    sessions: int,
+    frames: int,
+    force_N: np.ndarray,
+    accuracy: str,
+    seed: int,
+) -> dict[str, np.ndarray]:
+    """Frames (sessions * frames, K) V of each simulation, on the recording's electrodes and in the
+    channels that are kept of it, magnitudes where it has them."""
+    effects, noise = block["effects"], block["noise"]
+    believed = Skin.from_metadata(skin, "config.yaml")
+    believed = replace(believed, electrode_deg=source.skin.electrode_deg)
+    drawn = (sessions, frames, force_N, accuracy, seed)
+    magnitude = source.metadata["voltage"] == "magnitude"
+
+    def simulated(kept: list[dict], noise: float) -> np.ndarray:
+        voltage = untouched_frames.frames(believed, source.channels, effects, kept, noise, *drawn)
+        return (np.abs(voltage) if magnitude else voltage)[:, own.kept]
+
+    sets = {PLAIN: simulated([], noise), ALL: simulated(effects, noise)}
+    sets |= {label: simulated([item], noise) for label, item in _labels(effects).items()}
+    sets[QUIET] = simulated([], 0.0)
+    return sets
+
+
+def _measured(
+    pool: Pool, rows: dict[str, np.ndarray], permutations: int, seed: int
+) -> pd.DataFrame:
+    """What every measure says of each simulation, its rows (sessions, frames) of the pool; with
+    the recording's own halves, and of the change against plain the band of its permutations."""
     tails = (0.5 - LEVEL / 2, 0.5 + LEVEL / 2)
     rng = np.random.default_rng([seed, 5])
     low, high = np.quantile(pool.halves(permutations, rng), tails, axis=0)
     plain = pool.compare(rows[PLAIN].ravel(), pool.real)
-    source_name = source.metadata["source"]
     found = []
     for label, at in rows.items():
         change, below, above = np.full((3, len(MEASURES)), np.nan)
@@ -139,9 +164,6 @@ def compare(
             terms = pool.mmd_terms(at.ravel()) if measure == "mmd" else (np.nan,) * 3
             found.append(
                 {
-                    "recording": name,
-                    "origin": "simulated" if source_name == "simulation" else source_name,
-                    "configuration": configuration,
                     "simulation": label,
                     "measure": measure,
                     "value": value[k],
@@ -155,10 +177,6 @@ def compare(
                     "mmd_within_simulation": terms[0],
                     "mmd_within_recording": terms[1],
                     "mmd_across": terms[2],
-                    "frames_recorded": len(own.frames),
-                    "frames_simulated": size,
-                    "channels": len(own.kept),
-                    "scale": scale,
                 }
             )
     return pd.DataFrame(found)
@@ -279,17 +297,17 @@ def reading(group: pd.DataFrame) -> list[str]:
     outside = [
         NAMES[c.measure] for c in plain.itertuples() if not c.halves_low <= c.value <= c.halves_high
     ]
-    told = f"{_listed(outside)} tell" if len(outside) > 1 else f"{_listed(outside)} tells"
+    told = f"{_named(outside)} tell" if len(outside) > 1 else f"{_named(outside)} tells"
     lines.append(f"- {told} the plain simulation from another half of the recording.")
     alone = group[~group["simulation"].isin([PLAIN, ALL])]
     for measure, cells in alone.groupby("measure", sort=False):
         seen = [f"{c.simulation} ({c.direction})" for c in cells.itertuples() if c.notices == "yes"]
         missed = [c.simulation for c in cells.itertuples() if c.notices == "no"]
-        rest = f"; not {_listed(missed)}" if missed else ", every one"
-        lines.append(f"- {NAMES[measure]} notices {_listed(seen)}{rest}.")
+        rest = f"; not {_named(missed)}" if missed else ", every one"
+        lines.append(f"- {NAMES[measure]} notices {_named(seen)}{rest}.")
     whole = group[group["simulation"] == ALL]
     by = {
-        word: _listed([NAMES[c.measure] for c in whole.itertuples() if c.direction == direction])
+        word: _named([NAMES[c.measure] for c in whole.itertuples() if c.direction == direction])
         for word, direction in (("nearer", "nearer"), ("farther", "farther"), ("the same", ""))
     }
     told = "; ".join(f"{word} by {names}" for word, names in by.items())
@@ -306,7 +324,5 @@ def reading(group: pd.DataFrame) -> list[str]:
     return lines
 
 
-def _listed(names: list[str]) -> str:
-    if not names:
-        return "none"
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+def _named(names: list[str]) -> str:
+    return listed(names) or "none"

@@ -1,5 +1,6 @@
 """The table of transfers: means, intervals, and what they say in words."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,19 +32,18 @@ SHOWN = {"mae": "MAE", "r2": "R²"}
 GROUP = [*KEYS, "method", "variable", "metric"]
 REFERENCES = (CONSTANT, NEAREST, TRAINED_FEW, TRAINED_ALL)
 
-Files = list[tuple[dict[str, str], str | Path]]  # KEYS of a file of runs, and the file
+Files = list[tuple[dict[str, str], str | Path]]  # keys of a file of runs, and the file
 
 
-def collect(files: Files) -> pd.DataFrame:
-    """The runs of all files, with KEYS before them; a reference's source is empty.
+def collect(files: Files, keys: Sequence[str] = KEYS, of: str = "transfer") -> pd.DataFrame:
+    """The runs of all files with `keys` before them; a reference's source is empty.
 
-    Raises InputError where there are none, or a file holds something else.
+    Raises InputError, with `of` as its file, where there are none, or where a file holds something
+    else.
     """
     if not files:
-        raise InputError("transfer", "files of runs", "none", "at least one")
-    tables = []
-    for keys, path in files:
-        tables.append(read_runs(path).assign(**{key: keys[key] for key in KEYS}))
+        raise InputError(of, "files of runs", "none", "at least one")
+    tables = [read_runs(path).assign(**given)[[*keys, *RUNS]] for given, path in files]
     return pd.concat(tables, ignore_index=True)
 
 

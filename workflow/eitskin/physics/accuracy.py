@@ -56,18 +56,3 @@ def untouched_error(
             _known.pop(next(iter(_known)))
         _known[key] = Forward(geometry, accuracy).voltages(channels) - limit
     return _known[key].copy()
-
-
-def touch_error(
-    geometry: Geometry,
-    channels: np.ndarray,
-    accuracy: str | Accuracy,
-    place: tuple[float, float, float],
-    contrasts: tuple[float, ...] = CONTRASTS,
-) -> np.ndarray:
-    """(contrasts, M) V per A, signed: error of a touch's change at (x_mm, y_mm, radius_mm)."""
-    found, finest = (
-        Forward(geometry, a).place(*place).channel_change(channels, contrasts)
-        for a in (accuracy, FINEST)
-    )
-    return found - finest

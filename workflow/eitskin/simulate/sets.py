@@ -31,6 +31,7 @@ from eitskin.simulate.readings import apply_instrument, simulate
 Item = TypeVar("Item")
 
 STAGE_KEY = b"eitskin-stage"
+READINGS = ("untouched_V", "touched_V")
 NOISE = zlib.crc32(b"noise")
 CONTINUOUS = "-continuous"  # so ends the name of a set whose touches lie everywhere
 
@@ -263,14 +264,10 @@ def read_stage(path: str | Path) -> tuple[pd.DataFrame, np.ndarray, np.ndarray, 
     """Samples (N rows), untouched and touched frames (N, M) float32 V, channels (M, 4)."""
     stored = parquet.read(path)
     channels = np.array(json.loads(stored.schema.metadata[STAGE_KEY])["channels"])
-
-    def values(name: str) -> np.ndarray:
-        flat = stored[name].combine_chunks().flatten().to_numpy()
-        return flat.reshape(len(stored), len(channels)).copy()
-
-    samples = stored.drop_columns(["untouched_V", "touched_V"])
+    untouched, touched = (parquet.listed(stored[name]).copy() for name in READINGS)
+    samples = stored.drop_columns(list(READINGS))
     table = parquet.frame(samples, ignore_metadata=True)
-    return table, values("untouched_V"), values("touched_V"), channels
+    return table, untouched, touched, channels
 
 
 def _write_stage(
@@ -281,11 +278,8 @@ def _write_stage(
     channels: np.ndarray,
 ) -> None:
     stored = pa.Table.from_pandas(table, preserve_index=False)
-    for name, values in (("untouched_V", untouched), ("touched_V", touched)):
-        flat = pa.array(np.ascontiguousarray(values, dtype=np.float32).ravel())
-        stored = stored.append_column(
-            name, pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
-        )
+    for name, values in zip(READINGS, (untouched, touched), strict=True):
+        stored = stored.append_column(name, parquet.lists(np.asarray(values, np.float32)))
     header = json.dumps({"channels": channels.tolist(), "origin": "simulated"})
     with atomic_path(path) as temporary:
         pq.write_table(stored.replace_schema_metadata({STAGE_KEY: header}), temporary)

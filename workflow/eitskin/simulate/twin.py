@@ -102,20 +102,9 @@ def write(
     grid = polar_grid(geometry.radius_mm, probe_mm=0.0, **touch_grid)
     frames = presses(grid, rng=rng, **press)
     chosen = settings(effects, site_counts(channels), (seed, 0))
-    metadata = {
-        "format": "eit-recording",
-        "version": 1,
-        "channels": channels.tolist(),
-        "voltage": "magnitude",
-        "values": "absolute",
-        "unit": "V",
-        "frame_s": press["frame_s"],
-        "clock": "measured",
-        "position_frame": "skin",
-        "source_reference": "floating",
-        "source": "simulation",
-        "skin": believed.metadata(),
-    }
+    metadata = recording.metadata_of(
+        channels, believed.metadata(), "simulation", "magnitude", frame_s=press["frame_s"]
+    )
     twin = recording.Recording(frames, None, None, None, metadata)
     clean = simulate(
         frames,

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from eitskin.data.recording import DEFAULTS
+from eitskin.data.recording import metadata_of
 
 
 def describe(
@@ -30,19 +30,17 @@ def describe(
             "contrast_per_N",
         )
     )
-    return DEFAULTS | {
-        "format": "eit-recording",
-        "version": 1,
-        "channels": np.asarray(channels).tolist(),
-        "voltage": voltage,
-        "values": values,
-        "unit": unit,
-        "frame_s": None,
-        "clock": clock,
-        "position_frame": position_frame,
-        "source": source,
-        "skin": unknown | {"electrode_deg": np.asarray(electrode_deg).tolist()} | (skin or {}),
-    }
+    known = {"electrode_deg": np.asarray(electrode_deg).tolist()} | (skin or {})
+    return metadata_of(
+        channels,
+        unknown | known,
+        source,
+        voltage,
+        position_frame,
+        values=values,
+        unit=unit,
+        clock=clock,
+    )
 
 
 def swap_measured(channels: np.ndarray) -> np.ndarray:
