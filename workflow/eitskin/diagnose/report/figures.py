@@ -34,6 +34,7 @@ from eitskin.plotting import (
     log_limits,
     log_ticks,
     matrix,
+    sheet,
     style,
 )
 from eitskin.quantities import MINUS, number, power
@@ -202,6 +203,20 @@ def matrix_bar(figure: Figure, image: QuadMesh, beside: Sequence[Axes]) -> Color
     )
     bar.outline.set_linewidth(0.4)
     return bar
+
+
+def changes(evidence: Evidence) -> list[Figure]:
+    """What each effect changes in the frame in which it changes most, to stand beside it."""
+    with style():
+        return [_change(evidence.channels, change) for change in evidence.changes]
+
+
+def _change(channels: np.ndarray, change: np.ndarray) -> Figure:
+    figure = sheet(50, 58)
+    axes = figure.add_subplot()
+    draw_change(figure, axes, channels, change, "in units of the noise of a reading")
+    axes.set_ylabel("drive, source electrode")
+    return figure
 
 
 def draw_change(
