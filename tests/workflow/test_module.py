@@ -11,7 +11,6 @@ configfile: "mine.yaml"
 module eitskin:
     snakefile: "{snakefile}"
     config: config["eitskin"]
-    prefix: "skin"
 
 use rule * from eitskin as eitskin_*
 
@@ -19,7 +18,7 @@ rule all:
     default_target: True
     input:
         rules.eitskin_table_1.output.markdown,
-        "skin/results/diagnosis/simulated-twin/report.html",
+        "results/diagnosis/simulated-twin/report.html",
     output: "answer.txt"
     shell: "cat {{input[0]}} > {{output}}"
 """
@@ -58,7 +57,7 @@ def test_another_workflow_plans_what_it_needs_of_this_one(run, tmp_path):
     assert (
         jobs["eitskin_train_predictor"] == 2 * 3
     )  # seeds of its own configuration, models of ours
-    assert "skin/results/tables/table_1.md" in said and " results/tables" not in said
+    assert "results/tables/table_1.md" in said and not (tmp_path / "results").exists()
 
 
 def test_what_is_wrong_in_its_configuration_is_refused(run, tmp_path):

@@ -20,8 +20,9 @@ def report(finished, tmp_path_factory):
     made = finished.snakemake("--report", str(file))
     assert made.returncode == 0, made.stderr
     text = file.read_text(encoding="utf-8")
-    held = (re.search(rf"{name} = (.*?);?\n", text)[1] for name in ("categories", "results"))
-    return json.loads(re.search(r"workflow_desc = (.*?);?\n", text)[1]), *map(json.loads, held)
+    names = ("workflow_desc", "categories", "results")
+    held = (re.findall(rf"^    var {name} = (.*);$", text, re.MULTILINE) for name in names)
+    return [json.loads(one) for (one,) in held]
 
 
 def test_it_opens_on_the_answers(report, finished):
