@@ -15,7 +15,7 @@ Under each is what it changes in one frame of the twin's skin, `twin: skin:` in 
 are drives, columns measuring pairs, grey is not read. Its first parameter with a value that does
 nothing is a typical change away from it, as a diagnosis has it. Orange: the reading rises; purple,
 and a dash: it falls. Readings of this skin are below 0: one that grows in size falls. Each picture
-has colours of its own; `make docs` draws them.
+has colours of its own, those of sizes logarithmic; `make docs` draws them.
 """
 
 

@@ -80,7 +80,7 @@ def picture(effect: Effect) -> Picture:
     frame = _shown(effect, change)
     of_touch = effect.stage in ("touch", "clock")
     beside = plain[frame] - plain[0] if of_touch else plain[frame]
-    left = "what the touch alone changes" if of_touch else "the readings without the effect"
+    left = "what the touch alone changes" if of_touch else "size of the readings without the effect"
     caption = (
         f"Left, {_unit(beside)[1]}: {left}. Right, {_unit(change[frame])[1]}: what the effect"
         f" changes{_at(setting)}. The frame: {PRESS[frame][2]}."
