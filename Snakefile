@@ -3,6 +3,9 @@ from snakemake.utils import min_version
 min_version("9.0")
 
 
+report: "workflow/report/workflow.rst"
+
+
 include: "workflow/rules/configuration.smk"
 include: "workflow/rules/in_use.smk"
 include: "workflow/rules/simulate.smk"

@@ -1,5 +1,7 @@
 """Sphinx configuration: `make docs` builds the pages of this folder, without the network."""
 
+from manual import pictures
+
 project = "eitskin"
 author = "eitskin authors"
 extensions = ["myst_parser"]
@@ -9,3 +11,12 @@ html_title = "eitskin"
 exclude_patterns = ["sample"]
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
+
+
+def draw_pictures(app):
+    """Draw what every effect changes, for the page of the catalogue."""
+    pictures.write(app.srcdir / "pictures")
+
+
+def setup(app):
+    app.connect("builder-inited", draw_pictures)

@@ -113,6 +113,8 @@ def diagnosed(folder: Path, kind: str = "explained") -> tuple[Path, Path]:
         recorded_V=recorded,
         before_V=before,
         after_V=after,
+        changes=((after - before) / noise_V)[[9]] if kind in named else np.zeros((0, len(noise_V))),
+        changed_frame=[9] if kind in named else np.zeros(0, int),
     )
     for name, residual in residuals.items():
         _atlas(residual).to_csv(evidence / f"atlas_{name}.csv", index=False)

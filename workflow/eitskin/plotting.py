@@ -12,6 +12,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis, XAxis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
@@ -22,6 +24,7 @@ WIDTH_IN = 85 / 25.4
 DPI = 220
 COLUMN_MM, FULL_MM = 88.0, 180.0
 RIM, ELECTRODE = "#404040", "#202020"
+LOST = "#c8c8c8"  # channels that are not read
 PLAIN = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}  # behind a text on a line
 CENTRED: dict[str, Any] = {"ha": "center", "va": "center"}
 STYLE: dict[Any, Any] = {
@@ -118,6 +121,47 @@ def disc(axes: Axes, radius_mm: float, electrode_deg: np.ndarray) -> None:
     rim = radius_mm * np.exp(1j * np.radians(np.asarray(electrode_deg)))
     axes.plot(rim.real, rim.imag, "s", color=ELECTRODE, markersize=1.6)
     axes.set_aspect("equal")
+
+
+def matrix(channels: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """(drives, measuring pairs): a value (M,) of each of the channels (M, 4), the mean where
+    several share a place, NaN where there is none."""
+    drives, row = pairs(channels, (0, 1))
+    measures, column = pairs(channels, (2, 3))
+    known = np.isfinite(value)
+    total, count = np.zeros((2, len(drives), len(measures)))
+    np.add.at(total, (row[known], column[known]), value[known])
+    np.add.at(count, (row[known], column[known]), 1)
+    return total / np.where(count, count, np.nan)
+
+
+def pairs(channels: np.ndarray, ends: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """(P, 2): the pairs at two columns of channels (M, 4), sorted; (M,): which of them each has."""
+    found, index = np.unique(channels[:, ends], axis=0, return_inverse=True)
+    return found, index.ravel()
+
+
+def draw_matrix(
+    axes: Axes, channels: np.ndarray, cells: np.ndarray, norm: Normalize, colours: str
+) -> QuadMesh:
+    """A `matrix` of channels (M, 4) in colours; drives go downwards once the axis is turned."""
+    edges = np.arange(cells.shape[1] + 1) - 0.5, np.arange(cells.shape[0] + 1) - 0.5
+    steps = matplotlib.colormaps[colours].resampled(STEPS).with_extremes(bad=LOST)
+    shown = np.ma.masked_invalid(cells)
+    image = axes.pcolormesh(*edges, shown, cmap=steps, norm=norm, edgecolor="face", lw=0.1)
+    axes.set_aspect("equal")
+    axes.spines[:].set_visible(True)
+    axes.set_xlabel("measuring pair, + electrode")
+    _pair_ticks(axes.xaxis, pairs(channels, (2, 3))[0])
+    _pair_ticks(axes.yaxis, pairs(channels, (0, 1))[0])
+    return image
+
+
+def _pair_ticks(axis: Axis, shown: np.ndarray) -> None:
+    step = -(-len(shown) // 5) if len(shown) != 16 else 4
+    at = np.arange(0, len(shown), step)
+    unique = len(np.unique(shown[:, 0])) == len(shown)
+    axis.set_ticks(at, [str(a) if unique else f"{a}, {b}" for a, b in shown[at]])
 
 
 def log_limits(

@@ -3,12 +3,19 @@
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import STAGES, Effect, Parameter
 from eitskin.quantities import number
+from manual.pictures import picture
 
 HEAD = """# The catalogue of effects
 
 Written by `python -m manual` from `workflow/eitskin/effects`, one file an effect. Each is physics
 that a simulation may have, by `effects:` in `config.yaml`, and that a diagnosis may name. They
 enter in the order of the stages below.
+
+Under each is what it changes in one frame of the twin's skin, `twin: skin:` in `config.yaml`: rows
+are drives, columns measuring pairs, grey is not read. Its first parameter with a value that does
+nothing is a typical change away from it, as a diagnosis has it. Orange: the reading rises; purple,
+and a dash: it falls. Readings of this skin are below 0: one that grows in size falls. Each picture
+has colours of its own, those of sizes logarithmic; `make docs` draws them.
 """
 
 
@@ -35,6 +42,8 @@ def _entry(effect: Effect) -> str:
         "On the bench": effect.mend,
     }
     lines += ["", *(f"- {head}: {text}" for head, text in facts.items()), ""]
+    lines += [f"```{{figure}} pictures/{effect.name}.png", f":alt: What {effect.name} changes", ""]
+    lines += [picture(effect).caption, "```", ""]
     return "\n".join(lines)
 
 

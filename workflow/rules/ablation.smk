@@ -175,19 +175,19 @@ rule ablation:
         varied=report(
             "results/tables/ablation.csv",
             caption="../report/ablation.rst",
-            category="Ablation",
+            category="7 Ablation",
             labels={"shows": "each choice varied alone"},
         ),
         compared=report(
             "results/tables/latent_loss.csv",
             caption="../report/ablation.rst",
-            category="Ablation",
+            category="7 Ablation",
             labels={"shows": "whether the latent loss helps"},
         ),
         markdown=report(
             "results/tables/ablation.md",
             caption="../report/ablation.rst",
-            category="Ablation",
+            category="7 Ablation",
             labels={"shows": "both, for reading"},
         ),
     log:

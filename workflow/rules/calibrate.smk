@@ -64,6 +64,12 @@ rule score_trials:
         "../scripts/score_trials.py"
 
 
+CALIBRATION_FIGURES = {
+    "confusion": "left out and called",
+    "other_calibration": "probability of something else",
+}
+
+
 rule calibration_figures:
     input:
         expand(
@@ -74,17 +80,18 @@ rule calibration_figures:
     output:
         [
             report(
-                f"results/calibration/{config['calibration']['block']}/{name}.{suffix}",
+                f"results/calibration/{config['calibration']['block']}/{name}.svg",
                 caption=f"../report/{name}.rst",
-                category="Calibration of the diagnosis",
-                labels={"shows": f"{shows}, {suffix.upper()}"},
+                category="4 Calibration of the diagnosis",
+                labels={"shows": shows},
             )
-            for name, shows in {
-                "confusion": "left out and called",
-                "other_calibration": "probability of something else",
-            }.items()
-            for suffix in ("svg", "png")
+            for name, shows in CALIBRATION_FIGURES.items()
         ],
+        images=expand(
+            "results/calibration/{block}/{name}.png",
+            block=config["calibration"]["block"],
+            name=CALIBRATION_FIGURES,
+        ),
     log:
         "logs/calibration_figures.log",
     benchmark:

@@ -251,7 +251,7 @@ rule concealed_score:
         page=report(
             "results/concealed/{block}/score/score.md",
             caption="../report/concealed_score.rst",
-            category="Concealed effects",
+            category="2 Concealed effects",
             labels={"block": "{block}", "shows": "score, by the table"},
         ),
     log:
@@ -281,14 +281,14 @@ rule concealed_figures:
     output:
         [
             report(
-                f"results/concealed/{{block}}/score/{name}.{suffix}",
+                f"results/concealed/{{block}}/score/{name}.svg",
                 caption=f"../report/concealed_{name}.rst",
-                category="Concealed effects",
-                labels={"block": "{block}", "shows": f"{shows}, {suffix.upper()}"},
+                category="2 Concealed effects",
+                labels={"block": "{block}", "shows": shows},
             )
             for name, shows in SCORE_FIGURES.items()
-            for suffix in ("svg", "png")
         ],
+        images=expand("results/concealed/{{block}}/score/{name}.png", name=SCORE_FIGURES),
     log:
         "logs/concealed_figures/{block}.log",
     benchmark:
@@ -313,15 +313,14 @@ rule concealed_case:
         schema=ancient(SCHEMA),
         score=f"results/concealed/{DEMO}/score/score.csv",
     output:
-        **{
-            suffix: report(
-                f"results/concealed/{DEMO}/score/concealed_case.{suffix}",
-                caption="../report/concealed_case.rst",
-                category="Concealed effects",
-                labels={"block": DEMO, "shows": f"one case, {suffix.upper()}"},
-            )
-            for suffix in ("svg", "png", "csv")
-        },
+        svg=report(
+            f"results/concealed/{DEMO}/score/concealed_case.svg",
+            caption="../report/concealed_case.rst",
+            category="2 Concealed effects",
+            labels={"block": DEMO, "shows": "one case"},
+        ),
+        png=f"results/concealed/{DEMO}/score/concealed_case.png",
+        csv=f"results/concealed/{DEMO}/score/concealed_case.csv",
     log:
         "logs/concealed_case.log",
     benchmark:

@@ -1,10 +1,21 @@
 # What is configured, refused in one line where it is wrong, before any rule is read.
 from pathlib import Path
 
+from snakemake.utils import update_config
+
 from eitskin.capture.attached import attach
 from eitskin.configuration import read, validate, with_continuous
 from eitskin.errors import reported
 from eitskin.fingerprint import fingerprint
+
+ROOT = Path(workflow.current_basedir.get_path_or_uri(secret_free=False)).resolve().parents[1]
+
+
+def own(file):
+    """A file of this workflow: by its path within it where that is run, else, as of a module of
+    another workflow, by its whole path."""
+    return file if ROOT == Path.cwd().resolve() else str(ROOT / file)
+
 
 # Snakemake's own reading says neither line nor column, and runs what a template holds.
 with reported("logs/configuration.log"):
@@ -12,12 +23,16 @@ with reported("logs/configuration.log"):
         read("config.yaml")
 
 
-configfile: "config.yaml"
+configfile: "config.yaml" if Path("config.yaml").exists() else own("config.yaml")
 
 
 with reported("logs/configuration.log"):
-    *overrides, default = workflow.configfiles
-    CONFIGFILES = [default, *overrides]
+    DEFAULTS = own("config.yaml")
+    *overrides, default = map(str, workflow.configfiles or [DEFAULTS])
+    CONFIGFILES = list(dict.fromkeys([DEFAULTS, default, *overrides]))
+    if DEFAULTS not in map(str, workflow.configfiles):
+        given, config = config, read(DEFAULTS)
+        update_config(config, given)
     schema = workflow.source_path("../schemas/config.schema.yaml")
     validate(config, schema, CONFIGFILES)
     if "rig" in config:

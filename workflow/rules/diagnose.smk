@@ -1,4 +1,4 @@
-SCHEMA = "workflow/eitskin/diagnose/diagnosis.schema.yaml"
+SCHEMA = own("workflow/eitskin/diagnose/diagnosis.schema.yaml")
 # What a diagnosis rests on, for its report.
 EVIDENCE = [
     "residuals.npz",
@@ -9,6 +9,16 @@ EVIDENCE = [
     "search.csv",
     "experiment.json",
 ]
+DIAGNOSIS_FIGURES = {
+    "electrodes": "ring of electrodes",
+    "residual_matrix": "residual of every channel",
+    "misfit_force": "misfit against force",
+    "misfit_time": "misfit against time",
+    "misfit_place": "misfit over the skin",
+    "held_out": "held-out misfit",
+    "rivals": "knock-out and rivals",
+    "next_experiment": "next experiment",
+}
 WITH_QUERY = [name for name, item in config["recordings"].items() if "query" in item]
 WITHOUT_QUERY = [name for name, item in config["recordings"].items() if "query" not in item]
 
@@ -83,28 +93,21 @@ rule diagnosis_report:
         html=report(
             "results/diagnosis/{recording}/report.html",
             caption="../report/diagnosis.rst",
-            category="Diagnosis",
+            category="3 Diagnosis",
             labels={"recording": "{recording}", "shows": "the whole report"},
         ),
         figures=[
             report(
-                f"results/diagnosis/{{recording}}/figures/{figure}.{suffix}",
+                f"results/diagnosis/{{recording}}/figures/{figure}.svg",
                 caption=f"../report/{figure}.rst",
-                category="Diagnosis",
-                labels={"recording": "{recording}", "shows": f"{shows}, {suffix.upper()}"},
+                category="3 Diagnosis",
+                labels={"recording": "{recording}", "shows": shows},
             )
-            for figure, shows in {
-                "electrodes": "ring of electrodes",
-                "residual_matrix": "residual of every channel",
-                "misfit_force": "misfit against force",
-                "misfit_time": "misfit against time",
-                "misfit_place": "misfit over the skin",
-                "held_out": "held-out misfit",
-                "rivals": "knock-out and rivals",
-                "next_experiment": "next experiment",
-            }.items()
-            for suffix in ("svg", "png")
+            for figure, shows in DIAGNOSIS_FIGURES.items()
         ],
+        images=expand(
+            "results/diagnosis/{{recording}}/figures/{figure}.png", figure=DIAGNOSIS_FIGURES
+        ),
     log:
         "logs/diagnosis_report/{recording}.log",
     benchmark:
@@ -182,7 +185,7 @@ rule comparison_page:
         report(
             "results/diagnosis/compare/{a}-vs-{b}/comparison.html",
             caption="../report/comparison.rst",
-            category="Diagnosis",
+            category="3 Diagnosis",
             labels={"recording": "{a}, {b}", "shows": "what changed between them"},
         ),
     log:
@@ -210,7 +213,7 @@ use rule comparison_page as sessions_page with:
         report(
             "results/diagnosis/{recording}/sessions.html",
             caption="../report/sessions.rst",
-            category="Diagnosis",
+            category="3 Diagnosis",
             labels={"recording": "{recording}", "shows": "what changed between sessions"},
         ),
     log:

@@ -1,6 +1,6 @@
 from eitskin.paper.rows import rows
 
-PRINTED_1 = "workflow/eitskin/paper/printed_table_1.csv"
+PRINTED_1 = own("workflow/eitskin/paper/printed_table_1.csv")
 
 
 rule evaluate:
@@ -65,13 +65,13 @@ rule table_1:
         csv=report(
             "results/tables/table_1.csv",
             caption="../report/table_1.rst",
-            category="Paper",
+            category="1 Paper",
             labels={"shows": "Table I, CSV"},
         ),
         markdown=report(
             "results/tables/table_1.md",
             caption="../report/table_1.rst",
-            category="Paper",
+            category="1 Paper",
             labels={"shows": "Table I, for reading"},
         ),
     log:

@@ -1,7 +1,8 @@
 from pathlib import Path
 
-PRINTED_2 = "workflow/eitskin/paper/printed_table_2.csv"
-RULES = sorted(map(str, Path("workflow/rules").glob("*.smk")))
+PRINTED_2 = own("workflow/eitskin/paper/printed_table_2.csv")
+SNAKEFILE = own("Snakefile")
+RULES = sorted(map(str, Path(own("workflow/rules")).glob("*.smk")))
 
 
 rule table_2:
@@ -13,13 +14,13 @@ rule table_2:
         csv=report(
             "results/tables/table_2.csv",
             caption="../report/table_2.rst",
-            category="Paper",
+            category="1 Paper",
             labels={"shows": "Table II, CSV"},
         ),
         markdown=report(
             "results/tables/table_2.md",
             caption="../report/table_2.rst",
-            category="Paper",
+            category="1 Paper",
             labels={"shows": "Table II with its reading"},
         ),
     log:
@@ -69,21 +70,11 @@ rule figure_1:
         svg=report(
             "results/figures/figure_1.svg",
             caption="../report/figure_1.rst",
-            category="Paper",
-            labels={"shows": "Figure 1, SVG"},
+            category="1 Paper",
+            labels={"shows": "Figure 1"},
         ),
-        png=report(
-            "results/figures/figure_1.png",
-            caption="../report/figure_1.rst",
-            category="Paper",
-            labels={"shows": "Figure 1, PNG"},
-        ),
-        csv=report(
-            "results/figures/figure_1.csv",
-            caption="../report/figure_1.rst",
-            category="Paper",
-            labels={"shows": "Figure 1, numbers"},
-        ),
+        png="results/figures/figure_1.png",
+        csv="results/figures/figure_1.csv",
     log:
         "logs/figure_1.log",
     benchmark:
@@ -105,27 +96,17 @@ rule figure_1:
 
 rule figure_2:
     input:
-        snakefile=ancient("Snakefile"),
+        snakefile=ancient(SNAKEFILE),
         rules=ancient(RULES),
     output:
         svg=report(
             "results/figures/figure_2.svg",
             caption="../report/figure_2.rst",
-            category="Paper",
-            labels={"shows": "Figure 2, SVG"},
+            category="1 Paper",
+            labels={"shows": "Figure 2"},
         ),
-        png=report(
-            "results/figures/figure_2.png",
-            caption="../report/figure_2.rst",
-            category="Paper",
-            labels={"shows": "Figure 2, PNG"},
-        ),
-        csv=report(
-            "results/figures/figure_2.csv",
-            caption="../report/figure_2.rst",
-            category="Paper",
-            labels={"shows": "Figure 2, numbers"},
-        ),
+        png="results/figures/figure_2.png",
+        csv="results/figures/figure_2.csv",
     log:
         "logs/figure_2.log",
     benchmark:
@@ -146,7 +127,7 @@ rule figure_2:
             "figure_4",
         ],
         configfiles=[str(file) for file in workflow.configfiles[:-1]],
-        code=fingerprint("figure_2", files=["Snakefile", *RULES]),
+        code=fingerprint("figure_2", files=[SNAKEFILE, *RULES]),
     message:
         "Drawing the workflow: figure 2"
     script:
@@ -161,21 +142,11 @@ rule figure_3:
         svg=report(
             "results/figures/figure_3.svg",
             caption="../report/figure_3.rst",
-            category="Paper",
-            labels={"shows": "Figure 3, SVG"},
+            category="1 Paper",
+            labels={"shows": "Figure 3"},
         ),
-        png=report(
-            "results/figures/figure_3.png",
-            caption="../report/figure_3.rst",
-            category="Paper",
-            labels={"shows": "Figure 3, PNG"},
-        ),
-        csv=report(
-            "results/figures/figure_3.csv",
-            caption="../report/figure_3.rst",
-            category="Paper",
-            labels={"shows": "Figure 3, numbers"},
-        ),
+        png="results/figures/figure_3.png",
+        csv="results/figures/figure_3.csv",
     log:
         "logs/figure_3.log",
     benchmark:
@@ -205,21 +176,11 @@ rule figure_4:
         svg=report(
             "results/figures/figure_4.svg",
             caption="../report/figure_4.rst",
-            category="Paper",
-            labels={"shows": "Figure 4, SVG"},
+            category="1 Paper",
+            labels={"shows": "Figure 4"},
         ),
-        png=report(
-            "results/figures/figure_4.png",
-            caption="../report/figure_4.rst",
-            category="Paper",
-            labels={"shows": "Figure 4, PNG"},
-        ),
-        csv=report(
-            "results/figures/figure_4.csv",
-            caption="../report/figure_4.rst",
-            category="Paper",
-            labels={"shows": "Figure 4, numbers"},
-        ),
+        png="results/figures/figure_4.png",
+        csv="results/figures/figure_4.csv",
     log:
         "logs/figure_4.log",
     benchmark:

@@ -152,13 +152,13 @@ rule loop_table:
         csv=report(
             "results/loop/loop.csv",
             caption="../report/loop.rst",
-            category="The loop closed",
+            category="5 The loop closed",
             labels={"shows": "errors by what a model learned from, CSV"},
         ),
         markdown=report(
             "results/loop/loop.md",
             caption="../report/loop.rst",
-            category="The loop closed",
+            category="5 The loop closed",
             labels={"shows": "errors and what was named, text"},
         ),
     log:
@@ -184,15 +184,14 @@ rule loop_figure:
     input:
         rules.loop_table.output.csv,
     output:
-        **{
-            suffix: report(
-                f"results/loop/{{model}}.{suffix}",
-                caption="../report/loop.rst",
-                category="The loop closed",
-                labels={"shows": f"{{model}}, {suffix.upper()}"},
-            )
-            for suffix in ("svg", "png", "csv")
-        },
+        svg=report(
+            "results/loop/{model}.svg",
+            caption="../report/loop.rst",
+            category="5 The loop closed",
+            labels={"shows": "{model}"},
+        ),
+        png="results/loop/{model}.png",
+        csv="results/loop/{model}.csv",
     log:
         "logs/loop_figure/{model}.log",
     benchmark:

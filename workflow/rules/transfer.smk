@@ -74,13 +74,13 @@ rule transfer:
         csv=report(
             "results/tables/transfer.csv",
             caption="../report/transfer.rst",
-            category="Transfer",
+            category="6 Transfer",
             labels={"shows": "errors of every method, CSV"},
         ),
         markdown=report(
             "results/tables/transfer.md",
             caption="../report/transfer.rst",
-            category="Transfer",
+            category="6 Transfer",
             labels={"shows": "errors and their reading, text"},
         ),
     log:

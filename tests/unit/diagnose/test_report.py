@@ -186,12 +186,13 @@ def test_hollow_dots_are_against_white_noise(written, rig):
         assert sorted(dots) == pytest.approx(sorted(expected))
 
 
-def test_folders_without_channels_put_aside_are_read(tmp_path):
+def test_folders_of_an_earlier_version_are_read(tmp_path):
     folder, _ = diagnosed(tmp_path, "consistent")
     path = folder / "evidence" / "residuals.npz"
     with np.load(path) as file:
         arrays = dict(file)
-    del arrays["held_out_channels"]
+    for name in ("held_out_channels", "changes", "changed_frame"):
+        del arrays[name]
     np.savez(path, **arrays | {"held_out": np.zeros_like(arrays["held_out"])})
     found = evidence.read(folder, *_rest(folder))
     assert not found.held_out_channels.any() and len(found.held_out_channels) == 208
@@ -200,7 +201,7 @@ def test_folders_without_channels_put_aside_are_read(tmp_path):
 
 def test_figures_are_drawn_or_their_absence_told(written):
     drawn = {kind: page_of(written, kind).count("<svg ") for kind in KINDS}
-    assert drawn["explained"] == len(figures.FIGURES)
+    assert drawn["explained"] == len(figures.FIGURES) + 1  # what the effect changes
     assert drawn["untouched"] == 4
     text = Page(page_of(written, "untouched")).text
     assert "No frame was touched: there is no misfit against force." in text
@@ -225,6 +226,22 @@ def test_equal_inputs_give_equal_bytes(written, tmp_path):
     assert len(files) > 25
     for file in files:
         assert (folder / file).read_bytes() == (first / file).read_bytes(), file
+
+
+def test_what_an_effect_changes_stands_beside_its_sentence(written):
+    parsed = Page(page_of(written, "explained"))
+    caption = "What it changes in a frame touched with 6 N, that in which it changes most"
+    assert caption in parsed.text
+    assert any(
+        key == "aria-label" and value.startswith(caption) for _, key, value in parsed.attributes
+    )
+    found = evidence.read(written["explained"], *_rest(written["explained"]))
+    (figure,) = figures.changes(found)
+    cells = figure.axes[0].collections[0].get_array()
+    k = int(np.nanargmax(np.abs(found.changes[0])))
+    assert cells[CHANNELS[k, 0], CHANNELS[k, 2]] == pytest.approx(found.changes[0, k])
+    low, high = figure.axes[0].collections[0].get_clim()
+    assert -low == high == pytest.approx(abs(found.changes[0, k]))
 
 
 def test_before_and_after_are_drawn_from_the_residuals(written):

@@ -254,7 +254,8 @@ def test_a_diagnosis_names_it_and_its_report_tells_it(name, tmp_path, monkeypatc
     assert told["electrodes"] == ITEMS[name].get("electrodes", [])
     page.write(tmp_path, tmp_path / "recording.parquet", SCHEMA, tmp_path / "report.html")
     report = (tmp_path / "report.html").read_text(encoding="utf-8")
-    for words in (told["sentence"], effects.EFFECTS[name].mend.partition(" {")[0][1:]):
+    known = (told["sentence"], effects.EFFECTS[name].mend.partition(" {")[0][1:])
+    for words in (*known, "What it changes in a"):
         assert escape(words) in report
     corrected = yaml.safe_load((tmp_path / "effects.yaml").read_text(encoding="utf-8"))
     assert [one["name"] for one in corrected["twin"]["effects"]] == [name]

@@ -124,6 +124,13 @@ class Fit:
         """(N, M): what the fit has for the recording."""
         return self.problem.voltage(self.theta, self.effects)
 
+    def change(self, index: int) -> np.ndarray:
+        """(N, M): what effect `index` changes in the simulation, the others as they are fitted."""
+        knobs, chosen = self.problem.split(self.theta, self.effects)
+        without = chosen[:index] + chosen[index + 1 :]
+        model = self.problem.model
+        return model.voltage(knobs, chosen) - model.voltage(knobs, without)
+
 
 def inverse_root(precision: np.ndarray) -> np.ndarray:
     """(P, P): R of a symmetric precision (P, P), R Rᵀ its inverse. Rounding may have left it not

@@ -181,6 +181,7 @@ def _write_evidence(found: Diagnosis, folder: Path) -> None:
     # What the rig's errors leave of both; a discrepancy would hide what has no name.
     plain = replace(before.problem, whitening=found.named.problem.whitening)
     frames = found.recorded.frames
+    changes, changed_frame = _changes(found, mask)
     with atomic_path(folder / "residuals.npz") as path, path.open("wb") as file:
         np.savez_compressed(
             file,
@@ -196,6 +197,8 @@ def _write_evidence(found: Diagnosis, folder: Path) -> None:
             recorded_V=found.search.problem.recorded,
             before_V=found.search.as_reported(before),
             after_V=found.search.as_reported(after),
+            changes=changes,
+            changed_frame=changed_frame,
             **{
                 key: frames[key].to_numpy(bool if key == "touch" else float)
                 for key in ("time_s", "touch", "x_mm", "y_mm", "force_N", "probe_mm")
@@ -213,6 +216,18 @@ def _write_evidence(found: Diagnosis, folder: Path) -> None:
             table.to_csv(path, index=False)
     with atomic_path(folder / "experiment.json") as path:
         path.write_text(json.dumps(propose(found), ensure_ascii=False) + "\n", "utf-8")
+
+
+def _changes(found: Diagnosis, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(E, M): what each effect changes, in noise units, NaN where nothing is read, in the frame in
+    which it changes most; (E,): the row of that frame. mask (N, M): what is read."""
+    fit, sd = found.after.fit, found.noise.sd
+    changes, rows = np.zeros((len(fit.effects), mask.shape[1])), np.zeros(len(fit.effects), int)
+    for index in range(len(fit.effects)):
+        change = np.where(mask, fit.change(index) / sd, np.nan)
+        rows[index] = np.argmax(np.nansum(change**2, axis=1))
+        changes[index] = change[rows[index]]
+    return changes, rows
 
 
 def _rivals(found: Diagnosis) -> pd.DataFrame:

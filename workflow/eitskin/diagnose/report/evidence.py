@@ -62,7 +62,9 @@ class Evidence:
     where lost; noise_V (M,), noise_dof, noise_source: the noise and how it was found; channels
     (M, 4); frames: held_out (put aside before anything was looked at), time_s, touch, x_mm, y_mm
     (of the skin), force_N, probe_mm, press, one row a frame; held_out_channels (M,): channels put
-    aside in place of frames; tables by name, columns as in TABLES, NaN or "" where there is none;
+    aside in place of frames; changes (E, M): what each effect changes, in noise units, in the frame
+    in which it changes most, changed_frame (E,) its row; none of either in folders of an earlier
+    version; tables by name, columns as in TABLES, NaN or "" where there is none;
     experiment: sentence and pairs; predicted: time_s and the median std_V and |v| of a query, or
     None; recording: the recording diagnosed; hashes: SHA-256 by file name.
     """
@@ -76,6 +78,8 @@ class Evidence:
     channels: np.ndarray
     frames: pd.DataFrame
     held_out_channels: np.ndarray
+    changes: np.ndarray
+    changed_frame: np.ndarray
     tables: dict[str, pd.DataFrame]
     experiment: dict
     predicted: pd.DataFrame | None
@@ -139,8 +143,11 @@ def _residuals(path: Path) -> dict:
         arrays = {name: file[name] for name in file.files}
     shape = arrays["before"].shape if "before" in arrays else (0, 0)
     arrays.setdefault("held_out_channels", np.zeros(shape[1], bool))
+    arrays.setdefault("changes", np.zeros((0, shape[1])))
+    arrays.setdefault("changed_frame", np.zeros(0, int))
     expected = {"before": shape, "after": shape, "noise_V": shape[1:], "channels": (*shape[1:], 4)}
     expected |= {"noise_source": (), "noise_dof": (), "held_out_channels": shape[1:]}
+    expected |= {"changes": (len(arrays["changed_frame"]), shape[1])}
     expected |= dict.fromkeys(FRAME_ARRAYS, shape[:1])
     for name, size in expected.items():
         if name not in arrays:
@@ -157,6 +164,8 @@ def _residuals(path: Path) -> dict:
         "channels": arrays["channels"],
         "frames": frames.astype({"held_out": bool}),
         "held_out_channels": arrays["held_out_channels"].astype(bool),
+        "changes": arrays["changes"],
+        "changed_frame": arrays["changed_frame"],
     }
 
 

@@ -30,8 +30,11 @@ from eitskin.plotting import (
     SEQUENTIAL,
     STEPS,
     column,
+    draw_matrix,
     log_limits,
     log_ticks,
+    matrix,
+    sheet,
     style,
 )
 from eitskin.quantities import MINUS, number, power
@@ -41,6 +44,7 @@ MOST_CHORDS = 8  # drives or measuring pairs of one effect that are drawn
 TAG_STEP = 0.14  # between numbers at one electrode, in radii of the skin
 MOST_RIVALS = 5  # of one effect
 BINS = 10
+FALLEN = 0.05  # of the largest change: a fall that is told from no change
 SHOWN = 0.97  # of the channels lie within the colours of the residual matrix
 
 
@@ -172,25 +176,14 @@ def residual_matrix(evidence: Evidence) -> Figure:
 
 def draw_matrices(row: Sequence[Axes], evidence: Evidence) -> QuadMesh:
     """`residual_matrix` on two axes that share y, before and after, in one scale of colours."""
-    panels = [_matrix(evidence.channels, _mean(r)) for r in (evidence.before, evidence.after)]
-    drives, pairs = (_pairs(evidence.channels, ends)[0] for ends in ((0, 1), (2, 3)))
+    panels = [matrix(evidence.channels, _mean(r)) for r in (evidence.before, evidence.after)]
     quiet = 10 / np.sqrt(len(evidence.frames))  # noise alone stays in the palest third
     limit = max(quiet, *(np.nanquantile(np.abs(panel), SHOWN) for panel in panels))
-    colours = matplotlib.colormaps[DIVERGING].resampled(STEPS).with_extremes(bad="#c8c8c8")
     for axes, panel, (title, colour) in zip(row, panels, TITLES, strict=True):
-        cells = np.arange(panel.shape[1] + 1) - 0.5, np.arange(panel.shape[0] + 1) - 0.5
-        norm = Normalize(-limit, limit)
-        image = axes.pcolormesh(
-            *cells, np.ma.masked_invalid(panel), cmap=colours, norm=norm, edgecolor="face", lw=0.1
-        )
-        axes.set_aspect("equal")
-        axes.spines[:].set_visible(True)
+        image = draw_matrix(axes, evidence.channels, panel, Normalize(-limit, limit), DIVERGING)
         residual = evidence.before if title == "before" else evidence.after
         rms = number(float(np.sqrt(np.nanmean(residual**2))))
         axes.set_title(f"{title}: rms {rms}", color=colour)
-        axes.set_xlabel("measuring pair, + electrode")
-        _pair_ticks(axes.xaxis, pairs)
-        _pair_ticks(axes.yaxis, drives)
     row[0].set_ylabel("drive, source electrode")
     row[0].invert_yaxis()
     return image
@@ -212,6 +205,46 @@ def matrix_bar(figure: Figure, image: QuadMesh, beside: Sequence[Axes]) -> Color
     return bar
 
 
+def changes(evidence: Evidence) -> list[Figure]:
+    """What each effect changes in the frame in which it changes most, to stand beside it."""
+    with style():
+        return [_change(evidence.channels, change) for change in evidence.changes]
+
+
+def _change(channels: np.ndarray, change: np.ndarray) -> Figure:
+    figure = sheet(50, 58)
+    axes = figure.add_subplot()
+    draw_change(figure, axes, channels, change, "in units of the noise of a reading")
+    axes.set_ylabel("drive, source electrode")
+    return figure
+
+
+def draw_change(
+    figure: Figure, axes: Axes, channels: np.ndarray, value: np.ndarray, label: str
+) -> None:
+    """A change (M,) of every channel (M, 4), symmetric colours, dashes where it falls, and its
+    scale below."""
+    cells = matrix(channels, value)
+    limit = float(np.nanmax(np.abs(cells)))
+    image = draw_matrix(axes, channels, cells, Normalize(-limit, limit), DIVERGING)
+    axes.invert_yaxis()
+    row, place = np.nonzero(cells < -FALLEN * limit)
+    colours = np.where(cells[row, place] < -limit / 2, "white", "#404040")
+    size = 50.0 / max(cells.shape)
+    axes.scatter(place, row, marker="_", c=colours, s=size, linewidths=0.5)
+    scale(figure, axes, image, label)
+
+
+def scale(figure: Figure, axes: Axes, image: QuadMesh, label: str) -> None:
+    """The colours' scale under one matrix, its ends and its middle told."""
+    bar = figure.colorbar(image, ax=axes, location="bottom", aspect=22, shrink=0.9, pad=0.03)
+    ticks = [float(one) for one in bar.norm.inverse(np.array([0.0, 0.5, 1.0]))]
+    bar.set_ticks(ticks, labels=[number(one, 2) for one in ticks])
+    bar.ax.minorticks_off()
+    bar.set_label(label)
+    bar.outline.set_linewidth(0.4)
+
+
 TITLES = (("before", BEFORE), ("after", AFTER))
 
 
@@ -219,29 +252,6 @@ def _mean(residual: np.ndarray) -> np.ndarray:
     """(M,): mean over the frames; NaN for a channel that was always lost."""
     count = np.isfinite(residual).sum(axis=0)
     return np.nansum(residual, axis=0) / np.where(count, count, np.nan)
-
-
-def _pairs(channels: np.ndarray, ends: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    pairs, index = np.unique(channels[:, ends], axis=0, return_inverse=True)
-    return pairs, index.ravel()
-
-
-def _matrix(channels: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """(drives, measuring pairs): a value (M,) of each channel, NaN where there is none."""
-    drives, row = _pairs(channels, (0, 1))
-    pairs, column = _pairs(channels, (2, 3))
-    known = np.isfinite(value)
-    total, count = np.zeros((2, len(drives), len(pairs)))
-    np.add.at(total, (row[known], column[known]), value[known])
-    np.add.at(count, (row[known], column[known]), 1)
-    return total / np.where(count, count, np.nan)
-
-
-def _pair_ticks(axis: matplotlib.axis.Axis, pairs: np.ndarray) -> None:
-    step = -(-len(pairs) // 5) if len(pairs) != 16 else 4
-    at = np.arange(0, len(pairs), step)
-    unique = len(np.unique(pairs[:, 0])) == len(pairs)
-    axis.set_ticks(at, [str(a) if unique else f"{a}, {b}" for a, b in pairs[at]])
 
 
 def misfit_force(evidence: Evidence) -> Figure | str:

@@ -64,8 +64,11 @@ h2 { font-size: 1.15em; margin: 2em 0 0.4em; border-bottom: 1px solid #ccc; }
 h3 { font-size: 1em; margin: 1.2em 0 0.3em; }
 p { margin: 0.4em 0; max-width: 46em; }
 .quiet, figcaption, caption { color: #595959; }
-.effect { border-left: 4px solid #8b1a6b; padding: 0.1em 0 0.1em 0.9em; margin: 1em 0; }
-.effect > p:first-of-type { font-size: 1.1em; font-weight: 600; }
+.effect { border-left: 4px solid #8b1a6b; padding: 0.1em 0 0.1em 0.9em; margin: 1em 0;
+  display: flex; flex-wrap: wrap; gap: 1.2em; align-items: flex-start; }
+.effect > div { flex: 1 1 24em; }
+.effect > div > p:first-of-type { font-size: 1.1em; font-weight: 600; }
+.effect > figure { flex: 0 1 15em; margin: 0.3em 0; }
 .warning { border: 1px solid #b84f00; padding: 0.2em 0.9em; margin: 0.6em 0; max-width: 46em; }
 .candidate { border-left-style: dashed; }
 .before { color: #b84f00; font-weight: 600; } .after { color: #0072b2; font-weight: 600; }
@@ -108,20 +111,22 @@ def write(
             path.write_text(vectors, encoding="utf-8")
         with atomic_path(beside.with_suffix(".png")) as path:
             path.write_bytes(plotting.png(figure))
+    changes = [plotting.svg(figure) for figure in figures.changes(found)]
     with atomic_path(out) as path:
-        path.write_text(page(found, inline), encoding="utf-8")
+        path.write_text(page(found, inline, changes), encoding="utf-8")
 
 
-def page(found: Evidence, drawn: dict[str, str]) -> str:
+def page(found: Evidence, drawn: dict[str, str], changes: list[str]) -> str:
     """The report as HTML: no scripts, and nothing that it would have to fetch.
 
-    drawn: each figure as SVG, or a paragraph that says why there is none.
+    drawn: each figure as SVG, or a paragraph that says why there is none; changes: what each effect
+    changes, as SVG.
     """
     name = escape(found.diagnosis["recording"])
-    shown = {key: _figure(key, drawn[key]) for key in figures.FIGURES}
+    shown = {key: _figure(key, drawn[key], CAPTIONS[key]) for key in figures.FIGURES}
     sections = [
         _warnings(found),
-        _answer(found),
+        _answer(found, changes),
         _apart(found),
         "<h2>Where</h2>",
         _row(shown["electrodes"], shown["residual_matrix"]),
@@ -152,10 +157,10 @@ def page(found: Evidence, drawn: dict[str, str]) -> str:
     )
 
 
-def inlined(svg: str, name: str) -> str:
+def inlined(svg: str, name: str, caption: str) -> str:
     """An SVG file's picture as an element of HTML: no prologue, no namespaces, ids of its own.
 
-    name: what tells its ids from other figures'; its title is read out for it.
+    name: what tells its ids from other figures'; caption: what is read out for it.
     """
     picture = svg[svg.index("<svg ") :]
     picture = re.sub(r"<metadata>.*?</metadata>", "", picture, flags=re.DOTALL)
@@ -163,15 +168,15 @@ def inlined(svg: str, name: str) -> str:
     picture = re.sub(r'\bid="', f'id="{name}-', picture)
     picture = re.sub(r'href="#', f'href="#{name}-', picture)
     picture = picture.replace("url(#", f"url(#{name}-")
-    label = escape(CAPTIONS[name], quote=True)
+    label = escape(caption, quote=True)
     return picture.replace("<svg ", f'<svg role="img" aria-label="{label}" ', 1)
 
 
-def _figure(name: str, drawn: str) -> str:
+def _figure(name: str, drawn: str, caption: str) -> str:
     if not drawn.startswith("<?xml"):
         return drawn
-    caption = escape(CAPTIONS[name])
-    return f"<figure>{inlined(drawn, name)}<figcaption>{caption}</figcaption></figure>"
+    below = f"<figcaption>{escape(caption)}</figcaption>"
+    return f"<figure>{inlined(drawn, name, caption)}{below}</figure>"
 
 
 def _row(*items: str) -> str:
@@ -215,7 +220,7 @@ def _warnings(found: Evidence) -> str:
     return f"<div class='warning'><p>{head}</p><ul>{''.join(rows)}</ul>{apart}</div>"
 
 
-def _answer(found: Evidence) -> str:
+def _answer(found: Evidence, changes: list[str]) -> str:
     """The verdict in words, each effect in words, numbers and what to do."""
     diagnosis = found.diagnosis
     fit = diagnosis["fit"]["held_out"]
@@ -233,7 +238,9 @@ def _answer(found: Evidence) -> str:
         parts.append(f"<p>What has no name: {escape(diagnosis['other']['sentence'])}</p>")
     elif diagnosis["verdict"] == "partly-explained":
         parts.append("<p>What is left there is more than the noise.</p>")
-    parts += [_effect(k, effect, found) for k, effect in enumerate(diagnosis["effects"], start=1)]
+    for k, effect in enumerate(diagnosis["effects"]):
+        change = _changed(k, changes[k], found) if k < len(changes) else ""
+        parts.append(_effect(k + 1, effect, found, change))
     parts += [f"<p>{escape(sentence)}</p>" for sentence in pinned(diagnosis["calibration"])]
     if diagnosis["effects"]:
         parts.append(
@@ -265,7 +272,20 @@ def _apart(found: Evidence) -> str:
     return "\n".join(lines)
 
 
-def _effect(k: int, effect: dict, found: Evidence) -> str:
+def _changed(k: int, drawn: str, found: Evidence) -> str:
+    """The picture of what effect k changes, in words of the frame that it is of."""
+    frame = found.frames.iloc[found.changed_frame[k]]
+    state = "an untouched frame"
+    if frame["touch"]:
+        known = np.isfinite(frame["force_N"])
+        state = f"a frame touched with {number(frame['force_N'])} N" if known else "a touched frame"
+    caption = (
+        f"What it changes in {state}, that in which it changes most; a dash: the reading falls."
+    )
+    return _figure(f"change_{k}", drawn, caption)
+
+
+def _effect(k: int, effect: dict, found: Evidence, change: str) -> str:
     lines = [f"<p>{k}. {escape(effect['sentence'])}</p>"]
     place = where(effect)
     varies = "static" if effect["driver"] == "static" else f"varies with {effect['driver']}"
@@ -291,7 +311,8 @@ def _effect(k: int, effect: dict, found: Evidence) -> str:
     else:
         lines.append("<p>No other name looks like it.</p>")
     kind = "effect" if sure else "effect candidate"
-    return f"<div class='{kind}'>" + "\n".join(lines) + "</div>"
+    said = "\n".join(lines)
+    return f"<div class='{kind}'><div>{said}</div>{change}</div>"
 
 
 def _parameter(name: str, estimate: dict, effect: dict) -> str:
