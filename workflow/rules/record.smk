@@ -4,12 +4,10 @@ from eitskin.configuration import captured_path
 BROUGHT = [
     name for name, item in config["recordings"].items() if item["path"] != captured_path(name)
 ]
-
-
-def read_from(recording):
-    """The path of a recording, and its format where that is stated."""
-    item = config["recordings"][recording]
-    return item["path"], item.get("format")
+# The path of a recording, and its format where that is stated.
+READ_FROM = {
+    name: (item["path"], item.get("format")) for name, item in config["recordings"].items()
+}
 
 
 rule twin:
@@ -36,7 +34,7 @@ rule twin:
 
 rule import_recording:
     input:
-        lambda wildcards: list(map(str, importers.files(*read_from(wildcards.recording)))),
+        lambda wildcards: list(map(str, importers.files(*READ_FROM[wildcards.recording]))),
     output:
         "results/recordings/{recording}.parquet",
     log:
@@ -59,7 +57,7 @@ rule import_recording:
         skin=lookup(dpath="recordings/{recording}/skin", within=config, default=None),
         frames=lookup(dpath="recordings/{recording}/frames", within=config, default=None),
         code=lambda wildcards: fingerprint(
-            "import_recording", importers.readers(*read_from(wildcards.recording))
+            "import_recording", importers.readers(*READ_FROM[wildcards.recording])
         ),
     message:
         "Reading the recording {wildcards.recording}"
