@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
@@ -242,6 +243,8 @@ def test_what_an_effect_changes_stands_beside_its_sentence(written):
     assert cells[CHANNELS[k, 0], CHANNELS[k, 2]] == pytest.approx(found.changes[0, k])
     low, high = figure.axes[0].collections[0].get_clim()
     assert -low == high == pytest.approx(abs(found.changes[0, k]))
+    for unknown in (np.nan, 0.0):
+        assert figures.changes(replace(found, changes=0.0 * found.changes + unknown)) == [None]
 
 
 def test_before_and_after_are_drawn_from_the_residuals(written):

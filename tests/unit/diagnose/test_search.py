@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -407,6 +408,11 @@ def test_an_effect_is_taken_out_where_no_skin_has_the_rest_alone():
         less.effects == effects[:1]
         and less.fit.chi2 < (problem.residual(np.zeros(2), effects[:1]) ** 2).sum()
     )
+    found = SimpleNamespace(
+        after=SimpleNamespace(fit=both), noise=SimpleNamespace(sd=np.full(len(CHANNELS), NOISE))
+    )
+    changes, _ = result._changes(found, problem.whitening.mask)
+    assert np.isfinite(changes[0]).all() and np.isnan(changes[1]).all()
 
 
 def test_a_body_is_found_from_beliefs_where_a_sheet_took_the_calibrations_astray():

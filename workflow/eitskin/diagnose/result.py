@@ -220,11 +220,16 @@ def _write_evidence(found: Diagnosis, folder: Path) -> None:
 
 def _changes(found: Diagnosis, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(E, M): what each effect changes, in noise units, NaN where nothing is read, in the frame in
-    which it changes most; (E,): the row of that frame. mask (N, M): what is read."""
+    which it changes most; (E,): the row of that frame. mask (N, M): what is read. NaN alone of an
+    effect without which no skin has the rest."""
     fit, sd = found.after.fit, found.noise.sd
     changes, rows = np.zeros((len(fit.effects), mask.shape[1])), np.zeros(len(fit.effects), int)
     for index in range(len(fit.effects)):
-        change = np.where(mask, fit.change(index) / sd, np.nan)
+        try:
+            change = np.where(mask, fit.change(index) / sd, np.nan)
+        except InputError:
+            changes[index] = np.nan
+            continue
         rows[index] = np.argmax(np.nansum(change**2, axis=1))
         changes[index] = change[rows[index]]
     return changes, rows

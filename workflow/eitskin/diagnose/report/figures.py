@@ -205,10 +205,14 @@ def matrix_bar(figure: Figure, image: QuadMesh, beside: Sequence[Axes]) -> Color
     return bar
 
 
-def changes(evidence: Evidence) -> list[Figure]:
-    """What each effect changes in the frame in which it changes most, to stand beside it."""
+def changes(evidence: Evidence) -> list[Figure | None]:
+    """What each effect changes in the frame in which it changes most, to stand beside it; None
+    where it changes nothing that is known."""
     with style():
-        return [_change(evidence.channels, change) for change in evidence.changes]
+        return [
+            _change(evidence.channels, change) if np.nan_to_num(change).any() else None
+            for change in evidence.changes
+        ]
 
 
 def _change(channels: np.ndarray, change: np.ndarray) -> Figure:

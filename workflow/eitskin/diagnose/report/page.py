@@ -111,7 +111,7 @@ def write(
             path.write_text(vectors, encoding="utf-8")
         with atomic_path(beside.with_suffix(".png")) as path:
             path.write_bytes(plotting.png(figure))
-    changes = [plotting.svg(figure) for figure in figures.changes(found)]
+    changes = [plotting.svg(figure) if figure else "" for figure in figures.changes(found)]
     with atomic_path(out) as path:
         path.write_text(page(found, inline, changes), encoding="utf-8")
 
@@ -120,7 +120,7 @@ def page(found: Evidence, drawn: dict[str, str], changes: list[str]) -> str:
     """The report as HTML: no scripts, and nothing that it would have to fetch.
 
     drawn: each figure as SVG, or a paragraph that says why there is none; changes: what each effect
-    changes, as SVG.
+    changes, as SVG, or nothing.
     """
     name = escape(found.diagnosis["recording"])
     shown = {key: _figure(key, drawn[key], CAPTIONS[key]) for key in figures.FIGURES}
@@ -239,7 +239,7 @@ def _answer(found: Evidence, changes: list[str]) -> str:
     elif diagnosis["verdict"] == "partly-explained":
         parts.append("<p>What is left there is more than the noise.</p>")
     for k, effect in enumerate(diagnosis["effects"]):
-        change = _changed(k, changes[k], found) if k < len(changes) else ""
+        change = _changed(k, changes[k], found) if any(changes[k : k + 1]) else ""
         parts.append(_effect(k + 1, effect, found, change))
     parts += [f"<p>{escape(sentence)}</p>" for sentence in pinned(diagnosis["calibration"])]
     if diagnosis["effects"]:

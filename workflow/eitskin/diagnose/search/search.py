@@ -181,11 +181,10 @@ class Search:
         effect has to explain: what the fit makes of it without one counts if that is likelier."""
         found = self._learned_state(fitted, p_values, sizes, rig, least)
         named = self.named(found, found.fit)
-        if not found.effects or named is found.fit:
+        if not found.effects or named is found.fit or least - found.log_evidence > BEHIND:
             return found
         own = {k: s for k, s in found.sizes.items() if not COMPONENTS[k].discrepancy}
-        least = max(least, found.log_evidence)
-        other = self._learned_state(stepped(named), p_values, own, found.rig, least)
+        other = self._learned_state(stepped(named), p_values, own, found.rig)
         return found if other.log_evidence <= found.log_evidence else other
 
     def _learned_state(
@@ -194,7 +193,7 @@ class Search:
         p_values: dict | None,
         sizes: dict[str, float] | None,
         rig: Rig | None,
-        least: float,
+        least: float = -np.inf,
     ) -> State:
         sizes, rig = dict(sizes or {}), rig or self.rig
         found = self._as_is(fitted, p_values, sizes, rig)
