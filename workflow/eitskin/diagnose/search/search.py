@@ -181,7 +181,9 @@ class Search:
         effect has to explain: what the fit makes of it without one counts if that is likelier."""
         found = self._learned_state(fitted, p_values, sizes, rig, least)
         named = self.named(found, found.fit)
-        if not found.effects or named is found.fit or least - found.log_evidence > BEHIND:
+        # A share f of M channels' scatter is worth M f / 2 nats to a fit before its sizes are
+        # learned, and -M log(1 - f) / 2 then: what is without hope has not lost much to it.
+        if not found.effects or named is found.fit or found.fit is fitted:
             return found
         own = {k: s for k, s in found.sizes.items() if not COMPONENTS[k].discrepancy}
         other = self._learned_state(stepped(named), p_values, own, found.rig)
