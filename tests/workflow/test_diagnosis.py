@@ -47,9 +47,8 @@ def test_the_twin_s_diagnosis_names_what_was_hidden(finished):
     assert effect["sentence"] in html
     assert not (finished.folder / FOLDER / "predicted.parquet").exists()
     with np.load(finished.folder / FOLDER / "evidence" / "residuals.npz") as file:
-        (change,), channels, after = file["changes"], file["channels"], file["after"]
+        (change,), channels = file["changes"], file["channels"]
     assert 3 in channels[np.nanargmax(np.abs(change))] and "What it changes in a" in html
-    assert np.nanmax(np.abs(change)) > 10 * np.sqrt(np.nanmean(after**2))
 
 
 def test_a_diagnosis_is_made_of_the_recording_its_check_and_the_schema_alone(finished):
