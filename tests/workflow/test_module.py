@@ -49,6 +49,7 @@ def run(fresh, tmp_path):
 
 
 def test_another_workflow_plans_what_it_needs_of_this_one(run, tmp_path):
+    (tmp_path / "config.yaml").write_text("__use_yte__: true\nrecordings: {theirs: 1}\n")
     plan = run("--dry-run")
     assert plan.returncode == 0, plan.stdout + plan.stderr
     said = plan.stdout + plan.stderr

@@ -19,6 +19,7 @@ from eitskin.diagnose.report.figures import draw_change, scale
 from eitskin.diagnose.words import sites
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Effect, LeakEffect, Setting
+from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from eitskin.plotting import SEQUENTIAL, column, draw_matrix, matrix, png, style
@@ -77,6 +78,9 @@ def picture(effect: Effect) -> Picture:
     plain = readings([])
     setting = _typical(effect, skin, plain, channels)
     change = readings([setting]) - plain
+    if not change.any():
+        expected = "a change of some reading; give GIVEN values at which it shows"
+        raise InputError("workflow/manual/pictures.py", effect.name, "no change", expected)
     frame = _shown(effect, change)
     of_touch = effect.stage in ("touch", "clock")
     beside = plain[frame] - plain[0] if of_touch else plain[frame]
@@ -156,7 +160,7 @@ def draw(shown: Picture) -> Figure:
 
 def _unit(volt: np.ndarray) -> tuple[float, str]:
     """By what (M,) V are divided, and the unit that they have then."""
-    power = min(0, 3 * int(np.floor(np.log10(np.abs(volt).max()) / 3)))
+    power = int(np.clip(3 * np.floor(np.log10(np.abs(volt).max()) / 3), -9, 0))
     return 10.0**power, {0: "V", -3: "mV", -6: "µV", -9: "nV"}[power]
 
 

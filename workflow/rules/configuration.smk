@@ -17,9 +17,11 @@ def own(file):
     return file if ROOT == Path.cwd().resolve() else str(ROOT / file)
 
 
+# Another workflow's configuration files are no business of a module.
+AS_MODULE = workflow.modifier.skip_configfile
 # Snakemake's own reading says neither line nor column, and runs what a template holds.
 with reported("logs/configuration.log"):
-    if Path("config.yaml").exists():
+    if Path("config.yaml").exists() and not AS_MODULE:
         read("config.yaml")
 
 
@@ -28,9 +30,10 @@ configfile: "config.yaml" if Path("config.yaml").exists() else own("config.yaml"
 
 with reported("logs/configuration.log"):
     DEFAULTS = own("config.yaml")
-    *overrides, default = map(str, workflow.configfiles or [DEFAULTS])
+    FILES = [] if AS_MODULE else [str(file) for file in workflow.configfiles]
+    *overrides, default = FILES or [DEFAULTS]
     CONFIGFILES = list(dict.fromkeys([DEFAULTS, default, *overrides]))
-    if DEFAULTS not in map(str, workflow.configfiles):
+    if DEFAULTS not in FILES:
         given, config = config, read(DEFAULTS)
         update_config(config, given)
     schema = workflow.source_path("../schemas/config.schema.yaml")

@@ -19,7 +19,7 @@ from eitskin.diagnose.estimates import calibration, estimates
 from eitskin.diagnose.experiment import propose
 from eitskin.diagnose.fit import whitened_anew
 from eitskin.diagnose.gaps import OBSERVABLE
-from eitskin.diagnose.held_out import held_out
+from eitskin.diagnose.held_out import HeldOut, held_out
 from eitskin.diagnose.search.search import State
 from eitskin.diagnose.verdict import acceptable, verdict
 from eitskin.effects import EFFECTS, catalogue_names
@@ -236,37 +236,30 @@ def _changes(found: Diagnosis, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _rivals(found: Diagnosis) -> pd.DataFrame:
-    """What each name in an effect's place costs on frames held out in turn: chi squared against the
-    noise and the rig's errors of the state found, whatever each has learned for itself. First the
-    state found, of no effect."""
+    """What each name in an effect's place costs on frames held out in turn, against the noise and
+    the rig's errors of the state found, whatever each has learned for itself. First the state
+    found, of no effect; a rival that has no physics where its touches were followed to is left
+    out."""
 
-    def row(effect: str, instead: str, state: State, elpd: float, gap: float) -> dict:
-        left = held_out(whitened_anew(state.fit, found.named.problem), found.search.fold)
-        return {
-            "effect": effect,
-            "instead": instead,
-            "chi2_per_dof": left.chi2_per_dof,
-            "elpd_difference": elpd,
-            "gap": gap,
-        }
+    def held(state: State) -> HeldOut:
+        return held_out(whitened_anew(state.fit, found.named.problem), found.search.fold)
 
-    rows = [row("", "", found.after, 0.0, np.nan)] if found.after.effects else []
+    columns = ["effect", "instead", "chi2_per_dof", "elpd_difference", "gap"]
+    if not found.after.effects:
+        return pd.DataFrame(columns=columns)
+    all_named = held(found.after)
+    rows = [("", "", all_named.chi2_per_dof, 0.0, np.nan)]
     for candidate, gaps, rivals in zip(found.after.effects, found.gaps, found.rivals, strict=True):
         gap: dict[str | None, float] = {g.rival: g.gap for g in gaps}
         gap[None] = gaps[0].snr if gaps else np.nan
-        rows += [
-            row(
-                candidate.name,
-                rival.name or "nothing",
-                rival.state,
-                -rival.gain,
-                gap.get(rival.name, np.nan),
-            )
-            for rival in rivals
-        ]
-    return pd.DataFrame(
-        rows, columns=["effect", "instead", "chi2_per_dof", "elpd_difference", "gap"]
-    )
+        for rival in rivals:
+            try:
+                left = held(rival.state)
+            except InputError:
+                continue
+            elpd, own = left.gain(all_named)[0], gap.get(rival.name, np.nan)
+            rows.append((candidate.name, rival.name or "nothing", left.chi2_per_dof, elpd, own))
+    return pd.DataFrame(rows, columns=columns)
 
 
 def _identifiability(found: Diagnosis) -> pd.DataFrame:

@@ -75,9 +75,7 @@ FEW = 6  # coordinates; candidates with more are fitted after the others
 GROSS = 30.0  # chi squared over its degrees of freedom above which gross faults are tried first
 PLAIN = 0.5  # of the misfit without it, that a gross fault may leave
 RACE = 10.0  # nats behind the best trial at which another is given up
-# Nats behind, as its errors' sizes were, at which they are not learned: they would be all that
-# there is.
-BEHIND = 100.0
+BEHIND = 100.0  # nats behind: sizes of a rig's errors are not learned that would be all there is
 
 
 @dataclass
@@ -176,14 +174,15 @@ class Search:
         least: float = -np.inf,
     ) -> State:
         """A fit with its evidence and held-out density; sizes: those of the rig's errors that it
-        has, from which they are learned; rig: these errors about a fit like it; least: the log
-        evidence without hope of which they stay as they are. A discrepancy may have taken what an
-        effect has to explain: what the fit makes of it without one counts if that is likelier."""
+        has, from which they are learned; rig: these errors about a fit like it; least: a log
+        evidence; a fit that can hardly reach it stays as it is, its sizes not learned. A
+        discrepancy may have taken what an effect has to explain: what the fit makes of it without
+        one counts if that is likelier."""
         found = self._learned_state(fitted, p_values, sizes, rig, least)
+        if not found.effects or found.fit is fitted:
+            return found
         named = self.named(found, found.fit)
-        # A share f of M channels' scatter is worth M f / 2 nats to a fit before its sizes are
-        # learned, and -M log(1 - f) / 2 then: what is without hope has not lost much to it.
-        if not found.effects or named is found.fit or found.fit is fitted:
+        if named is found.fit:
             return found
         own = {k: s for k, s in found.sizes.items() if not COMPONENTS[k].discrepancy}
         other = self._learned_state(stepped(named), p_values, own, found.rig)
@@ -282,6 +281,7 @@ class Search:
                 if resorts.foreign(found.effects):
                     return before, found
                 self.unblur()
+                self.step("not kept", None, before)
             elif begun is not None:
                 return before, self._explained(self._drop(self._confirmed(begun)))
         while (plain := self._gross(state)) is not None:
@@ -669,9 +669,9 @@ class Search:
                 if known is not None and s.candidate.key == known.key:
                     continue
                 enough = self._cost(state, best - RACE)
-                # A competing one has next to nothing until sizes are learned.
-                least = max(state.log_evidence + LEAST_EVIDENCE, best - RACE)
-                least = least if number < len(listed) else -np.inf
+                # A competing one has next to nothing until sizes are learned; another trial's
+                # evidence, learned, is no measure of what this one's would be.
+                least = state.log_evidence + LEAST_EVIDENCE if number < len(listed) else -np.inf
                 trial = self.with_effect(state, s.candidate, enough, least)
                 if trial is not None:
                     trial.score = s
@@ -800,9 +800,9 @@ class Search:
         except (InputError, np.linalg.LinAlgError, Spent):
             return None
 
-    def without(self, state: State, index: int, least: float = -np.inf) -> State:
+    def without(self, state: State, index: int) -> State:
         """`state` less one effect, the rest fitted anew, from the beliefs where no skin has the
-        rest alone; least: as of `state`."""
+        rest alone."""
         place = state.fit.place(index)
         effects = [c for i, c in enumerate(state.effects) if i != index]
         theta = np.delete(state.fit.theta, np.arange(place.start, place.stop))
@@ -811,7 +811,7 @@ class Search:
             fitted = fit(state.fit.problem, effects, theta, jacobian)
         except InputError:
             fitted = fit(state.fit.problem, effects, np.zeros_like(theta))
-        return self.state(fitted, state.p_values, state.sizes, state.rig, least)
+        return self.state(fitted, state.p_values, state.sizes, state.rig)
 
     def renew_catalogue_p(self, state: State) -> None:
         """`catalogue_p` of a state, where it is another's."""
@@ -845,9 +845,8 @@ class Search:
         while dropped and len(state.effects) > 1:
             dropped = False
             for index in range(len(state.effects) - 1):
-                least = state.log_evidence - LEAST_EVIDENCE
-                less = self.without(state, index, least)
-                if less.log_evidence > least:
+                less = self.without(state, index)
+                if less.log_evidence > state.log_evidence - LEAST_EVIDENCE:
                     self.step("drop", state.effects[index], less)
                     state, dropped = less, True
                     break
@@ -878,9 +877,8 @@ class Search:
                     fitted = fit(state.fit.problem, effects, theta, jacobian)
                 except InputError:
                     break
-                least = state.log_evidence - LEAST_EVIDENCE
-                trial = self.state(fitted, state.p_values, state.sizes, state.rig, least)
-                if trial.log_evidence <= least:
+                trial = self.state(fitted, state.p_values, state.sizes, state.rig)
+                if trial.log_evidence <= state.log_evidence - LEAST_EVIDENCE:
                     break
                 trial.p_values[fewer.key] = state.p_values.get(effect.key, 1.0)
                 state, effect = trial, fewer
