@@ -10,7 +10,7 @@ from scipy.stats import binom
 
 from calibration.trial import true_gaps
 from eitskin.data.recording import Recording, presses
-from eitskin.diagnose import diagnosis, result, rig_sizes, tangents
+from eitskin.diagnose import diagnosis, result, tangents
 from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.corrected import items
 from eitskin.diagnose.fit import fit, whitened_anew
@@ -270,23 +270,6 @@ def off_in_force(share, *effects):
     off = np.where(press >= 0, share * draw.normal(size=press.max() + 1)[press], 0.0)
     recorded.frames["force_N"] *= 1.0 + off
     return recorded
-
-
-def test_sizes_are_learned_where_they_may_bring_what_a_set_lacks():
-    _, held, _ = diagnosis.begun(off_in_force(0.01), 1)
-    learned = held.calibrated()
-    plain = fit(held.problem, [], learned.fit.theta)
-    as_it_is = held.state(plain, least=np.inf)
-    assert not any(as_it_is.sizes.values())
-    gained = learned.log_evidence - as_it_is.log_evidence
-    assert 3.0 < gained < search.BEHIND
-    promise = rig_sizes.promised(held.rig, plain.misfit, as_it_is.sizes)
-    assert promise > gained
-    for lacking in (-10.0, 0.5 * gained):
-        assert any(held.state(plain, least=as_it_is.log_evidence + lacking).sizes.values())
-    for lacking in (promise + 1.0, search.BEHIND + 1.0):
-        never = held.state(plain, least=as_it_is.log_evidence + lacking)
-        assert never.log_evidence == as_it_is.log_evidence
 
 
 def test_what_an_effect_leaves_is_fitted_once(contact, monkeypatch):

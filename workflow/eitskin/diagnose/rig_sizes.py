@@ -26,7 +26,6 @@ HARDLY = 0.5  # nats that a component must be worth
 PLAINLY, SAME = 4.0, 1.25
 ROUNDING = 1e-9  # least eigenvalue of an information at a diagonal of ones
 SETTLED = 0.05  # nats, by which another round may still raise the likelihood
-PROMISED = 5.0  # times what a first scoring promises
 
 
 def learned(
@@ -53,15 +52,6 @@ def learned(
     if sizes is not climbed and left:
         sizes, best, _ = _climbed(rig, residual, sizes, left, REFITTED)
     return sizes, best
-
-
-def promised(rig: Rig, residual: np.ndarray, sizes: Mapping[str, float]) -> float:
-    """By how many nats other sizes than those of a residual (N, M) might be likelier, generously.
-    What scoring promises to second order is too little where an error shrinks: of its variance at
-    a thirtieth PROMISED times too little."""
-    start = {name: float(sizes.get(name, 0.0)) for name in rig.columns}
-    free = [name for name in rig.columns if name not in rig.assumed]
-    return PROMISED * _scored(rig, start, residual, free)[2] if free else 0.0
 
 
 def _climbed(

@@ -28,7 +28,7 @@ from eitskin.diagnose.fit import (
 )
 from eitskin.diagnose.held_out import HeldOut, held_out
 from eitskin.diagnose.rig import COMPONENTS, Rig
-from eitskin.diagnose.rig_sizes import SETTLED, learned, promised
+from eitskin.diagnose.rig_sizes import SETTLED, learned
 from eitskin.diagnose.search import afar, channels, resorts, tones
 from eitskin.diagnose.search.screen import (
     AMPLITUDES,
@@ -75,7 +75,6 @@ FEW = 6  # coordinates; candidates with more are fitted after the others
 GROSS = 30.0  # chi squared over its degrees of freedom above which gross faults are tried first
 PLAIN = 0.5  # of the misfit without it, that a gross fault may leave
 RACE = 10.0  # nats behind the best trial at which another is given up
-BEHIND = 100.0  # nats behind: sizes of a rig's errors are not learned that would be all there is
 
 
 @dataclass
@@ -171,49 +170,29 @@ class Search:
         p_values: dict | None = None,
         sizes: dict[str, float] | None = None,
         rig: Rig | None = None,
-        least: float = -np.inf,
     ) -> State:
         """A fit with its evidence and held-out density; sizes: those of the rig's errors that it
-        has, from which they are learned; rig: these errors about a fit like it; least: a log
-        evidence; a fit that can hardly reach it stays as it is, its sizes not learned. A
-        discrepancy may have taken what an effect has to explain: what the fit makes of it without
-        one counts if that is likelier."""
-        found = self._learned_state(fitted, p_values, sizes, rig, least)
-        if not found.effects or found.fit is fitted:
-            return found
+        has, from which they are learned; rig: these errors about a fit like it. A discrepancy may
+        have taken what an effect has to explain: what the fit makes of it without one counts if
+        that is likelier."""
+        found = self._learned_state(fitted, p_values, sizes, rig)
         named = self.named(found, found.fit)
-        if named is found.fit:
+        if not found.effects or named is found.fit:
             return found
         own = {k: s for k, s in found.sizes.items() if not COMPONENTS[k].discrepancy}
         other = self._learned_state(stepped(named), p_values, own, found.rig)
         return found if other.log_evidence <= found.log_evidence else other
 
     def _learned_state(
-        self,
-        fitted: Fit,
-        p_values: dict | None,
-        sizes: dict[str, float] | None,
-        rig: Rig | None,
-        least: float = -np.inf,
+        self, fitted: Fit, p_values: dict | None, sizes: dict[str, float] | None, rig: Rig | None
     ) -> State:
-        sizes, rig = dict(sizes or {}), rig or self.rig
-        found = self._as_is(fitted, p_values, sizes, rig)
-        lacking = least - found.log_evidence
-        if rig is None or lacking > BEHIND:
-            return found
-        if lacking > 0.0 and promised(rig, fitted.misfit, sizes) < lacking:
-            return found
-        for _ in range(LEARNED):
-            fitted, sizes, rig, gained = self._learned(fitted, sizes, rig)
-            if gained < SETTLED:
-                break
-        return self._as_is(fitted, p_values, sizes, rig)
-
-    def _as_is(
-        self, fitted: Fit, p_values: dict | None, sizes: dict[str, float], rig: Rig | None
-    ) -> State:
-        """A fit with the evidence that it has in its own covariance."""
-        prior = 0.0 if rig is None else rig.log_prior(sizes)
+        sizes, prior, rig = dict(sizes or {}), 0.0, rig or self.rig
+        if rig is not None:
+            for _ in range(LEARNED):
+                fitted, sizes, rig, gained = self._learned(fitted, sizes, rig)
+                if gained < SETTLED:
+                    break
+            prior = rig.log_prior(sizes)
         whitening = fitted.problem.whitening
         likelihood = prior - 0.5 * (fitted.chi2 + whitening.log_determinant)
         evidence = likelihood + occam(fitted)
@@ -663,16 +642,12 @@ class Search:
             listed = shortlist(scores) if self._hopeful(scores) else []
             listed += self._afar(state, listed)
             competing = self._competing(state, {s.candidate.name for s in listed})
-            for number, s in enumerate([*listed, *competing]):
+            for s in [*listed, *competing]:
                 if self.spent:
                     break
                 if known is not None and s.candidate.key == known.key:
                     continue
-                enough = self._cost(state, best - RACE)
-                # A competing one has next to nothing until sizes are learned; another trial's
-                # evidence, learned, is no measure of what this one's would be.
-                least = state.log_evidence + LEAST_EVIDENCE if number < len(listed) else -np.inf
-                trial = self.with_effect(state, s.candidate, enough, least)
+                trial = self.with_effect(state, s.candidate, self._cost(state, best - RACE))
                 if trial is not None:
                     trial.score = s
                     trial.p_values[added(state, trial).key] = self._own_p(s, state, trial)
@@ -739,11 +714,10 @@ class Search:
             return None
 
     def with_effect(
-        self, state: State, candidate: Candidate, enough: float = np.inf, least: float = -np.inf
+        self, state: State, candidate: Candidate, enough: float = np.inf
     ) -> State | None:
         """`state` with a candidate fitted beside what is there; joined to a sparse effect of the
-        same name. None where it cannot be, or would take too long; enough: as of `fit`; least: as
-        of `state`."""
+        same name. None where it cannot be, or would take too long; enough: as of `fit`."""
         effects, theta, jacobian = list(state.effects), state.fit.theta, state.fit.jacobian
         for index, other in enumerate(effects):
             if other.name != candidate.name or other.kind != candidate.kind:
@@ -768,7 +742,7 @@ class Search:
                         values[i] = theta[place][other.names.index(old)]
                 start = np.r_[theta[: place.start], values, theta[place.stop :]]
                 effects[index] = joined
-                return self._fitted(effects, start, None, state, enough, least)
+                return self._fitted(effects, start, None, state, enough)
             if not other.effect.several or _one_entry(other, candidate):
                 return None
         if self.starts_afar(candidate):
@@ -776,7 +750,7 @@ class Search:
         start = np.r_[theta, np.zeros(candidate.size)]
         columns = self.linearised(state).jacobian(candidate)
         known = np.concatenate([jacobian, columns])
-        return self._fitted([*effects, candidate], start, known, state, enough, least)
+        return self._fitted([*effects, candidate], start, known, state, enough)
 
     def _fitted(
         self,
@@ -785,7 +759,6 @@ class Search:
         jacobian: np.ndarray | None,
         state: State,
         enough: float,
-        least: float,
     ) -> State | None:
         try:
             with self.problem.model.near.within(self.most_solved):
@@ -796,7 +769,7 @@ class Search:
                     afresh = np.r_[np.zeros(knobs), start[knobs:]]
                     again = fit(problem, effects, afresh, enough=enough)
                     fitted = min(fitted, again, key=lambda f: f.chi2)
-                return self.state(fitted, state.p_values, state.sizes, state.rig, least)
+                return self.state(fitted, state.p_values, state.sizes, state.rig)
         except (InputError, np.linalg.LinAlgError, Spent):
             return None
 
