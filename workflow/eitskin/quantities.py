@@ -57,6 +57,14 @@ def interval(value: float, low: float, high: float, unit: str) -> str:
     return f"{texts[0]} (90 %: {texts[1]} to {texts[2]}){name}"
 
 
+def prefixed(value: float, unit: str) -> tuple[float, str]:
+    """The factor of the prefix that suits a value, and the unit with it; 1 where it takes none."""
+    if unit not in PREFIXED or value == 0 or not math.isfinite(value):
+        return 1.0, unit
+    power = min(max(3 * math.floor(math.log10(abs(value)) / 3), min(PREFIXES)), max(PREFIXES))
+    return 10.0**power, f"{PREFIXES[power]}{unit}"
+
+
 def alike(a: float, b: float, span: float) -> bool:
     """Whether two numbers are written alike where an interval is worth their digits that reaches
     so far to its farther side; of a span of 0, or of none, whether they are equal."""
@@ -101,10 +109,8 @@ def _signed(text: str) -> str:
 
 def _scale(value: float, unit: str) -> tuple[float, str]:
     """The factor of the prefix that suits `value`, and the unit with it and a space."""
-    if unit not in PREFIXED or value == 0 or not math.isfinite(value):
-        return 1.0, _spaced(unit)
-    power = min(max(3 * math.floor(math.log10(abs(value)) / 3), min(PREFIXES)), max(PREFIXES))
-    return 10.0**power, _spaced(f"{PREFIXES[power]}{unit}")
+    factor, name = prefixed(value, unit)
+    return factor, _spaced(name)
 
 
 def _spaced(unit: str) -> str:

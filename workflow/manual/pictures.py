@@ -5,6 +5,7 @@ it, or at a value from which its fits start.
 """
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -23,10 +24,10 @@ from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from eitskin.plotting import SEQUENTIAL, column, draw_matrix, matrix, png, style
-from eitskin.quantities import quantity
+from eitskin.quantities import prefixed, quantity
 from eitskin.simulate.readings import simulate
+from manual.keys import DEFAULTS
 
-ROOT = Path(__file__).parents[2]
 SITE = 6  # the electrode, drive or pair that is the culprit, where there is one
 PLACE, PROBE_MM, FRAME_S = (30.0, 25.0), 10.0, 0.35
 PROBE = f"a probe of {PROBE_MM:g} mm at x = {PLACE[0]:g} mm, y = {PLACE[1]:g} mm"
@@ -65,10 +66,7 @@ class Picture:
 
 def picture(effect: Effect) -> Picture:
     """What an effect changes in the first frame of PRESS in which it shows."""
-    with (ROOT / "config.yaml").open(encoding="utf-8") as file:
-        twin = yaml.safe_load(file)["twin"]
-    skin = Skin.from_metadata(twin["skin"])
-    channels = channel_table(len(twin["skin"]["electrode_deg"]), **twin["protocol"])
+    skin, channels = _twin()
     states, grounded = _states(), isinstance(effect, LeakEffect)
 
     def readings(chosen: list[Setting]) -> np.ndarray:
@@ -92,6 +90,14 @@ def picture(effect: Effect) -> Picture:
     if grounded:
         caption += " The source's sink is at ground."
     return Picture(channels, beside, change[frame], of_touch, caption)
+
+
+@cache
+def _twin() -> tuple[Skin, np.ndarray]:
+    """The twin's skin and its channels (M, 4)."""
+    twin = yaml.safe_load(DEFAULTS.read_text(encoding="utf-8"))["twin"]
+    channels = channel_table(len(twin["skin"]["electrode_deg"]), **twin["protocol"])
+    return Skin.from_metadata(twin["skin"]), channels
 
 
 def _states() -> pd.DataFrame:
@@ -160,8 +166,7 @@ def draw(shown: Picture) -> Figure:
 
 def _unit(volt: np.ndarray) -> tuple[float, str]:
     """By what (M,) V are divided, and the unit that they have then."""
-    power = int(np.clip(3 * np.floor(np.log10(np.abs(volt).max()) / 3), -9, 0))
-    return 10.0**power, {0: "V", -3: "mV", -6: "µV", -9: "nV"}[power]
+    return prefixed(float(np.abs(volt).max()), "V")
 
 
 def write(folder: Path) -> None:

@@ -124,12 +124,11 @@ class Fit:
         """(N, M): what the fit has for the recording."""
         return self.problem.voltage(self.theta, self.effects)
 
-    def change(self, index: int) -> np.ndarray:
-        """(N, M): what effect `index` changes in the simulation, the others as they are fitted."""
+    def without(self, index: int) -> np.ndarray:
+        """(N, M): what is simulated without effect `index`, the others as they are fitted;
+        InputError where no skin has the rest alone."""
         knobs, chosen = self.problem.split(self.theta, self.effects)
-        without = chosen[:index] + chosen[index + 1 :]
-        model = self.problem.model
-        return model.voltage(knobs, chosen) - model.voltage(knobs, without)
+        return self.problem.model.voltage(knobs, chosen[:index] + chosen[index + 1 :])
 
 
 def inverse_root(precision: np.ndarray) -> np.ndarray:

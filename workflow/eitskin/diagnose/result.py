@@ -224,9 +224,12 @@ def _changes(found: Diagnosis, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray
     effect without which no skin has the rest."""
     fit, sd = found.after.fit, found.noise.sd
     changes, rows = np.zeros((len(fit.effects), mask.shape[1])), np.zeros(len(fit.effects), int)
+    if not fit.effects:
+        return changes, rows
+    there = fit.problem.model.voltage(*fit.problem.split(fit.theta, fit.effects))
     for index in range(len(fit.effects)):
         try:
-            change = np.where(mask, fit.change(index) / sd, np.nan)
+            change = np.where(mask, (there - fit.without(index)) / sd, np.nan)
         except InputError:
             changes[index] = np.nan
             continue

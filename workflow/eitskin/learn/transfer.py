@@ -234,8 +234,7 @@ def transferred(
         k = draw % len(model.seeds())
         plain = states[ZERO_SHOT][k] if ZERO_SHOT in states else None
         moved = _by_labels(model, k, plain, inputs["CORAL"], few, truth[few], columns, force, test)
-        for method, state in moved.items():
-            at = force if method.endswith("isotonic") else every
+        for method, state, at in moved:
             table += scored(method, draw, len(few), k, state, at)
     return pd.DataFrame(table, columns=list(RUNS))
 
@@ -250,21 +249,25 @@ def _by_labels(
     columns: list[int],
     force: list[int],
     test: np.ndarray,
-) -> dict[str, np.ndarray]:
-    """States of the rows `test` by every method that uses labels, those `truth` (n, T) of the rows
-    `few` (n,): of a model's seed, the k-th; plain (N, T): its states of the changes as they are,
-    None where there are none; aligned (N, M): changes after CORAL; columns: T of the model's
-    states; force: the forces among them."""
-    moved = {}
+) -> list[tuple[str, np.ndarray, list[int]]]:
+    """Every method that uses labels, with its states of the rows `test` and which of these it says:
+    labels `truth` (n, T) of the rows `few` (n,), of a model's seed, the k-th; plain (N, T): its
+    states of the changes as they are, None where there are none; aligned (N, M): changes after
+    CORAL; columns: T of the model's states; force: the forces among them."""
+    every, moved = list(range(len(columns))), []
     if plain is not None:
         scale = model.tensors["state_scale"].numpy()[columns]
-        moved["affine"] = affine(plain[test], plain[few], truth, scale)
-        moved["isotonic"] = _with_isotonic(plain[test], plain[few], truth, force)
+        moved.append(("affine", affine(plain[test], plain[few], truth, scale), every))
+        monotone = _with_isotonic(plain[test], plain[few], truth, force)
+        moved.append(("isotonic", monotone, force))
     gain, shift = adapter(model, model.seeds()[k], aligned[few], truth, columns)
     state = predict_seeds(model, _adapted(model, aligned, gain, shift))[k][:, columns]
-    moved["CORAL + adapter"] = state[test]
-    isotonic = _with_isotonic(state[test], state[few], truth, force)
-    return moved | {"CORAL + adapter + isotonic": isotonic}
+    monotone = _with_isotonic(state[test], state[few], truth, force)
+    return [
+        *moved,
+        ("CORAL + adapter", state[test], every),
+        ("CORAL + adapter + isotonic", monotone, force),
+    ]
 
 
 def references(
