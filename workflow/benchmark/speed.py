@@ -366,14 +366,15 @@ def trained(runs: int, command: str) -> list[dict]:
     return [row("trained", "samples/s", ours, "subnormal numbers kept", peer, runs, command)]
 
 
-def diagnose(kind: str, seed: int, frames: int) -> tuple[float, float]:
-    """Draw a recording and diagnose it as `eitskin diagnose` does, report and all.
+def diagnose(kind: str, seed: int, frames: int, cores: int) -> tuple[float, float]:
+    """Draw a recording and diagnose it as `eitskin diagnose` does on so many cores, report and all.
 
     Returns seconds and the process's peak memory in MiB, of the diagnosis: call it in a fresh
     process. Raises RuntimeError where the diagnosis fails.
     """
     with TemporaryDirectory() as folder:
         path = Path(folder) / "drawn.parquet"
+        os.environ["OMP_NUM_THREADS"] = str(cores)
         case = cases.draw(kind, seed, frames)
         recording.write(case.recorded, path)
         start = time.perf_counter()
@@ -389,11 +390,12 @@ def diagnosed(runs: int, command: str) -> list[dict]:
     """Seconds and peak memory of diagnoses of 500 frames, beside what they may take.
 
     `runs` recordings of 16 electrodes, of the kinds DRAWN in turn, drawn by `witness`; each in a
-    fresh process, first one after the other, then two at a time.
+    fresh process, first one after the other on two cores, then two at a time on one each.
     """
-    drawn = [(DRAWN[i % len(DRAWN)], 1 + i // len(DRAWN), FRAMES) for i in range(runs)]
     rows = []
     for at_once, words in ((1, ""), (2, ", two at once")):
+        cores = 2 // at_once
+        drawn = [(DRAWN[i % len(DRAWN)], 1 + i // len(DRAWN), FRAMES, cores) for i in range(runs)]
         pool = ProcessPoolExecutor(at_once, get_context("spawn"), max_tasks_per_child=1)
         with pool:
             done = pool.map(diagnose, *zip(*drawn, strict=True))

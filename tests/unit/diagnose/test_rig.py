@@ -299,7 +299,7 @@ def assert_slopes(rig, sizes, names, seed):
     """Scores of these components are derivatives of the likelihood, where a residual is larger."""
     larger = {name: 1.3 * size for name, size in sizes.items()}
     residual = drawn(rig, larger, np.random.default_rng(seed))
-    slope = _Scored(rig, sizes, residual, names).slope
+    slope = _Scored(rig, rig.whitening(sizes), residual, names).slope
     expected = [slope_by_differences(rig, sizes, residual, name) for name in names]
     assert np.allclose(slope, expected, rtol=1e-4)
 
@@ -329,7 +329,9 @@ def test_scores_of_what_is_taken_out_last_are_derivatives_of_the_likelihood(kind
 def test_information_is_the_mean_of_squared_scores(names):
     rig, sizes = made(names), {name: SIZES[name] for name in names}
     draw = np.random.default_rng(10)
-    scored = [_Scored(rig, sizes, drawn(rig, sizes, draw), names) for _ in range(DRAWS)]
+    scored = [
+        _Scored(rig, rig.whitening(sizes), drawn(rig, sizes, draw), names) for _ in range(DRAWS)
+    ]
     slopes, unit = np.array([s.slope for s in scored]), np.array(list(sizes.values())) ** 2
     information = scored[0].information * np.outer(unit, unit)
     scale = np.sqrt(np.diag(information))

@@ -141,10 +141,15 @@ class Rig:
         """Log density of sizes, above that of none."""
         return -0.5 * sum((sizes.get(name, 0.0) / own) ** 2 for name, own in self.scales.items())
 
-    def log_likelihood(self, sizes: Mapping[str, float], residual: np.ndarray) -> float:
+    def log_likelihood(
+        self,
+        sizes: Mapping[str, float],
+        residual: np.ndarray,
+        whitening: Whitening | None = None,
+    ) -> float:
         """Log density of a residual (N, M) in the recording's unit, with the prior of the sizes,
-        up to a constant that is the same for all sizes."""
-        whitening = self.whitening(sizes)
+        up to a constant that is the same for all sizes; whitening: of these, where it is there."""
+        whitening = whitening or self.whitening(sizes)
         chi2 = float((whitening(residual) ** 2).sum())
         return -0.5 * (chi2 + whitening.log_determinant) + self.log_prior(sizes)
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.optimize import nnls
 
+from eitskin import cores
 from eitskin.diagnose.estimates import NORMAL_90
 from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.rig import COMPONENTS, Rig, summed
@@ -59,14 +60,15 @@ def _climbed(
 ) -> tuple[dict[str, float], float, dict[str, float]]:
     """Sizes after rounds of Fisher scoring of those that are free, their likelihood, and what
     each is worth, as of `_scored`."""
-    best = rig.log_likelihood(sizes, residual)
+    here = rig.whitening(sizes)
+    best = rig.log_likelihood(sizes, residual, here)
     worth: dict[str, float] = {}
     for _ in range(rounds):
-        target, worth, hoped = _scored(rig, sizes, residual, free)
+        target, worth, hoped = _scored(rig, sizes, here, residual, free)
         if hoped < SETTLED:
             break
         before = best
-        sizes, best = _nearer(rig, residual, sizes, best, target)
+        sizes, here, best = _nearer(rig, residual, sizes, here, best, target)
         if best - before < SETTLED:
             break
     return sizes, best, worth
@@ -76,21 +78,25 @@ def _nearer(
     rig: Rig,
     residual: np.ndarray,
     sizes: dict[str, float],
+    here: Whitening,
     best: float,
     target: Mapping[str, float],
-) -> tuple[dict[str, float], float]:
-    """Sizes as far on their way to others as the likelihood rises above `best`, and it."""
+) -> tuple[dict[str, float], Whitening, float]:
+    """Sizes as far on their way to others as the likelihood rises above `best`, their whitening,
+    and it."""
     share = 1.0
     while share > LEAST_SHARE:
         moved = {
             k: float(np.sqrt((1.0 - share) * sizes[k] ** 2 + share * v**2))
             for k, v in target.items()
         }
-        found = rig.log_likelihood({**sizes, **moved}, residual)
+        moved = {**sizes, **moved}
+        there = rig.whitening(moved)
+        found = rig.log_likelihood(moved, residual, there)
         if found > best:
-            return {**sizes, **moved}, found
+            return moved, there, found
         share *= 0.3
-    return sizes, best
+    return sizes, here, best
 
 
 def findings(
@@ -112,7 +118,8 @@ def findings(
     if not names:
         return found
     square = np.array([sizes[name] ** 2 for name in names])
-    information = _Scored(rig, sizes, residual, names).information * np.outer(square, square)
+    whitening = rig.whitening(sizes)
+    information = _Scored(rig, whitening, residual, names).information * np.outer(square, square)
     # Of the variances' logarithms.
     variance = np.diag(np.linalg.pinv(information))
     for name, own in zip(names, variance, strict=True):
@@ -131,12 +138,17 @@ def findings(
 
 
 def _scored(
-    rig: Rig, sizes: Mapping[str, float], residual: np.ndarray, names: list[str]
+    rig: Rig,
+    sizes: Mapping[str, float],
+    whitening: Whitening,
+    residual: np.ndarray,
+    names: list[str],
 ) -> tuple[dict[str, float], dict[str, float], float]:
-    """The sizes of some components that Fisher scoring goes to from `sizes`; how many nats each of
-    those above 0 is worth there, to second order in its variance: at least, for the likelihood
-    falls more steeply towards 0; and by how many, to second order, they are likelier together."""
-    scored = _Scored(rig, sizes, residual, names)
+    """The sizes of some components that Fisher scoring goes to from `sizes`, of which the whitening
+    is; how many nats each of those above 0 is worth there, to second order in its variance: at
+    least, for the likelihood falls more steeply towards 0; and by how many, to second order, they
+    are likelier together."""
+    scored = _Scored(rig, whitening, residual, names)
     slope, information = scored.slope, scored.information
     unit = np.array([rig.scales[name] ** 2 for name in names])
     slope, information = slope * unit - 0.5, information * np.outer(unit, unit)
@@ -167,27 +179,31 @@ def _finding(
 class _Scored:
     """Score (C,) and expected information (C, C) of the components' variances."""
 
-    def __init__(
-        self, rig: Rig, sizes: Mapping[str, float], residual: np.ndarray, names: list[str]
-    ):
-        whitening = rig.whitening(sizes)
+    def __init__(self, rig: Rig, whitening: Whitening, residual: np.ndarray, names: list[str]):
         white, of_press = whitening(residual), rig.of_press
-        entered = {n: whitening.entered(rig.columns[n], COMPONENTS[n].each) for n in names}
-        own = {n: self._white(whitening, COMPONENTS[n].each, entered[n]) for n in names}
-        count = len(names)
-        slope, self.information = np.zeros(count), np.zeros((count, count))
-        for i, name in enumerate(names):
-            each = COMPONENTS[name].each
-            if each == "whole":
-                along = summed(own[name] * white, each, of_press)
+        each = [COMPONENTS[name].each for name in names]
+
+        def unit(i: int) -> tuple[np.ndarray, float]:
+            entered = whitening.entered(rig.columns[names[i]], each[i])
+            own = self._white(whitening, each[i], entered)
+            if each[i] == "whole":
+                along = summed(own * white, each[i], of_press)
             else:
-                along = summed(entered[name] * whitening.left(white, each), each, of_press)
-            slope[i] = 0.5 * ((along**2).sum() - _trace(whitening, each, own[name], of_press))
-            for j in range(i + 1):
-                other = COMPONENTS[names[j]].each
-                shared = _shared(own[names[j]], other, own[name], each, of_press)
-                self.information[i, j] = self.information[j, i] = 0.5 * shared
-        self.slope = slope
+                along = summed(entered * whitening.left(white, each[i]), each[i], of_press)
+            return own, 0.5 * ((along**2).sum() - _trace(whitening, each[i], own, of_press))
+
+        whole = range(len(names))
+        own, slope = zip(*cores.each(unit, whole), strict=True)
+        pairs = [(i, j) for i in whole for j in range(i + 1)]
+
+        def shared(pair: tuple[int, int]) -> float:
+            i, j = pair
+            return 0.5 * _shared(own[j], each[j], own[i], each[i], of_press)
+
+        self.slope = np.array(slope)
+        self.information = np.zeros((len(names), len(names)))
+        for (i, j), value in zip(pairs, cores.each(shared, pairs), strict=True):
+            self.information[i, j] = self.information[j, i] = value
 
     @staticmethod
     def _white(whitening: Whitening, each: str, entered: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ from eitskin.physics.solver import forward_model
 from eitskin.simulate.readings import apply_skin
 
 NEAR = 0.03  # of the readings, by which two fits may differ and share their derivatives
-KEPT = 64  # columns; a site's alone, among all and with one value for all follow one another
+AT_ONCE = 32  # columns that are whitened together, on as many cores as there are
 LEAST = 1e-12  # of a column's squared length: with less left it is a fitted one
 SCALED = ("contact_impedivity_ohm_m2", "conductivity_S_per_m")
 
@@ -33,7 +33,8 @@ class Tangents:
 
     `of(candidate)` gives (k, N M), k at most its size: coordinates that change nothing to first
     order have none. `like`: tangents about other fits, whose derivatives serve where their readings
-    are near enough; any direction makes a valid test, and a fit finds its own way.
+    are near enough; any direction makes a valid test, and a fit finds its own way. Whitened columns
+    are kept until `forget`: a site's alone, among all and with one value for all are the same.
     """
 
     def __init__(self, fit: Fit, like: "Iterable[Tangents]" = ()):
@@ -99,7 +100,7 @@ class Tangents:
     def each(self, candidate: Candidate) -> list[np.ndarray | None]:
         """(N M,) of every linear coordinate, of a site each where there are several; None of those
         that change nothing."""
-        return self._each(candidate, self._column)
+        return self._each(candidate, self._apart_of)
 
     def count(self, candidate: Candidate) -> int:
         """How many columns `each` has of a candidate."""
@@ -110,11 +111,19 @@ class Tangents:
     def along(self, candidate: Candidate, weights: np.ndarray) -> np.ndarray:
         """(count,): products of weights (N M,) with what each coordinate changes in the readings,
         neither whitened nor projected."""
-        raw = self._each(candidate, self.source._raw)
+        raw = self._each(candidate, self.source._raw_of)
         return np.array([0.0 if column is None else column @ weights for column in raw])
 
-    def _each(self, candidate: Candidate, column: Callable) -> list[np.ndarray | None]:
-        singles = self._singles(candidate, column)
+    def whiten(self, candidates: Iterable[Candidate]) -> None:
+        """Finds the whitened columns of many candidates, faster than one by one."""
+        self._apart_of([single for one in candidates for single in self._singles(one)])
+
+    def forget(self) -> None:
+        """Let go of whitened columns, which are found anew where they are asked for."""
+        self._apart.clear()
+
+    def _each(self, candidate: Candidate, columns: Callable) -> list[np.ndarray | None]:
+        singles = columns(self._singles(candidate))
         if candidate.scope != "common":
             return singles
         per_key = len(singles) // len(candidate.own_sites)
@@ -144,31 +153,35 @@ class Tangents:
             return None
         return self.away(self.problem.whitening(moved - self.voltage).ravel())
 
-    def _singles(self, candidate: Candidate, column: Callable) -> list[np.ndarray | None]:
-        """One column a coordinate; of a candidate with sites, one a site."""
+    def _singles(self, candidate: Candidate) -> list[tuple[Candidate, int]]:
+        """One candidate and coordinate a column; of a candidate with sites, one a site."""
         if candidate.sites is None or self._together(candidate):
-            return [column(candidate, i) for i in np.flatnonzero(candidate.linear)]
+            return [(candidate, int(i)) for i in np.flatnonzero(candidate.linear)]
         if len(candidate.sites) > 1:
             self.source._split(candidate)
-        return [column(_alone(candidate, site), 0) for site in candidate.sites]
+        return [(_alone(candidate, site), 0) for site in candidate.sites]
 
     @staticmethod
     def _together(candidate: Candidate) -> bool:
         """Whether the sites act only together."""
         return candidate.effect.stage == "wiring" and candidate.scope == "sparse"
 
-    def _column(self, candidate: Candidate, index: int) -> np.ndarray | None:
-        raw = self.source._raw(candidate, index)
-        if raw is None:
-            return None
-        key = (*candidate.key, index)
-        if key not in self._apart:
-            if len(self._apart) >= KEPT:
-                self._apart.pop(next(iter(self._apart)))
-            raw = self._whitened(raw)
-            change = self.away(raw)
-            self._apart[key] = change if change @ change > LEAST * (raw @ raw) else None
-        return self._apart[key]
+    def _apart_of(self, singles: list[tuple[Candidate, int]]) -> list[np.ndarray | None]:
+        """Whitened columns, the fitted projected out, kept; None of those that change nothing."""
+        raw = {(*c.key, i): self.source._raw(c, i) for c, i in singles}
+        new = [key for key, column in raw.items() if column is not None and key not in self._apart]
+        for start in range(0, len(new), AT_ONCE):
+            keys = new[start : start + AT_ONCE]
+            change = np.array([raw[key] for key in keys], float).reshape(-1, *self.voltage.shape)
+            white = self.problem.whitening(change).reshape(len(keys), -1)
+            left = self.away(white)
+            lengths = [float(column @ column) for column in white]
+            for key, column, length in zip(keys, left, lengths, strict=True):
+                self._apart[key] = column if column @ column > LEAST * length else None
+        return [self._apart.get(key) for key in raw]
+
+    def _raw_of(self, singles: list[tuple[Candidate, int]]) -> list[np.ndarray | None]:
+        return [self._raw(candidate, index) for candidate, index in singles]
 
     def _raw(self, candidate: Candidate, index: int) -> np.ndarray | None:
         """(N M,) in the recording's unit, kept in single precision; None where nothing changes."""
@@ -180,10 +193,6 @@ class Tangents:
                 change = None
             self._columns[key] = _kept(change)
         return self._columns[key]
-
-    def _whitened(self, raw: np.ndarray) -> np.ndarray:
-        change = raw.astype(float).reshape(self.voltage.shape)
-        return self.problem.whitening(change).ravel()
 
     def _own_channels(self, candidate: Candidate) -> np.ndarray | None:
         others = [setting.effect for setting in self.chosen]

@@ -9,10 +9,13 @@ error that is large and the same for long is carried on to other channels by wha
 take out: `linked` errors are followed there.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+
+from eitskin import cores
 
 # Error of a simulation that is the same in every frame: what is left between two exact solvers of
 # one model, of the median |v|.
@@ -38,9 +41,20 @@ class RigErrors:
     linked: np.ndarray | None = None
 
 
-TOGETHER = 16  # columns that are whitened at once
+TOGETHER = 8  # columns that are whitened at once
 ORDER = ("frame", "press", "linked", "channel", "whole")  # in which errors are taken out
 TINY = 1e-9  # squared length of a linked error, below which it is none
+
+
+def _by_groups(of: Callable, values: np.ndarray, mapped: Callable) -> np.ndarray:
+    """(..., N, M): a function of (V, N, M), of TOGETHER values at a time, one by one or by another
+    `mapped`: columns are read once for all of a group."""
+    flat = values.reshape(-1, *values.shape[-2:])
+    groups = [flat[start : start + TOGETHER] for start in range(0, len(flat), TOGETHER)]
+    found = list(mapped(of, groups))
+    if len(found) == 1:
+        return found[0].reshape(values.shape)
+    return np.concatenate(found or [flat]).reshape(values.shape)
 
 
 class _LowRank:
@@ -68,34 +82,42 @@ class _LowRank:
             turn = np.tensordot(self.of_press.T, turn, axes=1)
         return np.ascontiguousarray((columns.transpose(1, 2, 0) @ turn).transpose(2, 0, 1))
 
-    def _along(self, value: np.ndarray) -> np.ndarray:
-        """(K, B): products of one value (N, M) with the units."""
+    def _along(self, values: np.ndarray) -> np.ndarray:
+        """(B, V, K): products of values (V, N, M) with the units."""
         if self.each == "whole":
-            return self.columns.reshape(len(self.columns), -1) @ value.reshape(-1, 1)
+            flat = self.columns.reshape(len(self.columns), -1)
+            return (values.reshape(len(values), -1) @ flat.T)[None]
         if self.each == "channel":
-            return np.einsum("nm,knm->km", value, self.columns)
-        found = np.einsum("nm,knm->kn", value, self.columns)
+            each = [np.einsum("nm,knm->km", value, self.columns) for value in values]
+            return np.array(each).transpose(2, 0, 1)
+        found = values.transpose(1, 0, 2) @ self.columns.transpose(1, 2, 0)
         if self.each != "press":
             return found
         assert self.of_press is not None
-        return found @ self.of_press.T
+        return np.tensordot(self.of_press, found, axes=1)
 
     def _sum(self, amount: np.ndarray) -> np.ndarray:
-        """(N, M): the units, `amount` (K, B) of each."""
+        """(V, N, M): the units, `amount` (B, V, K) of each."""
         if self.each == "whole":
-            return (amount.T @ self.columns.reshape(len(self.columns), -1)).reshape(self.shape)
+            flat = self.columns.reshape(len(self.columns), -1)
+            return (amount[0] @ flat).reshape(-1, *self.shape)
         if self.each == "channel":
-            return np.einsum("km,knm->nm", amount, self.columns)
-        amount = amount @ self.of_press if self.each == "press" else amount
-        return np.einsum("kn,knm->nm", amount, self.columns)
+            each = np.ascontiguousarray(amount.transpose(1, 2, 0))
+            return np.array([np.einsum("km,knm->nm", own, self.columns) for own in each])
+        if self.each == "press":
+            assert self.of_press is not None
+            amount = np.tensordot(self.of_press.T, amount, axes=1)
+        return (amount @ self.columns.transpose(1, 0, 2)).transpose(1, 0, 2)
 
     def apply(self, values: np.ndarray, more: np.ndarray) -> np.ndarray:
         """(..., N, M): values, and `more` (B, K) times their parts along the units."""
-        if values.ndim == 2:
-            return values + self._sum(self._along(values) * more.T)
-        # One at a time: it stays in the processor's cache.
-        found = [self.apply(value, more) for value in values.reshape(-1, *self.shape)]
-        return np.array(found).reshape(values.shape)
+
+        def applied(own: np.ndarray) -> np.ndarray:
+            found = self._sum(self._along(own) * more[:, None])
+            found += own
+            return found
+
+        return _by_groups(applied, values, map)
 
     @cached_property
     def root(self) -> np.ndarray:
@@ -226,14 +248,15 @@ class Whitening:
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """(..., N, M) whitened, 0 where lost."""
-        if values.ndim > 2:
-            # One at a time: it stays in the processor's cache.
-            each = [self(value) for value in values.reshape(-1, *self.mask.shape)]
-            return np.array(each).reshape(values.shape)
-        found = self._filtered(values)
-        for part in self.parts:
-            found = part.apply(found, part.root)
-        return np.where(self.mask, found, 0.0)
+        parts = self.parts
+
+        def whitened(own: np.ndarray) -> np.ndarray:
+            found = self._filtered(own)
+            for part in parts:
+                found = part.apply(found, part.root)
+            return np.where(self.mask, found, 0.0)
+
+        return _by_groups(whitened, values, cores.each)
 
     def back(self, whitened: np.ndarray) -> np.ndarray:
         """(..., N, M): the transpose of whitening, applied; of what is whitened, the inverse

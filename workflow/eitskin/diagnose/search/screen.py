@@ -11,6 +11,7 @@ from eitskin.diagnose.tangents import Tangents
 
 NULL_DRAWS = 20_000
 BATCH = 4_000
+STACKED = 64  # columns whose products are found at once
 AMPLITUDES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # prior sd of a coordinate, the best of them taken
 MOST_SITES = 5
 SIZES = MOST_SITES - 1  # of subsets, two sites and more
@@ -163,26 +164,26 @@ class Null:
 
 def null(tangents: Tangents, candidates: list[Candidate], free: int, seed: int) -> Null:
     """Draw NULL_DRAWS recordings without any effect, as far as the score tests see them."""
-    groups = []
+    groups: list[np.ndarray] = []
+    different: list[np.ndarray] = []
     at: dict[float, int] = {}
     rng = np.random.default_rng(seed)
     mark = rng.standard_normal(tangents.residual.size)  # one number tells a column from another
-    bank = np.empty((sum(map(tangents.count, candidates)), len(mark)))  # only what is filled counts
     for candidate in candidates:
-        own = tangents.of(candidate)
-        if not len(own):
-            continue
         place = []
-        for column, key in zip(own, own @ mark, strict=True):
+        for column in tangents.each(candidate):
+            if column is None:
+                continue
+            key = float(column @ mark)
             if key not in at:
-                bank[len(at)] = column / np.linalg.norm(column)
-                at[key] = len(at)
+                at[key] = len(different)
+                different.append(column)
             place.append(at[key])
-        groups.append(np.array(place))
+        if place:
+            groups.append(np.array(place))
     if not groups:
         return Null(np.ones(1), free)
-    bank = bank[: len(at)]
-    size, turn = np.linalg.eigh(bank @ bank.T)
+    size, turn = np.linalg.eigh(_correlations(different))
     root = (turn * np.sqrt(np.maximum(size, 0.0))).astype(np.float32)
     root[np.abs(root) < np.finfo(np.float32).eps] = 0.0  # denormal numbers take a hundredfold time
     gram = (turn * np.maximum(size, 0.0)) @ turn.T
@@ -194,13 +195,27 @@ def null(tangents: Tangents, candidates: list[Candidate], free: int, seed: int) 
             whiten.append((group, (vector[:, kept] / np.sqrt(value[kept])).astype(np.float32)))
     least = []
     for _ in range(NULL_DRAWS // BATCH):
-        normal = rng.standard_normal((BATCH, len(bank)), dtype=np.float32) @ root.T
+        normal = rng.standard_normal((BATCH, len(root)), dtype=np.float32) @ root.T
         worst = chdtrc(1, (normal**2).max(axis=1))
         for group, turned in whiten:
             gain = ((normal[:, group] @ turned) ** 2).sum(axis=1)
             worst = np.minimum(worst, _tail(turned.shape[1], gain))
         least.append(worst)
     return Null(np.sort(np.concatenate(least)), free)
+
+
+def _correlations(columns: list[np.ndarray]) -> np.ndarray:
+    """(K, K): cosines of the angles between columns (D,), of which no second copy is made."""
+    found = np.empty((len(columns), len(columns)))
+    starts = range(0, len(columns), STACKED)
+    for i in starts:
+        above = np.array(columns[i : i + STACKED])
+        for j in range(i, len(columns), STACKED):
+            beside = above if j == i else np.array(columns[j : j + STACKED])
+            found[i : i + STACKED, j : j + STACKED] = above @ beside.T
+    upper = np.triu(found)
+    length = np.sqrt(np.diag(found))
+    return (upper + np.triu(found, 1).T) / np.outer(length, length)
 
 
 def _tail(dof: int, gain: np.ndarray) -> np.ndarray:

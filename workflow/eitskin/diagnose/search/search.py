@@ -423,7 +423,8 @@ class Search:
         return state
 
     def linearised(self, state: State) -> Tangents:
-        """Tangents about a state, kept until its set is fitted anew."""
+        """Tangents about a state, kept until its set is fitted anew; their whitened columns until
+        those of another set are asked for."""
         key = state.key
         if key not in self.met or self.met[key].fit is not state.fit:
             strayed = state.fit.problem.model is not self.problem.model
@@ -432,7 +433,11 @@ class Search:
             self.met[key] = state
             for kept in (self.scored, self.trials):
                 kept.pop(key, None)
-        return self.tangents[key]
+        found = self.tangents[key]
+        for other in self.tangents.values():
+            if other is not found:
+                other.forget()
+        return found
 
     def scores(self, state: State) -> list[Score]:
         """Every candidate's score about a state, the best evidence first; kept."""
@@ -446,9 +451,9 @@ class Search:
         # So far off with effects in it, a set wants more than any few channels.
         hopeless = bool(state.effects) and not self.untouched and self._misfit(state) > GROSS
         found: list[Score | None] = []
-        for candidate in self.candidates:
-            if candidate.key in taken or self.starts_afar(candidate):
-                continue
+        open_to = [c for c in self.candidates if c.key not in taken and not self.starts_afar(c)]
+        tangents.whiten(c for c in open_to if _of_tangents(c))
+        for candidate in open_to:
             if _of_channels(candidate):
                 scored = channels.scores(tangents, candidate)
                 found += [s for s in scored if s.candidate.scope == "sparse" or hopeless]
@@ -472,13 +477,11 @@ class Search:
             return
         linear, free = [], 0
         for candidate in self.candidates:
-            if _of_channels(candidate):
-                free += channels.looks(candidate)
-            elif discrete(candidate) or candidate.effect.tone:
-                free += 1
-            else:
+            if _of_tangents(candidate):
                 linear.append(candidate)
                 free += candidate.scope == "dense"
+            else:
+                free += channels.looks(candidate) if _of_channels(candidate) else 1
         self.report("drawing recordings in which nothing is missing")
         self.null = null(tangents, linear, free, self.seed)
 
@@ -982,6 +985,11 @@ def gross(candidate: Candidate) -> bool:
 
 def _of_channels(candidate: Candidate) -> bool:
     return candidate.kind == "channels"
+
+
+def _of_tangents(candidate: Candidate) -> bool:
+    """Whether a candidate is scored by its tangents, and by nothing else."""
+    return not (_of_channels(candidate) or discrete(candidate) or candidate.effect.tone)
 
 
 def per_dof(state: State) -> float:
