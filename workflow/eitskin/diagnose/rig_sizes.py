@@ -177,33 +177,48 @@ def _finding(
 
 
 class _Scored:
-    """Score (C,) and expected information (C, C) of the components' variances."""
+    """Score (C,) and expected information (C, C) of the components' variances: found column by
+    column (K,), those of one kind together, and summed over each component's own."""
 
     def __init__(self, rig: Rig, whitening: Whitening, residual: np.ndarray, names: list[str]):
         white, of_press = whitening(residual), rig.of_press
-        each = [COMPONENTS[name].each for name in names]
+        kinds = [
+            (each, [i for i, name in enumerate(names) if COMPONENTS[name].each == each])
+            for each in ORDER
+        ]
+        kinds = [(each, members) for each, members in kinds if members]
 
-        def unit(i: int) -> tuple[np.ndarray, float]:
-            entered = whitening.entered(rig.columns[names[i]], each[i])
-            own = self._white(whitening, each[i], entered)
-            if each[i] == "whole":
-                along = summed(own * white, each[i], of_press)
+        def unit(kind: tuple[str, list[int]]) -> tuple[np.ndarray, np.ndarray]:
+            each, members = kind
+            columns = np.concatenate([rig.columns[names[i]] for i in members])
+            entered = whitening.entered(columns, each)
+            own = self._white(whitening, each, entered)
+            if each == "whole":
+                along = summed(own * white, each, of_press)[:, None]
             else:
-                along = summed(entered * whitening.left(white, each[i]), each[i], of_press)
-            return own, 0.5 * ((along**2).sum() - _trace(whitening, each[i], own, of_press))
+                along = summed(entered * whitening.left(white, each), each, of_press)
+            return own, (along**2).sum(axis=1) - _traces(whitening, each, own, of_press)
 
-        whole = range(len(names))
-        own, slope = zip(*cores.each(unit, whole), strict=True)
-        pairs = [(i, j) for i in whole for j in range(i + 1)]
+        def starts(members: list[int]) -> np.ndarray:
+            counts = [len(rig.columns[names[i]]) for i in members]
+            return np.cumsum([0, *counts[:-1]])
 
-        def shared(pair: tuple[int, int]) -> float:
-            i, j = pair
-            return 0.5 * _shared(own[j], each[j], own[i], each[i], of_press)
+        units = cores.each(unit, kinds)
+        pairs = [(a, b) for a in range(len(kinds)) for b in range(a, len(kinds))]
 
-        self.slope = np.array(slope)
+        def shared(pair: tuple[int, int]) -> np.ndarray:
+            (a, own_a), (b, own_b) = ((kinds[i][0], units[i][0]) for i in pair)
+            return _shared(own_a, a, own_b, b, of_press)
+
+        self.slope = np.zeros(len(names))
         self.information = np.zeros((len(names), len(names)))
-        for (i, j), value in zip(pairs, cores.each(shared, pairs), strict=True):
-            self.information[i, j] = self.information[j, i] = value
+        for (_, members), (_, slope) in zip(kinds, units, strict=True):
+            self.slope[members] = 0.5 * np.add.reduceat(slope, starts(members))
+        for (a, b), found in zip(pairs, cores.each(shared, pairs), strict=True):
+            (_, left), (_, right) = kinds[a], kinds[b]
+            total = np.add.reduceat(np.add.reduceat(found, starts(left)), starts(right), axis=1)
+            self.information[np.ix_(left, right)] = 0.5 * total
+            self.information[np.ix_(right, left)] = 0.5 * total.T
 
     @staticmethod
     def _white(whitening: Whitening, each: str, entered: np.ndarray) -> np.ndarray:
@@ -215,40 +230,43 @@ class _Scored:
         return found
 
 
-def _trace(whitening: Whitening, each: str, own: np.ndarray, of_press: np.ndarray) -> float:
-    """Squared length of all unit columns, whitened: own (K, N, M) less what the parts have that
+def _traces(whitening: Whitening, each: str, own: np.ndarray, of_press: np.ndarray) -> np.ndarray:
+    """(K,): squared length of unit columns, whitened: own (K, N, M) less what the parts have that
     come after what they act on."""
-    square = (own**2).sum(axis=0)
-    total = float(square.sum())
+    square = own**2
+    total = square.sum(axis=(1, 2))
     for part in whitening.parts:
         if ORDER.index(part.each) <= ORDER.index(each):
             continue
         less = -part.precision
         if part.each != "channel":
-            shared = (met(own, part.columns, each, of_press) ** 2).sum(axis=1)
-            shared = of_press @ shared if part.each == "press" else shared
-            total -= float((shared * less).sum())
+            shared = met(own, part.columns, each, of_press) ** 2
+            if part.each == "press":
+                shared = np.tensordot(of_press, shared, axes=1)
+            total -= (shared * less[:, None]).sum(axis=(0, 2))
         elif each == "frame":
             # It meets a channel's error in one reading alone.
-            total -= float((square * np.einsum("knm,mk->nm", part.columns**2, less)).sum())
+            share = np.einsum("knm,mk->nm", part.columns**2, less)
+            total -= np.einsum("jnm,nm->j", square, share)
         else:
-            for k, unit in enumerate(part.columns):
-                pressed = np.einsum("bn,knm->kbm", of_press, own * unit, optimize=True)
-                total -= float((pressed**2 * less[:, k]).sum())
+            for k, one in enumerate(part.columns):
+                pressed = np.einsum("bn,jnm->jbm", of_press, own * one, optimize=True)
+                total -= np.einsum("jbm,m->j", pressed**2, less[:, k])
     return total
 
 
-def _shared(a: np.ndarray, each_a: str, b: np.ndarray, each_b: str, of_press: np.ndarray) -> float:
-    """Sum of the squared products of whitened unit columns (K, N, M)."""
-    if ORDER.index(each_a) > ORDER.index(each_b):
-        a, each_a, b, each_b = b, each_b, a, each_a
+def _shared(
+    a: np.ndarray, each_a: str, b: np.ndarray, each_b: str, of_press: np.ndarray
+) -> np.ndarray:
+    """(J, K): sums of the squared products of whitened unit columns a (J, N, M) and b (K, N, M), a
+    of what is taken out no later than b."""
     if each_a == each_b or each_b != "channel":
-        return float((met(a, b, each_a, of_press) ** 2).sum())
+        return (met(a, b, each_a, of_press) ** 2).sum(axis=0)
     if each_a == "frame":
         # It meets a channel's error in one reading alone.
-        return float(((a**2).sum(axis=0) * (b**2).sum(axis=0)).sum())
-    total = 0.0
+        return (a**2).reshape(len(a), -1) @ (b**2).reshape(len(b), -1).T
+    found = []
     for column in a:
         pressed = np.einsum("bn,knm->kbm", of_press, column * b, optimize=True)
-        total += float((pressed**2).sum())
-    return total
+        found.append((pressed**2).sum(axis=(1, 2)))
+    return np.array(found)
