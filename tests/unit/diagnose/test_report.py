@@ -11,7 +11,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from diagnosed_skin import CHANNELS, KINDS, RIG, SCHEMA, diagnosed, with_rig
+from diagnosed_skin import (
+    CHANNELS,
+    KINDS,
+    RIG,
+    SCHEMA,
+    diagnosed,
+    with_every_effect,
+    with_rig,
+)
 from eitskin import plotting
 from eitskin.diagnose import rig_words
 from eitskin.diagnose.report import evidence, figures, page
@@ -307,24 +315,7 @@ def test_sites_of_every_kind_and_no_gap(tmp_path):
     """Every name of the catalogue at its sites: drawn, and mended in words without a gap."""
     folder, _ = diagnosed(tmp_path, "explained")
 
-    def change(diagnosis):
-        sample = diagnosis["effects"][0]
-        diagnosis["effects"] = []
-        for name in sorted(set(EFFECTS) - {"ellipse", "adc-nonlinearity"}):
-            effect = EFFECTS[name]
-            kind = next(iter(effect.sites), None)
-            chosen = {k: [] for k in SITES}
-            if kind:
-                chosen[kind] = [2, 5]
-            parameters = {
-                key: {"value": 1.5, "low": 1.25, "high": 1.75, "unit": one.unit}
-                for key, one in effect.parameters.items()
-            }
-            new = {"name": name, "driver": effect.driver, "parameters": parameters, "gap": None}
-            new |= {"alternatives": [], "scope": "sparse" if kind else "common"}
-            diagnosis["effects"].append({**sample, **new, **chosen})
-
-    edited(folder, "diagnosis.json", change)
+    with_every_effect(folder)
     text = Page(rewritten(folder)).text
     assert "{" not in text
     assert text.count("No other name looks like it.") == len(EFFECTS) - 2
