@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.text import Text
 
 from diagnosed_skin import (
     CHANNELS,
@@ -25,11 +26,11 @@ from eitskin.diagnose import rig_words
 from eitskin.diagnose.report import evidence, figures, page
 from eitskin.diagnose.result import OF_A_PART
 from eitskin.effects import EFFECTS
-from eitskin.effects.effect import SITES
 from eitskin.errors import InputError
 
 VOID = {"meta", "br"}
 RULES = Path(__file__).parents[3] / "workflow" / "rules" / "diagnose.smk"
+TITLES = {"before": "s", "after": "o"}  # and the markers of their means
 CAPTIONS = Path(__file__).parents[3] / "workflow" / "report"
 
 
@@ -270,6 +271,47 @@ def test_before_and_after_are_drawn_from_the_residuals(written):
     lines = drawn["misfit_time"].axes[0].lines
     assert lines[0].get_ydata() == pytest.approx(np.nanmean(found.before**2, axis=1))
     assert {lines[0].get_color(), lines[1].get_color()} == {plotting.BEFORE}
+
+
+@pytest.mark.parametrize("kind", ["explained", "unexplained"])
+def test_no_text_of_a_figure_is_cut(written, kind):
+    found = evidence.read(written[kind], *_rest(written[kind]))
+    with plotting.style():
+        for name, figure in figures.draw(found).items():
+            if isinstance(figure, str):
+                continue
+            figure.canvas.draw()
+            for text in figure.findobj(Text, include_self=False):
+                if text.get_visible() and text.get_text() and text.axes is not None:
+                    inside = text.get_window_extent().padded(-1.0)
+                    x, y = figure.bbox.width, figure.bbox.height
+                    within = inside.x0 >= 0 and inside.y0 >= 0 and inside.x1 <= x
+                    assert within and inside.y1 <= y, (name, text.get_text())
+
+
+def test_nothing_in_a_figure_is_told_by_colour_alone(written):
+    found = evidence.read(written["explained"], *_rest(written["explained"]))
+    drawn = figures.draw(found)
+    for name in ("misfit_force", "misfit_time"):
+        lines = [line for line in drawn[name].axes[0].lines if line.get_label() in TITLES]
+        assert [(line.get_label(), line.get_marker()) for line in lines] == [*TITLES.items()]
+    before = drawn["residual_matrix"].axes[0]
+    cells, dashes = (each for each in before.collections[:2])
+    limit = cells.get_clim()[1]
+    row, place = np.nonzero(cells.get_array().filled(0.0) < -limit / 3)
+    assert len(row) and sorted(map(tuple, dashes.get_offsets())) == sorted(
+        zip(place, row, strict=True)
+    )
+
+
+def test_a_patch_bears_its_number(tmp_path):
+    folder, _ = diagnosed(tmp_path, "explained")
+    with_every_effect(folder)
+    found = evidence.read(folder, *_rest(folder))
+    names = [effect["name"] for effect in found.diagnosis["effects"]]
+    texts = figures.draw(found)["electrodes"].axes[0].texts
+    numbers = [text.get_text() for text in texts if text.get_bbox_patch() is not None]
+    assert str(names.index("conductivity-patch") + 1) in numbers
 
 
 def _rest(folder):

@@ -11,28 +11,24 @@ from eitskin.diagnose.report import comparison_page, page
 from eitskin.effects.effect import SITES
 from headless import CUT, OUTSIDE, PALE, WIDER, headless, opened
 
-PAGES = ("full", "unexplained", "untouched", "compared")
+PAGES = ("compared", "untouched", "full")
 WIDTHS = (360, 800, 1400)
 PAPER = 680  # px: A4 between margins of 15 mm
 LEAST = 4.5  # contrast of text that everyone reads: WCAG 2, AA
 
 
-@pytest.fixture(scope="module")
-def pages(tmp_path_factory):
-    """The files by name of PAGES."""
-    found = {}
-    for name in ("unexplained", "untouched", "full"):
-        kind = "partly-explained" if name == "full" else name
-        folder, recording = diagnosed(tmp_path_factory.mktemp(name), kind)
-        if name == "full":
-            with_every_effect(folder)
-            with_many_gains(folder / "diagnosis.json")
-            with_rig(folder)
-        page.write(folder, recording, SCHEMA, folder / "report.html")
-        found[name] = folder / "report.html"
-    found["compared"] = found["full"].with_name("comparison.html")
-    comparison_page.write(comparison(), found["compared"])
-    return found
+def written(name, folder):
+    """The file of one of PAGES."""
+    if name == "compared":
+        comparison_page.write(comparison(), folder / "comparison.html")
+        return folder / "comparison.html"
+    folder, recording = diagnosed(folder, "partly-explained" if name == "full" else name)
+    if name == "full":
+        with_every_effect(folder)
+        with_many_gains(folder / "diagnosis.json")
+        with_rig(folder)
+    page.write(folder, recording, SCHEMA, folder / "report.html")
+    return folder / "report.html"
 
 
 def with_many_gains(path):
@@ -78,48 +74,51 @@ def chromium():
         yield started
 
 
-@pytest.mark.parametrize("name", PAGES)
-def test_it_is_whole_at_every_width(chromium, pages, name):
-    with opened(chromium, pages[name]) as shown:
-        for width in WIDTHS:
-            shown.set_viewport_size({"width": width, "height": 800})
-            assert shown.evaluate(WIDER) <= 0, width
-            assert shown.evaluate(OUTSIDE) == [], width
+@pytest.fixture(scope="module", params=PAGES)
+def shown(request, chromium, tmp_path_factory):
+    """Each of PAGES, opened once."""
+    path = written(request.param, tmp_path_factory.mktemp(request.param))
+    with opened(chromium, path) as found:
+        yield found
 
 
-@pytest.mark.parametrize("name", PAGES)
-def test_it_prints_whole(chromium, pages, name):
-    with opened(chromium, pages[name], viewport={"width": PAPER, "height": 1000}) as shown:
-        shown.emulate_media(media="print")
-        assert shown.evaluate(WIDER) <= 0
-        assert shown.evaluate(OUTSIDE) == []
-        assert shown.evaluate(CUT) == []
-        assert shown.pdf(format="A4").startswith(b"%PDF")
+def test_it_is_whole_at_every_width(shown):
+    for width in WIDTHS:
+        shown.page.set_viewport_size({"width": width, "height": 800})
+        assert shown.page.evaluate(WIDER) <= 0, width
+        assert shown.page.evaluate(OUTSIDE) == [], width
 
 
-@pytest.mark.parametrize("name", PAGES)
+def test_it_prints_whole(shown):
+    shown.page.set_viewport_size({"width": PAPER, "height": 1000})
+    shown.page.emulate_media(media="print")
+    assert shown.page.evaluate(WIDER) <= 0
+    assert shown.page.evaluate(OUTSIDE) == []
+    assert shown.page.evaluate(CUT) == []
+    assert shown.page.pdf(format="A4").startswith(b"%PDF")
+    shown.page.emulate_media(media="screen")
+
+
 @pytest.mark.parametrize(
     "eyes", [{"color_scheme": "dark"}, {"color_scheme": "light"}, {"contrast": "more"}], ids=str
 )
-def test_its_text_is_dark_on_a_light_ground(chromium, pages, name, eyes):
-    with opened(chromium, pages[name]) as shown:
-        shown.emulate_media(**eyes)
-        assert shown.evaluate(PALE, LEAST) == []
+def test_its_text_is_dark_on_a_light_ground(shown, eyes):
+    shown.page.emulate_media(**eyes)
+    assert shown.page.evaluate(PALE, LEAST) == []
 
 
-@pytest.mark.parametrize("name", PAGES)
-def test_it_can_be_read_out(chromium, pages, name):
-    """Without scripts; one title, headings in order, every picture with words."""
-    with opened(chromium, pages[name], java_script_enabled=False) as shown:
-        assert shown.locator("script").count() == 0
-        assert shown.locator("h1").count() == 1
-        levels = [int(tag[1]) for tag in tags(shown)]
-        assert all(after <= before + 1 for before, after in zip(levels, levels[1:], strict=False))
-        words = [one.get_attribute("aria-label") for one in shown.locator("svg").all()]
-        words += [one.get_attribute("alt") for one in shown.locator("img").all()]
-        assert words or name == "untouched"
-        assert all(words)
+def test_it_can_be_read_out(shown):
+    """One title, headings in order, every picture with words."""
+    heads = shown.page.locator("h1, h2, h3, h4, h5")
+    levels = heads.evaluate_all("all => all.map(one => Number(one.tagName[1]))")
+    assert levels.count(1) == 1
+    assert all(after <= before + 1 for before, after in zip(levels, levels[1:], strict=False))
+    pictures = shown.page.locator("svg, img")
+    read = "all => all.map(one => one.getAttribute('aria-label') || one.getAttribute('alt'))"
+    words = pictures.evaluate_all(read)
+    assert words and all(words)
 
 
-def tags(shown):
-    return shown.locator("h1, h2, h3, h4").evaluate_all("all => all.map(one => one.tagName)")
+def test_it_is_silent_without_scripts_and_asks_for_nothing(shown):
+    assert shown.page.locator("script").count() == 0
+    assert shown.asked == [] and shown.said == []

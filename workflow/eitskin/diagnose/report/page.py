@@ -87,8 +87,9 @@ th, td { text-align: left; padding: 0.2em 0.7em 0.2em 0; border-bottom: 1px soli
   vertical-align: top; }
 th { border-bottom: 1px solid #888; }
 td.n, th.n { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
-td:nth-child(n + 4):last-child:not(.n) { min-width: 18em; }
-code { font-size: 0.93em; overflow-wrap: anywhere; } .kept, td code { white-space: nowrap; }
+code { font-size: 0.93em; overflow-wrap: anywhere; } .kept { white-space: nowrap; }
+@media screen { td code { white-space: nowrap; }
+  td:nth-child(n + 4):last-child:not(.n) { min-width: 18em; } }
 @media print { body { font-size: 10pt; padding: 0; max-width: none; } .wide { overflow: visible; }
   tr, .row, .effect { break-inside: avoid; } h2, h3, thead { break-after: avoid; } }
 """
