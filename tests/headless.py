@@ -72,6 +72,7 @@ def opened(started: Any, path: Path, **settings: Any) -> Iterator[Opened]:
     """A page on a file, without a network."""
     own = path.resolve().as_uri()
     context = started.new_context(offline=True, **settings)
+    context.set_default_timeout(browser.PATIENCE_MS)
     page = context.new_page()
     shown = Opened(page, [], [])
 

@@ -10,6 +10,7 @@ from eitskin.errors import InputError
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
+PATIENCE_MS = 300_000  # a busy machine is no error
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 
 
@@ -30,10 +31,12 @@ def chromium() -> Iterator["Browser"]:
     try:
         from playwright.sync_api import sync_playwright
     except ImportError as error:
-        raise InputError("python", "playwright", "not installed", "pip install -e .[test]") from error
+        raise InputError("python", "playwright", "not installed", "it, from .[test]") from error
     with sync_playwright() as playwright:
         # Our own pages alone are opened; as root, as in a container, there is no sandbox.
-        browser = playwright.chromium.launch(executable_path=program, chromium_sandbox=False)
+        browser = playwright.chromium.launch(
+            executable_path=program, chromium_sandbox=False, timeout=PATIENCE_MS
+        )
         try:
             yield browser
         finally:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from eitskin.atomic import atomic_path
 from eitskin.errors import InputError
-from manual.browser import chromium
+from manual.browser import PATIENCE_MS, chromium
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -46,6 +46,7 @@ def made(folder: Path) -> dict[str, tuple[Path, int]]:
 def photograph(browser: "Browser", page: Path, height: int) -> bytes:
     """The first `height` px of a page as PNG; of a picture, all of it."""
     shown = browser.new_page(viewport={"width": WIDTH, "height": height})
+    shown.set_default_timeout(PATIENCE_MS)
     shown.goto(page.resolve().as_uri())
     root = shown.locator(":root")
     image = root.screenshot() if page.suffix == ".svg" else shown.screenshot()

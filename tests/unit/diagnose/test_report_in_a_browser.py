@@ -2,6 +2,7 @@
 on paper and without colours. Skipped where Chromium is not installed."""
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -112,7 +113,7 @@ def test_it_can_be_read_out(shown):
     heads = shown.page.locator("h1, h2, h3, h4, h5")
     levels = heads.evaluate_all("all => all.map(one => Number(one.tagName[1]))")
     assert levels.count(1) == 1
-    assert all(after <= before + 1 for before, after in zip(levels, levels[1:], strict=False))
+    assert all(after <= before + 1 for before, after in pairwise(levels))
     pictures = shown.page.locator("svg, img")
     read = "all => all.map(one => one.getAttribute('aria-label') || one.getAttribute('alt'))"
     words = pictures.evaluate_all(read)

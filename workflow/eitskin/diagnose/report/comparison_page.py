@@ -145,7 +145,9 @@ def _table(heads: list[str], rows: Iterable[list[str]], caption: str) -> str:
         "<tr>" + "".join(f"<td{k}>{c}</td>" for k, c in zip(kinds, row, strict=True)) + "</tr>"
         for row in rows
     ]
-    table = f"<p class='caption'>{caption}</p><div class='wide'><table><thead><tr>{head}</tr></thead>"
+    table = (
+        f"<p class='caption'>{caption}</p><div class='wide'><table><thead><tr>{head}</tr></thead>"
+    )
     return f"{table}<tbody>\n{chr(10).join(lines)}\n</tbody></table></div>"
 
 

@@ -172,9 +172,11 @@ def residual_matrix(evidence: Evidence) -> Figure:
     figure = column(58)
     row = figure.subplots(1, 2, sharey=True)
     image = draw_matrices(row, evidence)
-    for axes in row:
-        cells = axes.collections[0].get_array()
-        _dash_falls(axes, cells.filled(np.nan), image.norm.vmax, PALEST, 18.0)
+    limit = image.get_clim()[1]
+    assert limit is not None
+    for axes, residual in zip(row, (evidence.before, evidence.after), strict=True):
+        cells = matrix(evidence.channels, _mean(residual))
+        _dash_falls(axes, cells, limit, PALEST, 18.0)
     matrix_bar(figure, image, row)
     return figure
 
@@ -345,14 +347,12 @@ def _misfit(evidence: Evidence, x: np.ndarray, label: str) -> Figure:
     figure = column(48)
     axes = figure.add_subplot()
     values = _chi2(evidence)
-    for y, (title, colour), width, marker in zip(
-        values, TITLES, (2.2, 1.2), MARKERS, strict=True
-    ):
+    for y, (title, colour), width, marker in zip(values, TITLES, (2.2, 1.2), MARKERS, strict=True):
         many = len(x) > MOST_VECTORS
         axes.plot(x, y, ".", color=colour, markersize=3.4, alpha=0.4, mew=0, rasterized=many)
         centre, mean = _binned(x, y)
-        line = {"color": colour, "linewidth": width, "markersize": 3, "label": title}
-        axes.plot(centre, mean, f"-{marker}", **line)
+        line: dict[str, Any] = {"color": colour, "linewidth": width, "markersize": 3}
+        axes.plot(centre, mean, f"-{marker}", label=title, **line)
     axes.axhline(1, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)), label="noise alone")
     axes.set_xlabel(label)
     axes.set_ylabel("χ² per reading")

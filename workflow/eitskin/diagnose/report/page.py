@@ -247,8 +247,8 @@ def _answer(found: Evidence, changes: list[str]) -> str:
         parts.append("<p>What is left there is more than the noise.</p>")
     if diagnosis["effects"]:
         parts.append(
-            "<p class='quiet'>Gains are told in nats: 1 nat more, and what was held out is predicted"
-            " e = 2.7 times more probably; 10 nats, 22000 times.</p>"
+            "<p class='quiet'>Gains are told in nats: 1 nat more, and what was held out is"
+            " predicted e = 2.7 times more probably; 10 nats, 22000 times.</p>"
         )
     for k, effect in enumerate(diagnosis["effects"]):
         change = _changed(k, changes[k], found) if any(changes[k : k + 1]) else ""
