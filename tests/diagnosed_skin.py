@@ -18,6 +18,7 @@ from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table
 from eitskin.diagnose.words import finding
 from eitskin.effects import EFFECTS
+from eitskin.effects.effect import SITES
 from eitskin.effects.settings import settings, site_counts
 from eitskin.physics.forward import Forward
 from eitskin.physics.geometry import Geometry
@@ -163,6 +164,24 @@ def with_rig(folder: Path) -> None:
     fit = said["fit"]["held_out"]
     for key in ("before", "after"):
         fit[f"white_chi2_per_dof_{key}"] = 3.0 * fit[f"chi2_per_dof_{key}"]
+    _write_json(path, said)
+
+
+def with_every_effect(folder: Path) -> None:
+    """Make a diagnosis in a folder name the catalogue, at sites 2 and 5 of each kind."""
+    path = folder / "diagnosis.json"
+    said = json.loads(path.read_text(encoding="utf-8"))
+    sample, said["effects"] = said["effects"][0], []
+    for name in sorted(set(EFFECTS) - {"ellipse", "adc-nonlinearity"}):
+        effect = EFFECTS[name]
+        kind = next(iter(effect.sites), None)
+        chosen = {each: [2, 5] if each == kind else [] for each in SITES}
+        parameters = {
+            key: _estimate(1.5, 1.25, 1.75, one.unit) for key, one in effect.parameters.items()
+        }
+        new = {"name": name, "driver": effect.driver, "parameters": parameters, "gap": None}
+        new |= {"alternatives": [], "scope": "sparse" if kind else "common"}
+        said["effects"].append({**sample, **new, **chosen})
     _write_json(path, said)
 
 

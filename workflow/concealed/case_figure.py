@@ -113,7 +113,7 @@ def _skin(axes: Axes, shown: Evidence) -> None:
         axes.text(at.real, at.imag, str(site), color=CULPRIT, ha="center", va="center")
     axes.set_axis_off()
     axes.set(xlim=(-1.3 * radius, 1.3 * radius), ylim=(-1.3 * radius, 1.3 * radius))
-    axes.set_title("electrodes named; dots: touches" if named else "dots: touches", color=QUIET)
+    axes.set_title("electrodes named;\ndots: touches" if named else "dots: touches", color=QUIET)
 
 
 def _said(axes: Axes, shown: Evidence, truth: dict) -> None:

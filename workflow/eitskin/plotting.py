@@ -23,6 +23,7 @@ DIVERGING, SEQUENTIAL, STEPS = "PuOr_r", "cividis", 41
 WIDTH_IN = 85 / 25.4
 DPI = 220
 COLUMN_MM, FULL_MM = 88.0, 180.0
+ABOVE = 0.05  # of a logarithmic axis is free above the largest value, so that no marker is cut
 RIM, ELECTRODE = "#404040", "#202020"
 LOST = "#c8c8c8"  # channels that are not read
 PLAIN = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}  # behind a text on a line
@@ -167,9 +168,11 @@ def _pair_ticks(axis: Axis, shown: np.ndarray) -> None:
 def log_limits(
     axis: Axis, values: np.ndarray, said: Callable[[float], str], room: float = 1.15
 ) -> None:
-    """A logarithmic axis over `values` and the noise, at least from a half to two."""
+    """A logarithmic axis over `values` and the noise, at least from a half to two; above the
+    largest a factor `room`, or more where the axis is long."""
     values = values[np.isfinite(values) & (values > 0)]
-    low, high = min(0.5, values.min(initial=1.0) / 1.15), max(2.0, values.max(initial=1.0) * room)
+    low, most = min(0.5, values.min(initial=1.0) / 1.15), values.max(initial=1.0)
+    high = max(2.0, most * max(room, (most / low) ** ABOVE))
     (axis.axes.set_xlim if isinstance(axis, XAxis) else axis.axes.set_ylim)(low, high)
     log_ticks(axis, low, high, said)
 

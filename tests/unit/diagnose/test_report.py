@@ -10,18 +10,27 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.text import Text
 
-from diagnosed_skin import CHANNELS, KINDS, RIG, SCHEMA, diagnosed, with_rig
+from diagnosed_skin import (
+    CHANNELS,
+    KINDS,
+    RIG,
+    SCHEMA,
+    diagnosed,
+    with_every_effect,
+    with_rig,
+)
 from eitskin import plotting
 from eitskin.diagnose import rig_words
 from eitskin.diagnose.report import evidence, figures, page
 from eitskin.diagnose.result import OF_A_PART
 from eitskin.effects import EFFECTS
-from eitskin.effects.effect import SITES
 from eitskin.errors import InputError
 
 VOID = {"meta", "br"}
 RULES = Path(__file__).parents[3] / "workflow" / "rules" / "diagnose.smk"
+TITLES = {"before": "s", "after": "o"}  # and the markers of their means
 CAPTIONS = Path(__file__).parents[3] / "workflow" / "report"
 
 
@@ -264,6 +273,47 @@ def test_before_and_after_are_drawn_from_the_residuals(written):
     assert {lines[0].get_color(), lines[1].get_color()} == {plotting.BEFORE}
 
 
+@pytest.mark.parametrize("kind", ["explained", "unexplained"])
+def test_no_text_of_a_figure_is_cut(written, kind):
+    found = evidence.read(written[kind], *_rest(written[kind]))
+    with plotting.style():
+        for name, figure in figures.draw(found).items():
+            if isinstance(figure, str):
+                continue
+            figure.canvas.draw()
+            for text in figure.findobj(Text, include_self=False):
+                if text.get_visible() and text.get_text() and text.axes is not None:
+                    inside = text.get_window_extent().padded(-1.0)
+                    x, y = figure.bbox.width, figure.bbox.height
+                    within = inside.x0 >= 0 and inside.y0 >= 0 and inside.x1 <= x
+                    assert within and inside.y1 <= y, (name, text.get_text())
+
+
+def test_nothing_in_a_figure_is_told_by_colour_alone(written):
+    found = evidence.read(written["explained"], *_rest(written["explained"]))
+    drawn = figures.draw(found)
+    for name in ("misfit_force", "misfit_time"):
+        lines = [line for line in drawn[name].axes[0].lines if line.get_label() in TITLES]
+        assert [(line.get_label(), line.get_marker()) for line in lines] == [*TITLES.items()]
+    before = drawn["residual_matrix"].axes[0]
+    cells, dashes = (each for each in before.collections[:2])
+    limit = cells.get_clim()[1]
+    row, place = np.nonzero(cells.get_array().filled(0.0) < -limit / 3)
+    assert len(row) and sorted(map(tuple, dashes.get_offsets())) == sorted(
+        zip(place, row, strict=True)
+    )
+
+
+def test_a_patch_bears_its_number(tmp_path):
+    folder, _ = diagnosed(tmp_path, "explained")
+    with_every_effect(folder)
+    found = evidence.read(folder, *_rest(folder))
+    names = [effect["name"] for effect in found.diagnosis["effects"]]
+    texts = figures.draw(found)["electrodes"].axes[0].texts
+    numbers = [text.get_text() for text in texts if text.get_bbox_patch() is not None]
+    assert str(names.index("conductivity-patch") + 1) in numbers
+
+
 def _rest(folder):
     return folder / "recording.parquet", SCHEMA, predicted(folder)
 
@@ -307,24 +357,7 @@ def test_sites_of_every_kind_and_no_gap(tmp_path):
     """Every name of the catalogue at its sites: drawn, and mended in words without a gap."""
     folder, _ = diagnosed(tmp_path, "explained")
 
-    def change(diagnosis):
-        sample = diagnosis["effects"][0]
-        diagnosis["effects"] = []
-        for name in sorted(set(EFFECTS) - {"ellipse", "adc-nonlinearity"}):
-            effect = EFFECTS[name]
-            kind = next(iter(effect.sites), None)
-            chosen = {k: [] for k in SITES}
-            if kind:
-                chosen[kind] = [2, 5]
-            parameters = {
-                key: {"value": 1.5, "low": 1.25, "high": 1.75, "unit": one.unit}
-                for key, one in effect.parameters.items()
-            }
-            new = {"name": name, "driver": effect.driver, "parameters": parameters, "gap": None}
-            new |= {"alternatives": [], "scope": "sparse" if kind else "common"}
-            diagnosis["effects"].append({**sample, **new, **chosen})
-
-    edited(folder, "diagnosis.json", change)
+    with_every_effect(folder)
     text = Page(rewritten(folder)).text
     assert "{" not in text
     assert text.count("No other name looks like it.") == len(EFFECTS) - 2

@@ -1,6 +1,7 @@
 """One file is one effect: toys, each a file in a folder of its own, go where the catalogue's go."""
 
 import json
+import re
 import sys
 from html import escape
 from pathlib import Path
@@ -254,6 +255,7 @@ def test_a_diagnosis_names_it_and_its_report_tells_it(name, tmp_path, monkeypatc
     assert told["electrodes"] == ITEMS[name].get("electrodes", [])
     page.write(tmp_path, tmp_path / "recording.parquet", SCHEMA, tmp_path / "report.html")
     report = (tmp_path / "report.html").read_text(encoding="utf-8")
+    report = re.sub(r"</?span[^>]*>", "", report)
     known = (told["sentence"], effects.EFFECTS[name].mend.partition(" {")[0][1:])
     for words in (*known, "What it changes in a"):
         assert escape(words) in report

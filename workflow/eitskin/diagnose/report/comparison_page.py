@@ -21,9 +21,9 @@ MOST_PANELS = 6
 MOST_ROWS = 40
 SHORT = 12  # letters of a part's name that stand level under an axis of two parts
 CAPTION = (
-    "The values most likely to have changed, part by part, with 90 % intervals: purple where they"
-    " did change, grey where they did not. Blue: the value of the parts that share one, with its"
-    " 90 % interval."
+    "The values most likely to have changed, part by part, with 90 % intervals: purple diamonds"
+    " where they did change, grey circles where they did not. Blue bands: the value of the parts"
+    " that share one, with its 90 % interval."
 )
 
 
@@ -145,8 +145,10 @@ def _table(heads: list[str], rows: Iterable[list[str]], caption: str) -> str:
         "<tr>" + "".join(f"<td{k}>{c}</td>" for k, c in zip(kinds, row, strict=True)) + "</tr>"
         for row in rows
     ]
-    table = f"<table><caption>{caption}</caption><thead><tr>{head}</tr></thead>"
-    return f"{table}<tbody>\n{chr(10).join(lines)}\n</tbody></table>"
+    table = (
+        f"<p class='caption'>{caption}</p><div class='wide'><table><thead><tr>{head}</tr></thead>"
+    )
+    return f"{table}<tbody>\n{chr(10).join(lines)}\n</tbody></table></div>"
 
 
 def figure(said: dict) -> Figure | None:
@@ -180,7 +182,7 @@ def figure(said: dict) -> Figure | None:
 
 def _panel(axes: Axes, row: dict, names: list[str]) -> None:
     key = row["parameters"][0]
-    colour = CULPRIT if row["changed"] else QUIET
+    colour, marker = (CULPRIT, "D") if row["changed"] else (QUIET, "o")
     for run in row["runs"]:
         at = [names.index(name) for name in run["parts"]]
         if len(at) < 2 and len(row["runs"]) < 2:
@@ -192,7 +194,7 @@ def _panel(axes: Axes, row: dict, names: list[str]) -> None:
     for name, values in row["parts"].items():
         value, there = values[key], names.index(name)
         axes.plot([there, there], [value["low"], value["high"]], color=colour, linewidth=1.2)
-        axes.plot(there, value["value"], "o", color=colour, markersize=3.2)
+        axes.plot(there, value["value"], marker, color=colour, markersize=3.2)
     unit = next(iter(row["parts"].values()))[key]["unit"]
     where = sites(row)
     title = row["name"] if not row["calibration"] else "calibration"

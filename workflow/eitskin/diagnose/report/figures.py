@@ -45,6 +45,7 @@ TAG_STEP = 0.14  # between numbers at one electrode, in radii of the skin
 MOST_RIVALS = 5  # of one effect
 BINS = 10
 FALLEN = 0.05  # of the largest change: a fall that is told from no change
+PALEST = 1 / 3  # of the colours' limit: residuals within it may be noise
 SHOWN = 0.97  # of the channels lie within the colours of the residual matrix
 
 
@@ -85,9 +86,9 @@ def electrodes(evidence: Evidence) -> Figure:
     axes.set_axis_off()
     axes.set(xlim=(-outer, outer), ylim=(-outer, outer))
     axes.add_patch(Circle((0, 0), 1, facecolor="#f6f6f6", edgecolor="#404040", linewidth=0.8))
-    for _, effect in effects:
+    for k, effect in effects:
         if "name" in effect and EFFECTS[effect["name"]].disc:
-            _draw_patch(axes, effect["parameters"], radius)
+            _draw_patch(axes, effect["parameters"], radius, k)
     frames = evidence.frames[evidence.frames["touch"]]
     places = frames[["x_mm", "y_mm"]].drop_duplicates() / radius
     many = len(places) > MOST_VECTORS
@@ -129,9 +130,10 @@ def layout(evidence: Evidence) -> tuple[np.ndarray, float]:
     return np.asarray(angle, float), float(radius)
 
 
-def _draw_patch(axes: Axes, parameters: dict, radius: float) -> None:
+def _draw_patch(axes: Axes, parameters: dict, radius: float, k: int | str) -> None:
     x, y, size = (parameters[key]["value"] / radius for key in ("x_mm", "y_mm", "radius_mm"))
     axes.add_patch(Circle((x, y), size, facecolor=CULPRIT, alpha=0.25, linewidth=0))
+    _tag(axes, complex(x, y), k)
 
 
 def _draw_pairs(axes: Axes, effects: list, rim: np.ndarray, channels: np.ndarray) -> None:
@@ -170,6 +172,11 @@ def residual_matrix(evidence: Evidence) -> Figure:
     figure = column(58)
     row = figure.subplots(1, 2, sharey=True)
     image = draw_matrices(row, evidence)
+    limit = image.get_clim()[1]
+    assert limit is not None
+    for axes, residual in zip(row, (evidence.before, evidence.after), strict=True):
+        cells = matrix(evidence.channels, _mean(residual))
+        _dash_falls(axes, cells, limit, PALEST, 18.0)
     matrix_bar(figure, image, row)
     return figure
 
@@ -232,11 +239,16 @@ def draw_change(
     limit = float(np.nanmax(np.abs(cells)))
     image = draw_matrix(axes, channels, cells, Normalize(-limit, limit), DIVERGING)
     axes.invert_yaxis()
-    row, place = np.nonzero(cells < -FALLEN * limit)
-    colours = np.where(cells[row, place] < -limit / 2, "white", "#404040")
-    size = 50.0 / max(cells.shape)
-    axes.scatter(place, row, marker="_", c=colours, s=size, linewidths=0.5)
+    _dash_falls(axes, cells, limit, FALLEN, 50.0)
     scale(figure, axes, image, label)
+
+
+def _dash_falls(axes: Axes, cells: np.ndarray, limit: float, least: float, size: float) -> None:
+    """A dash in each cell that is below 0 by more than a share `least` of the colours' limit, so
+    that print and eyes without colours have its sign; size: of all dashes of a row, points."""
+    row, place = np.nonzero(cells < -least * limit)
+    colours = np.where(cells[row, place] < -limit / 2, "white", "#404040")
+    axes.scatter(place, row, marker="_", c=colours, s=size / max(cells.shape), linewidths=0.5)
 
 
 def scale(figure: Figure, axes: Axes, image: QuadMesh, label: str) -> None:
@@ -250,6 +262,7 @@ def scale(figure: Figure, axes: Axes, image: QuadMesh, label: str) -> None:
 
 
 TITLES = (("before", BEFORE), ("after", AFTER))
+MARKERS = ("s", "o")  # of before and after: told apart without colours
 
 
 def _mean(residual: np.ndarray) -> np.ndarray:
@@ -290,6 +303,7 @@ def misfit_place(evidence: Evidence) -> Figure | str:
     low, high = min(0.5, 0.9 * max(shown.min(), 1e-3)), max(2.0, 1.1 * shown.max())
     norm = LogNorm(low, high)
     figure = column(56)
+    figure.set_layout_engine("compressed", w_pad=0.02, h_pad=0.02)  # of maps of equal scales
     row = figure.subplots(1, 2, sharey=True)
     rim = radius * np.exp(1j * np.radians(angle))
     circle = radius * np.exp(2j * np.pi * np.linspace(0, 1, 181))
@@ -333,11 +347,12 @@ def _misfit(evidence: Evidence, x: np.ndarray, label: str) -> Figure:
     figure = column(48)
     axes = figure.add_subplot()
     values = _chi2(evidence)
-    for y, (title, colour), width in zip(values, TITLES, (2.2, 1.2), strict=True):
+    for y, (title, colour), width, marker in zip(values, TITLES, (2.2, 1.2), MARKERS, strict=True):
         many = len(x) > MOST_VECTORS
         axes.plot(x, y, ".", color=colour, markersize=3.4, alpha=0.4, mew=0, rasterized=many)
         centre, mean = _binned(x, y)
-        axes.plot(centre, mean, "-o", color=colour, linewidth=width, markersize=3, label=title)
+        line: dict[str, Any] = {"color": colour, "linewidth": width, "markersize": 3}
+        axes.plot(centre, mean, f"-{marker}", label=title, **line)
     axes.axhline(1, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)), label="noise alone")
     axes.set_xlabel(label)
     axes.set_ylabel("χ² per reading")
@@ -359,12 +374,18 @@ def _binned(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.bincount(label, x) / count, np.bincount(label, y) / count
 
 
+def learned(evidence: Evidence) -> bool:
+    """Whether errors of the rig are part of the noise."""
+    return bool(evidence.diagnosis.get("noise", {}).get("components"))
+
+
 def held_out(evidence: Evidence) -> Figure:
     """Chi2 per degree of freedom of what was held out, before and after; noise gives 1. Hollow:
-    against white noise alone, where that is told."""
+    against white noise alone, where errors of the rig are told."""
     fit = evidence.diagnosis["fit"]["held_out"]
     values = [fit[f"chi2_per_dof_{title}"] for title, _ in TITLES]
-    white = [fit[key] for title, _ in TITLES if (key := f"white_chi2_per_dof_{title}") in fit]
+    keys = [f"white_chi2_per_dof_{title}" for title, _ in TITLES]
+    white = [fit[key] for key in keys] if learned(evidence) else []
     figure = column(32 if white else 26)
     axes = figure.add_subplot()
     axes.axvline(1, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)))
@@ -386,8 +407,8 @@ def held_out(evidence: Evidence) -> Figure:
     if white:
         dot: dict[str, Any] = {"marker": "o", "color": "#202020", "linestyle": "", "markersize": 5}
         hollow: dict[str, Any] = {"markerfacecolor": "white", "label": "white noise alone"}
-        keys = [Line2D([], [], **dot, label="noise and rig"), Line2D([], [], **dot, **hollow)]
-        figure.legend(handles=keys, loc="outside upper center", ncols=2, borderpad=0.1)
+        dots = [Line2D([], [], **dot, label="noise and rig"), Line2D([], [], **dot, **hollow)]
+        figure.legend(handles=dots, loc="outside upper center", ncols=2, borderpad=0.1)
     axes.set(ylim=(-0.5, 1.8), yticks=[1, 0], yticklabels=[title for title, _ in TITLES])
     expected = "noise and rig" if white else "noise"
     axes.set_xlabel(f"held-out χ² per degree of freedom; {expected} alone: 1")

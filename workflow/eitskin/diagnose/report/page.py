@@ -39,17 +39,20 @@ from eitskin.quantities import NONE, chance, listed, number, quantity
 MISFIT = 1.05  # chi squared per degree of freedom from which shares of it are told
 SIGNIFICANT = 0.05  # false discovery rate below which a row of the atlas counts
 MOST_ROWS = 25
+LEAST_STRENGTH = 0.01  # noise units: smaller ones are not told apart
 PACKAGES = ("eitskin", "numpy", "scipy", "pandas", "matplotlib")
 CAPTIONS = {
     "electrodes": "The ring of electrodes, numbered from 0. Numbers in discs mark what is named"
-    " above, at its electrodes; arrows are drives, dotted lines measuring pairs.",
-    "residual_matrix": "Every channel: what the simulation leaves, one colour scale for both."
-    " Grey: channels that are not read. An electrode's fault shows as its two rows and columns, a"
-    " gain as one row or column.",
-    "misfit_force": "Misfit against force. Dots are frames, lines their means.",
-    "misfit_time": "Misfit against time. Dots are frames, lines their means.",
+    " above, at its electrodes or place; arrows are drives, dotted lines measuring pairs.",
+    "residual_matrix": "Every channel: what the simulation leaves, one colour scale for both. A"
+    " dash: well below the simulation. Grey: channels that are not read. An electrode's fault shows"
+    " as its two rows and columns, a gain as one row or column.",
+    "misfit_force": "Misfit against force. Dots are frames, lines their means: before with squares,"
+    " after with circles.",
+    "misfit_time": "Misfit against time. Dots are frames, lines their means: before with squares,"
+    " after with circles.",
     "misfit_place": "Misfit over the skin.",
-    "held_out": "The misfit of what was held out.",
+    "held_out": "The misfit of what was held out, before and after.",
     "rivals": "Each name taken out again, and others in its place: what was not put aside is held"
     " out in turn and predicted from the rest, against the noise and rig errors of all that is"
     " named. In brackets: the difference in log predictive density; below 0 is worse.",
@@ -57,13 +60,14 @@ CAPTIONS = {
     " names are one class.",
 }
 CSS = """
+:root { color-scheme: light; background: #fff; }
 body { font: 15px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff; margin: 0 auto;
   padding: 1.5em; max-width: 60em; }
 h1 { font-size: 1.5em; line-height: 1.25; margin: 0.2em 0; }
 h2 { font-size: 1.15em; margin: 2em 0 0.4em; border-bottom: 1px solid #ccc; }
 h3 { font-size: 1em; margin: 1.2em 0 0.3em; }
 p { margin: 0.4em 0; max-width: 46em; }
-.quiet, figcaption, caption { color: #595959; }
+.quiet, .caption, figcaption { color: #595959; }
 .effect { border-left: 4px solid #8b1a6b; padding: 0.1em 0 0.1em 0.9em; margin: 1em 0;
   display: flex; flex-wrap: wrap; gap: 1.2em; align-items: flex-start; }
 .effect > div { flex: 1 1 24em; }
@@ -75,16 +79,19 @@ p { margin: 0.4em 0; max-width: 46em; }
 .row { display: flex; flex-wrap: wrap; gap: 1.2em; align-items: flex-start; }
 figure { margin: 0.8em 0; flex: 1 1 22em; max-width: 29em; break-inside: avoid; }
 figure svg { width: 100%; height: auto; display: block; }
-figcaption { font-size: 0.87em; }
-table { border-collapse: collapse; font-size: 0.87em; margin: 0.6em 0; width: 100%; }
-caption { text-align: left; padding: 0.2em 0; }
+figcaption, .caption { font-size: 0.87em; margin-top: 0.4em; }
+.caption { margin: 0.6em 0 0; max-width: 53em; }
+.wide { overflow-x: auto; margin: 0.2em 0 0.6em; }
+table { border-collapse: collapse; font-size: 0.87em; width: 100%; }
 th, td { text-align: left; padding: 0.2em 0.7em 0.2em 0; border-bottom: 1px solid #e4e4e4;
   vertical-align: top; }
 th { border-bottom: 1px solid #888; }
 td.n, th.n { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
-code { font-size: 0.93em; overflow-wrap: anywhere; }
-@media print { body { font-size: 10pt; padding: 0; max-width: none; }
-  tr { break-inside: avoid; } h2, h3 { break-after: avoid; } }
+code { font-size: 0.93em; overflow-wrap: anywhere; } .kept { white-space: nowrap; }
+@media screen { td code { white-space: nowrap; }
+  td:nth-child(n + 4):last-child:not(.n) { min-width: 18em; } }
+@media print { body { font-size: 10pt; padding: 0; max-width: none; } .wide { overflow: visible; }
+  tr, .row, .effect { break-inside: avoid; } h2, h3, thead { break-after: avoid; } }
 """
 
 
@@ -133,8 +140,8 @@ def page(found: Evidence, drawn: dict[str, str], changes: list[str]) -> str:
         "<h2>Where the misfit is, and where it went</h2>",
         "<p>Misfit is χ² per reading: the mean square of recording minus simulation in units of"
         f" the noise. {_white(found)} <span class='before'>Before</span>: what its owner"
-        " believes of the skin, calibrated. <span class='after'>After</span>: with what is named"
-        " above.</p>",
+        f" believes of the skin, calibrated. <span class='after'>After</span>: {_corrected(found)}."
+        "</p>",
         _row(shown["misfit_force"], shown["misfit_time"], shown["misfit_place"]),
         _held_out(found),
         _row(shown["held_out"], shown["rivals"]),
@@ -196,9 +203,9 @@ def _table(
         "<tr>" + "".join(f"<td{k}>{c}</td>" for k, c in zip(kind, row, strict=True)) + "</tr>"
         for row in rows
     ]
-    caption = f"<caption>{caption}</caption>" if caption else ""
-    table = f"<table>{caption}<thead><tr>{head}</tr></thead>"
-    return f"{table}<tbody>\n{chr(10).join(lines)}\n</tbody></table>"
+    above = f"<p class='caption'>{caption}</p>" if caption else ""
+    table = f"{above}<div class='wide'><table><thead><tr>{head}</tr></thead>"
+    return f"{table}<tbody>\n{chr(10).join(lines)}\n</tbody></table></div>"
 
 
 def _warnings(found: Evidence) -> str:
@@ -238,6 +245,11 @@ def _answer(found: Evidence, changes: list[str]) -> str:
         parts.append(f"<p>What has no name: {escape(diagnosis['other']['sentence'])}</p>")
     elif diagnosis["verdict"] == "partly-explained":
         parts.append("<p>What is left there is more than the noise.</p>")
+    if diagnosis["effects"]:
+        parts.append(
+            "<p class='quiet'>Gains are told in nats: 1 nat more, and what was held out is"
+            " predicted e = 2.7 times more probably; 10 nats, 22000 times.</p>"
+        )
     for k, effect in enumerate(diagnosis["effects"]):
         change = _changed(k, changes[k], found) if any(changes[k : k + 1]) else ""
         parts.append(_effect(k + 1, effect, found, change))
@@ -286,7 +298,7 @@ def _changed(k: int, drawn: str, found: Evidence) -> str:
 
 
 def _effect(k: int, effect: dict, found: Evidence, change: str) -> str:
-    lines = [f"<p>{k}. {escape(effect['sentence'])}</p>"]
+    lines = [f"<p>{k}. {_kept(effect['sentence'])}</p>"]
     place = where(effect)
     varies = "static" if effect["driver"] == "static" else f"varies with {effect['driver']}"
     named = f"<code>{escape(effect['name'])}</code>"
@@ -297,12 +309,14 @@ def _effect(k: int, effect: dict, found: Evidence, change: str) -> str:
     bench = "At the bench" if sure else "At the bench, to try"
     lines.append(f"<p>{bench}: {escape(mend(effect, found.channels))}</p>")
     evidence_ = effect["evidence"]
-    gain = f"gains {number(evidence_['elpd_gain'])} ± {number(evidence_['elpd_se'], 2)} nats"
+    error = float(f"{evidence_['elpd_se']:.2g}")
+    gain = f"gains {number(evidence_['elpd_gain'])} ± {number(error, 2)} nats"
     text = f"On frames held out it {gain}"
     if found.diagnosis["fit"]["held_out"]["chi2_per_dof_before"] > MISFIT:
         share = f"It explains {number(100 * effect['share'])} % of the misfit on frames held out"
         text = f"{share}, {gain} there"
-    lines.append(f"<p>{text}; p = {chance(evidence_['p_value'])}.</p>")
+    chance_ = chance(evidence_["p_value"])
+    lines.append(f"<p>{_kept(f'{text}; p = {chance_}.')}</p>")
     if effect["alternatives"]:
         lines.append(f"<p>{escape(confused(effect))}</p>")
     elif effect["gap"] is not None:
@@ -319,7 +333,7 @@ def _parameter(name: str, estimate: dict, effect: dict) -> str:
     """One parameter with its interval; of a list, its range and where it is farthest out."""
     label, texts = f"<code>{escape(name)}</code>", valued(estimate)
     if not isinstance(estimate["value"], list):
-        return f"{label} = {escape(texts[0])}"
+        return f"{label} = {_kept(texts[0])}"
     value = np.array(estimate["value"])
     kind = next(kind for kind in SITES if effect[kind])
     if len(value) <= 4:
@@ -327,10 +341,16 @@ def _parameter(name: str, estimate: dict, effect: dict) -> str:
             f"{text} at {sites({kind: [site]})}"
             for site, text in zip(effect[kind], texts, strict=True)
         ]
-        return f"{label} = {escape(listed(each))}"
+        return f"{label} = {_kept(listed(each))}"
     far = int(np.argmax(np.abs(value - np.median(value))))
     text = f"{spread(estimate, texts)}, farthest out at {sites({kind: [effect[kind][far]]})}"
-    return f"{label} {escape(text)}"
+    return f"{label} {_kept(text)}"
+
+
+def _kept(text: str) -> str:
+    """A text as HTML whose numbers stay on one line with their signs and units."""
+    kept = r"(?<!\S)(?:\(90 %:|\S+\)°\S*|± \S+ \S+|p = \S+)"
+    return re.sub(kept, r"<span class='kept'>\g<0></span>", escape(text))
 
 
 def _unit(found: Evidence) -> str:
@@ -348,23 +368,25 @@ def _predicted(found: Evidence) -> str:
     )
 
 
-def _learned(found: Evidence) -> bool:
-    """Whether errors of the rig are part of the noise."""
-    return bool(found.diagnosis.get("noise", {}).get("components"))
-
-
 def _expected(found: Evidence) -> str:
     """What the misfit is where nothing is missing."""
-    if _learned(found):
+    if figures.learned(found):
         return "noise and the rig's errors alone give 1"
     return "noise alone gives 1"
 
 
 def _white(found: Evidence) -> str:
     """What the misfit of a frame is where nothing is missing."""
-    if _learned(found):
+    if figures.learned(found):
         return "Here it is white noise, which alone gives 1; the rig's errors come on top."
     return "Noise alone gives 1."
+
+
+def _corrected(found: Evidence) -> str:
+    """What "after" stands for."""
+    if found.diagnosis["effects"]:
+        return "with what is named above"
+    return "the same, for nothing is named"
 
 
 def _put_aside(found: Evidence) -> str:
@@ -392,7 +414,7 @@ def _held_out(found: Evidence) -> str:
             f"<p>{_put_aside(found)} were put aside before anything was looked at; what was found"
             " is held against them.</p>"
         )
-    if "white_chi2_per_dof_after" in fit:
+    if figures.learned(found):
         heads.insert(2, "against white noise alone")
         for row, key in zip(rows, ("before", "after"), strict=True):
             row.insert(2, number(fit[f"white_chi2_per_dof_{key}"]))
@@ -407,7 +429,7 @@ def _rig(found: Evidence) -> str:
     if noise is None:
         return ""
     told = rig_words.findings(noise) or ["The recording shows no error of the rig."]
-    lines = ["<h2>The rig</h2>", *(f"<p>{escape(sentence)}</p>" for sentence in told)]
+    lines = ["<h2>The rig</h2>", *(f"<p>{_kept(sentence)}</p>" for sentence in told)]
     if found.diagnosis["verdict"] in ("partly-explained", "unexplained"):
         lines.append("<p>Part of what the simulation leaves out may count as the rig's here.</p>")
     if noise.get("loud_frames") or noise.get("jumps"):
@@ -417,7 +439,7 @@ def _rig(found: Evidence) -> str:
     rows = [
         [
             f"<code>{escape(component['name'])}</code>",
-            escape(rig_words.size(component)),
+            _kept(rig_words.size(component)),
             "the recording" if component["learned"] else "assumed",
         ]
         for component in noise["components"]
@@ -485,7 +507,8 @@ def _identifiability(found: Evidence) -> str:
         else:
             told = "weakly" if row.gap < WEAK else "yes"
         nearest = f"<code>{escape(row.nearest)}</code>" if row.nearest else NONE
-        cells = [f"<code>{escape(row.name)}</code>", number(row.snr), nearest, number(row.gap)]
+        strength = number(row.snr) if not 0 < row.snr < LEAST_STRENGTH else f"<{LEAST_STRENGTH}"
+        cells = [f"<code>{escape(row.name)}</code>", escape(strength), nearest, number(row.gap)]
         rows.append([*cells, told, escape(row.experiment)])
     heads = ["name", "strength", "nearest rival", "gap", "told apart?", "experiment"]
     caption = (
@@ -520,7 +543,11 @@ def _atlas(found: Evidence) -> str:
             for row in rows.head(MOST_ROWS).itertuples()
         ]
         more = f"; the first {MOST_ROWS} are shown" if len(rows) > MOST_ROWS else ""
-        caption = f"{count} at a false discovery rate of {SIGNIFICANT:.0%}{more}."
+        caption = (
+            f"{count} at a false discovery rate of {SIGNIFICANT:.0%}{more}. Value: its χ², as large"
+            " as dof where nothing is missing; p: the chance of as much then; q: the expected share"
+            " of false discoveries among it and all rows above it."
+        )
         parts.append(_table(heads, cells, ("value", "dof", "p", "q"), caption))
     return "\n".join(parts)
 
@@ -528,7 +555,7 @@ def _atlas(found: Evidence) -> str:
 def _calibration(found: Evidence) -> str:
     head = "<h2>Calibrated values</h2>"
     rows = [
-        [f"<code>{escape(name)}</code>", escape("; ".join(valued(each)))]
+        [f"<code>{escape(name)}</code>", _kept("; ".join(valued(each)))]
         for name, each in found.diagnosis["calibration"].items()
     ]
     if not rows:

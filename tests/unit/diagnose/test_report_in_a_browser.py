@@ -1,0 +1,125 @@
+"""The report and the page of a comparison in a real browser: offline, silent, whole at every width,
+on paper and without colours. Skipped where Chromium is not installed."""
+
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from diagnosed_skin import SCHEMA, diagnosed, with_every_effect, with_rig
+from eitskin.diagnose.report import comparison_page, page
+from eitskin.effects.effect import SITES
+from headless import CUT, OUTSIDE, PALE, WIDER, headless, opened
+
+PAGES = ("compared", "untouched", "full")
+WIDTHS = (360, 800, 1400)
+PAPER = 680  # px: A4 between margins of 15 mm
+LEAST = 4.5  # contrast of text that everyone reads: WCAG 2, AA
+
+
+def written(name, folder):
+    """The file of one of PAGES."""
+    if name == "compared":
+        comparison_page.write(comparison(), folder / "comparison.html")
+        return folder / "comparison.html"
+    folder, recording = diagnosed(folder, "partly-explained" if name == "full" else name)
+    if name == "full":
+        with_every_effect(folder)
+        with_many_gains(folder / "diagnosis.json")
+        with_rig(folder)
+    page.write(folder, recording, SCHEMA, folder / "report.html")
+    return folder / "report.html"
+
+
+def with_many_gains(path):
+    """Make the gains of a diagnosis those of 208 channels."""
+    said = json.loads(path.read_text(encoding="utf-8"))
+    effect = next(each for each in said["effects"] if each["name"] == "channel-gain")
+    ends = {"value": 1.5, "low": 1.25, "high": 1.75}
+    gain = {key: np.linspace(end, end + 0.1, 208).tolist() for key, end in ends.items()}
+    effect |= {"scope": "dense", "channels": list(range(208))}
+    effect["parameters"] = {"gain": gain | {"unit": "1"}}
+    path.write_text(json.dumps(said), encoding="utf-8")
+
+
+def comparison():
+    """What comparison.json may say: a value that changed and many that did not, of long names."""
+    parts = ["monday-morning-before-the-gel-was-cast", "friday"]
+
+    def row(k, changed):
+        ends = {"value": 1.2, "low": 1.1, "high": 1.3, "unit": "1"}
+        p = 1e-9 if changed else 0.5
+        return {
+            "name": "force-dependent-impedance",
+            "calibration": False,
+            "parameters": ["ratio_per_N"],
+            **{kind: [k] if kind == "electrodes" else [] for kind in SITES},
+            **{"chi2": 40.1, "dof": 1, "p": p, "q": p, "changed": changed},
+            "parts": {part: {"ratio_per_N": ends} for part in parts},
+            "runs": [{"parts": [one], "values": {"ratio_per_N": ends}} for one in parts]
+            if changed
+            else [{"parts": parts, "values": {"ratio_per_N": ends}}],
+            "sentence": f"The contact impedance of electrode {k} is what it was (1.2).",
+        }
+
+    held = {"frames": 12, "chi2_per_dof_as_found": 1.02, "chi2_per_dof_all_shared": 8.1}
+    held |= {"elpd_gain": 411.0, "elpd_se": 12.0}
+    tested = [row(k, k == 3) for k in range(16)]
+    return {"parts": parts, "tested": tested, "held_out": held, "p_value": 1e-9}
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with headless() as started:
+        yield started
+
+
+@pytest.fixture(scope="module", params=PAGES)
+def shown(request, chromium, tmp_path_factory):
+    """Each of PAGES, opened once."""
+    path = written(request.param, tmp_path_factory.mktemp(request.param))
+    with opened(chromium, path) as found:
+        yield found
+
+
+def test_it_is_whole_at_every_width(shown):
+    for width in WIDTHS:
+        shown.page.set_viewport_size({"width": width, "height": 800})
+        assert shown.page.evaluate(WIDER) <= 0, width
+        assert shown.page.evaluate(OUTSIDE) == [], width
+
+
+def test_it_prints_whole(shown):
+    shown.page.set_viewport_size({"width": PAPER, "height": 1000})
+    shown.page.emulate_media(media="print")
+    assert shown.page.evaluate(WIDER) <= 0
+    assert shown.page.evaluate(OUTSIDE) == []
+    assert shown.page.evaluate(CUT) == []
+    assert shown.page.pdf(format="A4").startswith(b"%PDF")
+    shown.page.emulate_media(media="screen")
+
+
+@pytest.mark.parametrize(
+    "eyes", [{"color_scheme": "dark"}, {"color_scheme": "light"}, {"contrast": "more"}], ids=str
+)
+def test_its_text_is_dark_on_a_light_ground(shown, eyes):
+    shown.page.emulate_media(**eyes)
+    assert shown.page.evaluate(PALE, LEAST) == []
+
+
+def test_it_can_be_read_out(shown):
+    """One title, headings in order, every picture with words."""
+    heads = shown.page.locator("h1, h2, h3, h4, h5")
+    levels = heads.evaluate_all("all => all.map(one => Number(one.tagName[1]))")
+    assert levels.count(1) == 1
+    assert all(after <= before + 1 for before, after in pairwise(levels))
+    pictures = shown.page.locator("svg, img")
+    read = "all => all.map(one => one.getAttribute('aria-label') || one.getAttribute('alt'))"
+    words = pictures.evaluate_all(read)
+    assert words and all(words)
+
+
+def test_it_is_silent_without_scripts_and_asks_for_nothing(shown):
+    assert shown.page.locator("script").count() == 0
+    assert shown.asked == [] and shown.said == []
