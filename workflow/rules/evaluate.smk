@@ -15,6 +15,8 @@ rule evaluate:
         "logs/evaluate/{dataset}/{split}/{budget}/{model}.log",
     benchmark:
         "benchmarks/evaluate/{dataset}/{split}/{budget}/{model}.tsv"
+    group:
+        "evaluation"
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -78,6 +80,7 @@ rule table_1:
         "logs/table_1.log",
     benchmark:
         "benchmarks/table_1.tsv"
+    localrule: True
     conda:
         "../../envs/learning.yaml"
     threads: 1

@@ -165,6 +165,7 @@ rule loop_table:
         "logs/loop_table.log",
     benchmark:
         "benchmarks/loop_table.tsv"
+    localrule: True
     conda:
         "../../envs/learning.yaml"
     threads: 1

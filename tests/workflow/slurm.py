@@ -1,0 +1,211 @@
+"""A Slurm of two nodes on this machine's loopback: no systemd, cgroups or accounting database."""
+
+import os
+import secrets
+import shutil
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+DAEMONS = ("munged", "slurmctld", "slurmd")
+SYSTEM_FILE = Path("/etc/slurm/slurm.conf")  # the executor's job steps know no other
+NODES = ("n1", "n2")
+NAME = "loopback"
+CONFIGURATION = """\
+ClusterName={name}
+SlurmctldHost={host}(127.0.0.1)
+SlurmctldPort={port}
+SlurmUser={user}
+SlurmdUser={user}
+AuthType=auth/munge
+AuthInfo=socket={folder}/munge.socket
+CredType=cred/munge
+MpiDefault=none
+ProctrackType=proctrack/linuxproc
+TaskPlugin=task/none
+JobAcctGatherType=jobacct_gather/none
+AccountingStorageType=accounting_storage/none
+SelectType=select/cons_tres
+SelectTypeParameters=CR_Core_Memory
+SlurmdParameters=config_overrides
+SchedulerParameters=sched_interval=1,sched_min_interval=0
+SlurmdTimeout=10
+ReturnToService=2
+MinJobAge=900
+StateSaveLocation={folder}/state
+SlurmdSpoolDir={folder}/spool-%n
+SlurmctldPidFile={folder}/slurmctld.pid
+SlurmdPidFile={folder}/slurmd-%n.pid
+SlurmctldLogFile={folder}/slurmctld.log
+SlurmdLogFile={folder}/slurmd-%n.log
+PartitionName=main Nodes=ALL Default=YES MaxTime=INFINITE State=UP
+"""
+NODE = "NodeName={name} NodeHostname={host} NodeAddr=127.0.0.1 Port={port} CPUs=8 RealMemory=64000\n"
+
+
+def missing() -> list[str]:
+    """The programs of Slurm that this machine lacks."""
+    path = os.pathsep.join([os.environ["PATH"], "/usr/sbin"])
+    needed = (*DAEMONS, "sbatch", "srun", "squeue", "scancel", "sinfo", "scontrol")
+    return [program for program in needed if shutil.which(program, path=path) is None]
+
+
+class Cluster:
+    """A Slurm that runs, its state and its logs in `folder`."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+
+    def jobs(self, node: str | None = None, state: str = "all") -> list[str]:
+        """The numbers of its jobs, of one node or of all."""
+        on = ["--nodelist", node] if node else []
+        return _said("squeue", "--noheader", "--format=%i", f"--states={state}", *on).split()
+
+    def node_states(self) -> dict[str, str]:
+        """What the controller says of each node."""
+        return dict(line.split() for line in _said("sinfo", "-hN", "-o", "%N %T").splitlines())
+
+    def fail(self, node: str) -> list[str]:
+        """End a node as a power cut does: its daemon and all that runs there, at once. The jobs that
+        it had."""
+        lost = self.jobs(node, "running")
+        os.kill(_pid(self.folder / f"slurmd-{node}.pid"), signal.SIGKILL)
+        _kill_jobs(lost)
+        return lost
+
+
+@contextmanager
+def loopback(folder: Path) -> Iterator[Cluster]:
+    """Start Slurm with its state in a new `folder`; at the end, whatever comes, cancel its jobs, stop
+    its daemons and take its configuration out of /etc.
+
+    Raises FileExistsError where the machine has a Slurm of its own, TimeoutError with the
+    controller's log where the nodes do not come up.
+    """
+    if SYSTEM_FILE.is_symlink() and not SYSTEM_FILE.exists():
+        SYSTEM_FILE.unlink()  # a killed run's, its folder gone
+    if SYSTEM_FILE.is_symlink() or SYSTEM_FILE.exists():
+        raise FileExistsError(f"{SYSTEM_FILE}: this machine has a Slurm already")
+    (folder / "state").mkdir(parents=True)
+    key, file = folder / "munge.key", folder / "slurm.conf"
+    key.write_bytes(secrets.token_bytes(128))
+    key.chmod(0o600)
+    file.write_text(_configuration(folder))
+    SYSTEM_FILE.parent.mkdir(exist_ok=True)
+    SYSTEM_FILE.symlink_to(file)
+    cluster = Cluster(folder)
+    try:
+        _start(
+            "munged",
+            "--force",
+            f"--key-file={key}",
+            f"--socket={folder}/munge.socket",
+            f"--pid-file={folder}/munged.pid",
+            f"--log-file={folder}/munged.log",
+            f"--seed-file={folder}/munge.seed",
+        )
+        _start("slurmctld")
+        for node in NODES:
+            _start("slurmd", "-N", node)
+        _wait_for_nodes(cluster)
+        yield cluster
+    finally:
+        _stop(folder)
+        SYSTEM_FILE.unlink()
+
+
+def _configuration(folder: Path) -> str:
+    host = socket.gethostname().partition(".")[0]
+    controller, *ports = _free_ports(1 + len(NODES))
+    user = Path("/proc/self").owner()
+    head = CONFIGURATION.format(name=NAME, host=host, port=controller, user=user, folder=folder)
+    nodes = [NODE.format(name=n, host=host, port=p) for n, p in zip(NODES, ports, strict=True)]
+    *lines, partition = head.splitlines(keepends=True)
+    return "".join([*lines, *nodes, partition])
+
+
+def _free_ports(count: int) -> list[int]:
+    sockets = [socket.socket() for _ in range(count)]
+    try:
+        for one in sockets:
+            one.bind(("127.0.0.1", 0))
+        return [one.getsockname()[1] for one in sockets]
+    finally:
+        for one in sockets:
+            one.close()
+
+
+def _start(daemon: str, *arguments: str) -> None:
+    """Start a daemon, which goes to the background by itself."""
+    path = shutil.which(daemon, path=f"/usr/sbin:{os.environ['PATH']}")
+    subprocess.run([path, *arguments], check=True, timeout=60, stdin=subprocess.DEVNULL)
+
+
+def _wait_for_nodes(cluster: Cluster) -> None:
+    end = time.monotonic() + 60
+    while set(cluster.node_states().values()) != {"idle"}:
+        if time.monotonic() > end:
+            raise TimeoutError((cluster.folder / "slurmctld.log").read_text()[-2000:])
+        time.sleep(0.2)
+
+
+def _stop(folder: Path) -> None:
+    """End jobs first, then nodes, the controller, and last what they sign messages by."""
+    controller = _pid(folder / "slurmctld.pid")
+    if controller and (jobs := Cluster(folder).jobs(state="running")):
+        subprocess.run(["scancel", *jobs], check=False, timeout=60, capture_output=True)
+        _kill_jobs(jobs)
+    for name in (*(f"slurmd-{node}" for node in NODES), "slurmctld", "munged"):
+        if (pid := _pid(folder / f"{name}.pid")) and _is(pid, name.partition("-")[0]):
+            os.kill(pid, signal.SIGTERM)
+            _wait_for_end(pid)
+
+
+def _pid(file: Path) -> int | None:
+    return int(file.read_text()) if file.exists() else None
+
+
+def _is(pid: int, name: str) -> bool:
+    comm = Path(f"/proc/{pid}/comm")
+    return comm.exists() and comm.read_text().strip() == name
+
+
+def _wait_for_end(pid: int) -> None:
+    end = time.monotonic() + 20
+    while Path(f"/proc/{pid}").exists():
+        if time.monotonic() > end:
+            os.kill(pid, signal.SIGKILL)
+            end = float("inf")
+        time.sleep(0.1)
+
+
+def _kill_jobs(jobs: list[str]) -> None:
+    """Kill what runs in jobs, until nothing is left: a process may just have begun another."""
+    while found := [p for p in Path("/proc").glob("[0-9]*") if _belongs(p, jobs)]:
+        for process in found:
+            with suppress(ProcessLookupError):
+                os.kill(int(process.name), signal.SIGKILL)
+        time.sleep(0.05)
+
+
+def _belongs(process: Path, jobs: list[str]) -> bool:
+    """Whether a process is of one of some jobs, or is the daemon of its step."""
+    try:
+        title = (process / "cmdline").read_bytes().decode(errors="replace")
+        lines = (process / "environ").read_bytes().decode(errors="replace").split("\0")
+        stopped = (process / "stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except OSError:  # it has ended meanwhile
+        return False
+    own = {f"SLURM_JOB_ID={job}" for job in jobs}
+    return not stopped and (
+        (f"SLURM_CLUSTER_NAME={NAME}" in lines and bool(own & set(lines)))
+        or any(title.startswith(f"slurmstepd: [{job}.") for job in jobs)
+    )
+
+
+def _said(*command: str) -> str:
+    return subprocess.run(command, check=True, capture_output=True, text=True, timeout=60).stdout
