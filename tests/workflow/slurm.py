@@ -12,6 +12,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 DAEMONS = ("munged", "slurmctld", "slurmd")
+COMMANDS = ("sbatch", "srun", "squeue", "scancel", "sinfo", "scontrol")
+SEARCHED = os.pathsep.join([os.environ["PATH"], "/usr/sbin"])
+SCRIPTS = b"/.snakemake/scripts/"  # where Snakemake lays what it runs
 SYSTEM_FILE = Path("/etc/slurm/slurm.conf")  # the executor's job steps know no other
 NODES = ("n1", "n2")
 NAME = "loopback"
@@ -42,16 +45,22 @@ SlurmctldPidFile={folder}/slurmctld.pid
 SlurmdPidFile={folder}/slurmd-%n.pid
 SlurmctldLogFile={folder}/slurmctld.log
 SlurmdLogFile={folder}/slurmd-%n.log
-PartitionName=main Nodes=ALL Default=YES MaxTime=INFINITE State=UP
+PartitionName=main Nodes=ALL Default=YES LLN=YES MaxTime=INFINITE State=UP
 """
-NODE = "NodeName={name} NodeHostname={host} NodeAddr=127.0.0.1 Port={port} CPUs=8 RealMemory=64000\n"
+NODE = "NodeName={name} NodeHostname={host} NodeAddr=127.0.0.1 Port={port} CPUs=4 RealMemory=32000\n"
 
 
-def missing() -> list[str]:
-    """The programs of Slurm that this machine lacks."""
-    path = os.pathsep.join([os.environ["PATH"], "/usr/sbin"])
-    needed = (*DAEMONS, "sbatch", "srun", "squeue", "scancel", "sinfo", "scontrol")
-    return [program for program in needed if shutil.which(program, path=path) is None]
+def obstacle() -> str | None:
+    """Why no Slurm can be started here, in a sentence; None where one can."""
+    lacking = [name for name in (*DAEMONS, *COMMANDS) if shutil.which(name, path=SEARCHED) is None]
+    if lacking:
+        packages = "slurmctld slurmd slurm-client munge"
+        return f"this machine lacks {', '.join(lacking)}: apt-get install {packages}"
+    if os.geteuid() != 0:
+        return f"{SYSTEM_FILE} is root's alone to make"
+    if SYSTEM_FILE.exists():
+        return f"this machine has a Slurm already: {SYSTEM_FILE}"
+    return None
 
 
 class Cluster:
@@ -69,6 +78,15 @@ class Cluster:
         """What the controller says of each node."""
         return dict(line.split() for line in _said("sinfo", "-hN", "-o", "%N %T").splitlines())
 
+    def working(self) -> str | None:
+        """A node on which a script of the workflow runs by now."""
+        for node in NODES:
+            jobs = self.jobs(node, "running")
+            scripts = (p for p in Path("/proc").glob("[0-9]*") if SCRIPTS in _command(p))
+            if any(_belongs(process, jobs) for process in scripts):
+                return node
+        return None
+
     def fail(self, node: str) -> list[str]:
         """End a node as a power cut does: its daemon and all that runs there, at once. The jobs that
         it had."""
@@ -83,13 +101,12 @@ def loopback(folder: Path) -> Iterator[Cluster]:
     """Start Slurm with its state in a new `folder`; at the end, whatever comes, cancel its jobs, stop
     its daemons and take its configuration out of /etc.
 
-    Raises FileExistsError where the machine has a Slurm of its own, TimeoutError with the
-    controller's log where the nodes do not come up.
+    Raises FileExistsError where there is an `obstacle`, TimeoutError with the controller's log where
+    the nodes do not come up.
     """
-    if SYSTEM_FILE.is_symlink() and not SYSTEM_FILE.exists():
-        SYSTEM_FILE.unlink()  # a killed run's, its folder gone
-    if SYSTEM_FILE.is_symlink() or SYSTEM_FILE.exists():
-        raise FileExistsError(f"{SYSTEM_FILE}: this machine has a Slurm already")
+    if reason := obstacle():
+        raise FileExistsError(reason)
+    SYSTEM_FILE.unlink(missing_ok=True)  # a link to nothing: a killed run's, its folder gone
     (folder / "state").mkdir(parents=True)
     key, file = folder / "munge.key", folder / "slurm.conf"
     key.write_bytes(secrets.token_bytes(128))
@@ -141,8 +158,7 @@ def _free_ports(count: int) -> list[int]:
 
 def _start(daemon: str, *arguments: str) -> None:
     """Start a daemon, which goes to the background by itself."""
-    path = shutil.which(daemon, path=f"/usr/sbin:{os.environ['PATH']}")
-    subprocess.run([path, *arguments], check=True, timeout=60, stdin=subprocess.DEVNULL)
+    subprocess.run([shutil.which(daemon, path=SEARCHED), *arguments], check=True, timeout=60, stdin=subprocess.DEVNULL)
 
 
 def _wait_for_nodes(cluster: Cluster) -> None:
@@ -192,14 +208,21 @@ def _kill_jobs(jobs: list[str]) -> None:
         time.sleep(0.05)
 
 
+def _command(process: Path) -> bytes:
+    try:
+        return (process / "cmdline").read_bytes()
+    except OSError:  # it has ended meanwhile
+        return b""
+
+
 def _belongs(process: Path, jobs: list[str]) -> bool:
     """Whether a process is of one of some jobs, or is the daemon of its step."""
     try:
-        title = (process / "cmdline").read_bytes().decode(errors="replace")
         lines = (process / "environ").read_bytes().decode(errors="replace").split("\0")
         stopped = (process / "stat").read_text().rpartition(")")[2].split()[0] == "Z"
     except OSError:  # it has ended meanwhile
         return False
+    title = _command(process).decode(errors="replace")
     own = {f"SLURM_JOB_ID={job}" for job in jobs}
     return not stopped and (
         (f"SLURM_CLUSTER_NAME={NAME}" in lines and bool(own & set(lines)))
