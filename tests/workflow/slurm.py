@@ -1,6 +1,7 @@
 """A Slurm of two nodes on this machine's loopback: no systemd, cgroups or accounting database."""
 
 import os
+import re
 import secrets
 import shutil
 import signal
@@ -16,6 +17,7 @@ COMMANDS = ("sbatch", "srun", "squeue", "scancel", "sinfo", "scontrol")
 SEARCHED = os.pathsep.join([os.environ["PATH"], "/usr/sbin"])
 SCRIPTS = b"/.snakemake/scripts/"  # where Snakemake lays what it runs
 SYSTEM_FILE = Path("/etc/slurm/slurm.conf")  # the executor's job steps know no other
+OWNER = "owner.pid"  # of the process that ends the daemons
 NODES = ("n1", "n2")
 NAME = "loopback"
 CONFIGURATION = """\
@@ -47,6 +49,13 @@ SlurmctldLogFile={folder}/slurmctld.log
 SlurmdLogFile={folder}/slurmd-%n.log
 PartitionName=main Nodes=ALL Default=YES LLN=YES MaxTime=INFINITE State=UP
 """
+# The executor asks `sacct` where `scontrol` is slow to answer, and loses its jobs where that fails: it
+# does without accounting. This one tells what squeue does.
+SACCT = """\
+#!/bin/sh
+while [ $# -gt 1 ]; do [ "$1" = --name ] && name=$2; shift; done
+exec squeue --noheader --states=all --format='%i|%T' --name "$name"
+"""
 NODE = "NodeName={name} NodeHostname={host} NodeAddr=127.0.0.1 Port={port} CPUs=4 RealMemory=32000\n"
 
 
@@ -58,9 +67,16 @@ def obstacle() -> str | None:
         return f"this machine lacks {', '.join(lacking)}: apt-get install {packages}"
     if os.geteuid() != 0:
         return f"{SYSTEM_FILE} is root's alone to make"
-    if SYSTEM_FILE.exists():
+    if SYSTEM_FILE.exists() and _left_behind() is None:
         return f"this machine has a Slurm already: {SYSTEM_FILE}"
     return None
+
+
+def _left_behind() -> Path | None:
+    """The folder of a cluster that a killed run has left, maybe with its daemons."""
+    owner = SYSTEM_FILE.resolve().with_name(OWNER)
+    alive = owner.exists() and Path(f"/proc/{owner.read_text()}").exists()
+    return owner.parent if owner.exists() and not alive else None
 
 
 class Cluster:
@@ -68,6 +84,11 @@ class Cluster:
 
     def __init__(self, folder: Path):
         self.folder = folder
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """What a program needs that submits to it."""
+        return {"PATH": f"{self.folder / 'bin'}:{os.environ['PATH']}"}
 
     def jobs(self, node: str | None = None, state: str = "all") -> list[str]:
         """The numbers of its jobs, of one node or of all."""
@@ -106,15 +127,22 @@ def loopback(folder: Path) -> Iterator[Cluster]:
     """
     if reason := obstacle():
         raise FileExistsError(reason)
-    SYSTEM_FILE.unlink(missing_ok=True)  # a link to nothing: a killed run's, its folder gone
+    if left := _left_behind():
+        _stop(left)
+    SYSTEM_FILE.unlink(missing_ok=True)  # also a link to nothing
     (folder / "state").mkdir(parents=True)
+    (folder / OWNER).write_text(str(os.getpid()))
     key, file = folder / "munge.key", folder / "slurm.conf"
     key.write_bytes(secrets.token_bytes(128))
     key.chmod(0o600)
     file.write_text(_configuration(folder))
+    (folder / "bin").mkdir()
+    (folder / "bin" / "sacct").write_text(SACCT)
+    (folder / "bin" / "sacct").chmod(0o755)
     SYSTEM_FILE.parent.mkdir(exist_ok=True)
     SYSTEM_FILE.symlink_to(file)
     cluster = Cluster(folder)
+    before = signal.signal(signal.SIGTERM, _end)
     try:
         _start(
             "munged",
@@ -133,6 +161,11 @@ def loopback(folder: Path) -> Iterator[Cluster]:
     finally:
         _stop(folder)
         SYSTEM_FILE.unlink()
+        signal.signal(signal.SIGTERM, before)
+
+
+def _end(*_) -> None:
+    raise SystemExit("ended by a signal")
 
 
 def _configuration(folder: Path) -> str:
@@ -170,15 +203,13 @@ def _wait_for_nodes(cluster: Cluster) -> None:
 
 
 def _stop(folder: Path) -> None:
-    """End jobs first, then nodes, the controller, and last what they sign messages by."""
-    controller = _pid(folder / "slurmctld.pid")
-    if controller and (jobs := Cluster(folder).jobs(state="running")):
-        subprocess.run(["scancel", *jobs], check=False, timeout=60, capture_output=True)
-        _kill_jobs(jobs)
+    """End nodes, the controller, what they sign messages by, and whatever ran in jobs; also where no
+    controller answers any more."""
     for name in (*(f"slurmd-{node}" for node in NODES), "slurmctld", "munged"):
         if (pid := _pid(folder / f"{name}.pid")) and _is(pid, name.partition("-")[0]):
             os.kill(pid, signal.SIGTERM)
             _wait_for_end(pid)
+    _kill_jobs(None)
 
 
 def _pid(file: Path) -> int | None:
@@ -199,8 +230,9 @@ def _wait_for_end(pid: int) -> None:
         time.sleep(0.1)
 
 
-def _kill_jobs(jobs: list[str]) -> None:
-    """Kill what runs in jobs, until nothing is left: a process may just have begun another."""
+def _kill_jobs(jobs: list[str] | None) -> None:
+    """Kill what runs in some jobs or in all, until nothing is left: a process may just have begun
+    another."""
     while found := [p for p in Path("/proc").glob("[0-9]*") if _belongs(p, jobs)]:
         for process in found:
             with suppress(ProcessLookupError):
@@ -215,19 +247,19 @@ def _command(process: Path) -> bytes:
         return b""
 
 
-def _belongs(process: Path, jobs: list[str]) -> bool:
-    """Whether a process is of one of some jobs, or is the daemon of its step."""
+def _belongs(process: Path, jobs: list[str] | None) -> bool:
+    """Whether a process is of one of some jobs, of any for None, or is the daemon of its step."""
     try:
         lines = (process / "environ").read_bytes().decode(errors="replace").split("\0")
         stopped = (process / "stat").read_text().rpartition(")")[2].split()[0] == "Z"
     except OSError:  # it has ended meanwhile
         return False
-    title = _command(process).decode(errors="replace")
-    own = {f"SLURM_JOB_ID={job}" for job in jobs}
-    return not stopped and (
-        (f"SLURM_CLUSTER_NAME={NAME}" in lines and bool(own & set(lines)))
-        or any(title.startswith(f"slurmstepd: [{job}.") for job in jobs)
-    )
+    told = dict(line.split("=", 1) for line in lines if line.startswith("SLURM_"))
+    step = re.match(rb"slurmstepd: \[(\d+)\.", _command(process))
+    if told.get("SLURM_CLUSTER_NAME") != NAME and not step:
+        return False
+    number = step[1].decode() if step else told.get("SLURM_JOB_ID")
+    return not stopped and (jobs is None or number in jobs)
 
 
 def _said(*command: str) -> str:

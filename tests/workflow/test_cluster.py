@@ -5,7 +5,7 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import pytest
 from slurm import Cluster, loopback, obstacle
@@ -38,22 +38,23 @@ def cluster(tmp_path) -> Iterator[Cluster]:
 
 
 @contextmanager
-def begun(house) -> Iterator[subprocess.Popen]:
+def begun(house, cluster) -> Iterator[subprocess.Popen]:
     """A run on the cluster, in the background; what it says goes to a file beside the results."""
     with (house.folder / "run.log").open("a") as log:
         process = subprocess.Popen(
             house.command(*SLURM, cores=4),
             cwd=house.folder,
-            env=house.environment,
+            env=house.environment | cluster.environment,
             stdout=log,
             stderr=subprocess.STDOUT,
         )
         try:
             yield process
         finally:
-            if process.poll() is None:
+            with suppress(subprocess.TimeoutExpired):
                 process.terminate()  # it takes its jobs back
-            process.wait(60)
+                process.wait(30)
+            process.kill()
 
 
 def wait_for(seen: Callable[[], str | None], process: subprocess.Popen) -> str:
@@ -66,11 +67,11 @@ def wait_for(seen: Callable[[], str | None], process: subprocess.Popen) -> str:
     return found
 
 
-def finish(house, process: subprocess.Popen) -> int:
+def finish(house, cluster, process: subprocess.Popen) -> int:
     """Wait for the end; where the run failed begin it again, once. How often it was begun."""
     if process.wait(1200) == 0:
         return 1
-    with begun(house) as again:
+    with begun(house, cluster) as again:
         assert again.wait(1200) == 0, (house.folder / "run.log").read_text()[-4000:]
     return 2
 
@@ -89,11 +90,11 @@ def say(capsys):
 def test_a_lost_node_changes_no_byte(fresh, finished, cluster, tmp_path, say):
     house = fresh.copy(tmp_path / "house")
     start = time.monotonic()
-    with begun(house) as process:
+    with begun(house, cluster) as process:
         node = wait_for(cluster.working, process)
         lost = cluster.fail(node)
         say(f"{node} lost after {time.monotonic() - start:.0f} s with the jobs {lost}")
-        runs = finish(house, process)
+        runs = finish(house, cluster, process)
     say(f"{len(cluster.jobs())} Slurm jobs in {time.monotonic() - start:.0f} s, begun {runs} times")
     assert lost
     assert cluster.node_states()[node].startswith("down")
@@ -109,7 +110,7 @@ def test_what_an_edit_meanwhile_makes_stale_is_made_again(finished, cluster, tmp
         shutil.rmtree(house.folder / folder)
     others = times(house)
     start = time.monotonic()
-    with begun(house) as process:
+    with begun(house, cluster) as process:
         wait_for(cluster.working, process)
         house.edit(*EDIT)
         say(f"a source file edited after {time.monotonic() - start:.0f} s")
@@ -118,7 +119,7 @@ def test_what_an_edit_meanwhile_makes_stale_is_made_again(finished, cluster, tmp
     assert {file for file in others if others[file] != after[file]} == set()
     stale = house.pending()
     assert {file for file in stale if file.endswith("tiny/session/small/mlp.csv")}
-    with begun(house) as process:
+    with begun(house, cluster) as process:
         assert process.wait(1200) == 0, (house.folder / "run.log").read_text()[-4000:]
     say(f"{len(cluster.jobs())} Slurm jobs in {time.monotonic() - start:.0f} s, begun 2 times")
     local.edit(*EDIT)

@@ -8,6 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 
 import pytest
+import slurm
 import yaml
 
 ROOT = Path(__file__).parents[2]
@@ -24,8 +25,8 @@ with SnakemakeApi(OutputSettings(quiet={Quietness.ALL})) as api:
         config_settings=ConfigSettings(configfiles=[Path("tiny.yaml")]),
         snakefile=Path("Snakefile"),
     )
-    workflow.dag(DAGSettings(forceall=True)).printdag()
-    print(json.dumps({rule.name: rule.group for rule in workflow._workflow.rules}))
+    workflow.dag(DAGSettings(forceall=True, print_dag_as="dot")).printdag()
+    print(json.dumps({rule.name: rule._group for rule in workflow._workflow.rules}))
 """
 
 
@@ -110,3 +111,8 @@ def test_no_rule_of_a_group_stands_before_the_group(plan):
         for one, left in before(job, left=False):
             assert not left or allowed(one) != own, (plan[job], plan[one])
             assert left or plan[job][1], (plan[job], plan[one])
+
+
+def test_a_machine_without_slurm_is_told_what_it_lacks(monkeypatch):
+    monkeypatch.setattr(slurm, "SEARCHED", "")
+    assert re.fullmatch(r"this machine lacks munged, .*scontrol: apt-get install .*", slurm.obstacle())
