@@ -49,14 +49,16 @@ SlurmctldLogFile={folder}/slurmctld.log
 SlurmdLogFile={folder}/slurmd-%n.log
 PartitionName=main Nodes=ALL Default=YES LLN=YES MaxTime=INFINITE State=UP
 """
-# The executor asks `sacct` where `scontrol` is slow to answer, and loses its jobs where that fails: it
-# does without accounting. This one tells what squeue does.
+# The executor asks `sacct` where `scontrol` is slow to answer, and loses its jobs where that fails,
+# as it does without accounting. This one tells what squeue does.
 SACCT = """\
 #!/bin/sh
 while [ $# -gt 1 ]; do [ "$1" = --name ] && name=$2; shift; done
 exec squeue --noheader --states=all --format='%i|%T' --name "$name"
 """
-NODE = "NodeName={name} NodeHostname={host} NodeAddr=127.0.0.1 Port={port} CPUs=4 RealMemory=32000\n"
+NODE = """\
+NodeName={name} NodeHostname={host} NodeAddr=127.0.0.1 Port={port} CPUs=4 RealMemory=32000
+"""
 
 
 def obstacle() -> str | None:
@@ -109,8 +111,7 @@ class Cluster:
         return None
 
     def fail(self, node: str) -> list[str]:
-        """End a node as a power cut does: its daemon and all that runs there, at once. The jobs that
-        it had."""
+        """End a node as a power cut does: its daemon and all that runs there. The jobs it had."""
         lost = self.jobs(node, "running")
         os.kill(_pid(self.folder / f"slurmd-{node}.pid"), signal.SIGKILL)
         _kill_jobs(lost)
@@ -119,11 +120,11 @@ class Cluster:
 
 @contextmanager
 def loopback(folder: Path) -> Iterator[Cluster]:
-    """Start Slurm with its state in a new `folder`; at the end, whatever comes, cancel its jobs, stop
-    its daemons and take its configuration out of /etc.
+    """Start Slurm with its state in a new `folder`; at the end, whatever comes, end its daemons and
+    its jobs and take its configuration out of /etc.
 
-    Raises FileExistsError where there is an `obstacle`, TimeoutError with the controller's log where
-    the nodes do not come up.
+    Raises FileExistsError where there is an `obstacle`, TimeoutError with the controller's log
+    where the nodes do not come up.
     """
     if reason := obstacle():
         raise FileExistsError(reason)
@@ -191,7 +192,8 @@ def _free_ports(count: int) -> list[int]:
 
 def _start(daemon: str, *arguments: str) -> None:
     """Start a daemon, which goes to the background by itself."""
-    subprocess.run([shutil.which(daemon, path=SEARCHED), *arguments], check=True, timeout=60, stdin=subprocess.DEVNULL)
+    command = [shutil.which(daemon, path=SEARCHED), *arguments]
+    subprocess.run(command, check=True, timeout=60, stdin=subprocess.DEVNULL)
 
 
 def _wait_for_nodes(cluster: Cluster) -> None:
@@ -203,8 +205,8 @@ def _wait_for_nodes(cluster: Cluster) -> None:
 
 
 def _stop(folder: Path) -> None:
-    """End nodes, the controller, what they sign messages by, and whatever ran in jobs; also where no
-    controller answers any more."""
+    """End nodes, the controller, what they sign messages by, and whatever ran in jobs; also where
+    no controller answers any more."""
     for name in (*(f"slurmd-{node}" for node in NODES), "slurmctld", "munged"):
         if (pid := _pid(folder / f"{name}.pid")) and _is(pid, name.partition("-")[0]):
             os.kill(pid, signal.SIGTERM)

@@ -115,4 +115,5 @@ def test_no_rule_of_a_group_stands_before_the_group(plan):
 
 def test_a_machine_without_slurm_is_told_what_it_lacks(monkeypatch):
     monkeypatch.setattr(slurm, "SEARCHED", "")
-    assert re.fullmatch(r"this machine lacks munged, .*scontrol: apt-get install .*", slurm.obstacle())
+    lacking = slurm.obstacle()
+    assert re.fullmatch(r"this machine lacks munged, .*scontrol: apt-get install .*", lacking)
