@@ -349,14 +349,22 @@ rule concealed_case:
         "../scripts/concealed_case.py"
 
 
+SCORED = [
+    "results/concealed/{block}/score/score.md",
+    *(
+        f"results/concealed/{{block}}/score/{name}.{kind}"
+        for name in SCORE_FIGURES
+        for kind in ("svg", "png")
+    ),
+]
+
+
 rule concealed:
     input:
-        rules.concealed_score.output.page.format(block=CONCEALED["block"]),
-        expand(rules.concealed_figures.output, block=CONCEALED["block"]),
+        expand(SCORED, block=CONCEALED["block"]),
 
 
 rule concealed_demo:
     input:
-        expand(rules.concealed_score.output.page, block=DEMO),
-        expand(rules.concealed_figures.output, block=DEMO),
+        expand(SCORED, block=DEMO),
         rules.concealed_case.output,

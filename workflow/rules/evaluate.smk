@@ -62,7 +62,7 @@ rule table_1:
             f"results/metrics/{dataset}/{split}/{config['budget']}/{model}.csv"
             for dataset, split, model in rows(config)
         ],
-        limits=expand(rules.limit.output.metrics, configuration=CONTINUOUS_SETS),
+        limits=expand("results/limit/simulated-{set}.csv", set=CONTINUOUS_SETS),
     output:
         csv=report(
             "results/tables/table_1.csv",
