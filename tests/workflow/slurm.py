@@ -57,7 +57,7 @@ while [ $# -gt 1 ]; do [ "$1" = --name ] && name=$2; shift; done
 exec squeue --noheader --states=all --format='%i|%T' --name "$name"
 """
 NODE = """\
-NodeName={name} NodeHostname={host} NodeAddr=127.0.0.1 Port={port} CPUs=4 RealMemory=32000
+NodeName={name} NodeHostname={host} NodeAddr=127.0.0.1 Port={port} CPUs=8 RealMemory=32000
 """
 
 
