@@ -1,4 +1,4 @@
-# make · make small · make paper · make concealed · make concealed_final · make demo-capture · make test · make test-long · make coverage · make rehearse · make lint · make docs · make real · make bench · make accuracy · make clean
+# make · make small · make paper · make concealed · make concealed_final · make demo-capture · make test · make test-long · make coverage · make rehearse · make cluster · make lint · make docs · make real · make bench · make accuracy · make clean
 # Needs Python 3.11 or 3.12 (PYTHON=… picks one); after the installs nothing needs the network.
 
 BIN := .venv/bin
@@ -27,7 +27,7 @@ export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
 
 .DELETE_ON_ERROR:
-.PHONY: run small paper concealed concealed_final demo-capture test test-long coverage rehearse lint docs real bench accuracy clean
+.PHONY: run small paper concealed concealed_final demo-capture test test-long coverage rehearse cluster lint docs real bench accuracy clean
 
 run: .venv/installed
 	@echo "eitskin: simulating, training and writing results/tables/table_1.csv on $(CORES) cores"
@@ -81,6 +81,11 @@ coverage: .venv/installed-test
 rehearse: .venv/installed-test
 	@echo "eitskin: rehearsing the rig's faults with the real ur_rtde, minutes; keep the machine free meanwhile"
 	@$(BIN)/python -m pytest -m rehearsal tests/rig tests/workflow
+
+# Skipped in a sentence where there is no Slurm.
+cluster: .venv/installed-cluster
+	@echo "eitskin: running the tiny workflow on a Slurm of two nodes on this machine, minutes; a node is lost, a file edited"
+	@$(BIN)/python -m pytest -m cluster tests/workflow/test_cluster.py
 
 lint: .venv/installed-test
 	@echo "eitskin: checking style and types"
@@ -150,3 +155,6 @@ endef
 
 .venv/installed-test: pyproject.toml envs/requirements.lock | .venv/installed
 	$(call install,.[test])
+
+.venv/installed-cluster: pyproject.toml envs/requirements.lock | .venv/installed-test
+	$(call install,.[cluster])

@@ -32,7 +32,7 @@ rule all:
     input:
         rules.clean.output,
         rules.table_1.output,
-        expand(rules.cramer_rao.output[0], configuration=CONTINUOUS_SETS),
-        expand(rules.check.output[0], recording=config["recordings"]),
-        expand(rules.diagnosis_report.output.html, recording=config["diagnoses"]),
+        expand("results/limit/simulated-{set}.cramer_rao.csv", set=CONTINUOUS_SETS),
+        expand("results/recordings/{recording}.check.txt", recording=config["recordings"]),
+        expand("results/diagnosis/{recording}/report.html", recording=config["diagnoses"]),
         rules.concealed_demo.input,

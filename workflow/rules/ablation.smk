@@ -10,6 +10,8 @@ use rule train_autoencoder as ablation_autoencoder with:
         "benchmarks/ablation_autoencoder/{dataset}/{split}/{budget}/{setting}/{seed}.tsv"
     wildcard_constraints:
         setting=any_of(SETTINGS),
+    group:
+        "ablation"
     params:
         optimiser=lambda wildcards: optimiser(training_of(wildcards.setting)),
         latent_dim=lambda wildcards: training_of(wildcards.setting)["latent_dim"],
@@ -34,6 +36,8 @@ use rule train_regressor as ablation_regressor with:
         "benchmarks/ablation_regressor/{dataset}/{split}/{budget}/{setting}/{seed}.tsv"
     wildcard_constraints:
         setting=any_of(SETTINGS),
+    group:
+        "ablation"
     params:
         optimiser=lambda wildcards: optimiser(training_of(wildcards.setting)),
         budget=spent_of,
@@ -57,6 +61,8 @@ use rule train_predictor as ablation_predictor with:
         "benchmarks/ablation_predictor/{dataset}/{split}/{budget}/{setting}/{model}/{seed}.tsv"
     wildcard_constraints:
         setting=any_of(SETTINGS | POINTS),
+    group:
+        "ablation"
     params:
         recipe=recipe_of_setting,
         budget=spent_of,
@@ -80,6 +86,7 @@ rule ablation_choice:
         "benchmarks/ablation_choice/{dataset}/{split}/{budget}/{size}/{model}.tsv"
     wildcard_constraints:
         size=any_of(SIZES),
+    localrule: True
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -194,6 +201,7 @@ rule ablation:
         "logs/ablation.log",
     benchmark:
         "benchmarks/ablation.tsv"
+    localrule: True
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -223,6 +231,7 @@ rule tuning:
         "logs/tuning.log",
     benchmark:
         "benchmarks/tuning.tsv"
+    localrule: True
     conda:
         "../../envs/learning.yaml"
     threads: 1

@@ -154,6 +154,7 @@ rule commit_truths:
     wildcard_constraints:
         block="|".join(UNSEALED) or NO_NAME,
     priority: 1
+    localrule: True
     conda:
         "../../envs/concealed.yaml"
     threads: 1
@@ -184,6 +185,7 @@ rule seal_verdicts:
     wildcard_constraints:
         block="|".join(UNSEALED) or NO_NAME,
     priority: 1
+    localrule: True
     conda:
         "../../envs/concealed.yaml"
     threads: 1
@@ -213,6 +215,7 @@ rule open_truths:
     wildcard_constraints:
         block="|".join(UNOPENED) or NO_NAME,
     priority: 1
+    localrule: True
     conda:
         "../../envs/concealed.yaml"
     threads: 1
@@ -261,6 +264,8 @@ rule concealed_score:
     wildcard_constraints:
         block="|".join(IN_USE) or NO_NAME,
     priority: 1
+    group:
+        "score"
     conda:
         "../../envs/concealed.yaml"
     threads: 1
@@ -294,6 +299,8 @@ rule concealed_figures:
     benchmark:
         "benchmarks/concealed_figures/{block}.tsv"
     priority: 1
+    group:
+        "score"
     conda:
         "../../envs/concealed.yaml"
     threads: 1
@@ -326,6 +333,8 @@ rule concealed_case:
     benchmark:
         "benchmarks/concealed_case.tsv"
     priority: 1
+    group:
+        "score"
     conda:
         "../../envs/concealed.yaml"
     threads: 1
@@ -340,14 +349,22 @@ rule concealed_case:
         "../scripts/concealed_case.py"
 
 
+SCORED = [
+    "results/concealed/{block}/score/score.md",
+    *(
+        f"results/concealed/{{block}}/score/{name}.{kind}"
+        for name in SCORE_FIGURES
+        for kind in ("svg", "png")
+    ),
+]
+
+
 rule concealed:
     input:
-        rules.concealed_score.output.page.format(block=CONCEALED["block"]),
-        expand(rules.concealed_figures.output, block=CONCEALED["block"]),
+        expand(SCORED, block=CONCEALED["block"]),
 
 
 rule concealed_demo:
     input:
-        expand(rules.concealed_score.output.page, block=DEMO),
-        expand(rules.concealed_figures.output, block=DEMO),
+        expand(SCORED, block=DEMO),
         rules.concealed_case.output,

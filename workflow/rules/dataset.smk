@@ -8,6 +8,8 @@ rule record_dataset:
         "logs/record_dataset/{recording}.log",
     benchmark:
         "benchmarks/record_dataset/{recording}.tsv"
+    group:
+        "data"
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -31,6 +33,8 @@ rule split:
         "logs/split/{dataset}/{split}.log",
     benchmark:
         "benchmarks/split/{dataset}/{split}.tsv"
+    group:
+        "data"
     conda:
         "../../envs/simulation.yaml"
     threads: 1

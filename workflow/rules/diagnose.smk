@@ -41,6 +41,8 @@ rule diagnose:
         "benchmarks/diagnose/{recording}.tsv"
     wildcard_constraints:
         recording="|".join(WITHOUT_QUERY) or NO_NAME,
+    group:
+        "diagnosis"
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -112,6 +114,8 @@ rule diagnosis_report:
         "logs/diagnosis_report/{recording}.log",
     benchmark:
         "benchmarks/diagnosis_report/{recording}.tsv"
+    group:
+        "diagnosis"
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -139,6 +143,8 @@ rule compare:
     wildcard_constraints:
         a="|".join(config["recordings"]),
         b="|".join(config["recordings"]),
+    group:
+        "comparison"
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -163,6 +169,8 @@ rule compare_sessions:
         "logs/compare_sessions/{recording}.log",
     benchmark:
         "benchmarks/compare_sessions/{recording}.tsv"
+    group:
+        "comparison"
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -192,6 +200,8 @@ rule comparison_page:
         "logs/comparison_page/{a}-vs-{b}.log",
     benchmark:
         "benchmarks/comparison_page/{a}-vs-{b}.tsv"
+    group:
+        "comparison"
     conda:
         "../../envs/simulation.yaml"
     threads: 1

@@ -15,6 +15,8 @@ rule evaluate:
         "logs/evaluate/{dataset}/{split}/{budget}/{model}.log",
     benchmark:
         "benchmarks/evaluate/{dataset}/{split}/{budget}/{model}.tsv"
+    group:
+        "evaluation"
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -60,7 +62,7 @@ rule table_1:
             f"results/metrics/{dataset}/{split}/{config['budget']}/{model}.csv"
             for dataset, split, model in rows(config)
         ],
-        limits=expand(rules.limit.output.metrics, configuration=CONTINUOUS_SETS),
+        limits=expand("results/limit/simulated-{set}.csv", set=CONTINUOUS_SETS),
     output:
         csv=report(
             "results/tables/table_1.csv",
@@ -78,6 +80,7 @@ rule table_1:
         "logs/table_1.log",
     benchmark:
         "benchmarks/table_1.tsv"
+    localrule: True
     conda:
         "../../envs/learning.yaml"
     threads: 1

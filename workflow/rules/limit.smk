@@ -54,6 +54,8 @@ rule cramer_rao:
         "benchmarks/cramer_rao/{configuration}.tsv"
     wildcard_constraints:
         configuration="[a-z0-9-]+-continuous",
+    group:
+        "data"
     conda:
         "../../envs/simulation.yaml"
     threads: 1

@@ -146,8 +146,8 @@ rule loop_table:
         errors=[
             f"{LOOP}/errors/{{model}}/{{source}}/{{seed}}.csv".format(**run) for run in LOOP_RUNS
         ],
-        diagnoses=expand(rules.diagnose_loop.output.diagnosis, case=[*LOOP_CASES, *LOOP_SKINS]),
-        truths=expand(rules.loop_case.output.truth, case=LOOP_CASES),
+        diagnoses=expand(f"{LOOP}/diagnosis/diagnosis.json", case=[*LOOP_CASES, *LOOP_SKINS]),
+        truths=expand(f"{LOOP}/truth.json", case=LOOP_CASES),
     output:
         csv=report(
             "results/loop/loop.csv",
@@ -165,6 +165,7 @@ rule loop_table:
         "logs/loop_table.log",
     benchmark:
         "benchmarks/loop_table.tsv"
+    localrule: True
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -215,4 +216,8 @@ rule loop_figure:
 rule loop:
     input:
         rules.loop_table.output,
-        expand(rules.loop_figure.output, model=config["loop"]["models"]),
+        expand(
+            "results/loop/{model}.{kind}",
+            model=config["loop"]["models"],
+            kind=["svg", "png", "csv"],
+        ),

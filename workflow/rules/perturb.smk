@@ -11,6 +11,8 @@ rule skin_effects:
         "logs/skin_effects/{configuration}.log",
     benchmark:
         "benchmarks/skin_effects/{configuration}.tsv"
+    group:
+        "data"
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -48,6 +50,8 @@ rule perturb:
         "benchmarks/perturb/{configuration}/{link}.tsv"
     wildcard_constraints:
         link="[1-9][0-9]*-[a-z-]+",
+    group:
+        "data"
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -79,6 +83,8 @@ rule simulated_dataset:
         "logs/simulated_dataset/{configuration}.log",
     benchmark:
         "benchmarks/simulated_dataset/{configuration}.tsv"
+    group:
+        "data"
     conda:
         "../../envs/simulation.yaml"
     threads: 1

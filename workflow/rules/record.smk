@@ -17,6 +17,8 @@ rule twin:
         "logs/twin.log",
     benchmark:
         "benchmarks/twin.tsv"
+    group:
+        "data"
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -43,6 +45,8 @@ rule import_recording:
         "benchmarks/import_recording/{recording}.tsv"
     wildcard_constraints:
         recording="|".join(BROUGHT) or NO_NAME,
+    group:
+        "data"
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -74,6 +78,8 @@ rule check:
         "logs/check/{recording}.log",
     benchmark:
         "benchmarks/check/{recording}.tsv"
+    group:
+        "data"
     conda:
         "../../envs/simulation.yaml"
     threads: 1

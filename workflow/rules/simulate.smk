@@ -6,6 +6,8 @@ rule mesh:
         "logs/mesh.log",
     benchmark:
         "benchmarks/mesh.tsv"
+    group:
+        "skin"
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -36,6 +38,8 @@ rule clean:
         "logs/clean.log",
     benchmark:
         "benchmarks/clean.tsv"
+    group:
+        "skin"
     conda:
         "../../envs/simulation.yaml"
     threads: 1

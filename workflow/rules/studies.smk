@@ -32,6 +32,7 @@ rule tanks:
         "logs/tanks.log",
     benchmark:
         "benchmarks/tanks.tsv"
+    localrule: True
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -58,6 +59,7 @@ rule diagnosed:
         "logs/diagnosed.log",
     benchmark:
         "benchmarks/diagnosed.tsv"
+    localrule: True
     conda:
         "../../envs/simulation.yaml"
     threads: 1

@@ -17,6 +17,8 @@ rule train_autoencoder:
         "logs/train_autoencoder/{dataset}/{split}/{budget}/{seed}.log",
     benchmark:
         "benchmarks/train_autoencoder/{dataset}/{split}/{budget}/{seed}.tsv"
+    group:
+        "training"
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -47,6 +49,8 @@ rule train_regressor:
         "logs/train_regressor/{dataset}/{split}/{budget}/{seed}.log",
     benchmark:
         "benchmarks/train_regressor/{dataset}/{split}/{budget}/{seed}.tsv"
+    group:
+        "training"
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -83,6 +87,8 @@ rule train_predictor:
         "logs/train_predictor/{dataset}/{split}/{budget}/{model}/{seed}.log",
     benchmark:
         "benchmarks/train_predictor/{dataset}/{split}/{budget}/{model}/{seed}.tsv"
+    group:
+        "training"
     conda:
         "../../envs/learning.yaml"
     threads: 1

@@ -87,6 +87,7 @@ rule transfer:
         "logs/transfer.log",
     benchmark:
         "benchmarks/transfer.tsv"
+    localrule: True
     conda:
         "../../envs/learning.yaml"
     threads: 1
