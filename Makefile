@@ -120,7 +120,7 @@ accuracy: .venv/installed
 
 # Not captures: nothing makes them again.
 clean:
-	rm -rf logs benchmarks .snakemake
+	rm -rf logs .snakemake
 	[ ! -d results ] || find results -mindepth 1 -maxdepth 1 ! -name README.md -exec rm -rf {} +
 
 # A folder `.venv/installing` that is still there tells of a killed install: it starts anew.

@@ -7,7 +7,7 @@ use rule train_autoencoder as ablation_autoencoder with:
     log:
         "logs/ablation_autoencoder/{dataset}/{split}/{budget}/{setting}/{seed}.log",
     benchmark:
-        "benchmarks/ablation_autoencoder/{dataset}/{split}/{budget}/{setting}/{seed}.tsv"
+        "logs/benchmarks/ablation_autoencoder/{dataset}/{split}/{budget}/{setting}/{seed}.tsv"
     wildcard_constraints:
         setting=any_of(SETTINGS),
     group:
@@ -33,7 +33,7 @@ use rule train_regressor as ablation_regressor with:
     log:
         "logs/ablation_regressor/{dataset}/{split}/{budget}/{setting}/{seed}.log",
     benchmark:
-        "benchmarks/ablation_regressor/{dataset}/{split}/{budget}/{setting}/{seed}.tsv"
+        "logs/benchmarks/ablation_regressor/{dataset}/{split}/{budget}/{setting}/{seed}.tsv"
     wildcard_constraints:
         setting=any_of(SETTINGS),
     group:
@@ -58,7 +58,7 @@ use rule train_predictor as ablation_predictor with:
     log:
         "logs/ablation_predictor/{dataset}/{split}/{budget}/{setting}/{model}/{seed}.log",
     benchmark:
-        "benchmarks/ablation_predictor/{dataset}/{split}/{budget}/{setting}/{model}/{seed}.tsv"
+        "logs/benchmarks/ablation_predictor/{dataset}/{split}/{budget}/{setting}/{model}/{seed}.tsv"
     wildcard_constraints:
         setting=any_of(SETTINGS | POINTS),
     group:
@@ -83,7 +83,7 @@ rule ablation_choice:
     log:
         "logs/ablation_choice/{dataset}/{split}/{budget}/{size}/{model}.log",
     benchmark:
-        "benchmarks/ablation_choice/{dataset}/{split}/{budget}/{size}/{model}.tsv"
+        "logs/benchmarks/ablation_choice/{dataset}/{split}/{budget}/{size}/{model}.tsv"
     wildcard_constraints:
         size=any_of(SIZES),
     localrule: True
@@ -118,7 +118,7 @@ rule ablation_tuned:
     log:
         "logs/ablation_tuned/{dataset}/{split}/{budget}/{size}/{model}/{seed}.log",
     benchmark:
-        "benchmarks/ablation_tuned/{dataset}/{split}/{budget}/{size}/{model}/{seed}.tsv"
+        "logs/benchmarks/ablation_tuned/{dataset}/{split}/{budget}/{size}/{model}/{seed}.tsv"
     wildcard_constraints:
         size=any_of(SIZES),
     conda:
@@ -148,7 +148,7 @@ rule ablation_errors:
     log:
         "logs/ablation_errors/{dataset}/{split}/{budget}/{setting}/{model}.log",
     benchmark:
-        "benchmarks/ablation_errors/{dataset}/{split}/{budget}/{setting}/{model}.tsv"
+        "logs/benchmarks/ablation_errors/{dataset}/{split}/{budget}/{setting}/{model}.tsv"
     wildcard_constraints:
         setting="|".join([any_of(SETTINGS | POINTS), *(f"tuned-{size}" for size in SIZES)]),
     conda:
@@ -200,7 +200,7 @@ rule ablation:
     log:
         "logs/ablation.log",
     benchmark:
-        "benchmarks/ablation.tsv"
+        "logs/benchmarks/ablation.tsv"
     localrule: True
     conda:
         "../../envs/learning.yaml"
@@ -230,7 +230,7 @@ rule tuning:
     log:
         "logs/tuning.log",
     benchmark:
-        "benchmarks/tuning.tsv"
+        "logs/benchmarks/tuning.tsv"
     localrule: True
     conda:
         "../../envs/learning.yaml"

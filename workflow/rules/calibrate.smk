@@ -9,7 +9,7 @@ rule trials:
     log:
         "logs/trials/{block}/{size}-{batch}.log",
     benchmark:
-        "benchmarks/trials/{block}/{size}-{batch}.tsv"
+        "logs/benchmarks/trials/{block}/{size}-{batch}.tsv"
     wildcard_constraints:
         block="|".join(FIRST_SEED),
         size="quick|full",
@@ -47,7 +47,7 @@ rule score_trials:
     log:
         "logs/score_trials.log",
     benchmark:
-        "benchmarks/score_trials.tsv"
+        "logs/benchmarks/score_trials.tsv"
     conda:
         "../../envs/calibration.yaml"
     threads: 1
@@ -95,7 +95,7 @@ rule calibration_figures:
     log:
         "logs/calibration_figures.log",
     benchmark:
-        "benchmarks/calibration_figures.tsv"
+        "logs/benchmarks/calibration_figures.tsv"
     conda:
         "../../envs/calibration.yaml"
     threads: 1

@@ -22,7 +22,7 @@ if "rig" in config:
             log:
                 f"logs/capture/{RIG['name']}.log",
             benchmark:
-                f"benchmarks/capture/{RIG['name']}.tsv"
+                f"logs/benchmarks/capture/{RIG['name']}.tsv"
             retries: 0
             localrule: True
             conda:

@@ -17,7 +17,7 @@ for block, number, cases in numbered(UNSEALED):
         log:
             f"logs/conceal/{block}/{number:03d}.log",
         benchmark:
-            f"benchmarks/conceal/{block}/{number:03d}.tsv"
+            f"logs/benchmarks/conceal/{block}/{number:03d}.tsv"
         priority: 1
         conda:
             "../../envs/concealed.yaml"
@@ -56,7 +56,7 @@ for block, number, cases in numbered(UNSEALED):
         log:
             f"logs/verdicts/{block}/{number:03d}.log",
         benchmark:
-            f"benchmarks/verdicts/{block}/{number:03d}.tsv"
+            f"logs/benchmarks/verdicts/{block}/{number:03d}.tsv"
         priority: 1
         conda:
             "../../envs/concealed.yaml"
@@ -86,7 +86,7 @@ for block, number, cases in numbered(UNSEALED):
         log:
             f"logs/baselines/{block}/{number:03d}.log",
         benchmark:
-            f"benchmarks/baselines/{block}/{number:03d}.tsv"
+            f"logs/benchmarks/baselines/{block}/{number:03d}.tsv"
         priority: 1
         conda:
             "../../envs/concealed.yaml"
@@ -119,7 +119,7 @@ for block, number, cases in numbered(UNFITTED):
         log:
             f"logs/oracle/{block}/{number:03d}.log",
         benchmark:
-            f"benchmarks/oracle/{block}/{number:03d}.tsv"
+            f"logs/benchmarks/oracle/{block}/{number:03d}.tsv"
         priority: 1
         conda:
             "../../envs/concealed.yaml"
@@ -150,7 +150,7 @@ rule commit_truths:
     log:
         "logs/commit_truths/{block}.log",
     benchmark:
-        "benchmarks/commit_truths/{block}.tsv"
+        "logs/benchmarks/commit_truths/{block}.tsv"
     wildcard_constraints:
         block="|".join(UNSEALED) or NO_NAME,
     priority: 1
@@ -181,7 +181,7 @@ rule seal_verdicts:
     log:
         "logs/seal_verdicts/{block}.log",
     benchmark:
-        "benchmarks/seal_verdicts/{block}.tsv"
+        "logs/benchmarks/seal_verdicts/{block}.tsv"
     wildcard_constraints:
         block="|".join(UNSEALED) or NO_NAME,
     priority: 1
@@ -211,7 +211,7 @@ rule open_truths:
     log:
         "logs/open_truths/{block}.log",
     benchmark:
-        "benchmarks/open_truths/{block}.tsv"
+        "logs/benchmarks/open_truths/{block}.tsv"
     wildcard_constraints:
         block="|".join(UNOPENED) or NO_NAME,
     priority: 1
@@ -260,7 +260,7 @@ rule concealed_score:
     log:
         "logs/concealed_score/{block}.log",
     benchmark:
-        "benchmarks/concealed_score/{block}.tsv"
+        "logs/benchmarks/concealed_score/{block}.tsv"
     wildcard_constraints:
         block="|".join(IN_USE) or NO_NAME,
     priority: 1
@@ -297,7 +297,7 @@ rule concealed_figures:
     log:
         "logs/concealed_figures/{block}.log",
     benchmark:
-        "benchmarks/concealed_figures/{block}.tsv"
+        "logs/benchmarks/concealed_figures/{block}.tsv"
     priority: 1
     group:
         "score"
@@ -331,7 +331,7 @@ rule concealed_case:
     log:
         "logs/concealed_case.log",
     benchmark:
-        "benchmarks/concealed_case.tsv"
+        "logs/benchmarks/concealed_case.tsv"
     priority: 1
     group:
         "score"

@@ -7,7 +7,7 @@ rule record_dataset:
     log:
         "logs/record_dataset/{recording}.log",
     benchmark:
-        "benchmarks/record_dataset/{recording}.tsv"
+        "logs/benchmarks/record_dataset/{recording}.tsv"
     group:
         "data"
     conda:
@@ -32,7 +32,7 @@ rule split:
     log:
         "logs/split/{dataset}/{split}.log",
     benchmark:
-        "benchmarks/split/{dataset}/{split}.tsv"
+        "logs/benchmarks/split/{dataset}/{split}.tsv"
     group:
         "data"
     conda:

@@ -38,7 +38,7 @@ rule diagnose:
     log:
         "logs/diagnose/{recording}.log",
     benchmark:
-        "benchmarks/diagnose/{recording}.tsv"
+        "logs/benchmarks/diagnose/{recording}.tsv"
     wildcard_constraints:
         recording="|".join(WITHOUT_QUERY) or NO_NAME,
     group:
@@ -113,7 +113,7 @@ rule diagnosis_report:
     log:
         "logs/diagnosis_report/{recording}.log",
     benchmark:
-        "benchmarks/diagnosis_report/{recording}.tsv"
+        "logs/benchmarks/diagnosis_report/{recording}.tsv"
     group:
         "diagnosis"
     conda:
@@ -139,7 +139,7 @@ rule compare:
     log:
         "logs/compare/{a}-vs-{b}.log",
     benchmark:
-        "benchmarks/compare/{a}-vs-{b}.tsv"
+        "logs/benchmarks/compare/{a}-vs-{b}.tsv"
     wildcard_constraints:
         a="|".join(config["recordings"]),
         b="|".join(config["recordings"]),
@@ -168,7 +168,7 @@ rule compare_sessions:
     log:
         "logs/compare_sessions/{recording}.log",
     benchmark:
-        "benchmarks/compare_sessions/{recording}.tsv"
+        "logs/benchmarks/compare_sessions/{recording}.tsv"
     group:
         "comparison"
     conda:
@@ -199,7 +199,7 @@ rule comparison_page:
     log:
         "logs/comparison_page/{a}-vs-{b}.log",
     benchmark:
-        "benchmarks/comparison_page/{a}-vs-{b}.tsv"
+        "logs/benchmarks/comparison_page/{a}-vs-{b}.tsv"
     group:
         "comparison"
     conda:
@@ -229,6 +229,6 @@ use rule comparison_page as sessions_page with:
     log:
         "logs/sessions_page/{recording}.log",
     benchmark:
-        "benchmarks/sessions_page/{recording}.tsv"
+        "logs/benchmarks/sessions_page/{recording}.tsv"
     message:
         "Reporting what changed between sessions of {wildcards.recording}"

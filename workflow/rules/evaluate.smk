@@ -14,7 +14,7 @@ rule evaluate:
     log:
         "logs/evaluate/{dataset}/{split}/{budget}/{model}.log",
     benchmark:
-        "benchmarks/evaluate/{dataset}/{split}/{budget}/{model}.tsv"
+        "logs/benchmarks/evaluate/{dataset}/{split}/{budget}/{model}.tsv"
     group:
         "evaluation"
     conda:
@@ -40,7 +40,7 @@ rule predict:
     log:
         "logs/predict/{dataset}/{split}/{budget}/{model}/{recording}.log",
     benchmark:
-        "benchmarks/predict/{dataset}/{split}/{budget}/{model}/{recording}.tsv"
+        "logs/benchmarks/predict/{dataset}/{split}/{budget}/{model}/{recording}.tsv"
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -79,7 +79,7 @@ rule table_1:
     log:
         "logs/table_1.log",
     benchmark:
-        "benchmarks/table_1.tsv"
+        "logs/benchmarks/table_1.tsv"
     localrule: True
     conda:
         "../../envs/learning.yaml"

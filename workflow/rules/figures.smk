@@ -26,7 +26,7 @@ rule table_2:
     log:
         "logs/table_2.log",
     benchmark:
-        "benchmarks/table_2.tsv"
+        "logs/benchmarks/table_2.tsv"
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -78,7 +78,7 @@ rule figure_1:
     log:
         "logs/figure_1.log",
     benchmark:
-        "benchmarks/figure_1.tsv"
+        "logs/benchmarks/figure_1.tsv"
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -110,7 +110,7 @@ rule figure_2:
     log:
         "logs/figure_2.log",
     benchmark:
-        "benchmarks/figure_2.tsv"
+        "logs/benchmarks/figure_2.tsv"
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -150,7 +150,7 @@ rule figure_3:
     log:
         "logs/figure_3.log",
     benchmark:
-        "benchmarks/figure_3.tsv"
+        "logs/benchmarks/figure_3.tsv"
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -184,7 +184,7 @@ rule figure_4:
     log:
         "logs/figure_4.log",
     benchmark:
-        "benchmarks/figure_4.tsv"
+        "logs/benchmarks/figure_4.tsv"
     conda:
         "../../envs/simulation.yaml"
     threads: 1

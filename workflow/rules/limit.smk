@@ -15,7 +15,7 @@ rule limit:
     log:
         "logs/limit/{configuration}.log",
     benchmark:
-        "benchmarks/limit/{configuration}.tsv"
+        "logs/benchmarks/limit/{configuration}.tsv"
     wildcard_constraints:
         configuration="[a-z0-9-]+-continuous",
     conda:
@@ -51,7 +51,7 @@ rule cramer_rao:
     log:
         "logs/cramer_rao/{configuration}.log",
     benchmark:
-        "benchmarks/cramer_rao/{configuration}.tsv"
+        "logs/benchmarks/cramer_rao/{configuration}.tsv"
     wildcard_constraints:
         configuration="[a-z0-9-]+-continuous",
     group:

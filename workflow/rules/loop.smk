@@ -17,7 +17,7 @@ rule loop_case:
     log:
         "logs/loop_case/{case}.log",
     benchmark:
-        "benchmarks/loop_case/{case}.tsv"
+        "logs/benchmarks/loop_case/{case}.tsv"
     wildcard_constraints:
         case="|".join(LOOP_CASES) or NO_NAME,
     conda:
@@ -49,7 +49,7 @@ rule loop_labelled:
     log:
         "logs/loop_labelled/{case}.log",
     benchmark:
-        "benchmarks/loop_labelled/{case}.tsv"
+        "logs/benchmarks/loop_labelled/{case}.tsv"
     wildcard_constraints:
         case="|".join(LOOP_SKINS) or NO_NAME,
     conda:
@@ -78,7 +78,7 @@ use rule diagnose as diagnose_loop with:
     log:
         "logs/diagnose_loop/{case}.log",
     benchmark:
-        "benchmarks/diagnose_loop/{case}.tsv"
+        "logs/benchmarks/diagnose_loop/{case}.tsv"
     wildcard_constraints:
         case="|".join([*LOOP_CASES, *LOOP_SKINS]) or NO_NAME,
     params:
@@ -103,7 +103,7 @@ rule loop_errors:
     log:
         "logs/loop_errors/{case}/{model}/{source}/{seed}.log",
     benchmark:
-        "benchmarks/loop_errors/{case}/{model}/{source}/{seed}.tsv"
+        "logs/benchmarks/loop_errors/{case}/{model}/{source}/{seed}.tsv"
     wildcard_constraints:
         source="|".join([*SOURCES, LABELS]),
     conda:
@@ -164,7 +164,7 @@ rule loop_table:
     log:
         "logs/loop_table.log",
     benchmark:
-        "benchmarks/loop_table.tsv"
+        "logs/benchmarks/loop_table.tsv"
     localrule: True
     conda:
         "../../envs/learning.yaml"
@@ -196,7 +196,7 @@ rule loop_figure:
     log:
         "logs/loop_figure/{model}.log",
     benchmark:
-        "benchmarks/loop_figure/{model}.tsv"
+        "logs/benchmarks/loop_figure/{model}.tsv"
     wildcard_constraints:
         model="|".join(config["loop"]["models"]) or NO_NAME,
     conda:

@@ -10,7 +10,7 @@ rule skin_effects:
     log:
         "logs/skin_effects/{configuration}.log",
     benchmark:
-        "benchmarks/skin_effects/{configuration}.tsv"
+        "logs/benchmarks/skin_effects/{configuration}.tsv"
     group:
         "data"
     conda:
@@ -47,7 +47,7 @@ rule perturb:
     log:
         "logs/perturb/{configuration}/{link}.log",
     benchmark:
-        "benchmarks/perturb/{configuration}/{link}.tsv"
+        "logs/benchmarks/perturb/{configuration}/{link}.tsv"
     wildcard_constraints:
         link="[1-9][0-9]*-[a-z-]+",
     group:
@@ -82,7 +82,7 @@ rule simulated_dataset:
     log:
         "logs/simulated_dataset/{configuration}.log",
     benchmark:
-        "benchmarks/simulated_dataset/{configuration}.tsv"
+        "logs/benchmarks/simulated_dataset/{configuration}.tsv"
     group:
         "data"
     conda:

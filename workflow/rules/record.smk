@@ -16,7 +16,7 @@ rule twin:
     log:
         "logs/twin.log",
     benchmark:
-        "benchmarks/twin.tsv"
+        "logs/benchmarks/twin.tsv"
     group:
         "data"
     conda:
@@ -42,7 +42,7 @@ rule import_recording:
     log:
         "logs/import_recording/{recording}.log",
     benchmark:
-        "benchmarks/import_recording/{recording}.tsv"
+        "logs/benchmarks/import_recording/{recording}.tsv"
     wildcard_constraints:
         recording="|".join(BROUGHT) or NO_NAME,
     group:
@@ -77,7 +77,7 @@ rule check:
     log:
         "logs/check/{recording}.log",
     benchmark:
-        "benchmarks/check/{recording}.tsv"
+        "logs/benchmarks/check/{recording}.tsv"
     group:
         "data"
     conda:

@@ -5,7 +5,7 @@ rule mesh:
     log:
         "logs/mesh.log",
     benchmark:
-        "benchmarks/mesh.tsv"
+        "logs/benchmarks/mesh.tsv"
     group:
         "skin"
     conda:
@@ -37,7 +37,7 @@ rule clean:
     log:
         "logs/clean.log",
     benchmark:
-        "benchmarks/clean.tsv"
+        "logs/benchmarks/clean.tsv"
     group:
         "skin"
     conda:

@@ -7,7 +7,7 @@ rule held_out_pairs:
     log:
         "logs/held_out_pairs/{recording}.log",
     benchmark:
-        "benchmarks/held_out_pairs/{recording}.tsv"
+        "logs/benchmarks/held_out_pairs/{recording}.tsv"
     conda:
         "../../envs/simulation.yaml"
     threads: 1
@@ -31,7 +31,7 @@ rule tanks:
     log:
         "logs/tanks.log",
     benchmark:
-        "benchmarks/tanks.tsv"
+        "logs/benchmarks/tanks.tsv"
     localrule: True
     conda:
         "../../envs/simulation.yaml"
@@ -58,7 +58,7 @@ rule diagnosed:
     log:
         "logs/diagnosed.log",
     benchmark:
-        "benchmarks/diagnosed.tsv"
+        "logs/benchmarks/diagnosed.tsv"
     localrule: True
     conda:
         "../../envs/simulation.yaml"
@@ -83,7 +83,7 @@ rule ground_return:
     log:
         "logs/ground_return/{recording}.log",
     benchmark:
-        "benchmarks/ground_return/{recording}.tsv"
+        "logs/benchmarks/ground_return/{recording}.tsv"
     conda:
         "../../envs/simulation.yaml"
     threads: 1

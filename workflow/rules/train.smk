@@ -16,7 +16,7 @@ rule train_autoencoder:
     log:
         "logs/train_autoencoder/{dataset}/{split}/{budget}/{seed}.log",
     benchmark:
-        "benchmarks/train_autoencoder/{dataset}/{split}/{budget}/{seed}.tsv"
+        "logs/benchmarks/train_autoencoder/{dataset}/{split}/{budget}/{seed}.tsv"
     group:
         "training"
     conda:
@@ -48,7 +48,7 @@ rule train_regressor:
     log:
         "logs/train_regressor/{dataset}/{split}/{budget}/{seed}.log",
     benchmark:
-        "benchmarks/train_regressor/{dataset}/{split}/{budget}/{seed}.tsv"
+        "logs/benchmarks/train_regressor/{dataset}/{split}/{budget}/{seed}.tsv"
     group:
         "training"
     conda:
@@ -86,7 +86,7 @@ rule train_predictor:
     log:
         "logs/train_predictor/{dataset}/{split}/{budget}/{model}/{seed}.log",
     benchmark:
-        "benchmarks/train_predictor/{dataset}/{split}/{budget}/{model}/{seed}.tsv"
+        "logs/benchmarks/train_predictor/{dataset}/{split}/{budget}/{model}/{seed}.tsv"
     group:
         "training"
     conda:

@@ -14,7 +14,7 @@ rule transfer_source:
     log:
         "logs/transfer_source/{budget}/{model}/{source}/{recording}.log",
     benchmark:
-        "benchmarks/transfer_source/{budget}/{model}/{source}/{recording}.tsv"
+        "logs/benchmarks/transfer_source/{budget}/{model}/{source}/{recording}.tsv"
     wildcard_constraints:
         source="simulated-(?:{})".format("|".join(config["configurations"])),
     conda:
@@ -42,7 +42,7 @@ rule transfer_references:
     log:
         "logs/transfer_references/{budget}/{model}/{recording}.log",
     benchmark:
-        "benchmarks/transfer_references/{budget}/{model}/{recording}.tsv"
+        "logs/benchmarks/transfer_references/{budget}/{model}/{recording}.tsv"
     conda:
         "../../envs/learning.yaml"
     threads: 1
@@ -86,7 +86,7 @@ rule transfer:
     log:
         "logs/transfer.log",
     benchmark:
-        "benchmarks/transfer.tsv"
+        "logs/benchmarks/transfer.tsv"
     localrule: True
     conda:
         "../../envs/learning.yaml"
