@@ -23,6 +23,7 @@ from eitskin.diagnose.excerpt import LIMIT_GIB
 from eitskin.errors import InputError, named, refused
 from eitskin.physics.outline import EXPECTED, no_disc
 from eitskin.quantities import listed, plain
+from eitskin.stream import cli as stream
 
 REFUSED, UNUSABLE, INTERRUPTED = 1, 2, 130
 SCHEMA = Path(__file__).parent / "diagnose" / "diagnosis.schema.yaml"
@@ -32,7 +33,7 @@ exit codes:
   1      bad input, or a file that cannot be read or written: one line on stderr
   2      wrong usage, a recording that is not usable, or a rig that is not ready
   3      a capture that waits for another probe
-  4      a capture that ended after a fault
+  4      a capture or a stream that ended after a fault
   128+n  ended by signal n: 130 after Ctrl-C, 141 where nobody reads the output
 """
 EXAMPLES = {
@@ -57,6 +58,12 @@ examples:
 examples:
   eitskin compare monday.parquet friday.parquet
   eitskin compare tank.csv tank.csv --part target --out objects
+""",
+    "stream": """\
+examples:
+  eitskin stream /dev/ttyACM1 --model mlp.npz
+  eitskin stream /dev/ttyACM1 --model mlp.npz --json --out monday.parquet | robot
+  eitskin stream monday.parquet --model mlp.npz --fast
 """,
 }
 
@@ -151,15 +158,24 @@ def _parser() -> argparse.ArgumentParser:
     part = "of LATER, frames otherwise left out: target (pyeidors-tank), v_rotate:K (iirc-tank)"
     comparing.add_argument("--part", help=part)
     _add_path(comparing, "--out", "the folder to write, by default comparison-A-vs-B", shtab.DIR)
+    streaming = command("stream", stream.stream, "say of every frame where and how hard a touch is")
+    _add_path(streaming, "source", "a board's serial port, or a recording in any known format")
+    _add_path(streaming, "--model", "an exported predictor, required", required=True)
+    _add_path(streaming, "--out", "the recording to write, its states as estimated")
+    stream.add(streaming)
     rig.add(commands)
     return parser
 
 
 def _add_path(
-    command: argparse.ArgumentParser, name: str, what: str, kind: dict = shtab.FILE
+    command: argparse.ArgumentParser,
+    name: str,
+    what: str,
+    kind: dict = shtab.FILE,
+    **others: bool,
 ) -> None:
     """A path of a kind that a shell completes."""
-    action = command.add_argument(name, help=what)
+    action = command.add_argument(name, help=what, **others)
     action.complete = kind  # type: ignore[attr-defined]  # shtab's, which argparse's stubs lack
 
 

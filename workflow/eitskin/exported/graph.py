@@ -262,7 +262,7 @@ class Applied:
                 return [value for value, _ in parts], True
             return (lambda values: [v if fixed else v(values) for v, fixed in parts]), False
         if isinstance(argument, dict):
-            (kind, name), = argument.items()
+            ((kind, name),) = argument.items()
             if kind == "array":
                 return arrays[name], True
             if kind == "dtype":

@@ -14,8 +14,8 @@ LEFT_OUT = ("aten._assert_tensor_metadata.default",)  # checks that change nothi
 
 
 def traced(module: nn.Module, example: Tensor, prefix: str) -> tuple[Graph, dict[str, np.ndarray]]:
-    """The graph of `module` for any number of frames like `example` (2 or more, ...), and its
-    arrays, their names beginning with `prefix`.
+    """The graph of `module` for any number of frames like `example` (B, ...), for one alone where
+    B is 1, and its arrays, their names beginning with `prefix`.
 
     Raises InputError where the module has operations that `exported.graph` does not know.
     """
@@ -23,7 +23,7 @@ def traced(module: nn.Module, example: Tensor, prefix: str) -> tuple[Graph, dict
     torch.backends.mha.set_fastpath_enabled(False)  # one kernel, which shows no operation
     try:
         with torch.no_grad():
-            dynamic = ({0: Dim("frames", min=1)},)
+            dynamic = ({0: Dim("frames", min=1)},) if len(example) > 1 else None
             program = torch.export.export(module.eval(), (example,), dynamic_shapes=dynamic)
     finally:
         torch.backends.mha.set_fastpath_enabled(before)
