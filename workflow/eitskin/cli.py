@@ -23,7 +23,7 @@ from eitskin.diagnose.excerpt import LIMIT_GIB
 from eitskin.errors import InputError, named, refused
 from eitskin.physics.outline import EXPECTED, no_disc
 from eitskin.quantities import listed, plain
-from eitskin.stream import cli as stream
+from eitskin.stream import cli as streaming
 
 REFUSED, UNUSABLE, INTERRUPTED = 1, 2, 130
 SCHEMA = Path(__file__).parent / "diagnose" / "diagnosis.schema.yaml"
@@ -158,11 +158,12 @@ def _parser() -> argparse.ArgumentParser:
     part = "of LATER, frames otherwise left out: target (pyeidors-tank), v_rotate:K (iirc-tank)"
     comparing.add_argument("--part", help=part)
     _add_path(comparing, "--out", "the folder to write, by default comparison-A-vs-B", shtab.DIR)
-    streaming = command("stream", stream.stream, "say of every frame where and how hard a touch is")
-    _add_path(streaming, "source", "a board's serial port, or a recording in any known format")
-    _add_path(streaming, "--model", "an exported predictor, required", required=True)
-    _add_path(streaming, "--out", "the recording to write, its states as estimated")
-    stream.add(streaming)
+    words = "say of every frame whether the skin is touched, where and how hard"
+    following = command("stream", streaming.stream, words)
+    _add_path(following, "source", "a board's serial port, or a recording in any known format")
+    _add_path(following, "--model", "an exported predictor", required=True)
+    _add_path(following, "--out", "the recording to write, its states as estimated")
+    streaming.add(following)
     rig.add(commands)
     return parser
 

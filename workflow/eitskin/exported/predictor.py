@@ -65,10 +65,11 @@ class Predictor:
         self, whole: np.ndarray, missing: Missing, number: int, lost: tuple[int, ...] = ()
     ) -> Estimate:
         """The state of what `filled` has made of a change; of one without the channels of lost
-        electrodes by the network that has learned to do without."""
+        electrodes by the network that has learned to do without, its interval never narrower than
+        with all of them."""
         if lost:
-            state = self.states_without(whole[None], lost)[0]
-            return Estimate(state, self._half_without[len(lost) - 1, number])
+            half = np.maximum(self.half[number], self._half_without[len(lost) - 1, number])
+            return Estimate(self.states_without(whole[None], lost)[0], half)
         state, spread = self.propagated(whole, missing)
         return Estimate(state, np.sqrt(self.half[number] ** 2 + (self._widening * spread) ** 2))
 

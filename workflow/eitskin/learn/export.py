@@ -80,8 +80,8 @@ def export(
     `part` (N,) of the dataset it was trained on: the channels' precision is of what was trained on,
     the intervals are of the validation part, split conformal within each class of strength (Vovk
     2012, Conditional validity of inductive conformal predictors). skin: what is believed of it, as
-    `Skin.metadata`; frame_s: s; epochs: of the perceptron that does without electrodes. Raises InputError for another dataset, too few samples, and a
-    network that cannot be traced.
+    `Skin.metadata`; frame_s: s; epochs: of the perceptron that does without electrodes. Raises
+    InputError for another dataset, too few samples, and a network that cannot be traced.
     """
     told = model.header["dataset"]
     if told["name"] != dataset.metadata["name"] or "channels" not in told:

@@ -7,8 +7,8 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Frame:
-    """reading (M,) in the model's unit, of its channels; time_s from the first one on; ready_s: when
-    it was whole, by `time.perf_counter`; saturated (M,) bool."""
+    """reading (M,) in the model's unit, of its channels; time_s from the first one on; ready_s:
+    when it was whole, by `time.perf_counter`; saturated (M,) bool."""
 
     time_s: float
     ready_s: float

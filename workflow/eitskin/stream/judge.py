@@ -83,7 +83,7 @@ class Judge:
             expected = f"{MOST_LOST} at most: too little is left to estimate from"
             raise InputError("stream", "electrodes", f"{_words(dead)} dead", expected)
         news = tuple(f"electrode {k} is dead from the start" for k in dead)
-        self._lose(dead)
+        self.lose(dead)
         return Verdict(NO_TOUCH, lost=self.lost, news=news)
 
     def _judged(self, reading: np.ndarray, change: np.ndarray, news: tuple[str, ...]) -> Verdict:
@@ -169,11 +169,12 @@ class Judge:
         self._suspected = electrode, count
         if count < LOST_AFTER:
             return ()
-        self._lose([*self.lost, electrode])
+        self.lose([*self.lost, electrode])
         self._suspected = -1, 0
         return (f"electrode {electrode} is lost; estimates are made without it",)
 
-    def _lose(self, electrodes: list[int]) -> None:
+    def lose(self, electrodes: list[int]) -> None:
+        """From now on these electrodes are lost, and no others."""
         self.lost = tuple(sorted(electrodes))
         self._gone = np.isin(self.table, self.lost).any(axis=1)
         self._agreed = dict.fromkeys(self.lost, 0)
@@ -191,7 +192,7 @@ class Judge:
             if self._agreed[electrode] >= BACK_AFTER:
                 back.append(electrode)
         if back:
-            self._lose([k for k in self.lost if k not in back])
+            self.lose([k for k in self.lost if k not in back])
         return tuple(f"electrode {electrode} is back" for electrode in back)
 
 

@@ -6,6 +6,7 @@ the recording that the kill prevented.
 """
 
 import json
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -16,16 +17,13 @@ from eitskin.data import recording
 from eitskin.data.dataset import TARGETS
 from eitskin.data.recording import Recording, frames_table
 from eitskin.errors import InputError
-from eitskin.physics.skin import Skin
+from eitskin.physics.skin import OPTIONAL, Skin
 from eitskin.stream.frames import Frame
 from eitskin.stream.judge import CANNOT_TELL, TOUCH, Verdict
 
 KIND = "stream"
 EVERY_S = 0.5
-UNKNOWN = dict.fromkeys(
-    ("radius_mm", "thickness_mm", "conductivity_S_per_m", "electrode_deg", "electrode_width_mm")
-    + ("contact_impedivity_ohm_m2", "current_A", "contrast_per_N")
-)
+UNKNOWN = {field.name: None for field in fields(Skin) if field.name not in OPTIONAL}
 
 
 def journal_of(out: str | Path) -> Path:
@@ -98,9 +96,11 @@ class Keeper:
 
 
 def as_recording(path: str | Path) -> Recording:
-    """The recording of a stream's journal: `touch` and places are what was estimated, a frame of
-    which it could not be told has touch true; `note_verdict`, `note_lost` and half the width of each
-    interval, `note_half_`. Raises InputError for what is no such journal or holds no frame.
+    """The recording of a stream's journal: `touch` and places are what was estimated.
+
+    A frame of which it could not be told has touch true where there is an estimate, and is left out
+    where there is none. Notes: `note_verdict`, `note_lost`, and half the width of each interval,
+    `note_half_`. Raises InputError for what is no such journal or holds no frame.
     """
     records = journal.read(path, KIND).records
     head, rows = records[0], [one for one in records if one["kind"] == "frame"]

@@ -10,9 +10,9 @@ def dead(frames: np.ndarray, table: np.ndarray) -> list[int]:
     """Electrodes to which more than half of their channels point, the worst first.
 
     Of opening frames (n, M) by a table of channels (M, 4). A channel is suspect where it is never
-    read, where it stands still although most others do not, and where its reciprocal one (Geselowitz
-    1971), the two pairs exchanged, reads something else. What points to one electrode points to no
-    other any more.
+    read, where it stands still although most others do not, and where its reciprocal one, the two
+    pairs exchanged, reads something else (Geselowitz 1971). What points to one electrode points to
+    no other any more.
     """
     suspect = silent(frames) | unreciprocal(frames, table)
     users = np.array([(table == k).any(axis=1) for k in range(int(table.max()) + 1)])

@@ -50,19 +50,24 @@ def board(device: str, baud: int, trained_on: dict) -> Source:
 
     Raises InputError where no known board has them, and for a port that cannot be opened.
     """
-    lost = trained_on.get("lost_channels", [])
-    for name, known in BOARDS.items():
-        table = np.delete(channel_table(known.n_electrodes), lost, axis=0)
-        if table.tolist() == trained_on["channels"]:
-            break
-    else:
+    name = next((name for name, one in BOARDS.items() if _reads(one, trained_on)), None)
+    if name is None:
         found = f"{len(trained_on['channels'])} channels of {trained_on['name']}"
         raise InputError("model", "channels", found, f"those of a board: {', '.join(BOARDS)}")
     if trained_on.get("voltage") != "magnitude" or trained_on["unit"] != "V":
         found = f"{trained_on.get('voltage')} {trained_on['unit']} of {trained_on['name']}"
         raise InputError("model", "voltage", found, f"magnitudes in V, as {name} reads")
-    events = _lines(device, baud, known, np.array(lost, dtype=int))
+    lost = np.array(trained_on.get("lost_channels", []), dtype=int)
+    events = _lines(device, baud, BOARDS[name], lost)
     return Source(events, OPENING, False, f"{name} at {device}")
+
+
+def _reads(known: Board, trained_on: dict) -> bool:
+    """Whether a board's channels are those trained on."""
+    table = np.delete(
+        channel_table(known.n_electrodes), trained_on.get("lost_channels", []), axis=0
+    )
+    return table.tolist() == trained_on["channels"]
 
 
 def _lines(device: str, baud: int, known: Board, lost: np.ndarray) -> Iterator[Event]:
