@@ -100,7 +100,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(refusal, file=sys.stderr)
     if getattr(parsed, "json", False):
         with contextlib.suppress(OSError):
-            answers.write(answers.refusal(refusal))
+            answers.write(answers.refusal(refusal), parsed.run is streaming.stream)
     return REFUSED
 
 
@@ -129,7 +129,8 @@ def _parser() -> argparse.ArgumentParser:
         added = commands.add_parser(
             name, help=what, description=what, epilog=EXAMPLES[name], formatter_class=plain
         )
-        added.add_argument("--json", action="store_true", help="the answer as one JSON document")
+        document = "a JSON object a line" if name == "stream" else "the answer as one JSON document"
+        added.add_argument("--json", action="store_true", help=document)
         added.set_defaults(run=run)
         return added
 

@@ -1,5 +1,6 @@
 """`eitskin stream`: a recording, a journal that a kill left, an emulated board and its faults."""
 
+import io
 import itertools
 import json
 import os
@@ -8,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +18,14 @@ import pytest
 import streamed_skin as skin
 from eitskin import cli
 from eitskin.data import recording
+from eitskin.errors import InputError
 from eitskin.exported import file
+from eitskin.exported.predictor import Predictor
+from eitskin.stream import sources
+from eitskin.stream.judge import Judge
 from eitskin.stream.kept import as_recording
+from eitskin.stream.run import Told, run
+from eitskin.stream.view import View
 from rigsim import faults
 from rigsim.eit import text, values
 from rigsim.ptys import SerialPort
@@ -61,7 +69,7 @@ def test_plain_lines_and_the_sum_of_it(folder, capsys):
     assert cli.main(["stream", "skin.parquet", "--model", "mlp.npz", "--fast"]) == 0
     printed = capsys.readouterr()
     assert "starting · leave the skin untouched" in printed.out
-    assert "touch · x 2" in printed.out and " ± " in printed.out
+    assert "· touch · x " in printed.out and " ± " in printed.out
     assert "\r" not in printed.out
     assert printed.err.startswith("frames: 9 starting, ") and "99 % within" in printed.err
 
@@ -181,18 +189,28 @@ def board(folder):
         one.port.unplug()
 
 
-def streamed(enough, *more):
-    """What a stream of the board says until that is enough, and how it ended after Ctrl-C."""
-    streaming = running("board", "--model", "mlp.npz", "--json", *more)
-    lines, give_up = [], time.monotonic() + PATIENCE_S
-    while line := streaming.stdout.readline():
-        lines.append(json.loads(line))
-        if enough(lines):
-            streaming.send_signal(signal.SIGINT)
-            break
-        assert time.monotonic() < give_up, lines[-3:]
-    _, err = streaming.communicate()
-    return lines, streaming.returncode, err
+def streamed(enough):
+    """What a stream of the board says until that is enough."""
+    exported, out = skin.exported(), io.StringIO()
+    source = sources.board("board", 115200, exported.header["dataset"])
+    predictor, give_up = Predictor(exported), time.monotonic() + PATIENCE_S
+
+    def lines():
+        return [json.loads(line) for line in out.getvalue().splitlines()]
+
+    def until_enough():
+        for event in source.events:
+            yield event
+            if enough(lines()):
+                return
+            assert time.monotonic() < give_up, lines()[-3:]
+
+    view = View(predictor.targets, True, out)
+    try:
+        run(replace(source, events=until_enough()), Judge(predictor), view, None, Told())
+    finally:
+        source.events.close()
+    return lines()
 
 
 def spoilt(name, at):
@@ -211,7 +229,7 @@ def kinds(lines):
 @pytest.mark.parametrize(
     ("name", "told"),
     [
-        ("garbled", "a line refused, value: "),
+        ("garbled", "a line refused, "),
         ("short", "a line refused, count: "),
         ("joined", "a line refused, count: 512 values"),
         ("driven", "a line refused, driven pair: "),
@@ -219,8 +237,7 @@ def kinds(lines):
 )
 def test_a_bad_line_is_refused_and_the_next_frame_is_judged(board, name, told):
     board(spoilt(name, {20, 30}))
-    lines, code, _ = streamed(lambda lines: len(lines) >= 36)
-    assert code == 0
+    lines = streamed(lambda lines: len(lines) >= 36)
     troubles = [words for words in kinds(lines) if words.startswith("a line refused")]
     assert len(troubles) == 2 and all(words.startswith(told) for words in troubles)
     assert kinds(lines).count("touch") >= 5 and kinds(lines).count("no touch") >= 8
@@ -228,15 +245,15 @@ def test_a_bad_line_is_refused_and_the_next_frame_is_judged(board, name, told):
 
 def test_saturated_readings_are_left_out_and_said(board):
     board(spoilt("saturated", range(15, 20)))
-    lines, code, _ = streamed(lambda lines: len(lines) >= 22)
+    lines = streamed(lambda lines: len(lines) >= 22)
     left_out = [one.get("left_out", 0) for one in lines]
-    assert code == 0 and max(left_out) >= 20 and left_out[-1] == 0
+    assert max(left_out) >= 20 and left_out[-1] == 0
 
 
 def test_lost_frames_leave_a_gap_and_nothing_else(board):
     board(lambda board, number, line_V, line: b"" if 14 <= number < 20 else line)
-    lines, code, _ = streamed(lambda lines: len(lines) >= 25)
-    assert code == 0 and "touch" in kinds(lines)
+    lines = streamed(lambda lines: len(lines) >= 25)
+    assert "touch" in kinds(lines)
     assert set(kinds(lines)) <= {"starting", "no touch", "touch", "cannot tell"}
 
 
@@ -250,23 +267,28 @@ def test_a_board_that_is_unplugged_and_back(board):
         return line
 
     board(unplug)
-    lines, code, _ = streamed(lambda lines: len(lines) >= 35)
-    assert code == 0 and "board is gone" in kinds(lines)
+    lines = streamed(lambda lines: len(lines) >= 35)
+    assert "board is gone" in kinds(lines)
     after = kinds(lines)[kinds(lines).index("board is gone") :]
     assert {"no touch", "touch"} & set(after)
 
 
 def test_a_board_of_another_kind_is_refused(board):
     board(spoilt("long", range(100)))
-    _, code, err = streamed(lambda lines: len(lines) > 20)
-    assert code == 1
-    assert "board: 5 lines: found count: 768 values, expected 256" in err
-    assert err.rstrip().endswith("expected a frame of 16 electrodes")
+    with pytest.raises(InputError) as refused:
+        streamed(lambda lines: len(lines) > 20)
+    expected = "board: 5 lines: found count: 768 values, expected 256, expected a frame of 16"
+    assert str(refused.value).startswith(expected)
 
 
-def test_a_board_s_stream_leaves_a_recording(board):
+def test_a_board_s_stream_ends_with_ctrl_c_and_leaves_a_recording(board):
     board(lambda board, number, line_V, line: line)
-    _, code, _ = streamed(lambda lines: len(lines) >= 30, "--out", "out.parquet")
+    streaming = running("board", "--model", "mlp.npz", "--json", "--out", "out.parquet")
+    for _ in range(30):
+        assert streaming.stdout.readline()
+    streaming.send_signal(signal.SIGINT)
+    _, err = streaming.communicate()
     found = recording.read("out.parquet")
-    assert code == 0 and found.metadata["source"].startswith("circular-16 at board; states")
+    assert streaming.returncode == 0 and err.startswith("frames: 9 starting")
+    assert found.metadata["source"].startswith("circular-16 at board; states")
     assert found.frames["touch"].any() and not found.frames["touch"].all()

@@ -43,13 +43,12 @@ def precisions(z: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Missing:
-    """gain (m, o): the missing channels' conditional mean of those that are left; root (m, r): the
-    most uncertain directions of it, a standard deviation long each."""
+    """gain (m, o): the missing channels' conditional mean of those that are left."""
 
-    gone: np.ndarray
+    number: int
+    gone: tuple[int, ...]
     left: np.ndarray
     gain: np.ndarray
-    root: np.ndarray
 
 
 class Channels:
@@ -58,6 +57,7 @@ class Channels:
     def __init__(self, precision: np.ndarray, edges: np.ndarray):
         self.precision, self.edges = precision, edges
         self.missing = lru_cache(KEPT)(self._missing)
+        self.root = lru_cache(KEPT)(self._root)
 
     def class_of(self, z: np.ndarray) -> int:
         """The class of strength of one change (M,), NaN where a channel is missing."""
@@ -65,20 +65,23 @@ class Channels:
 
     def _missing(self, number: int, gone: tuple[int, ...]) -> Missing:
         """What the others say of the channels `gone`, in a class of strength."""
-        own = self.precision[number]
-        lacking = np.array(gone, dtype=int)
+        own, lacking = self.precision[number], list(gone)
         left = np.delete(np.arange(len(own)), lacking)
-        covariance = np.linalg.inv(own[np.ix_(lacking, lacking)])
-        variances, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
-        most = slice(-min(DIRECTIONS, len(gone)), None)
-        root = axes[:, most] * np.sqrt(variances[most].clip(min=0.0))
-        return Missing(lacking, left, -covariance @ own[np.ix_(lacking, left)], root)
+        gain = -np.linalg.solve(own[np.ix_(lacking, lacking)], own[np.ix_(lacking, left)])
+        return Missing(number, gone, left, gain)
+
+    def _root(self, number: int, gone: tuple[int, ...]) -> np.ndarray:
+        """(m, r): the directions in which the channels `gone` are most uncertain given the others,
+        a standard deviation long each."""
+        variances, axes = np.linalg.eigh(self.precision[number][np.ix_(gone, gone)])
+        least = slice(min(DIRECTIONS, len(gone)))
+        return axes[:, least] / np.sqrt(variances[least])
 
     def filled(self, z: np.ndarray, number: int) -> tuple[np.ndarray, Missing]:
         """A change (M,) whose missing channels, NaN, are what the others say, and what is known."""
         missing = self.missing(number, tuple(np.flatnonzero(np.isnan(z)).tolist()))
         whole = z.copy()
-        whole[missing.gone] = missing.gain @ z[missing.left]
+        whole[list(missing.gone)] = missing.gain @ z[missing.left]
         return whole, missing
 
     def filled_alike(self, z: np.ndarray, gone: np.ndarray) -> np.ndarray:

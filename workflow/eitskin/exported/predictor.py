@@ -53,25 +53,26 @@ class Predictor:
         """States (B, T) of changes (B, M) without gaps."""
         return self._states(whole)[0]
 
-    def filled(self, change: np.ndarray) -> tuple[np.ndarray, Missing, int]:
-        """A change without gaps, in what is missing as the other channels say; what is known of
-        that, and the class of strength."""
+    def filled(self, change: np.ndarray) -> tuple[np.ndarray, Missing]:
+        """A change without gaps, in what is missing as the other channels say, and how that is
+        known."""
         z = change / self.scale
-        number = self.channels.class_of(z)
-        whole, missing = self.channels.filled(z, number)
-        return whole * self.scale, missing, number
+        whole, missing = self.channels.filled(z, self.channels.class_of(z))
+        return whole * self.scale, missing
 
-    def estimate(
-        self, whole: np.ndarray, missing: Missing, number: int, lost: tuple[int, ...] = ()
-    ) -> Estimate:
+    def estimate(self, whole: np.ndarray, missing: Missing, lost: tuple[int, ...] = ()) -> Estimate:
         """The state of what `filled` has made of a change; of one without the channels of lost
         electrodes by the network that has learned to do without, its interval never narrower than
         with all of them."""
+        number = missing.number
         if lost:
-            half = np.maximum(self.half[number], self._half_without[len(lost) - 1, number])
-            return Estimate(self.states_without(whole[None], lost)[0], half)
+            return Estimate(self.states_without(whole[None], lost)[0], self.half_of(number, lost))
         state, spread = self.propagated(whole, missing)
         return Estimate(state, np.sqrt(self.half[number] ** 2 + (self._widening * spread) ** 2))
+
+    def half_of(self, number: int, lost: tuple[int, ...]) -> np.ndarray:
+        """(T,): half an interval's width, of a class of strength and one or two lost electrodes."""
+        return np.maximum(self.half[number], self._half_without[len(lost) - 1, number])
 
     def states_without(self, whole: np.ndarray, lost: tuple[int, ...]) -> np.ndarray:
         """States (B, T) of changes (B, M) whose channels of lost electrodes are filled."""
@@ -85,14 +86,15 @@ class Predictor:
 
         The mean over what is missing, to second order, is the state (Julier, Uhlmann 1997).
         """
-        directions = missing.root.shape[1]
-        if not directions:
+        if not missing.gone:
             state = self.states(whole[None])[0]
             return state, np.zeros_like(state)
+        root, gone = self.channels.root(missing.number, missing.gone), list(missing.gone)
+        directions = root.shape[1]
         frames = np.repeat(whole[None], 1 + 2 * directions, axis=0)
-        off = missing.root.T * self.scale[missing.gone]
-        frames[1 : 1 + directions, missing.gone] += off
-        frames[1 + directions :, missing.gone] -= off
+        off = root.T * self.scale[gone]
+        frames[1 : 1 + directions, gone] += off
+        frames[1 + directions :, gone] -= off
         states = self.states(frames)
         state, ahead, behind = states[0], states[1 : 1 + directions], states[1 + directions :]
         slope, bend = 0.5 * (ahead - behind), 0.5 * (ahead + behind) - state

@@ -213,8 +213,8 @@ def _widening(predictor: Predictor, dataset: Dataset, tested: np.ndarray) -> np.
     for row in chosen:
         change = dataset.delta_V[row].astype(float)
         change[draw.choice(size, 1 + draw.integers(int(TAKEN * size)), replace=False)] = np.nan
-        whole, missing, number = predictor.filled(change)
+        whole, missing = predictor.filled(change)
         state, spread = predictor.propagated(whole, missing)
-        over = (state - truth[row]) ** 2 - predictor.half[number] ** 2
+        over = (state - truth[row]) ** 2 - predictor.half[missing.number] ** 2
         factors.append(np.sqrt(over.clip(min=0.0)) / spread)
     return _limits(np.array(factors), LEVEL)

@@ -155,8 +155,8 @@ class Judge:
         return None, None
 
     def _whole(self, change: np.ndarray) -> tuple[np.ndarray, int]:
-        whole, _, number = self.predictor.filled(change)
-        return whole / self.predictor.scale, number
+        whole, missing = self.predictor.filled(change)
+        return whole / self.predictor.scale, missing.number
 
     def _fits(self, change: np.ndarray) -> bool:
         """Whether a change is an untouched frame's or a familiar touch's."""

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 WRONG_LINES = 5  # of the first lines; then the board is not what the model knows
 SILENT_S = 3.0  # without a line
+LEAST_S = 1e-4  # between two frames
 GONE_S = 10.0  # without the port, until the stream gives up
 
 
@@ -82,6 +83,7 @@ def _lines(device: str, baud: int, known: Board, lost: np.ndarray) -> Iterator[E
         raise InputError(device, "port", error, "a board that nobody else has open") from None
     start = last = time.perf_counter()
     number = refused = frames = 0
+    latest = -LEAST_S
     try:
         while True:
             port.wait(0.25)
@@ -97,8 +99,10 @@ def _lines(device: str, baud: int, known: Board, lost: np.ndarray) -> Iterator[E
                     yield Trouble(line.end_s - start, f"a line refused, {said}")
                     continue
                 frames += 1
+                # lines that waited in a buffer have the host's time, one for all of them
+                latest = max(line.end_s - start, latest + LEAST_S)
                 reading = np.delete(line.value[chosen], lost)
-                yield Frame(line.end_s - start, line.end_s, reading, reading > known.linear_V)
+                yield Frame(latest, line.end_s, reading, reading > known.linear_V)
             if port.lost is not None:
                 yield Trouble(now - start, f"{device} is gone")
                 port.close()
