@@ -65,7 +65,7 @@ class Channels:
 
     def _missing(self, number: int, gone: tuple[int, ...]) -> Missing:
         """What the others say of the channels `gone`, in a class of strength."""
-        own, lacking = self.precision[number], list(gone)
+        own, lacking = self.precision[number], np.array(gone, dtype=int)
         left = np.delete(np.arange(len(own)), lacking)
         gain = -np.linalg.solve(own[np.ix_(lacking, lacking)], own[np.ix_(lacking, left)])
         return Missing(number, gone, left, gain)

@@ -3,6 +3,7 @@ validation says of its errors."""
 
 import numpy as np
 import torch
+from scipy.special import ndtri
 from torch import Tensor, nn
 
 from eitskin.data.baseline import upper_limit
@@ -205,7 +206,7 @@ def _widening(predictor: Predictor, dataset: Dataset, tested: np.ndarray) -> np.
     frames that lack up to a tenth of the channels hold their share of the truth.
 
     Of an error e, half a width h with all channels and the spread u, the least factor κ with
-    e² ≤ h² + (κ u)²; its split-conformal limit over validation touches.
+    e² ≤ h² + (κ u)²; its split-conformal limit over validation touches, a Gaussian's at least.
     """
     chosen = tested[np.linspace(0, len(tested) - 1, min(CHECKED, len(tested))).astype(int)]
     truth, factors, draw = dataset.states(), [], np.random.default_rng(0)
@@ -217,4 +218,4 @@ def _widening(predictor: Predictor, dataset: Dataset, tested: np.ndarray) -> np.
         state, spread = predictor.propagated(whole, missing)
         over = (state - truth[row]) ** 2 - predictor.half[missing.number] ** 2
         factors.append(np.sqrt(over.clip(min=0.0)) / spread)
-    return _limits(np.array(factors), LEVEL)
+    return np.maximum(_limits(np.array(factors), LEVEL), ndtri(0.5 + 0.5 * LEVEL))

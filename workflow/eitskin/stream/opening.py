@@ -16,7 +16,8 @@ def dead(frames: np.ndarray, table: np.ndarray) -> list[int]:
     """
     suspect = silent(frames) | unreciprocal(frames, table)
     users = np.array([(table == k).any(axis=1) for k in range(int(table.max()) + 1)])
-    counted, found = np.ones(len(table), dtype=bool), []
+    counted = np.ones(len(table), dtype=bool)
+    found: list[int] = []
     while True:
         shares = (users & suspect & counted).sum(axis=1) / (users & counted).sum(axis=1).clip(1)
         worst = int(shares.argmax())
