@@ -50,7 +50,7 @@ class Judge:
         self._electrodes = Electrodes(self.predictor.channels, self.table)
         self._limits = self.predictor.header["lost"]
         self._untouched: Untouched | None = None
-        self._gone = np.zeros(len(self.table), dtype=bool)
+        self._gone: np.ndarray = np.zeros(len(self.table), dtype=bool)
         if self.difference:
             self._untouched = Untouched(np.zeros((1, len(self.table))))
 
@@ -186,7 +186,7 @@ class Judge:
             with_it = change.copy()
             others = [k for k in self.lost if k != electrode]
             with_it[np.isin(self.table, others).any(axis=1)] = np.nan
-            agrees = np.isfinite(change[self._electrodes.groups[electrode]]).all()
+            agrees = bool(np.isfinite(change[self._electrodes.groups[electrode]]).all())
             agrees = agrees and self._fits(with_it)
             self._agreed[electrode] = self._agreed[electrode] + 1 if agrees else 0
             if self._agreed[electrode] >= BACK_AFTER:
