@@ -162,7 +162,7 @@ def _parser() -> argparse.ArgumentParser:
     words = "say of every frame whether the skin is touched, where and how hard"
     following = command("stream", streaming.stream, words)
     _add_path(following, "source", "a board's serial port, or a recording in any known format")
-    _add_path(following, "--model", "an exported predictor", required=True)
+    _add_path(following, "--model", "an exported predictor").required = True
     _add_path(following, "--out", "the recording to write, its states as estimated")
     streaming.add(following)
     rig.add(commands)
@@ -174,11 +174,11 @@ def _add_path(
     name: str,
     what: str,
     kind: dict = shtab.FILE,
-    **others: bool,
-) -> None:
+) -> argparse.Action:
     """A path of a kind that a shell completes."""
-    action = command.add_argument(name, help=what, **others)
+    action = command.add_argument(name, help=what)
     action.complete = kind  # type: ignore[attr-defined]  # shtab's, which argparse's stubs lack
+    return action
 
 
 def _add_source(command: argparse.ArgumentParser) -> None:
