@@ -12,6 +12,7 @@ from eitskin.errors import InputError
 from eitskin.exported.channels import STRENGTHS, Channels, edges_of, precisions, strength
 from eitskin.exported.electrodes import Electrodes
 from eitskin.exported.file import Exported
+from eitskin.exported.graph import Graph
 from eitskin.exported.predictor import Predictor
 from eitskin.learn import gates, networks, predict, without_electrodes
 from eitskin.learn.model_file import Trained
@@ -94,7 +95,8 @@ def export(
     for name in ("train", "validation"):
         if (found := int((part == name).sum())) < least:
             raise InputError(told["name"], f"part {name}", found, f"{least} samples or more")
-    graphs, arrays = {}, {}
+    graphs: dict[str, Graph] = {}
+    arrays: dict[str, np.ndarray] = {}
     example = torch.from_numpy(dataset.delta_V[:FRAMES].astype(float))
     for name, module, frames in (
         ("activity", Activity(model), example),

@@ -176,7 +176,7 @@ class Judge:
     def lose(self, electrodes: list[int]) -> None:
         """From now on these electrodes are lost, and no others."""
         self.lost = tuple(sorted(electrodes))
-        self._gone = np.isin(self.table, self.lost).any(axis=1)
+        self._gone = np.asarray(np.isin(self.table, self.lost).any(axis=1))
         self._agreed = dict.fromkeys(self.lost, 0)
 
     def _returned(self, change: np.ndarray) -> tuple[str, ...]:
