@@ -8,7 +8,7 @@ for 192 places and 260 strengths of one circular touch. Slow peers are timed on 
 spread evenly over all. What a side prepares once counts in its time, but for what favours the
 peers: the mesh, the element matrices and the touched elements' stiffness are there before. Before
 timing, every solver on pyEIT's mesh must give the same voltages. `perturbed`, `trained`,
-`diagnosed`: see there.
+`diagnosed`, `streamed`: see there.
 """
 
 import argparse
@@ -412,7 +412,23 @@ def diagnosed(runs: int, command: str) -> list[dict]:
     return rows
 
 
-BENCHES = {"clean": clean, "perturbed": perturbed, "trained": trained, "diagnosed": diagnosed}
+def streamed(runs: int, command: str) -> list[dict]:
+    """Milliseconds from a frame to its verdict, by every model of Table I: `benchmark.latency`."""
+    from benchmark import latency  # here, as it brings torch
+
+    def of_run(name: str, unit: str, ours: float, peer_name: str, peer: float) -> dict:
+        return row(name, unit, ours, peer_name, peer, runs, command)
+
+    return latency.streamed(runs, of_run)
+
+
+BENCHES = {
+    "clean": clean,
+    "perturbed": perturbed,
+    "trained": trained,
+    "diagnosed": diagnosed,
+    "streamed": streamed,
+}
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -45,9 +45,10 @@ def refusal(error: InputError) -> dict:
     }
 
 
-def write(said: dict) -> None:
+def write(said: dict, in_a_line: bool = False) -> None:
     """Print one document on stdout."""
-    json.dump(said, sys.stdout, indent=2, ensure_ascii=False, allow_nan=False)
+    indent = None if in_a_line else 2
+    json.dump(said, sys.stdout, indent=indent, ensure_ascii=False, allow_nan=False)
     print(flush=True)
 
 

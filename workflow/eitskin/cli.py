@@ -24,6 +24,7 @@ from eitskin.diagnose.excerpt import LIMIT_GIB
 from eitskin.errors import InputError, named, refused
 from eitskin.physics.outline import EXPECTED, no_disc
 from eitskin.quantities import listed, plain
+from eitskin.stream import cli as streaming
 
 REFUSED, UNUSABLE, INTERRUPTED = 1, 2, 130
 SCHEMA = Path(__file__).parent / "diagnose" / "diagnosis.schema.yaml"
@@ -33,7 +34,7 @@ exit codes:
   1      bad input, or a file that cannot be read or written: one line on stderr
   2      wrong usage, a recording that is not usable, or a rig that is not ready
   3      a capture that waits for another probe
-  4      a capture that ended after a fault
+  4      a capture or a stream that ended after a fault
   128+n  ended by signal n: 130 after Ctrl-C, 141 where nobody reads the output
 """
 EXAMPLES = {
@@ -58,6 +59,12 @@ examples:
 examples:
   eitskin compare monday.parquet friday.parquet
   eitskin compare tank.csv tank.csv --part target --out objects
+""",
+    "stream": """\
+examples:
+  eitskin stream /dev/ttyACM1 --model mlp.npz
+  eitskin stream /dev/ttyACM1 --model mlp.npz --json --out monday.parquet | robot
+  eitskin stream monday.parquet --model mlp.npz --fast
 """,
 }
 
@@ -96,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(refusal, file=sys.stderr)
     if getattr(parsed, "json", False):
         with contextlib.suppress(OSError):
-            answers.write(answers.refusal(refusal))
+            answers.write(answers.refusal(refusal), parsed.run is streaming.stream)
     return REFUSED
 
 
@@ -125,7 +132,8 @@ def _parser() -> argparse.ArgumentParser:
         added = commands.add_parser(
             name, help=what, description=what, epilog=EXAMPLES[name], formatter_class=plain
         )
-        added.add_argument("--json", action="store_true", help="the answer as one JSON document")
+        document = "a JSON object a line" if name == "stream" else "the answer as one JSON document"
+        added.add_argument("--json", action="store_true", help=document)
         added.set_defaults(run=run)
         return added
 
@@ -154,16 +162,26 @@ def _parser() -> argparse.ArgumentParser:
     part = "of LATER, frames otherwise left out: target (pyeidors-tank), v_rotate:K (iirc-tank)"
     comparing.add_argument("--part", help=part)
     _add_path(comparing, "--out", "the folder to write, by default comparison-A-vs-B", shtab.DIR)
+    words = "say of every frame whether the skin is touched, where and how hard"
+    following = command("stream", streaming.stream, words)
+    _add_path(following, "source", "a board's serial port, or a recording in any known format")
+    _add_path(following, "--model", "an exported predictor").required = True
+    _add_path(following, "--out", "the recording to write, its states as estimated")
+    streaming.add(following)
     rig.add(commands)
     return parser
 
 
 def _add_path(
-    command: argparse.ArgumentParser, name: str, what: str, kind: dict = shtab.FILE
-) -> None:
+    command: argparse.ArgumentParser,
+    name: str,
+    what: str,
+    kind: dict = shtab.FILE,
+) -> argparse.Action:
     """A path of a kind that a shell completes."""
     action = command.add_argument(name, help=what)
     action.complete = kind  # type: ignore[attr-defined]  # shtab's, which argparse's stubs lack
+    return action
 
 
 def _add_source(command: argparse.ArgumentParser) -> None:

@@ -55,6 +55,38 @@ rule predict:
         "../scripts/predict.py"
 
 
+rule export:
+    input:
+        dataset="results/datasets/{dataset}.parquet",
+        split="results/splits/{dataset}/{split}.parquet",
+        models=of_all_seeds(f"{MODELS}/{{model}}/{{seed}}.pt"),
+        recording=branch(
+            lambda wildcards: wildcards.dataset in config["recordings"],
+            then="results/recordings/{dataset}.parquet",
+        ),
+    output:
+        "results/exported/{dataset}/{split}/{budget}/{model}.npz",
+    log:
+        "logs/export/{dataset}/{split}/{budget}/{model}.log",
+    benchmark:
+        "benchmarks/export/{dataset}/{split}/{budget}/{model}.tsv"
+    conda:
+        "../../envs/learning.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime=60,
+    params:
+        skin=lookup(dpath="skin", within=config),
+        frame_s=None,
+        epochs=lambda wildcards: spent(config["budgets"][wildcards.budget])["epochs"],
+        code=of_model("export"),
+    message:
+        "Exporting {wildcards.model} of {wildcards.dataset}, {wildcards.split}"
+    script:
+        "../scripts/export.py"
+
+
 rule table_1:
     input:
         paper=ancient(PRINTED_1),

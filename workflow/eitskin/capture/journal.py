@@ -29,8 +29,9 @@ class Journal:
         return len(begun)
 
 
-def read(path: str | Path) -> Journal:
-    """A journal's records. A last line that was cut short is left out.
+def read(path: str | Path, kind: str = "capture") -> Journal:
+    """The records of a journal whose first is of `kind`. A last line that was cut short is left
+    out.
 
     Raises InputError for a file that is none, a broken line with others behind it, and a record
     that is missing.
@@ -38,7 +39,7 @@ def read(path: str | Path) -> Journal:
     try:
         data = Path(path).read_bytes()
     except OSError as error:
-        raise InputError(path, "file", error.strerror, "a capture's journal") from error
+        raise InputError(path, "file", error.strerror, f"a {kind}'s journal") from error
     records: list[dict] = []
     length = 0
     lines = data.split(b"\n")
@@ -56,8 +57,8 @@ def read(path: str | Path) -> Journal:
             raise InputError(path, f"line {number}", found, f"record {len(records)}")
         records.append(record)
         length += len(line) + 1
-    if not records or records[0].get("kind") != "capture":
-        raise InputError(path, "line 1", "no record of a capture", "a capture's journal")
+    if not records or records[0].get("kind") != kind:
+        raise InputError(path, "line 1", f"no record of a {kind}", f"a {kind}'s journal")
     return Journal(records, length)
 
 

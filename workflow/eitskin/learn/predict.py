@@ -7,6 +7,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
+from torch import Tensor
 
 from eitskin.atomic import atomic_path
 from eitskin.data.baseline import changes
@@ -34,9 +35,13 @@ def predict_seeds(model: Trained, delta_V: np.ndarray) -> np.ndarray:
     states = []
     for seed in model.seeds():
         module = model.into(networks.predictor(name, shape), seed).to(device)
-        state = networks.in_chunks(module, voltage).double().cpu()
-        states.append(state * model.tensors["state_scale"] + model.tensors["state_mean"])
+        states.append(unstandardised(networks.in_chunks(module, voltage).cpu(), model.tensors))
     return torch.stack(states).numpy()
+
+
+def unstandardised(state: Tensor, scalers: dict[str, Tensor]) -> Tensor:
+    """Float64 states (N, T) in the units of the targets, of standardised ones."""
+    return state.double() * scalers["state_scale"] + scalers["state_mean"]
 
 
 def judge(model: Trained, delta_V: np.ndarray) -> pd.DataFrame:

@@ -1,0 +1,73 @@
+"""Missing channels are what a Gaussian says of them given the others."""
+
+import numpy as np
+import pytest
+
+from eitskin.exported.channels import STRENGTHS, Channels, edges_of, precisions, strength
+from eitskin.exported.electrodes import Electrodes
+from eitskin.physics.protocol import channel_table
+
+TABLE = channel_table(12)
+M = len(TABLE)
+GONE = np.array([1, 4, 5])
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    draw = np.random.default_rng(1)
+    mixed = draw.normal(size=(4000, 6)) @ draw.normal(size=(6, M))
+    return draw.uniform(0.2, 2.0, (4000, 1)) * mixed + 0.1 * draw.normal(size=(4000, M))
+
+
+@pytest.fixture(scope="module")
+def channels(drawn):
+    edges = edges_of(drawn)
+    return Channels(precisions(drawn, edges), edges)
+
+
+def test_the_classes_of_strength_are_equally_large(drawn):
+    counts = np.bincount(np.searchsorted(edges_of(drawn), strength(drawn)))
+    assert len(counts) == STRENGTHS and (abs(counts - 800) < 5).all()
+
+
+def test_the_conditional_mean_and_covariance(drawn, channels):
+    covariance = np.linalg.inv(channels.precision[2])
+    left = np.delete(np.arange(M), GONE)
+    own = covariance[np.ix_(left, left)]
+    gain = covariance[np.ix_(GONE, left)] @ np.linalg.inv(own)
+    missing = channels.missing(2, tuple(GONE.tolist()))
+    np.testing.assert_allclose(missing.gain, gain, rtol=1e-6, atol=1e-9)
+    rest = covariance[np.ix_(GONE, GONE)] - gain @ covariance[np.ix_(left, GONE)]
+    root = channels.root(2, tuple(GONE.tolist()))
+    np.testing.assert_allclose(root @ root.T, rest, rtol=1e-6, atol=1e-9)
+
+
+def test_one_change_is_filled_as_many_are(drawn, channels):
+    lacking = drawn[:50].copy()
+    lacking[:, GONE] = np.nan
+    together = channels.filled_alike(drawn[:50], GONE)
+    for one, expected in zip(lacking, together, strict=True):
+        found, missing = channels.filled(one, channels.class_of(one))
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+        assert list(missing.gone) == GONE.tolist()
+    spread = np.std(drawn[:50][:, GONE])
+    assert np.abs(together - drawn[:50])[:, GONE].mean() < 0.3 * spread
+
+
+def test_the_electrode_that_says_something_else_is_the_oddest(drawn, channels):
+    electrodes = Electrodes(channels, TABLE)
+    for electrode, group in enumerate(electrodes.groups):
+        z = drawn[7].copy()
+        z[group] += 1.5 * np.random.default_rng(electrode).normal(size=len(group))
+        number = channels.class_of(z)
+        assert electrodes.apart(electrodes.pull(z, number), number).argmax() == electrode
+
+
+def test_a_single_channel_s_distance(drawn, channels):
+    electrodes = Electrodes(channels, TABLE)
+    covariance, z = np.linalg.inv(channels.precision[1]), drawn[3]
+    found = electrodes.singles(electrodes.pull(z, 1), 1)
+    left = np.delete(np.arange(M), 8)
+    gain = np.linalg.solve(covariance[np.ix_(left, left)], covariance[left, 8])
+    off = (z[8] - gain @ z[left]) ** 2 / (covariance[8, 8] - gain @ covariance[left, 8])
+    assert found[8] == pytest.approx(off, rel=1e-6)

@@ -1,0 +1,91 @@
+"""An exported predictor's file: whole, the same bytes again, and nothing in it runs."""
+
+import json
+import pickle
+import zipfile
+
+import numpy as np
+import pytest
+
+import streamed_skin as skin
+from eitskin.errors import InputError
+from eitskin.exported import file
+from eitskin.exported.predictor import Predictor
+from eitskin.learn import predict
+
+
+class Bomb:
+    def __reduce__(self):
+        return (print, ("it runs",))
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "mlp.npz"
+    file.write(skin.exported(), path)
+    return path
+
+
+def test_what_is_read_says_what_was_trained(path):
+    change = skin.dataset().delta_V[skin.part() == "test"][:50].astype(float)
+    predictor = Predictor(file.read(path))
+    expected = predict.predict_seeds(skin.trained(), change)[0]
+    np.testing.assert_allclose(predictor.states(change), expected, rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(predictor.states(change[:1])[0], expected[0], rtol=1e-5, atol=1e-4)
+    strange = np.concatenate([change, -change, 10 * change, 0.01 * change])
+    judged = predict.judge(skin.trained(), strange)
+    assert judged["touch"].nunique() == judged["abstain"].nunique() == 2
+    for one, touch, abstain in zip(strange, judged["touch"], judged["abstain"], strict=True):
+        assert (predictor.touched(one), not predictor.familiar(one)) == (touch, abstain)
+
+
+def test_equal_contents_equal_bytes(path, tmp_path):
+    file.write(file.read(path), tmp_path / "again.npz")
+    assert (tmp_path / "again.npz").read_bytes() == path.read_bytes()
+
+
+def test_a_pickle_in_it_is_refused_and_does_not_run(path, capsys):
+    with zipfile.ZipFile(path, "a") as held:
+        descr = b"\x93NUMPY\x01\x00v\x00" + b"{'descr': '|O', 'fortran_order': False, 'shape': ()}"
+        held.writestr("bomb.npy", descr.ljust(127) + b"\n" + pickle.dumps(Bomb()))
+    with pytest.raises(InputError, match="found another content, expected an exported predictor"):
+        file.read(path)
+    assert capsys.readouterr().out == ""
+
+
+def changed(path, change):
+    """The file with another header."""
+    with np.load(path) as held:
+        arrays = dict(held)
+    header = json.loads(arrays["header"].tobytes())
+    change(header, arrays)
+    arrays["header"] = np.frombuffer(json.dumps(header).encode(), np.uint8)
+    np.savez(path, **arrays)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda header, arrays: header.update(version=2), "found 'eitskin-predictor', 2"),
+        (lambda header, arrays: header.pop("intervals"), "header.intervals: found nothing"),
+        (lambda header, arrays: header.update(graphs={"states": 3}), "header.graphs: found"),
+        (lambda header, arrays: header["graphs"].pop("without"), "found no without"),
+        (lambda header, arrays: arrays.pop("precision"), "array precision: found nothing"),
+        (
+            lambda header, arrays: header["graphs"]["states"]["steps"][0].__setitem__(1, "eval"),
+            r"header.graphs.states: found eval, expected a known operation",
+        ),
+    ],
+)
+def test_another_content_is_refused(path, change, said):
+    changed(path, change)
+    with pytest.raises(InputError, match=said):
+        file.read(path)
+
+
+def test_a_cut_file_and_another_file_are_refused(path, tmp_path):
+    path.write_bytes(path.read_bytes()[:-100])
+    (tmp_path / "text").write_text("no archive", encoding="utf-8")
+    for name in ("mlp.npz", "text", "absent"):
+        with pytest.raises(InputError, match="expected an exported predictor"):
+            file.read(tmp_path / name)

@@ -1,0 +1,294 @@
+"""`eitskin stream`: a recording, a journal that a kill left, an emulated board and its faults."""
+
+import io
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import streamed_skin as skin
+from eitskin import cli
+from eitskin.data import recording
+from eitskin.errors import InputError
+from eitskin.exported import file
+from eitskin.exported.predictor import Predictor
+from eitskin.stream import sources
+from eitskin.stream.judge import Judge
+from eitskin.stream.kept import as_recording
+from eitskin.stream.run import Told, run
+from eitskin.stream.view import View
+from rigsim import faults
+from rigsim.eit import text, values
+from rigsim.ptys import SerialPort
+
+pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
+ROOT = Path(__file__).parents[3]
+PATIENCE_S = 120.0  # with a machine that is busy with other things
+PLACE = np.array([20.0, -10.0, 6.0])
+STATES = np.array([[0.0, 0.0, 0.0]] * 15 + [PLACE] * 10 + [[0.0, 0.0, 0.0]] * 5)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A working directory with a model and a recording."""
+    monkeypatch.chdir(tmp_path)
+    file.write(skin.exported(), "mlp.npz")
+    skin.write_recording(tmp_path / "skin.parquet", STATES)
+    return tmp_path
+
+
+def said(capsys):
+    """The JSON lines on stdout."""
+    return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+
+
+def test_a_recording_is_judged_frame_by_frame(folder, capsys):
+    words = ["stream", "skin.parquet", "--model", "mlp.npz", "--fast", "--json"]
+    assert cli.main(words) == 0
+    lines = said(capsys)
+    assert len(lines) == 30
+    assert [one["verdict"] for one in lines[:10]] == ["starting"] * 9 + ["no touch"]
+    touched = [one for one in lines[15:25] if one["verdict"] == "touch"]
+    assert len(touched) >= 8
+    for one in touched:
+        assert one["x_mm"]["low"] < one["x_mm"]["value"] < one["x_mm"]["high"]
+        assert abs(one["x_mm"]["value"] - PLACE[0]) < 10
+    assert lines[7]["time_s"] == pytest.approx(0.35)
+
+
+def test_plain_lines_and_the_sum_of_it(folder, capsys):
+    assert cli.main(["stream", "skin.parquet", "--model", "mlp.npz", "--fast"]) == 0
+    printed = capsys.readouterr()
+    assert "starting · leave the skin untouched" in printed.out
+    assert "· touch · x " in printed.out and " ± " in printed.out
+    assert "\r" not in printed.out
+    assert printed.err.startswith("frames: 9 starting, ") and "99 % within" in printed.err
+
+
+def test_a_recording_of_the_stream_is_read_again(folder, capsys):
+    words = ["stream", "skin.parquet", "--model", "mlp.npz", "--fast", "--out", "out.parquet"]
+    assert cli.main(words) == 0
+    found, given = recording.read("out.parquet"), recording.read("skin.parquet")
+    np.testing.assert_allclose(found.readings, given.readings)
+    assert "states estimated by mlp of streamed" in found.metadata["source"]
+    assert set(found.frames["note_verdict"]) >= {"starting", "no touch", "touch"}
+    assert not Path("out.jsonl").exists()
+    assert cli.main(["check", "out.parquet"]) in (0, 2)
+
+
+def test_a_recording_comes_at_its_time_stamps(folder, capsys):
+    start = time.perf_counter()
+    assert cli.main(["stream", "skin.parquet", "--model", "mlp.npz"]) == 0
+    assert time.perf_counter() - start > 29 * 0.05
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"channels": skin.TABLE[::-1].tolist()}, "channels: found 208 others, expected those of"),
+        ({"voltage": "signed"}, "voltage: found 'signed', expected those of streamed"),
+        ({"unit": "ohm"}, "unit: found 'ohm'"),
+    ],
+)
+def test_a_recording_of_another_board_is_refused(folder, capsys, changed, message):
+    skin.write_recording(folder / "other.parquet", STATES, **changed)
+    assert cli.main(["stream", "other.parquet", "--model", "mlp.npz", "--fast"]) == 1
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err.startswith(f"other.parquet: {message}")
+
+
+def test_a_touch_from_the_start_and_a_file_that_is_no_model_are_refused(folder, capsys):
+    skin.write_recording(folder / "touched.parquet", STATES[::-1][5:])
+    assert cli.main(["stream", "touched.parquet", "--model", "mlp.npz", "--fast"]) == 1
+    assert "expected an untouched frame first" in capsys.readouterr().err
+    assert cli.main(["stream", "skin.parquet", "--model", "skin.parquet", "--fast"]) == 1
+    assert "expected an exported predictor" in capsys.readouterr().err
+
+
+def test_an_earlier_journal_is_not_written_over(folder, capsys):
+    Path("out.jsonl").write_text("{}", encoding="utf-8")
+    words = ["stream", "skin.parquet", "--model", "mlp.npz", "--fast", "--out", "out.parquet"]
+    assert cli.main(words) == 1
+    assert "an earlier stream's journal" in capsys.readouterr().err
+
+
+def running(*words):
+    """The command in a process of its own."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "workflow")}
+    return subprocess.Popen(
+        [sys.executable, "-m", "eitskin.cli", "stream", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
+
+
+def test_a_killed_stream_leaves_a_journal_that_is_streamed_again(folder, capsys):
+    long = np.repeat(STATES[:1], 2000, axis=0)
+    skin.write_recording(folder / "long.parquet", long)
+    streaming = running("long.parquet", "--model", "mlp.npz", "--json", "--out", "out.parquet")
+    for _ in range(40):
+        assert streaming.stdout.readline()
+    streaming.send_signal(signal.SIGKILL)
+    streaming.communicate()
+    assert not Path("out.parquet").exists()
+    assert len(as_recording("out.jsonl").frames) >= 20
+    words = ["stream", "out.jsonl", "--model", "mlp.npz", "--fast", "--out", "again.parquet"]
+    assert cli.main(words) == 0
+    assert len(recording.read("again.parquet").frames) >= 20
+
+
+class Board(threading.Thread):
+    """An emulated board: its port, its lines, and what a fault makes of each."""
+
+    spoilers = faults.Faults.__new__(faults.Faults)  # what a line becomes; no rig around it
+
+    def __init__(self, folder, spoil):
+        super().__init__(daemon=True)
+        self.port, self.spoil, self.over = SerialPort(folder / "board"), spoil, False
+        self.spoilers.rng = np.random.default_rng(1)
+
+    def run(self):
+        draw = np.random.default_rng(2)
+        for number in itertools.count():
+            while not self.over and not self.port.open_by_host():
+                time.sleep(0.01)
+            if self.over:
+                break
+            state = PLACE if number % 40 >= 25 else np.zeros(3)
+            line_V = values(skin.readings(state[None], draw)[0], skin.TABLE)
+            data = self.spoil(self, number, line_V, text(line_V))
+            while data and not self.over and self.port.plugged:
+                data = data[self.port.write(data) :]
+            time.sleep(0.01)
+
+
+@pytest.fixture
+def board(folder):
+    """Starts an emulated board whose lines are spoilt."""
+    started = []
+
+    def start(spoil):
+        started.append(Board(folder, spoil))
+        started[0].start()
+
+    yield start
+    for one in started:
+        one.over = True
+        one.join()
+        one.port.unplug()
+
+
+def streamed(enough):
+    """What a stream of the board says until that is enough."""
+    exported, out = skin.exported(), io.StringIO()
+    source = sources.board("board", 115200, exported.header["dataset"])
+    predictor, give_up = Predictor(exported), time.monotonic() + PATIENCE_S
+
+    def lines():
+        return [json.loads(line) for line in out.getvalue().splitlines()]
+
+    def until_enough():
+        for event in source.events:
+            yield event
+            if enough(lines()):
+                return
+            assert time.monotonic() < give_up, lines()[-3:]
+
+    view = View(predictor.targets, True, out)
+    try:
+        run(replace(source, events=until_enough()), Judge(predictor), view, None, Told())
+    finally:
+        source.events.close()
+    return lines()
+
+
+def spoilt(name, at):
+    """Lines that a fault of the emulated rig's spoils, those of the numbers `at`."""
+
+    def spoil(board, number, line_V, line):
+        return getattr(board.spoilers, f"_{name}")(line_V, line) if number in at else line
+
+    return spoil
+
+
+def kinds(lines):
+    return [one.get("verdict", one.get("trouble")) for one in lines]
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("garbled", "a line refused, "),
+        ("short", "a line refused, count: "),
+        ("joined", "a line refused, count: 512 values"),
+        ("driven", "a line refused, driven pair: "),
+    ],
+)
+def test_a_bad_line_is_refused_and_the_next_frame_is_judged(board, name, told):
+    board(spoilt(name, {20, 30}))
+    lines = streamed(lambda lines: len(lines) >= 36)
+    troubles = [words for words in kinds(lines) if words.startswith("a line refused")]
+    assert len(troubles) == 2 and all(words.startswith(told) for words in troubles)
+    assert kinds(lines).count("touch") >= 5 and kinds(lines).count("no touch") >= 8
+
+
+def test_saturated_readings_are_left_out_and_said(board):
+    board(spoilt("saturated", range(15, 20)))
+    lines = streamed(lambda lines: len(lines) >= 22)
+    left_out = [one.get("left_out", 0) for one in lines]
+    assert max(left_out) >= 20 and left_out[-1] == 0
+
+
+def test_lost_frames_leave_a_gap_and_nothing_else(board):
+    board(lambda board, number, line_V, line: b"" if 14 <= number < 20 else line)
+    lines = streamed(lambda lines: len(lines) >= 25)
+    assert "touch" in kinds(lines)
+    assert set(kinds(lines)) <= {"starting", "no touch", "touch", "cannot tell"}
+
+
+def test_a_board_that_is_unplugged_and_back(board):
+    def unplug(board, number, line_V, line):
+        if number == 20:
+            board.port.unplug()
+            time.sleep(0.3)
+            board.port.plug_in()
+            return b""
+        return line
+
+    board(unplug)
+    lines = streamed(lambda lines: len(lines) >= 35)
+    assert "board is gone" in kinds(lines)
+    after = kinds(lines)[kinds(lines).index("board is gone") :]
+    assert {"no touch", "touch"} & set(after)
+
+
+def test_a_board_of_another_kind_is_refused(board):
+    board(spoilt("long", range(100)))
+    with pytest.raises(InputError) as refused:
+        streamed(lambda lines: len(lines) > 20)
+    expected = "board: 5 lines: found count: 768 values, expected 256, expected a frame of 16"
+    assert str(refused.value).startswith(expected)
+
+
+def test_a_board_s_stream_ends_with_ctrl_c_and_leaves_a_recording(board):
+    board(lambda board, number, line_V, line: line)
+    streaming = running("board", "--model", "mlp.npz", "--json", "--out", "out.parquet")
+    for _ in range(30):
+        assert streaming.stdout.readline()
+    streaming.send_signal(signal.SIGINT)
+    _, err = streaming.communicate()
+    found = recording.read("out.parquet")
+    assert streaming.returncode == 0 and err.startswith("frames: 9 starting")
+    assert found.metadata["source"].startswith("circular-16 at board; states")
+    assert found.frames["touch"].any() and not found.frames["touch"].all()

@@ -1,0 +1,1 @@
+"""Trained predictors in one file each, read and applied without torch."""

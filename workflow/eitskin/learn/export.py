@@ -1,0 +1,223 @@
+"""A trained predictor as one file that needs no torch: its gates and networks as traced, and what
+validation says of its errors."""
+
+import numpy as np
+import torch
+from scipy.special import ndtri
+from torch import Tensor, nn
+
+from eitskin.data.baseline import upper_limit
+from eitskin.data.dataset import Dataset
+from eitskin.errors import InputError
+from eitskin.exported.channels import STRENGTHS, Channels, edges_of, precisions, strength
+from eitskin.exported.electrodes import Electrodes
+from eitskin.exported.file import Exported
+from eitskin.exported.graph import Graph
+from eitskin.exported.predictor import Predictor
+from eitskin.learn import gates, networks, predict, without_electrodes
+from eitskin.learn.model_file import Trained
+from eitskin.learn.trace import traced
+from eitskin.learn.train import standardise
+
+LEVEL = 0.9  # of an interval: the share of validation touches that it holds
+LEAST = 20  # validation touches in a class of strength
+CHECKED = 400  # validation touches, each with some channels taken away
+PAIRED = 8  # of the pairs of electrodes every touch lacks one in so many
+TAKEN = 0.1  # of all channels, at most
+RARE = 0.999  # share of validation touches in which no electrode is called lost
+FRAMES = 2  # of an example that is traced
+
+
+class States(nn.Module):
+    """Changes (B, M) float64 → states (B, T), the mean over a model's seeds."""
+
+    def __init__(self, model: Trained):
+        super().__init__()
+        name, tensors = model.header["model"], model.tensors
+        shape = networks.Shape.of(model.header, len(tensors["voltage_mean"]))
+        seeds = model.seeds()
+        made = [model.into(networks.predictor(name, shape), seed) for seed in seeds]
+        self.networks = nn.ModuleList(made)
+        self.scalers = {key: value for key, value in tensors.items() if "/" not in key}
+
+    def forward(self, change: Tensor) -> Tensor:
+        voltage = standardise(change, self.scalers, "voltage")
+        states = [predict.unstandardised(net(voltage), self.scalers) for net in self.networks]
+        return torch.stack(states).mean(dim=0)
+
+
+class Activity(nn.Module):
+    """Changes (B, M) → `gates.activity` (B,)."""
+
+    def __init__(self, model: Trained):
+        super().__init__()
+        self.scale = model.tensors["touch_scale"]
+
+    def forward(self, change: Tensor) -> Tensor:
+        return gates.activity(change, self.scale)
+
+
+class Strangeness(nn.Module):
+    """Changes (B, M) → `gates.strangeness`, residual (B,) and distance (B,)."""
+
+    def __init__(self, model: Trained):
+        super().__init__()
+        self.tensors = model.tensors
+
+    def forward(self, change: Tensor) -> tuple[Tensor, Tensor]:
+        held = [self.tensors[f"familiar_{key}"] for key in ("axes", "variances", "references")]
+        return gates.strangeness(standardise(change, self.tensors, "voltage"), *held)
+
+
+def export(
+    model: Trained,
+    dataset: Dataset,
+    part: np.ndarray,
+    skin: dict | None,
+    frame_s: float | None,
+    epochs: int,
+) -> Exported:
+    """A predictor of one or more seeds as a file's content.
+
+    `part` (N,) of the dataset it was trained on: the channels' precision is of what was trained on,
+    the intervals are of the validation part, split conformal within each class of strength (Vovk
+    2012, Conditional validity of inductive conformal predictors). skin: what is believed of it, as
+    `Skin.metadata`; frame_s: s; epochs: of the perceptron that does without electrodes. Raises
+    InputError for another dataset, too few samples, and a network that cannot be traced.
+    """
+    told = model.header["dataset"]
+    if told["name"] != dataset.metadata["name"] or "channels" not in told:
+        found = dataset.metadata["name"] if "channels" in told else "no table of channels"
+        raise InputError("export", "dataset", found, f"{told['name']}, with its channels")
+    scale = model.tensors["voltage_scale"].numpy()
+    z = dataset.delta_V.astype(float) / scale
+    least = STRENGTHS * LEAST
+    for name in ("train", "validation"):
+        if (found := int((part == name).sum())) < least:
+            raise InputError(told["name"], f"part {name}", found, f"{least} samples or more")
+    graphs: dict[str, Graph] = {}
+    arrays: dict[str, np.ndarray] = {}
+    example = torch.from_numpy(dataset.delta_V[:FRAMES].astype(float))
+    for name, module, frames in (
+        ("activity", Activity(model), example),
+        ("strangeness", Strangeness(model), example[:1]),
+        ("states", States(model), example),
+    ):
+        graphs[name], held = traced(module, frames, f"{name}/")
+        arrays |= held
+    edges = edges_of(z[part == "train"])
+    arrays |= {
+        "scale": scale,
+        "touch_scale": model.tensors["touch_scale"].numpy(),
+        "precision": precisions(z[part == "train"], edges),
+    }
+    channels, table = Channels(arrays["precision"], edges), np.array(told["channels"])
+    trained_on = part == "train"
+    without = without_electrodes.train(
+        dataset.delta_V[trained_on].astype(float),
+        dataset.states()[trained_on],
+        channels,
+        table,
+        {key: value for key, value in model.tensors.items() if "/" not in key},
+        epochs,
+        model.seeds()[0],
+    )
+    which = torch.zeros(FRAMES, int(table.max()) + 1, dtype=torch.float64)
+    graphs["without"], held = traced(without, torch.cat([example, which], dim=1), "without/")
+    arrays |= held
+    tested = np.flatnonzero(part == "validation")
+    strong = np.searchsorted(edges, strength(z[tested]))
+    predicted = predict.predict_seeds(model, dataset.delta_V[tested]).mean(axis=0)
+    error = np.abs(predicted - dataset.states()[tested])
+    header = {
+        "format": "eitskin-predictor",
+        "version": 1,
+        "model": model.header["model"],
+        "seeds": model.seeds(),
+        "dataset": told,
+        "skin": skin,
+        "frame_s": frame_s,
+        "touch": model.header["touch"],
+        "familiar": model.header["familiar"],
+        "intervals": {
+            "level": LEVEL,
+            "edges": edges.tolist(),
+            "half": _by_strength(error, strong).tolist(),
+            "half_without": [[[0.0] * len(error[0])] * STRENGTHS] * 2,
+            "widening": [0.0] * len(error[0]),
+        },
+        "lost": _lost(channels, table, z[tested], strong),
+    }
+    made = Exported(header, graphs, arrays)
+    predictor = Predictor(made)
+    header["intervals"] |= {
+        "half_without": _half_without(predictor, dataset, tested, table),
+        "widening": _widening(predictor, dataset, tested).tolist(),
+    }
+    return made
+
+
+def _by_strength(error: np.ndarray, strong: np.ndarray) -> np.ndarray:
+    """(K, T): what errors (n, T) stay below with probability LEVEL, by class of strength (n,)."""
+    return np.array([_limits(error[strong == number], LEVEL) for number in range(STRENGTHS)])
+
+
+def _half_without(
+    predictor: Predictor, dataset: Dataset, tested: np.ndarray, table: np.ndarray
+) -> list:
+    """[2][K][T]: as `_by_strength` of all channels, where one electrode is lost and where two are.
+    Each touch lacks every set of them in turn."""
+    change, truth = dataset.delta_V[tested].astype(float), dataset.states()[tested]
+    found: list[tuple[list, list]] = [([], []), ([], [])]
+    sets = without_electrodes.sets_of(int(table.max()) + 1)
+    for number, lost in enumerate(sets):
+        rows = slice(None) if len(lost) == 1 else slice(number % PAIRED, None, PAIRED)
+        gone = without_electrodes.channels_of(table, lost)
+        z = predictor.channels.filled_alike(change[rows] / predictor.scale, gone)
+        left = np.delete(z, gone, axis=1)
+        state = predictor.states_without(z * predictor.scale, lost)
+        errors, strong = found[len(lost) - 1]
+        errors.append(np.abs(state - truth[rows]))
+        strong.append(np.searchsorted(predictor.channels.edges, strength(left)))
+    return [
+        _by_strength(np.concatenate(errors), np.concatenate(strong)).tolist()
+        for errors, strong in found
+    ]
+
+
+def _limits(error: np.ndarray, level: float) -> np.ndarray:
+    """(T,): what errors (n, T) stay below with probability `level`."""
+    return np.array([upper_limit(one, level) for one in error.T])
+
+
+def _lost(channels: Channels, table: np.ndarray, z: np.ndarray, strong: np.ndarray) -> dict:
+    """What validation touches z (n, M) reach at most, by their class of strength: `single`, the
+    squared distance of the oddest channel from what the others say, and `electrode`, a channel's
+    share of the oddest electrode's."""
+    electrodes = Electrodes(channels, table)
+    odd = [electrodes.oddest(one, number) for one, number in zip(z, strong, strict=True)]
+    single, electrode = np.array(odd).T
+    return {
+        name: [upper_limit(values[strong == number], RARE) for number in range(STRENGTHS)]
+        for name, values in (("single", single), ("electrode", electrode))
+    }
+
+
+def _widening(predictor: Predictor, dataset: Dataset, tested: np.ndarray) -> np.ndarray:
+    """(T,): by what the spread of what missing channels may be is multiplied, so that intervals of
+    frames that lack up to a tenth of the channels hold their share of the truth.
+
+    Of an error e, half a width h with all channels and the spread u, the least factor κ with
+    e² ≤ h² + (κ u)²; its split-conformal limit over validation touches, a Gaussian's at least.
+    """
+    chosen = tested[np.linspace(0, len(tested) - 1, min(CHECKED, len(tested))).astype(int)]
+    truth, factors, draw = dataset.states(), [], np.random.default_rng(0)
+    size = len(predictor.scale)
+    for row in chosen:
+        change = dataset.delta_V[row].astype(float)
+        change[draw.choice(size, 1 + draw.integers(int(TAKEN * size)), replace=False)] = np.nan
+        whole, missing = predictor.filled(change)
+        state, spread = predictor.propagated(whole, missing)
+        over = (state - truth[row]) ** 2 - predictor.half[missing.number] ** 2
+        factors.append(np.sqrt(over.clip(min=0.0)) / spread)
+    return np.maximum(_limits(np.array(factors), LEVEL), ndtri(0.5 + 0.5 * LEVEL))

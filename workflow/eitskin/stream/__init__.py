@@ -1,0 +1,1 @@
+"""Frames as they come, and what each says of the touch."""
