@@ -14,6 +14,7 @@ from pathlib import Path
 
 DAEMONS = ("munged", "slurmctld", "slurmd")
 COMMANDS = ("sbatch", "srun", "squeue", "scancel", "sinfo", "scontrol")
+OF_SLURM = ("slurmctld", "slurmd", "slurmstepd")
 SEARCHED = os.pathsep.join([os.environ["PATH"], "/usr/sbin"])
 SCRIPTS = b"/.snakemake/scripts/"  # where Snakemake lays what it runs
 SYSTEM_FILE = Path("/etc/slurm/slurm.conf")  # the executor's job steps know no other
@@ -69,8 +70,12 @@ def obstacle() -> str | None:
         return f"this machine lacks {', '.join(lacking)}: apt-get install {packages}"
     if os.geteuid() != 0:
         return f"{SYSTEM_FILE} is root's alone to make"
-    if SYSTEM_FILE.exists() and _left_behind() is None:
-        return f"this machine has a Slurm already: {SYSTEM_FILE}"
+    if _left_behind() is None:
+        if SYSTEM_FILE.exists():
+            return f"this machine has a Slurm already: {SYSTEM_FILE}"
+        running = [pid for pid in _processes() if any(_is(pid, name) for name in OF_SLURM)]
+        if running:  # its job steps cannot be told from those of a cluster of this module
+            return f"this machine has a Slurm already: process {running[0]}"
     return None
 
 
@@ -216,6 +221,10 @@ def _stop(folder: Path) -> None:
 
 def _pid(file: Path) -> int | None:
     return int(file.read_text()) if file.exists() else None
+
+
+def _processes() -> list[int]:
+    return [int(process.name) for process in Path("/proc").glob("[0-9]*")]
 
 
 def _is(pid: int, name: str) -> bool:

@@ -19,8 +19,9 @@ _here = threading.local()
 
 
 def allowed() -> int:
-    """How many cores may be used: OMP_NUM_THREADS, else those of this process."""
-    said = os.environ.get("OMP_NUM_THREADS", "")
+    """How many cores may be used: OMP_NUM_THREADS, of a list its first, else those of this
+    process."""
+    said = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0].strip()
     return max(int(said), 1) if said.isdecimal() else len(os.sched_getaffinity(0))
 
 

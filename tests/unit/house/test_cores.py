@@ -53,6 +53,12 @@ def test_a_process_forked_from_one_with_threads_has_its_own(monkeypatch):
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
+@pytest.mark.parametrize(("said", "allowed"), [("3", 3), ("4,2", 4), ("0", 1)])
+def test_how_many_cores_are_said(monkeypatch, said, allowed):
+    on(monkeypatch, said)
+    assert cores.allowed() == allowed
+
+
 def test_without_a_word_all_cores_of_the_process_are_used(monkeypatch):
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     assert cores.allowed() == len(os.sched_getaffinity(0))
