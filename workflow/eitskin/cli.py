@@ -352,15 +352,17 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         recording.write(recorded, source)
         found = apart.diagnose(recorded, progress=True, memory_GiB=arguments.memory)
         said = result.write(found, name, folder, SCHEMA, arguments.query)
+        if not arguments.json:
+            for head, sentences in words.of_parts(said) or [("", words.told(said))]:
+                _say("\n".join([f"{head}:", *sentences] if head else sentences))
+            for sentence in words.pinned(said["calibration"]):
+                _say(sentence)
+            sys.stdout.flush()
         page.write(folder, source, SCHEMA, report, None if arguments.query is None else predicted)
     if arguments.json:
         answers.write(said | {"report": str(report)})
-        return 0
-    for head, sentences in words.of_parts(said) or [("", words.told(said))]:
-        _say("\n".join([f"{head}:", *sentences] if head else sentences))
-    for sentence in words.pinned(said["calibration"]):
-        _say(sentence)
-    print(report)
+    else:
+        print(report)
     return 0
 
 
