@@ -152,8 +152,9 @@ def terminal():
 def read(port: Port, wanted: int) -> list[Line]:
     lines: list[Line] = []
     while len(lines) < wanted and port.lost is None:
-        port.wait(1.0)
-        lines += port.since(lines[-1].number if lines else 0)
+        last = lines[-1].number if lines else 0
+        port.wait(last, 1.0)
+        lines += port.since(last)
     return lines
 
 
@@ -188,7 +189,7 @@ def test_a_port_that_is_unplugged_says_so():
     os.close(host)
     os.close(device)
     while port.lost is None:
-        port.wait(1.0)
+        port.wait(0, 1.0)
     assert port.lost
     port.close()
     assert not [t for t in threading.enumerate() if t.name == path]

@@ -192,7 +192,7 @@ def board(folder):
 def streamed(enough):
     """What a stream of the board says until that is enough."""
     exported, out = skin.exported(), io.StringIO()
-    source = sources.board("board", 115200, exported.header["dataset"])
+    source = sources.board("board", 115200, exported.header["dataset"], sources.Stop())
     predictor, give_up = Predictor(exported), time.monotonic() + PATIENCE_S
 
     def lines():
