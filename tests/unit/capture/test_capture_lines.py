@@ -171,6 +171,21 @@ def test_a_port_hears_what_is_sent_and_says_what_it_should(terminal):
         port.close()
 
 
+def test_a_line_that_came_before_the_wait_is_not_waited_for(terminal):
+    device, path = terminal
+    port = Port(path, 115200, number)
+    try:
+        os.write(device, b"\n1\n")
+        while not port.since(0):
+            port.wait(0, 1.0)
+        waiting = threading.Thread(target=port.wait, args=(0, 3600.0), daemon=True)
+        waiting.start()
+        waiting.join(60.0)
+        assert not waiting.is_alive()
+    finally:
+        port.close()
+
+
 def test_a_port_that_nobody_else_may_hold(terminal):
     _, path = terminal
     port = Port(path, 115200, number)

@@ -53,10 +53,9 @@ class Predictor:
         return self.activity(change) > noise * self.header["touch"]["threshold"]
 
     def beyond(self, estimate: Estimate) -> str:
-        """Which targets lie farther than half their interval outside the range trained on, in
-        words; nothing where none does."""
+        """Which targets lie outside the range trained on, in words; nothing where none does."""
         (low, high), words = self._range, []
-        out = np.maximum(low - estimate.state, estimate.state - high) > estimate.half
+        out = (estimate.state < low) | (estimate.state > high)
         for k in np.flatnonzero(out):
             unit = UNITS[self.targets[k]]
             value = f"{self.targets[k]} {estimate.state[k]:.1f} {unit}"

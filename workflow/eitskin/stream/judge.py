@@ -78,7 +78,7 @@ class Judge:
         if self._untouched is not None:
             moved = self._untouched.moved(np.where(self._gone, np.nan, change))
             drift = self._untouched.allowed(moved, time_s)
-            change = change - drift * self._untouched.level
+            change = (change - drift * self._untouched.level) / (1.0 + drift)
         news = self._returned(change)
         change[self._gone] = np.nan
         verdict = self._judged(change, moved - drift, news)

@@ -85,9 +85,7 @@ def _reads(known: Board, trained_on: dict) -> bool:
     return table.tolist() == trained_on["channels"]
 
 
-def _lines(
-    device: str, baud: int, known: Board, lost: np.ndarray, stop: Stop
-) -> Iterator[Event]:
+def _lines(device: str, baud: int, known: Board, lost: np.ndarray, stop: Stop) -> Iterator[Event]:
     """A board's frames, and what is wrong with its lines. Raises Gone, and InputError for lines
     that are not this board's from the first on."""
     from eitskin.capture.lines import Port  # pyserial, which recordings do without
@@ -181,9 +179,7 @@ def recorded(path: str, trained_on: dict, fast: bool, stop: Stop) -> Source:
     return Source(events, min(first, OPENING), difference, found.metadata["source"])
 
 
-def _replayed(
-    found: Recording, lost: np.ndarray, fast: bool, stop: Stop
-) -> Iterator[Event]:
+def _replayed(found: Recording, lost: np.ndarray, fast: bool, stop: Stop) -> Iterator[Event]:
     times = found.frames["time_s"].to_numpy(float)
     times = times - times[0]
     fast = fast or found.metadata["clock"] == "index"

@@ -1,8 +1,8 @@
-"""What readings are where nobody touches: the opening frames', and what a common gain makes of them.
+"""What readings are where nobody touches: the opening frames' and a common gain.
 
-Nothing else of a level is followed. A gain of all readings is what the conductivity's drift does and
-no touch; whatever else moves slowly may be a slow press, and is compared with the opening frames
-like a quick one.
+Nothing else of a level is followed. A gain of all readings is what the conductivity's drift does
+and no touch; whatever else moves slowly may be a slow press, and is compared with the opening
+frames like a quick one.
 """
 
 import numpy as np
@@ -34,8 +34,8 @@ class Untouched:
         self._weights.clear()
 
     def change(self, reading: np.ndarray) -> np.ndarray:
-        """Of a reading (M,), with the gain as it was last known."""
-        return reading - (1.0 + self.gain) * self.level
+        """Of a reading (M,), without the gain as it was last known: it is of a touch's part too."""
+        return reading / (1.0 + self.gain) - self.level
 
     def moved(self, change: np.ndarray) -> float:
         """The common gain in a change (M,), beside what touches do: by least squares over what the
@@ -50,12 +50,12 @@ class Untouched:
     def allowed(self, moved: float, time_s: float) -> float:
         """What of a gain that has moved a skin's drift can be, since it was last known."""
         most = PER_S * max(time_s - self.time_s, 0.0)
-        within = float(np.clip(moved, -most, most))
-        return float(np.clip(self.gain + within, -LARGEST, LARGEST)) - self.gain
+        within = (1.0 + self.gain) * (1.0 + float(np.clip(moved, -most, most))) - 1.0
+        return (1.0 + float(np.clip(within, -LARGEST, LARGEST))) / (1.0 + self.gain) - 1.0
 
     def known(self, moved: float, time_s: float) -> None:
         """The gain has moved by so much."""
-        self.gain += moved
+        self.gain = (1.0 + self.gain) * (1.0 + moved) - 1.0
         self.time_s = time_s
 
     def learn(self, reading: np.ndarray) -> None:
