@@ -1,5 +1,5 @@
-"""What `eitskin stream` says of an emulated skin that is pressed slowly, too hard, by a palm, or that
-drifts: `PYTHONPATH=workflow:tests python -m streamed_verdicts` prints the share of frames.
+"""What `eitskin stream` says of an emulated skin that is pressed slowly, too hard, by a palm, or
+that drifts: `PYTHONPATH=workflow:tests python -m streamed_verdicts` prints the share of frames.
 
 Right: no touch where nothing touches; a touch whose force lies in its interval where there is one,
 which calibrated intervals miss one time in ten. A palm is right as nothing but "cannot tell".
@@ -23,8 +23,9 @@ MOST_WRONG = 0.2  # twice what the intervals miss
 
 @dataclass(frozen=True)
 class Case:
-    """force_N (N,) at `places` (N, 2) or a finger's; a frame each frame_s; gain (N,) of all readings
-    since the opening; palm: what makes the gain touches the skin; least: the share judged right."""
+    """force_N (N,) at `places` (N, 2) or a finger's; a frame each frame_s; gain (N,) of all
+    readings since the opening; palm: what makes the gain touches the skin; least: the share that is
+    judged right."""
 
     force_N: np.ndarray
     frame_s: float = 0.05

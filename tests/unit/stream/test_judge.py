@@ -130,7 +130,8 @@ def test_a_channel_that_no_opening_frame_read_is_learned_later(predictor):
     voltage = skin.readings(np.zeros((30, 3)), np.random.default_rng(4))
     voltage[:10, 77] = np.nan
     judge, verdicts = opened(predictor, voltage)
-    assert [v.left_out for v in verdicts[10:12]] == [1, 0] and of(verdicts[10:]).count(NO_TOUCH) >= 19
+    assert [v.left_out for v in verdicts[10:12]] == [1, 0]
+    assert of(verdicts[10:]).count(NO_TOUCH) >= 19
     spiked = skin.readings(PLACE[None], np.random.default_rng(5))[0]
     spiked[77] += 0.3
     assert judge(spiked, 2.0).left_out == 1

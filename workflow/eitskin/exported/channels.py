@@ -81,7 +81,8 @@ class Channels:
 
     def along(self, pattern: np.ndarray, number: int, gone: tuple[int, ...]) -> np.ndarray:
         """(M,): what gives of a change, by their product, how much of `pattern` (M,) is in it
-        beside a touch of the class of strength `number`; both in units of spread, 0 where `gone`."""
+        beside a touch of the class of strength `number`, both in units of spread; 0 where `gone`.
+        """
         missing = self.missing(number, gone)
         whole = pattern.copy()
         whole[list(gone)] = missing.gain @ pattern[missing.left]

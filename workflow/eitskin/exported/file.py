@@ -91,13 +91,13 @@ def _check(path: str | Path, header: object, arrays: dict[str, np.ndarray]) -> N
         told = header[section].get(key, "") if isinstance(header[section], dict) else None
         if not isinstance(told, str) or (not told and key != "voltage"):
             raise InputError(path, f"header.{section}.{key}", repr(told), "a word")
-    for place, found, shape in _shapes(header, arrays):
+    for place, held, shape in _shapes(header, arrays):
         try:
-            values = np.array(found, dtype=float)
+            values = np.array(held, dtype=float)
         except (TypeError, ValueError):
             values = np.array(np.nan)
         if values.shape != shape or not np.isfinite(values).all():
-            told = f"numbers of shape {values.shape}" if found is not None else "nothing"
+            told = f"numbers of shape {values.shape}" if held is not None else "nothing"
             raise InputError(path, place, told, f"finite numbers of shape {shape}")
 
 
@@ -109,7 +109,7 @@ def _shapes(header: dict, arrays: dict[str, np.ndarray]) -> list[tuple[str, obje
     m = len(channels) if isinstance(channels, list) else 0
     t = len(targets) if isinstance(targets, list) and set(map(str, targets)) <= set(TARGETS) else 0
     k = len(arrays["precision"]) if arrays["precision"].ndim else 0
-    inner = {
+    inner: dict[str, dict[str, tuple]] = {
         "dataset": {"channels": (m or 1, 4)},
         "touch": {"threshold": ()},
         "familiar": {"limit_distance": (), "limit_residual": ()},

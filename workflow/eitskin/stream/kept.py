@@ -70,7 +70,6 @@ class Keeper:
             f"{about}; states estimated by {header['model']} of {trained_on['name']}",
             trained_on.get("voltage", "signed"),
             trained_on.get("position_frame", "skin"),
-            header["frame_s"],
             unit=trained_on["unit"],
             values="difference" if difference else "absolute",
         )
