@@ -55,6 +55,14 @@ def test_the_paper_can_be_planned_at_the_full_budget(finished):
     assert "/random/full/cnn/6.pt" not in said and "/random/full/svr/2.pt" not in said
 
 
+def test_an_exported_predictor_can_be_planned(fresh):
+    target = "results/exported/simulated-tiny/session/small/mlp.npz"
+    plan = fresh.snakemake("--dry-run", "--", target)
+    assert plan.returncode == 0, plan.stdout + plan.stderr
+    said = plan.stdout + plan.stderr
+    assert target in said and "logs/benchmarks/export/simulated-tiny/session/small/mlp.tsv" in said
+
+
 @pytest.mark.parametrize(
     ("file", "target", "made"),
     [

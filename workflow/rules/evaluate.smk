@@ -69,7 +69,7 @@ rule export:
     log:
         "logs/export/{dataset}/{split}/{budget}/{model}.log",
     benchmark:
-        "benchmarks/export/{dataset}/{split}/{budget}/{model}.tsv"
+        "logs/benchmarks/export/{dataset}/{split}/{budget}/{model}.tsv"
     conda:
         "../../envs/learning.yaml"
     threads: 1

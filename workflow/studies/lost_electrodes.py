@@ -16,6 +16,7 @@ import pandas as pd
 from eitskin.data import dataset, splits
 from eitskin.exported import file
 from eitskin.exported.channels import strength
+from eitskin.exported.electrodes import using
 from eitskin.exported.predictor import Predictor
 
 PAIRS, SEED = 30, 1
@@ -24,7 +25,7 @@ PAIRS, SEED = 30, 1
 def errors(predictor: Predictor, change: np.ndarray, lost: tuple[int, ...]) -> tuple:
     """States (N, T) of changes (N, M) without electrodes, and half their intervals (N, T)."""
     table = np.array(predictor.header["dataset"]["channels"])
-    gone = np.flatnonzero(np.isin(table, lost).any(axis=1))
+    gone = np.flatnonzero(using(table, lost))
     z = change / predictor.scale
     number = np.searchsorted(predictor.channels.edges, strength(np.delete(z, gone, axis=1)))
     if not lost:

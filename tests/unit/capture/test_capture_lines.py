@@ -152,8 +152,9 @@ def terminal():
 def read(port: Port, wanted: int) -> list[Line]:
     lines: list[Line] = []
     while len(lines) < wanted and port.lost is None:
-        port.wait(1.0)
-        lines += port.since(lines[-1].number if lines else 0)
+        last = lines[-1].number if lines else 0
+        port.wait(last, 1.0)
+        lines += port.since(last)
     return lines
 
 
@@ -166,6 +167,21 @@ def test_a_port_hears_what_is_sent_and_says_what_it_should(terminal):
         os.write(device, b"2\n")
         assert [line.ok for line in read(port, 3)] == [True, False, True]
         assert [line.number for line in port.since(1)] == [2, 3]
+    finally:
+        port.close()
+
+
+def test_a_line_that_came_before_the_wait_is_not_waited_for(terminal):
+    device, path = terminal
+    port = Port(path, 115200, number)
+    try:
+        os.write(device, b"\n1\n")
+        while not port.since(0):
+            port.wait(0, 1.0)
+        waiting = threading.Thread(target=port.wait, args=(0, 3600.0), daemon=True)
+        waiting.start()
+        waiting.join(60.0)
+        assert not waiting.is_alive()
     finally:
         port.close()
 
@@ -188,7 +204,7 @@ def test_a_port_that_is_unplugged_says_so():
     os.close(host)
     os.close(device)
     while port.lost is None:
-        port.wait(1.0)
+        port.wait(0, 1.0)
     assert port.lost
     port.close()
     assert not [t for t in threading.enumerate() if t.name == path]

@@ -38,8 +38,17 @@ def test_the_conditional_mean_and_covariance(drawn, channels):
     missing = channels.missing(2, tuple(GONE.tolist()))
     np.testing.assert_allclose(missing.gain, gain, rtol=1e-6, atol=1e-9)
     rest = covariance[np.ix_(GONE, GONE)] - gain @ covariance[np.ix_(left, GONE)]
-    root = channels.root(2, tuple(GONE.tolist()))
+    root = channels.root(2, tuple(GONE.tolist()), tuple(GONE.tolist()))
     np.testing.assert_allclose(root @ root.T, rest, rtol=1e-6, atol=1e-9)
+
+
+def test_a_pattern_s_amount_is_found_beside_a_touch(drawn, channels):
+    pattern = np.random.default_rng(2).normal(size=M)
+    gone = tuple(GONE.tolist())
+    weights = channels.along(pattern, 2, gone)
+    found = (drawn[:50] + 0.3 * pattern) @ weights
+    np.testing.assert_allclose(found, 0.3, atol=0.05)
+    assert (weights[GONE] == 0.0).all()
 
 
 def test_one_change_is_filled_as_many_are(drawn, channels):

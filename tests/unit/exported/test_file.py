@@ -9,7 +9,7 @@ import pytest
 
 import streamed_skin as skin
 from eitskin.errors import InputError
-from eitskin.exported import file
+from eitskin.exported import file, predictor
 from eitskin.exported.predictor import Predictor
 from eitskin.learn import predict
 
@@ -28,15 +28,15 @@ def path(tmp_path):
 
 def test_what_is_read_says_what_was_trained(path):
     change = skin.dataset().delta_V[skin.part() == "test"][:50].astype(float)
-    predictor = Predictor(file.read(path))
+    own = Predictor(file.read(path))
     expected = predict.predict_seeds(skin.trained(), change)[0]
-    np.testing.assert_allclose(predictor.states(change), expected, rtol=1e-5, atol=1e-4)
-    np.testing.assert_allclose(predictor.states(change[:1])[0], expected[0], rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(own.states(change), expected, rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(own.states(change[:1])[0], expected[0], rtol=1e-5, atol=1e-4)
     strange = np.concatenate([change, -change, 10 * change, 0.01 * change])
     judged = predict.judge(skin.trained(), strange)
     assert judged["touch"].nunique() == judged["abstain"].nunique() == 2
     for one, touch, abstain in zip(strange, judged["touch"], judged["abstain"], strict=True):
-        assert (predictor.touched(one), not predictor.familiar(one)) == (touch, abstain)
+        assert (own.touched(one), not own.familiar(one)) == (touch, abstain)
 
 
 def test_equal_contents_equal_bytes(path, tmp_path):
@@ -75,12 +75,37 @@ def changed(path, change):
             lambda header, arrays: header["graphs"]["states"]["steps"][0].__setitem__(1, "eval"),
             r"header.graphs.states: found eval, expected a known operation",
         ),
+        (lambda header, arrays: header["touch"].clear(), "header.touch.threshold: found nothing"),
+        (lambda header, arrays: header.update(familiar=3), "header.familiar.limit_distance: found"),
+        (lambda header, arrays: header["dataset"].pop("name"), "header.dataset.name: found ''"),
+        (
+            lambda header, arrays: header["dataset"].pop("channels"),
+            "header.dataset.channels: found",
+        ),
+        (
+            lambda header, arrays: header["intervals"]["half"].pop(),
+            r"header.intervals.half: found numbers of shape \(4, 3\), expected finite .* \(5, 3\)",
+        ),
+        (
+            lambda header, arrays: arrays.update(scale=arrays["scale"][:7]),
+            r"array scale: found numbers of shape \(7,\)",
+        ),
+        (
+            lambda header, arrays: [arrays.pop(k) for k in list(arrays) if "states/" in k],
+            "header.graphs.states: found no array states/",
+        ),
+        (
+            lambda header, arrays: arrays.update(
+                {k: v[:3] for k, v in arrays.items() if "states/" in k and v.ndim == 2}
+            ),
+            "graphs: found networks that cannot be applied",
+        ),
     ],
 )
 def test_another_content_is_refused(path, change, said):
     changed(path, change)
     with pytest.raises(InputError, match=said):
-        file.read(path)
+        predictor.read(path)
 
 
 def test_a_cut_file_and_another_file_are_refused(path, tmp_path):

@@ -143,10 +143,13 @@ class Port(Generic[Value]):
                 newer.append(line)
         return newer[::-1]
 
-    def wait(self, seconds: float) -> None:
-        """Until a line comes or the port is lost, for `seconds` at most."""
+    def wait(self, number: int, seconds: float) -> None:
+        """Until there is a line after line `number` or the port is lost, for `seconds` at most."""
         with self._changed:
-            self._changed.wait(seconds)
+            self._changed.wait_for(lambda: self._after(number) or self.lost is not None, seconds)
+
+    def _after(self, number: int) -> bool:
+        return bool(self._lines) and self._lines[-1].number > number
 
     def close(self) -> None:
         """Stop reading and let go of the port."""

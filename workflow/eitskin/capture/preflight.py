@@ -164,8 +164,9 @@ def _listen(
     lines: list[Line[Value]] = []
     end_s = time.monotonic() + WAIT_S
     while time.monotonic() < end_s and port.lost is None:
-        port.wait(LISTEN_S)
-        lines += port.since(lines[-1].number if lines else 0)
+        last = lines[-1].number if lines else 0
+        port.wait(last, LISTEN_S)
+        lines += port.since(last)
         if sum(map(counts, lines)) >= wanted:
             break
     return lines

@@ -45,6 +45,19 @@ def changes(recording: Recording, name: str) -> np.ndarray:
     return difference
 
 
+def level(recording: Recording, lost: list[int]) -> np.ndarray | None:
+    """The mean reading of all untouched frames (M,), without the `lost` channels; None where there
+    is none, or changes alone."""
+    free = ~recording.frames["touch"].to_numpy(bool)
+    if recording.voltage is None or recording.metadata["values"] == "difference":
+        return None
+    untouched = np.delete(recording.readings[free], lost, axis=1)
+    there = np.isfinite(untouched)
+    if not there.any(axis=0).all():
+        return None
+    return np.asarray(np.where(there, untouched, 0.0).sum(axis=0) / there.sum(axis=0))
+
+
 def sessions(frames: pd.DataFrame) -> np.ndarray:
     """The session of each frame (N,), numbered by first appearance; 0 where none are told."""
     if "session" not in frames:

@@ -70,12 +70,25 @@ class Channels:
         gain = -np.linalg.solve(own[np.ix_(lacking, lacking)], own[np.ix_(lacking, left)])
         return Missing(number, gone, left, gain)
 
-    def _root(self, number: int, gone: tuple[int, ...]) -> np.ndarray:
-        """(m, r): the directions in which the channels `gone` are most uncertain given the others,
-        a standard deviation long each."""
-        variances, axes = np.linalg.eigh(self.precision[number][np.ix_(gone, gone)])
-        least = slice(min(DIRECTIONS, len(gone)))
-        return axes[:, least] / np.sqrt(variances[least])
+    def _root(self, number: int, gone: tuple[int, ...], of: tuple[int, ...]) -> np.ndarray:
+        """(m, r): the directions in which those channels `of` the `gone` are most uncertain given
+        the others, a standard deviation long each, with what they make of the rest of the gone."""
+        covariance = np.linalg.inv(self.precision[number][np.ix_(gone, gone)])
+        own = np.searchsorted(gone, of)
+        variances, axes = np.linalg.eigh(covariance[np.ix_(own, own)])
+        most = slice(-min(DIRECTIONS, len(of)), None)
+        return covariance[:, own] @ (axes[:, most] / np.sqrt(variances[most]))
+
+    def along(self, pattern: np.ndarray, number: int, gone: tuple[int, ...]) -> np.ndarray:
+        """(M,): what gives of a change, by their product, how much of `pattern` (M,) is in it
+        beside a touch of the class of strength `number`, both in units of spread; 0 where `gone`.
+        """
+        missing = self.missing(number, gone)
+        whole = pattern.copy()
+        whole[list(gone)] = missing.gain @ pattern[missing.left]
+        weights = self.precision[number] @ whole
+        weights[list(gone)] = 0.0
+        return np.asarray(weights / (weights @ whole))
 
     def filled(self, z: np.ndarray, number: int) -> tuple[np.ndarray, Missing]:
         """A change (M,) whose missing channels, NaN, are what the others say, and what is known."""

@@ -1,10 +1,16 @@
 """Whether some channels, such as an electrode's, say other things than the rest."""
 
+from collections.abc import Iterable
 from functools import lru_cache
 
 import numpy as np
 
 from eitskin.exported.channels import KEPT, Channels
+
+
+def using(table: np.ndarray, electrodes: Iterable[int]) -> np.ndarray:
+    """(M,) bool: the channels of a table (M, 4) that use any of the electrodes."""
+    return np.asarray(np.isin(table, list(electrodes)).any(axis=1))
 
 
 class Electrodes:
@@ -13,7 +19,7 @@ class Electrodes:
     def __init__(self, channels: Channels, table: np.ndarray):
         self.channels = channels
         count = int(table.max()) + 1
-        self.groups = [np.flatnonzero((table == k).any(axis=1)) for k in range(count)]
+        self.groups = [np.flatnonzero(using(table, [k])) for k in range(count)]
         self._covariance = lru_cache(KEPT)(self._covariance_of)
         self._single = [1.0 / np.diag(own) for own in channels.precision]
         for number in range(len(channels.precision)):

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from eitskin.atomic import atomic_path
+from eitskin.data.dataset import TARGETS
 from eitskin.errors import InputError
 from eitskin.exported.graph import Graph
 
@@ -19,15 +20,17 @@ HEADER = "header"
 GRAPHS = ("activity", "strangeness", "states", "without")
 KEYS = (
     *("format", "version", "model", "seeds", "dataset", "skin", "frame_s"),
-    *("touch", "familiar", "intervals", "lost", "graphs"),
+    *("touch", "familiar", "intervals", "lost", "trained", "graphs"),
 )
 ARRAYS = ("scale", "touch_scale", "precision")
+WORDS = (("dataset", "name"), ("dataset", "unit"), ("dataset", "voltage"))
 
 
 @dataclass(frozen=True)
 class Exported:
     """`header`: plain values, `graphs`: activity, strangeness and states of changes (B, M),
-    and states without lost electrodes; `arrays`: what these need, the channels' precisions."""
+    and states without lost electrodes; `arrays`: what these need, the channels' precisions, and
+    `untouched` (M,), the untouched skin trained on, where it is known."""
 
     header: dict
     graphs: dict[str, Graph]
@@ -67,6 +70,8 @@ def read(path: str | Path) -> Exported:
     for name, graph in graphs.items():
         if unknown := graph.unknown():
             raise InputError(path, f"header.graphs.{name}", unknown[0], "a known operation")
+        if absent := sorted(_named(graph.plain()["steps"]) - arrays.keys()):
+            raise InputError(path, f"header.graphs.{name}", f"no array {absent[0]}", "it")
     return Exported(header, graphs, arrays)
 
 
@@ -82,3 +87,52 @@ def _check(path: str | Path, header: object, arrays: dict[str, np.ndarray]) -> N
     for name in ARRAYS:
         if name not in arrays:
             raise InputError(path, f"array {name}", "nothing", f"{', '.join(ARRAYS)}")
+    for section, key in WORDS:
+        told = header[section].get(key, "") if isinstance(header[section], dict) else None
+        if not isinstance(told, str) or (not told and key != "voltage"):
+            raise InputError(path, f"header.{section}.{key}", repr(told), "a word")
+    for place, held, shape in _shapes(header, arrays):
+        try:
+            values = np.array(held, dtype=float)
+        except (TypeError, ValueError):
+            values = np.array(np.nan)
+        if values.shape != shape or not np.isfinite(values).all():
+            told = f"numbers of shape {values.shape}" if held is not None else "nothing"
+            raise InputError(path, place, told, f"finite numbers of shape {shape}")
+
+
+def _shapes(header: dict, arrays: dict[str, np.ndarray]) -> list[tuple[str, object, tuple]]:
+    """What else a file has to hold: place, content, shape; M channels, T targets, K classes of
+    strength, as many as there are precisions."""
+    dataset = header["dataset"]
+    channels, targets = dataset.get("channels"), dataset.get("targets")
+    m = len(channels) if isinstance(channels, list) else 0
+    t = len(targets) if isinstance(targets, list) and set(map(str, targets)) <= set(TARGETS) else 0
+    k = len(arrays["precision"]) if arrays["precision"].ndim else 0
+    inner: dict[str, dict[str, tuple]] = {
+        "dataset": {"channels": (m or 1, 4)},
+        "touch": {"threshold": ()},
+        "familiar": {"limit_distance": (), "limit_residual": ()},
+        "intervals": {
+            **{"edges": (k - 1,), "half": (k, t or 1)},
+            **{"half_without": (2, k, t), "widening": (t,)},
+        },
+        "lost": {"single": (k,), "electrode": (k,)},
+        "trained": {"weakest": (), "range": (2, t)},
+    }
+    found = []
+    for section, keys in inner.items():
+        held = header[section] if isinstance(header[section], dict) else {}
+        found += [(f"header.{section}.{key}", held.get(key), s) for key, s in keys.items()]
+    shapes = {"scale": (m,), "touch_scale": (m,), "precision": (k, m, m), "untouched": (m,)}
+    return found + [
+        (f"array {name}", arrays[name], shape) for name, shape in shapes.items() if name in arrays
+    ]
+
+
+def _named(argument: object) -> set[str]:
+    """The arrays that arguments of steps name."""
+    if isinstance(argument, dict):
+        own = {str(argument["array"])} if "array" in argument else set()
+        return own.union(*map(_named, argument.values()))
+    return set().union(*map(_named, argument)) if isinstance(argument, list) else set()

@@ -10,7 +10,7 @@ from eitskin.data.baseline import upper_limit
 from eitskin.data.dataset import Dataset
 from eitskin.errors import InputError
 from eitskin.exported.channels import STRENGTHS, Channels, edges_of, precisions, strength
-from eitskin.exported.electrodes import Electrodes
+from eitskin.exported.electrodes import Electrodes, using
 from eitskin.exported.file import Exported
 from eitskin.exported.graph import Graph
 from eitskin.exported.predictor import Predictor
@@ -25,6 +25,7 @@ CHECKED = 400  # validation touches, each with some channels taken away
 PAIRED = 8  # of the pairs of electrodes every touch lacks one in so many
 TAKEN = 0.1  # of all channels, at most
 RARE = 0.999  # share of validation touches in which no electrode is called lost
+WEAKEST = 0.99  # share of the touches trained on that are larger changes than the weakest
 FRAMES = 2  # of an example that is traced
 
 
@@ -76,19 +77,25 @@ def export(
     skin: dict | None,
     frame_s: float | None,
     epochs: int,
+    untouched: np.ndarray | None = None,
 ) -> Exported:
     """A predictor of one or more seeds as a file's content.
 
     `part` (N,) of the dataset it was trained on: the channels' precision is of what was trained on,
     the intervals are of the validation part, split conformal within each class of strength (Vovk
     2012, Conditional validity of inductive conformal predictors). skin: what is believed of it, as
-    `Skin.metadata`; frame_s: s; epochs: of the perceptron that does without electrodes. Raises
-    InputError for another dataset, too few samples, and a network that cannot be traced.
+    `Skin.metadata`; frame_s: s; epochs: of the perceptron that does without electrodes; untouched
+    (M,): the untouched skin's readings, where they are known. Raises InputError for another
+    dataset, a budget that trains on the validation part as well, too few samples in a class of
+    strength, and a network that cannot be traced.
     """
     told = model.header["dataset"]
     if told["name"] != dataset.metadata["name"] or "channels" not in told:
         found = dataset.metadata["name"] if "channels" in told else "no table of channels"
         raise InputError("export", "dataset", found, f"{told['name']}, with its channels")
+    if not model.header["budget"]["validated"]:
+        expected = "true, as intervals are calibrated on what was not trained on"
+        raise InputError(told["name"], "budget, validated", "false", expected)
     scale = model.tensors["voltage_scale"].numpy()
     z = dataset.delta_V.astype(float) / scale
     least = STRENGTHS * LEAST
@@ -111,6 +118,8 @@ def export(
         "touch_scale": model.tensors["touch_scale"].numpy(),
         "precision": precisions(z[part == "train"], edges),
     }
+    if untouched is not None:
+        arrays["untouched"] = untouched
     channels, table = Channels(arrays["precision"], edges), np.array(told["channels"])
     trained_on = part == "train"
     without = without_electrodes.train(
@@ -129,6 +138,9 @@ def export(
     strong = np.searchsorted(edges, strength(z[tested]))
     predicted = predict.predict_seeds(model, dataset.delta_V[tested]).mean(axis=0)
     error = np.abs(predicted - dataset.states()[tested])
+    states = dataset.states()[trained_on]
+    change = torch.from_numpy(dataset.delta_V[trained_on])
+    active = gates.activity(change, model.tensors["touch_scale"]).numpy()
     header = {
         "format": "eitskin-predictor",
         "version": 1,
@@ -147,6 +159,10 @@ def export(
             "widening": [0.0] * len(error[0]),
         },
         "lost": _lost(channels, table, z[tested], strong),
+        "trained": {
+            "weakest": -upper_limit(-active, WEAKEST),
+            "range": [states.min(axis=0).tolist(), states.max(axis=0).tolist()],
+        },
     }
     made = Exported(header, graphs, arrays)
     predictor = Predictor(made)
@@ -158,7 +174,13 @@ def export(
 
 
 def _by_strength(error: np.ndarray, strong: np.ndarray) -> np.ndarray:
-    """(K, T): what errors (n, T) stay below with probability LEVEL, by class of strength (n,)."""
+    """(K, T): what errors (n, T) stay below with probability LEVEL, by class of strength (n,).
+
+    Raises InputError for a class without LEAST of them.
+    """
+    if (fewest := int(np.bincount(strong, minlength=STRENGTHS).min())) < LEAST:
+        found, expected = f"{fewest} in a class of strength", f"{LEAST} touches or more in each"
+        raise InputError("export", "part validation", found, expected)
     return np.array([_limits(error[strong == number], LEVEL) for number in range(STRENGTHS)])
 
 
@@ -172,7 +194,7 @@ def _half_without(
     sets = without_electrodes.sets_of(int(table.max()) + 1)
     for number, lost in enumerate(sets):
         rows = slice(None) if len(lost) == 1 else slice(number % PAIRED, None, PAIRED)
-        gone = without_electrodes.channels_of(table, lost)
+        gone = np.flatnonzero(using(table, lost))
         z = predictor.channels.filled_alike(change[rows] / predictor.scale, gone)
         left = np.delete(z, gone, axis=1)
         state = predictor.states_without(z * predictor.scale, lost)

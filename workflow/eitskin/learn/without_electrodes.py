@@ -12,6 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from eitskin.exported.channels import Channels
+from eitskin.exported.electrodes import using
 from eitskin.learn import networks
 from eitskin.learn.predict import unstandardised
 from eitskin.learn.train import Budget, Optimiser, deterministic, fit, standardise
@@ -24,11 +25,6 @@ SINGLE = 0.6  # share of batches that lack one electrode; the others lack two
 def sets_of(electrodes: int) -> list[tuple[int, ...]]:
     """Every electrode and every two of them."""
     return [one for size in (1, 2) for one in combinations(range(electrodes), size)]
-
-
-def channels_of(table: np.ndarray, lost: tuple[int, ...]) -> np.ndarray:
-    """The channels (m,) of a table (M, 4) that use any of the electrodes."""
-    return np.flatnonzero(np.isin(table, lost).any(axis=1))
 
 
 class Without(nn.Module):
@@ -64,7 +60,7 @@ def train(
     deterministic()
     electrodes = int(table.max()) + 1
     sets = sets_of(electrodes)
-    gone = [channels_of(table, lost) for lost in sets]
+    gone = [np.flatnonzero(using(table, lost)) for lost in sets]
     torch.manual_seed(seed)
     module, draw = Without(scalers, electrodes), np.random.default_rng(seed)
     scale = scalers["voltage_scale"].numpy()

@@ -22,26 +22,47 @@ from eitskin.stream.frames import Frame
 from eitskin.stream.judge import CANNOT_TELL, TOUCH, Verdict
 
 KIND = "stream"
+SUFFIX, JOURNAL = ".parquet", ".jsonl"
 EVERY_S = 0.5
 UNKNOWN = {field.name: None for field in fields(Skin) if field.name not in OPTIONAL}
 
 
+def same(one: str | Path, other: str | Path) -> bool:
+    """Whether two paths are of one file."""
+    return Path(one).resolve() == Path(other).resolve()
+
+
+def recovery(path: str | Path, out: str | Path) -> str:
+    """The command that makes of a journal the recording that a kill prevented."""
+    return f"eitskin stream {path} --model MODEL --fast --out {out}"
+
+
 def journal_of(out: str | Path) -> Path:
     """The journal of what is to be the recording `out`."""
-    return Path(out).with_suffix(".jsonl")
+    return Path(out).with_suffix(JOURNAL)
 
 
 def is_kept(path: str | Path) -> bool:
     """Whether a path is that of a stream's journal."""
-    return Path(path).suffix == ".jsonl"
+    return Path(path).suffix == JOURNAL
 
 
 class Keeper:
     """Takes frames and verdicts into the journal of `out`; `close` makes the recording of it."""
 
-    def __init__(self, out: str | Path, header: dict, difference: bool, about: str):
-        """`header`: the predictor's. Raises InputError where a journal is there already."""
+    def __init__(
+        self, out: str | Path, header: dict, difference: bool, about: str, source: str | Path
+    ):
+        """`header`: the predictor's; `source`: what is streamed, which is left as it is, the
+        journal of `out` too. Raises InputError where `out` is no recording's name or the source
+        itself, and where a journal is there already."""
         self.out, self.path = Path(out), journal_of(out)
+        if self.out.suffix != SUFFIX:
+            raise InputError(out, "--out", f"the ending {self.out.suffix!r}", f"{SUFFIX!r}")
+        if same(self.out, source):
+            raise InputError(out, "--out", "the source itself", "another file")
+        if same(self.path, source):
+            self.path = self.out.with_suffix(f".again{JOURNAL}")
         trained_on, skin = header["dataset"], header["skin"]
         metadata = recording.metadata_of(
             np.array(trained_on["channels"]),
@@ -53,7 +74,7 @@ class Keeper:
             values="difference" if difference else "absolute",
         )
         if self.path.exists():
-            expected = f"none; `eitskin stream {self.path}` makes its recording"
+            expected = f"none; `{recovery(self.path, out)}` makes its recording"
             raise InputError(self.path, "file", "an earlier stream's journal", expected)
         columns = [TARGETS[target] for target in trained_on["targets"]]
         journal.begin(self.path, {"kind": KIND, "metadata": metadata, "columns": columns})
@@ -83,8 +104,13 @@ class Keeper:
 
     def flush(self) -> None:
         """What waits goes to the disk."""
-        self._writer.append(*self._waiting)
-        self._waiting = []
+        waiting, self._waiting = self._waiting, []
+        self._writer.append(*waiting)
+
+    def discard(self) -> None:
+        """Leave nothing of a stream that was refused."""
+        self._writer.close()
+        self.path.unlink()
 
     def close(self) -> None:
         """Write the recording whole, where there is any frame, then take the journal away."""
@@ -95,16 +121,18 @@ class Keeper:
         self.path.unlink()
 
 
-def as_recording(path: str | Path) -> Recording:
+def as_recording(path: str | Path, whole: bool = False) -> Recording:
     """The recording of a stream's journal: `touch` and places are what was estimated.
 
-    A frame of which it could not be told has touch true where there is an estimate, and is left out
-    where there is none. Notes: `note_verdict`, `note_lost`, and half the width of each interval,
-    `note_half_`. Raises InputError for what is no such journal or holds no frame.
+    Frames of which it could not be told are left out, as they are neither touched nor untouched;
+    `whole`, to be streamed again: they stay, as touched ones. Notes: `note_verdict`, `note_lost`,
+    half the width of each interval, `note_half_`, and of a force, which no recording has below 0,
+    the estimate as it was, `note_estimate_`. Raises InputError for what is no such journal or holds
+    no frame.
     """
     records = journal.read(path, KIND).records
     head, rows = records[0], [one for one in records if one["kind"] == "frame"]
-    told = [one for one in rows if one["verdict"] != CANNOT_TELL or one["state"] is not None]
+    told = [one for one in rows if whole or one["verdict"] != CANNOT_TELL]
     if not told:
         raise InputError(path, "frames", "none", "one or more")
     nothing = [np.nan] * len(head["columns"])
@@ -112,7 +140,8 @@ def as_recording(path: str | Path) -> Recording:
     half = np.array([one["half"] or nothing for one in told], dtype=float)
     touch = np.array([one["verdict"] in (TOUCH, CANNOT_TELL) for one in told])
     known = dict(zip(head["columns"], state.T, strict=True))
-    if "force_N" in known:
+    estimated = known.get("force_N")
+    if estimated is not None:
         known["force_N"] = known["force_N"].clip(min=0.0)
     time_s = np.array([one["time_s"] for one in told])
     frames = frames_table(time_s - time_s[0], touch, **known)
@@ -120,5 +149,7 @@ def as_recording(path: str | Path) -> Recording:
     frames["note_lost"] = pd.Series([json.dumps(one["lost"]) for one in told], dtype="str")
     for column, values in zip(head["columns"], half.T, strict=True):
         frames[f"note_half_{column}"] = values
+    if estimated is not None:
+        frames["note_estimate_force_N"] = estimated
     voltage = np.array([one["reading"] for one in told], dtype=float)
     return Recording(frames, voltage, None, None, head["metadata"])

@@ -2,7 +2,7 @@
 
 import gc
 import time
-from collections import Counter
+from collections import Counter, deque
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,17 +13,17 @@ from eitskin.stream.kept import Keeper
 from eitskin.stream.sources import Source
 from eitskin.stream.view import View
 
-KEPT = 100_000  # latest latencies
+KEPT = 100_000  # latencies
 
 
 @dataclass
 class Told:
     """How many frames had which verdict, how many lines were no frames, and seconds (n,) from a
-    frame's end to its verdict."""
+    frame's end to its verdict, of the latest KEPT."""
 
     kinds: Counter = field(default_factory=Counter)
     troubles: int = 0
-    latency_s: list[float] = field(default_factory=list)
+    latency_s: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT))
 
     def sentence(self) -> str:
         """All of it in a line."""
@@ -44,9 +44,8 @@ def run(source: Source, judge: Judge, view: View, keeper: Keeper | None, told: T
             told.troubles += 1
             view.trouble(event)
             continue
-        verdict = judge(event.reading, event.saturated)
-        if len(told.latency_s) < KEPT:
-            told.latency_s.append(time.perf_counter() - event.ready_s)
+        verdict = judge(event.reading, event.time_s, event.saturated)
+        told.latency_s.append(time.perf_counter() - event.ready_s)
         told.kinds[verdict.kind] += 1
         view.frame(event, verdict)
         if keeper is not None:

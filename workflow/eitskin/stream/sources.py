@@ -23,7 +23,21 @@ if TYPE_CHECKING:
 WRONG_LINES = 5  # of the first lines; then the board is not what the model knows
 SILENT_S = 3.0  # without a line
 LEAST_S = 1e-4  # between two frames
+LOOK_S = 0.1  # for a wish to end
 GONE_S = 10.0  # without the port, until the stream gives up
+
+
+@dataclass
+class Stop:
+    """Whether a stream is to end: `asked` is set by a signal, and seen between two frames."""
+
+    asked: bool = False
+
+    def sleep(self, seconds: float) -> None:
+        """Wait, until it is asked."""
+        end = time.perf_counter() + seconds
+        while not self.asked and (left := end - time.perf_counter()) > 0.0:
+            time.sleep(min(left, LOOK_S))
 
 
 class Gone(Exception):
@@ -46,7 +60,7 @@ class Source:
     about: str
 
 
-def board(device: str, baud: int, trained_on: dict) -> Source:
+def board(device: str, baud: int, trained_on: dict, stop: Stop) -> Source:
     """A board whose channels and kind of voltage are those of a predictor's data.
 
     Raises InputError where no known board has them, and for a port that cannot be opened.
@@ -54,12 +68,12 @@ def board(device: str, baud: int, trained_on: dict) -> Source:
     name = next((name for name, one in BOARDS.items() if _reads(one, trained_on)), None)
     if name is None:
         found = f"{len(trained_on['channels'])} channels of {trained_on['name']}"
-        raise InputError("model", "channels", found, f"those of a board: {', '.join(BOARDS)}")
+        raise InputError("recording", "channels", found, f"those of a board: {', '.join(BOARDS)}")
     if trained_on.get("voltage") != "magnitude" or trained_on["unit"] != "V":
         found = f"{trained_on.get('voltage')} {trained_on['unit']} of {trained_on['name']}"
-        raise InputError("model", "voltage", found, f"magnitudes in V, as {name} reads")
+        raise InputError("recording", "voltage", found, f"magnitudes in V, as {name} reads")
     lost = np.array(trained_on.get("lost_channels", []), dtype=int)
-    events = _lines(device, baud, BOARDS[name], lost)
+    events = _lines(device, baud, BOARDS[name], lost, stop)
     return Source(events, OPENING, False, f"{name} at {device}")
 
 
@@ -71,7 +85,7 @@ def _reads(known: Board, trained_on: dict) -> bool:
     return table.tolist() == trained_on["channels"]
 
 
-def _lines(device: str, baud: int, known: Board, lost: np.ndarray) -> Iterator[Event]:
+def _lines(device: str, baud: int, known: Board, lost: np.ndarray, stop: Stop) -> Iterator[Event]:
     """A board's frames, and what is wrong with its lines. Raises Gone, and InputError for lines
     that are not this board's from the first on."""
     from eitskin.capture.lines import Port  # pyserial, which recordings do without
@@ -85,10 +99,12 @@ def _lines(device: str, baud: int, known: Board, lost: np.ndarray) -> Iterator[E
     number = refused = frames = 0
     latest = -LEAST_S
     try:
-        while True:
-            port.wait(0.25)
+        while not stop.asked:
+            port.wait(number, LOOK_S)
             now = time.perf_counter()
             for line in port.since(number):
+                if stop.asked:
+                    return
                 number, last = line.number, line.end_s
                 if isinstance(line.value, Reject):
                     refused += 1
@@ -106,7 +122,10 @@ def _lines(device: str, baud: int, known: Board, lost: np.ndarray) -> Iterator[E
             if port.lost is not None:
                 yield Trouble(now - start, f"{device} is gone")
                 port.close()
-                port = _again(device, baud, known)
+                again = _again(device, baud, known, stop)
+                if again is None:
+                    return
+                port = again
                 number, last = 0, time.perf_counter()
             elif now - last > SILENT_S:
                 yield Trouble(now - start, f"no line for {now - last:.0f} s")
@@ -115,28 +134,30 @@ def _lines(device: str, baud: int, known: Board, lost: np.ndarray) -> Iterator[E
         port.close()
 
 
-def _again(device: str, baud: int, known: Board) -> "Port":
-    """The port once it is back. Raises Gone after GONE_S."""
+def _again(device: str, baud: int, known: Board, stop: Stop) -> "Port | None":
+    """The port once it is back, None where the stream is to end. Raises Gone after GONE_S."""
     from eitskin.capture.lines import Port
 
     give_up = time.perf_counter() + GONE_S
-    while time.perf_counter() < give_up:
+    while time.perf_counter() < give_up and not stop.asked:
         time.sleep(0.1)
         try:
             return Port(device, baud, known.parse, known.start, time.perf_counter)
         except OSError:
             continue
+    if stop.asked:
+        return None
     raise Gone(f"{device} is gone for {GONE_S:g} s")
 
 
-def recorded(path: str, trained_on: dict, fast: bool) -> Source:
+def recorded(path: str, trained_on: dict, fast: bool, stop: Stop) -> Source:
     """A recording's frames at its own time stamps, or as fast as they are judged; also of the
     journal that a stream has left.
 
     Raises InputError where its channels, unit or kind of voltage are not those trained on, and
     where its first frame is touched.
     """
-    found = as_recording(path) if is_kept(path) else importers.load(path)
+    found = as_recording(path, whole=True) if is_kept(path) else importers.load(path)
     lost = trained_on.get("lost_channels", [])
     channels = np.delete(found.channels, lost, axis=0).tolist()
     for place, own in (
@@ -154,17 +175,19 @@ def recorded(path: str, trained_on: dict, fast: bool) -> Source:
     first = int(touched.argmax()) if touched.any() else len(touched)
     if not difference and not first:
         raise InputError(path, "column touch, row 0", "true", "an untouched frame first")
-    events = _replayed(found, np.array(lost, dtype=int), fast)
+    events = _replayed(found, np.array(lost, dtype=int), fast, stop)
     return Source(events, min(first, OPENING), difference, found.metadata["source"])
 
 
-def _replayed(found: Recording, lost: np.ndarray, fast: bool) -> Iterator[Event]:
+def _replayed(found: Recording, lost: np.ndarray, fast: bool, stop: Stop) -> Iterator[Event]:
     times = found.frames["time_s"].to_numpy(float)
     times = times - times[0]
     fast = fast or found.metadata["clock"] == "index"
     start = time.perf_counter()
     for time_s, reading in zip(times.tolist(), found.readings, strict=True):
         wait = start + time_s - time.perf_counter()
-        if not fast and wait > 0.0:
-            time.sleep(wait)
+        if not fast:
+            stop.sleep(wait)
+        if stop.asked:
+            return
         yield Frame(time_s, time.perf_counter(), np.delete(reading, lost))
