@@ -57,10 +57,7 @@ def test_the_paper_can_be_planned_at_the_full_budget(finished):
 
 def test_an_exported_predictor_can_be_planned(fresh):
     target = "results/exported/simulated-tiny/session/small/mlp.npz"
-    plan = fresh.snakemake("--dry-run", "--", target)
-    assert plan.returncode == 0, plan.stdout + plan.stderr
-    said = plan.stdout + plan.stderr
-    assert target in said and "logs/benchmarks/export/simulated-tiny/session/small/mlp.tsv" in said
+    assert {"split", "train_predictor", "export"} <= fresh.jobs(target)
 
 
 @pytest.mark.parametrize(
