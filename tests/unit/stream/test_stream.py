@@ -142,7 +142,7 @@ def test_a_killed_stream_leaves_a_journal_that_is_streamed_again(folder, capsys)
     for _ in range(40):
         assert streaming.stdout.readline()
     streaming.send_signal(signal.SIGKILL)
-    streaming.communicate()
+    streaming.communicate(timeout=60)
     assert not Path("out.parquet").exists()
     assert len(as_recording("out.jsonl").frames) >= 20
     words = ["stream", "out.jsonl", "--model", "mlp.npz", "--fast", "--out", "out.parquet"]
@@ -364,7 +364,7 @@ def test_a_board_s_stream_ends_with_ctrl_c_and_leaves_a_recording(board):
     for _ in range(30):
         assert streaming.stdout.readline()
     streaming.send_signal(signal.SIGINT)
-    _, err = streaming.communicate()
+    _, err = streaming.communicate(timeout=60)
     assert streaming.returncode == 0, err
     assert err.startswith("frames: 9 starting")
     found = recording.read("out.parquet")
