@@ -73,6 +73,6 @@ def test_a_perturbed_set_runs_the_whole_chain():
 
 @pytest.mark.long
 def test_a_drawn_recording_is_diagnosed():
-    seconds, peak = speed.diagnose("null", 1, 60)
+    seconds, peak = speed.diagnose("null", 1, 60, 1)
     assert seconds > 0
     assert peak > 10
