@@ -14,10 +14,9 @@ import numpy as np
 import pandas as pd
 
 from eitskin.data import dataset, splits
-from eitskin.exported import file
 from eitskin.exported.channels import strength
 from eitskin.exported.electrodes import using
-from eitskin.exported.predictor import Predictor
+from eitskin.exported.predictor import Predictor, read
 
 PAIRS, SEED = 30, 1
 
@@ -68,7 +67,7 @@ def main() -> int:
     given = parser.parse_args()
     data = dataset.read(given.dataset)
     tested = splits.read(given.split, data.table) == "test"
-    predictor = Predictor(file.read(given.export))
+    predictor = read(given.export)
     change, truth = data.delta_V[tested].astype(float), data.states()[tested]
     table(predictor, change, truth).to_csv(sys.stdout, index=False, float_format="%.3f")
     return 0

@@ -43,6 +43,22 @@ class Dataset:
         return self.table[columns].to_numpy(float)
 
 
+def fits(recorded: Recording, trained_on: dict, file: str | Path) -> list[int]:
+    """The channels of a recording that a data set, by its metadata `trained_on`, has lost. Raises
+    InputError naming `file` where its channels, unit or kind of voltage are not the data set's."""
+    lost: list[int] = trained_on.get("lost_channels", [])
+    channels = np.delete(recorded.channels, lost, axis=0).tolist()
+    for place, found in (
+        ("channels", channels),
+        ("unit", recorded.metadata["unit"]),
+        ("voltage", recorded.metadata["voltage"]),
+    ):
+        if place in trained_on and found != trained_on[place]:
+            told = f"{len(found)} others" if place == "channels" else repr(found)
+            raise InputError(file, place, told, f"those of {trained_on['name']}, trained on")
+    return lost
+
+
 def validate(dataset: Dataset, file: str | Path) -> None:
     """Raise InputError naming `file` unless columns, types, targets and metadata are in order."""
     metadata, table, delta_V = dataset.metadata, dataset.table, dataset.delta_V

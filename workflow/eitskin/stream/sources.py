@@ -10,6 +10,7 @@ import numpy as np
 
 from eitskin.capture.wire import BOARDS, Board, Reject, measured
 from eitskin.data import importers
+from eitskin.data.dataset import fits
 from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
@@ -158,16 +159,7 @@ def recorded(path: str, trained_on: dict, fast: bool, stop: Stop) -> Source:
     where its first frame is touched.
     """
     found = as_recording(path, whole=True) if is_kept(path) else importers.load(path)
-    lost = trained_on.get("lost_channels", [])
-    channels = np.delete(found.channels, lost, axis=0).tolist()
-    for place, own in (
-        ("channels", channels),
-        ("unit", found.metadata["unit"]),
-        ("voltage", found.metadata["voltage"]),
-    ):
-        if place in trained_on and own != trained_on[place]:
-            told = f"{len(own)} others" if place == "channels" else repr(own)
-            raise InputError(path, place, told, f"those of {trained_on['name']}, trained on")
+    lost = fits(found, trained_on, path)
     if found.voltage is None:
         raise InputError(path, "column voltage_V", "nothing", "voltages; this is a query")
     difference = found.metadata["values"] == "difference"
