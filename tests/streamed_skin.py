@@ -94,7 +94,7 @@ def trained() -> Trained:
 @cache
 def exported() -> Exported:
     """The same as a file's content."""
-    return export.export(trained(), dataset(), part(), SKIN, 0.05, 6, level())
+    return export.export(trained(), dataset(), part(), SKIN, 6, level())
 
 
 def write_recording(

@@ -143,7 +143,7 @@ def streamed(runs: int, row: Callable[..., dict]) -> list[dict]:
 
     for name in tqdm(models.MODELS, "streamed", disable=None):
         model = train.train_model(data, part, name, recipe, 1)
-        predictor = Predictor(export.export(model, data, part, None, None, 1))
+        predictor = Predictor(export.export(model, data, part, None, 1))
         told(name, judge_of(predictor))
         told(f"{name}, processor time", judge_of(predictor), of_processor)
         states = export.States(model).eval()

@@ -78,7 +78,6 @@ rule export:
         runtime=60,
     params:
         skin=lookup(dpath="skin", within=config),
-        frame_s=None,
         epochs=lambda wildcards: spent(config["budgets"][wildcards.budget])["epochs"],
         code=of_model("export"),
     message:

@@ -10,8 +10,8 @@ with reported(snakemake.log[0]):
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)
     recorded = recording.read(files.recording) if files.recording else None
-    told = recorded.metadata if recorded else params
+    skin = recorded.metadata["skin"] if recorded else params.skin
     level = baseline.level(recorded, data.metadata["lost_channels"]) if recorded else None
-    about = told["skin"], told["frame_s"], params.epochs, level
     model = model_file.read_seeds(files.models)
-    file.write(export.export(model, data, part, *about), snakemake.output[0])
+    made = export.export(model, data, part, skin, params.epochs, level)
+    file.write(made, snakemake.output[0])

@@ -16,7 +16,7 @@ def test_a_budget_that_validates_on_nothing_is_refused():
     budget = trained.header["budget"] | {"validated": False}
     model = replace(trained, header=trained.header | {"budget": budget})
     with pytest.raises(InputError, match="streamed: budget, validated: found false, expected true"):
-        export.export(model, skin.dataset(), skin.part(), skin.SKIN, 0.05, 1)
+        export.export(model, skin.dataset(), skin.part(), skin.SKIN, 1)
 
 
 def test_a_class_of_strength_without_touches_is_refused():

@@ -19,7 +19,7 @@ from eitskin.exported.graph import Graph
 HEADER = "header"
 GRAPHS = ("activity", "strangeness", "states", "without")
 KEYS = (
-    *("format", "version", "model", "seeds", "dataset", "skin", "frame_s"),
+    *("format", "version", "model", "seeds", "dataset", "skin"),
     *("touch", "familiar", "intervals", "lost", "trained", "graphs"),
 )
 ARRAYS = ("scale", "touch_scale", "precision")

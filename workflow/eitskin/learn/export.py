@@ -75,7 +75,6 @@ def export(
     dataset: Dataset,
     part: np.ndarray,
     skin: dict | None,
-    frame_s: float | None,
     epochs: int,
     untouched: np.ndarray | None = None,
 ) -> Exported:
@@ -84,7 +83,7 @@ def export(
     `part` (N,) of the dataset it was trained on: the channels' precision is of what was trained on,
     the intervals are of the validation part, split conformal within each class of strength (Vovk
     2012, Conditional validity of inductive conformal predictors). skin: what is believed of it, as
-    `Skin.metadata`; frame_s: s; epochs: of the perceptron that does without electrodes; untouched
+    `Skin.metadata`; epochs: of the perceptron that does without electrodes; untouched
     (M,): the untouched skin's readings, where they are known. Raises InputError for another
     dataset, a budget that trains on the validation part as well, too few samples in a class of
     strength, and a network that cannot be traced.
@@ -148,7 +147,6 @@ def export(
         "seeds": model.seeds(),
         "dataset": told,
         "skin": skin,
-        "frame_s": frame_s,
         "touch": model.header["touch"],
         "familiar": model.header["familiar"],
         "intervals": {
