@@ -298,7 +298,9 @@ def _earned(
             folds = state.held_out, search.held_out(less, state)
             folds_gain, folds_error = folds[0].gain(folds[1])
             worth = min(gain - free, folds_gain - STANDARD_ERRORS * folds_error)
-            if not believed and judged.harms(state.fit, less.fit, folds):
+            # Each as it would predict, in a covariance of its own: another one moves its fit.
+            own = state.held_out, less.held_out
+            if not believed and judged.harms(state.fit, less.fit, own):
                 worth = -np.inf
             if worth < least:
                 weakest, least = index, worth
