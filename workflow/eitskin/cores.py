@@ -13,7 +13,6 @@ import signal
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -26,6 +25,7 @@ Result = TypeVar("Result")
 
 _FORK = get_context("fork")
 _here = threading.local()
+_pools: dict[int, ThreadPoolExecutor] = {}
 
 
 def allowed() -> int:
@@ -33,6 +33,11 @@ def allowed() -> int:
     process."""
     said = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0].strip()
     return max(int(said), 1) if said.isdecimal() else len(os.sched_getaffinity(0))
+
+
+def seconds() -> float:
+    """Processor seconds of this process, and of those that it has forked and that have ended."""
+    return sum(os.times()[:4])
 
 
 def each(of: Callable[[Part], Result], parts: Iterable[Part]) -> list[Result]:
@@ -70,6 +75,7 @@ def forked(
     late: dict[int, Any] = {}
     running: dict[Connection, tuple[int, BaseProcess]] = {}
     begun = 0
+    _end_threads()
     try:
         while len(found) < len(parts):
             while begun < len(parts) and begun < len(found) + behind and len(running) < most:
@@ -154,9 +160,16 @@ class _Read(pickle.Unpickler):
         return self.shared[pid]
 
 
-@lru_cache
 def _pool(count: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(count)
+    if count not in _pools:
+        _pools[count] = ThreadPoolExecutor(count)
+    return _pools[count]
 
 
-os.register_at_fork(after_in_child=_pool.cache_clear)
+def _end_threads() -> None:
+    """What is forked from a process with threads may wait forever for what they hold."""
+    while _pools:
+        _pools.popitem()[1].shutdown()
+
+
+os.register_at_fork(after_in_child=_pools.clear)

@@ -81,6 +81,16 @@ def test_two_forked_parts_run_at_once_on_two_cores(monkeypatch):
     assert cores.forked(met, [0, 1], behind=2) == [True, True]
 
 
+def test_what_is_forked_is_forked_from_one_thread(monkeypatch):
+    on(monkeypatch, 2)
+    before = threading.active_count()
+    assert cores.each(abs, range(-3, 0)) == [3, 2, 1]
+    assert threading.active_count() > before
+    assert cores.forked(lambda _, __: threading.active_count(), [0]) == [1]
+    assert threading.active_count() == before
+    assert cores.each(abs, range(-3, 0)) == [3, 2, 1]
+
+
 def test_what_a_forked_part_changes_is_lost_but_for_its_result(monkeypatch):
     on(monkeypatch, 2)
     table, own = np.arange(3.0), {}
@@ -115,6 +125,20 @@ def test_an_error_of_a_forked_part_is_raised_as_it_was(monkeypatch):
     with pytest.raises(InputError, match="row 3: found 7 columns, expected 8") as error:
         cores.forked(refused, range(3), behind=3)
     assert error.value.place == "row 3"
+
+
+def test_the_seconds_of_forked_parts_count(monkeypatch):
+    on(monkeypatch, 2)
+
+    def busy(_part, _known):
+        end = time.process_time() + 0.1
+        while time.process_time() < end:
+            pass
+
+    before, own = cores.seconds(), time.process_time()
+    cores.forked(busy, range(3), behind=3)
+    others = cores.seconds() - before - (time.process_time() - own)
+    assert 0.25 < others < 3.0
 
 
 def test_a_forked_part_that_is_killed_is_an_error(monkeypatch):
