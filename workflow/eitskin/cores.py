@@ -6,16 +6,17 @@ alone: the bytes of a result do not depend on how many cores there are. OMP_NUM_
 set, says how many may be used.
 """
 
+import contextlib
 import io
 import os
 import pickle
+import select
 import signal
+import sys
 import threading
-from collections.abc import Callable, Iterable, Sequence
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from multiprocessing import get_context
-from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -23,9 +24,8 @@ from threadpoolctl import threadpool_limits
 Part = TypeVar("Part")
 Result = TypeVar("Result")
 
-_FORK = get_context("fork")
+AT_ONCE = 2  # processes
 _here = threading.local()
-_pools: dict[int, ThreadPoolExecutor] = {}
 
 
 def allowed() -> int:
@@ -64,78 +64,136 @@ def forked(
     """A function of every part and of the results so far, in their order, each in a process of its
     own that is forked from this one: what it changes but its result is lost.
 
-    The results so far are those of all parts but the `behind` - 1 just before: so many may run at
-    once, and how many do changes no result. shared: objects that results refer to and that are not
-    copied on their way back. What a part raises is raised here; RuntimeError where its process
-    ended without an answer.
+    The results so far are those of all parts but the `behind` - 1 just before. At most AT_ONCE run
+    at once: each takes memory of its own. shared: objects that results refer to and that are not
+    copied on their way back. What a part raises is raised here; MemoryError where its process was
+    killed or could not begin, RuntimeError where it ended without an answer.
     """
     parts, shared = list(parts), list(shared)
-    most = 1 if getattr(_here, "busy", False) else allowed()
+    here = getattr(_here, "busy", False)
+    most = 1 if here else min(allowed(), AT_ONCE)
+    busy = here or min(most, behind, len(parts)) > 1
     found: list[Any] = []
     late: dict[int, Any] = {}
-    running: dict[Connection, tuple[int, BaseProcess]] = {}
+    running: dict[int, tuple[int, int]] = {}  # by what is read: the part and its process
     begun = 0
     _end_threads()
     try:
         while len(found) < len(parts):
             while begun < len(parts) and begun < len(found) + behind and len(running) < most:
                 known = found[: max(begun + 1 - behind, 0)]
-                there, here = _FORK.Pipe(duplex=False)
-                arguments = here, of, parts[begun], known, shared, min(most, behind) > 1
-                process: BaseProcess = _FORK.Process(target=_answered, args=arguments)
-                process.start()
-                here.close()
-                running[there] = begun, process
+                part = parts[begun]
+                with _uninterrupted():
+                    answer, process = _begun(lambda: of(part, known), shared, [*running], busy)
+                    running[answer] = begun, process
                 begun += 1
-            for connection in wait(list(running)):
-                assert isinstance(connection, Connection)
-                number, answering = running[connection]
-                late[number] = _received(connection, answering, shared)
-                del running[connection]
+            for answer, _ in _readable(running):
+                written = _read_all(answer)
+                with _uninterrupted():
+                    number, process = running.pop(answer)
+                    os.close(answer)
+                    ended = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+                late[number] = _answer(written, ended, shared)
             while len(found) in late:
                 found.append(late.pop(len(found)))
     finally:
-        for connection, (_, answering) in running.items():
-            answering.kill()
-            answering.join()
-            connection.close()
+        with _uninterrupted():
+            for _, process in running.values():
+                os.kill(process, signal.SIGKILL)
+            for answer, (_, process) in running.items():
+                os.close(answer)
+                os.waitpid(process, 0)
     return found
 
 
-def _answered(
-    answer: Connection,
-    of: Callable[[Part, Sequence[Result]], Result],
-    part: Part,
-    known: list[Result],
-    shared: list[object],
-    busy: bool,
-) -> None:
-    """Sends what a function has of a part, or what it raises."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever waits for the answer ends this process
-    _here.busy = busy
+def _begun(
+    of: Callable[[], Any], shared: list[object], others: list[int], busy: bool
+) -> tuple[int, int]:
+    """What a forked process's answer is read from, and its number; others: what those of others
+    are read from, which it must not hold open."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    answer, there = os.pipe()
+    try:
+        process = os.fork()
+    except OSError as error:
+        os.close(answer)
+        os.close(there)
+        raise MemoryError(f"no process could be forked: {error.strerror}") from error
+    if process:
+        os.close(there)
+        return answer, process
+    code = 1
+    try:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever waits for the answer ends this
+        for held in (answer, *others):
+            os.close(held)
+        _here.busy = busy
+        with os.fdopen(there, "wb") as file:
+            file.write(_told(of, shared))
+        code = 0
+    except BrokenPipeError:
+        pass  # nobody waits for it any more
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def _told(of: Callable[[], Any], shared: list[object]) -> memoryview:
+    """What a function returns, or what it raises, as bytes."""
     try:
         with threadpool_limits(1):  # a fork of OpenBLAS begins with threads of its own
-            result: tuple[Any, BaseException | None] = of(part, known), None
+            return _written((of(), None), shared)
     except Exception as error:
-        result = None, error
+        where = traceback.format_exc()
+        error.add_note(where)
+        try:
+            written = _written((None, error), shared)
+            _Read(io.BytesIO(written), shared).load()
+        except Exception:
+            return _written((None, RuntimeError(where)), shared)
+        return written
+
+
+def _written(result: tuple[Any, Exception | None], shared: list[object]) -> memoryview:
     written = io.BytesIO()
     _Written(written, shared).dump(result)
-    answer.send_bytes(written.getbuffer())
+    return written.getbuffer()
 
 
-def _received(connection: Connection, process: BaseProcess, shared: list[object]) -> Any:
-    try:
-        written = connection.recv_bytes()
-    except EOFError:
-        process.join()
-        raise RuntimeError(f"a process ended with code {process.exitcode}, no answer") from None
-    finally:
-        connection.close()
-    process.join()
+def _readable(running: dict[int, tuple[int, int]]) -> list[tuple[int, int]]:
+    waiting = select.poll()
+    for answer in running:
+        waiting.register(answer, select.POLLIN)
+    return waiting.poll()
+
+
+def _read_all(answer: int) -> bytes:
+    with os.fdopen(answer, "rb", closefd=False) as file:
+        return file.read()
+
+
+def _answer(written: bytes, ended: int, shared: list[object]) -> Any:
+    """What a process that ended so has told."""
+    if ended == -signal.SIGKILL:
+        raise MemoryError("a process was killed, perhaps for want of memory")
+    if ended:
+        raise RuntimeError(f"a process ended with code {ended}, no answer")
     result, error = _Read(io.BytesIO(written), shared).load()
     if error is not None:
         raise error
     return result
+
+
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Ctrl-C waits until what has begun is known, or has ended."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class _Written(pickle.Pickler):
@@ -161,15 +219,18 @@ class _Read(pickle.Unpickler):
 
 
 def _pool(count: int) -> ThreadPoolExecutor:
-    if count not in _pools:
-        _pools[count] = ThreadPoolExecutor(count)
-    return _pools[count]
+    """Of this thread's own."""
+    pools = vars(_here).setdefault("pools", {})
+    if count not in pools:
+        pools[count] = ThreadPoolExecutor(count)
+    return pools[count]
 
 
 def _end_threads() -> None:
     """What is forked from a process with threads may wait forever for what they hold."""
-    while _pools:
-        _pools.popitem()[1].shutdown()
+    pools = vars(_here).get("pools", {})
+    while pools:
+        pools.popitem()[1].shutdown()
 
 
-os.register_at_fork(after_in_child=_pools.clear)
+os.register_at_fork(after_in_child=lambda: vars(_here).pop("pools", None))

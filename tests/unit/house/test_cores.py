@@ -6,6 +6,8 @@ import subprocess
 import sys
 import threading
 import time
+from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -143,8 +145,90 @@ def test_the_seconds_of_forked_parts_count(monkeypatch):
 
 def test_a_forked_part_that_is_killed_is_an_error(monkeypatch):
     on(monkeypatch, 2)
-    with pytest.raises(RuntimeError, match="code -9, no answer"):
+    with pytest.raises(MemoryError, match="killed"):
         cores.forked(lambda part, _: os.kill(os.getpid(), signal.SIGKILL), [1])
+    with pytest.raises(RuntimeError, match="code 3, no answer"):
+        cores.forked(lambda part, _: os._exit(3), [1])
+
+
+class Unread(Exception):
+    """One that is written, and cannot be read again."""
+
+    def __init__(self, one, other):
+        super().__init__(one)
+
+
+@pytest.mark.parametrize("error", [Unread("here", 1), ValueError(lambda: "here")])
+def test_what_cannot_be_told_is_told_in_words(error):
+    def failed(part, _):
+        raise error
+
+    with pytest.raises(RuntimeError, match="in failed\n"):
+        cores.forked(failed, [1])
+
+
+def test_an_error_of_a_forked_part_says_where_it_was():
+    with pytest.raises(ZeroDivisionError) as error:
+        cores.forked(lambda part, _: 1 / part, [0])
+    assert "test_cores.py" in error.value.__notes__[0]
+
+
+def test_parts_of_a_forked_part_stay_on_its_core(monkeypatch):
+    on(monkeypatch, 2)
+
+    def inside(_part, _known):
+        return cores.forked(lambda *_: vars(cores._here)["busy"], range(2), behind=2)
+
+    assert cores.forked(inside, range(2), behind=2) == [[True, True], [True, True]]
+
+
+def first(part, _known):
+    return part
+
+
+def test_a_daemonic_process_may_fork():
+    with get_context("fork").Pool(1) as pool:
+        assert pool.apply(cores.forked, (first, "ab")) == ["a", "b"]
+
+
+def held():
+    """Files and processes of this process."""
+    children = Path(f"/proc/self/task/{threading.get_native_id()}/children").read_text()
+    return os.listdir("/proc/self/fd"), children
+
+
+def test_nothing_is_left_of_what_was_forked(monkeypatch):
+    on(monkeypatch, 2)
+    before = held()
+    for _ in range(5):
+        cores.forked(lambda part, _: part, range(4), behind=4)
+    with pytest.raises(ZeroDivisionError):
+        cores.forked(lambda part, _: time.sleep(60.0 * part) or 1 / part, range(2), behind=2)
+    assert held() == before
+
+
+ORPHANED = """
+import time
+from eitskin import cores
+
+def large(part, known):
+    print("begun", flush=True)
+    time.sleep(1.0)
+    return bytes(1_000_000)
+
+cores.forked(large, range(2), behind=2)
+"""
+
+
+def test_forked_parts_end_after_whoever_waited_for_them_was_killed():
+    environment = {**os.environ, "OMP_NUM_THREADS": "2"}
+    command = [sys.executable, "-c", ORPHANED]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
+    assert process.stdout is not None
+    assert [process.stdout.readline() for _ in range(2)] == ["begun\n"] * 2
+    process.kill()
+    said, _ = process.communicate(timeout=30.0)  # until nobody holds its stdout
+    assert said == ""
 
 
 INTERRUPTED = """

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 import pandas as pd
+from threadpoolctl import threadpool_limits
 
 from eitskin.data.check import named
 from eitskin.data.recording import Recording
@@ -82,6 +83,8 @@ class Diagnosis:
         return [rivals(self.search, self.after, i) for i in range(len(self.after.effects))]
 
 
+# Shared out among cores, small products take longer, and their sums are of other bytes.
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def diagnose(
     recorded: Recording,
     seed: int = 1,

@@ -680,10 +680,10 @@ class Search:
 
     def _shared(self, state: State) -> list[object]:
         """What trials from a state have in common with it."""
-        problems = self.problem, state.fit.problem
         found: list[object] = [self.fold, self.rig, state.rig, *EFFECTS.values(), *state.effects]
-        for problem in problems:
-            found += [problem, problem.recorded, problem.whitening, *problem.model.kept()]
+        for problem in (self.problem, state.fit.problem):
+            found += [problem, problem.recorded, *problem.model.kept()]
+            found += [problem.whitening, *vars(problem.whitening).values()]
         return found
 
     def _afar(self, state: State, listed: list[Score]) -> list[Score]:
