@@ -17,6 +17,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -81,10 +82,9 @@ def forked(
     try:
         while len(found) < len(parts):
             while begun < len(parts) and begun < len(found) + behind and len(running) < most:
-                known = found[: max(begun + 1 - behind, 0)]
-                part = parts[begun]
+                one = partial(of, parts[begun], found[: max(begun + 1 - behind, 0)])
                 with _uninterrupted():
-                    answer, process = _begun(lambda: of(part, known), shared, [*running], busy)
+                    answer, process = _begun(one, shared, [*running], busy)
                     running[answer] = begun, process
                 begun += 1
             for answer, _ in _readable(running):
