@@ -208,11 +208,11 @@ def test_nothing_is_left_of_what_was_forked(monkeypatch):
 
 
 ORPHANED = """
-import time
+import os, time
 from eitskin import cores
 
 def large(part, known):
-    print("begun", flush=True)
+    os.write(1, b"begun\\n")
     time.sleep(1.0)
     return bytes(1_000_000)
 
@@ -232,11 +232,11 @@ def test_forked_parts_end_after_whoever_waited_for_them_was_killed():
 
 
 INTERRUPTED = """
-import sys, time
+import os, sys, time
 from eitskin import cores
 
 def long(part, known):
-    print("begun", flush=True)
+    os.write(1, b"begun\\n")
     time.sleep(60.0)
 
 try:

@@ -83,8 +83,6 @@ class Diagnosis:
         return [rivals(self.search, self.after, i) for i in range(len(self.after.effects))]
 
 
-# Shared out among cores, small products take longer, and their sums are of other bytes.
-@threadpool_limits.wrap(limits=1, user_api="blas")
 def diagnose(
     recorded: Recording,
     seed: int = 1,
@@ -97,6 +95,12 @@ def diagnose(
     frames of it is where that on all begins. Equal seeds give equal results, bit for bit. Raises
     InputError where nothing can be simulated, and where it would take more memory.
     """
+    # Shared out among cores, small products take longer, and their sums are of other bytes.
+    with threadpool_limits(1, user_api="blas"):
+        return _diagnosed(recorded, seed, progress, memory_GiB)
+
+
+def _diagnosed(recorded: Recording, seed: int, progress: bool, memory_GiB: float) -> Diagnosis:
     outline.refuse(recorded.skin, "recording")
 
     def report(line: str) -> None:
