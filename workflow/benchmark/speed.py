@@ -206,12 +206,12 @@ def spread_samples(count: int) -> Samples:
 
 
 def rates(solver: Callable[[Samples], np.ndarray], samples: Samples, runs: int) -> list[float]:
-    """Samples a second, run by run; a first run that only warms up is not counted."""
+    """Samples a processor second, run by run; a first run that only warms up is not counted."""
     solver(samples)
     found = []
     for _ in range(runs):
-        start = time.perf_counter()
-        found.append(len(solver(samples)) / (time.perf_counter() - start))
+        start = time.process_time()
+        found.append(len(solver(samples)) / (time.process_time() - start))
     return found
 
 
@@ -226,7 +226,8 @@ def disagreement(sheet: MeshSamples, solvers: list[Callable[[Samples], np.ndarra
 
 
 def clean(runs: int) -> list[dict]:
-    """Clean samples a second: our forward model, and our closed form on pyEIT's mesh, by peer.
+    """Clean samples a processor second: our forward model, and our closed form on pyEIT's mesh, by
+    peer.
 
     Raises RuntimeError where the solvers on pyEIT's mesh disagree.
     """
@@ -264,9 +265,10 @@ def clean(runs: int) -> list[dict]:
 def perturb(config: dict, name: str) -> tuple[int, float, float]:
     """Simulate configuration `name` from nothing to its dataset, as the workflow does.
 
-    Returns samples, seconds and the process's peak memory in MiB: call it in a fresh process.
+    Returns samples, processor seconds and the process's peak memory in MiB: call it in a fresh
+    process.
     """
-    start = time.perf_counter()
+    start = time.process_time()
     chosen = config["configurations"][name]
     with TemporaryDirectory() as folder:
         laid, places, stage = (Path(folder) / part for part in ("mesh.npz", "places.csv", "0"))
@@ -293,11 +295,12 @@ def perturb(config: dict, name: str) -> tuple[int, float, float]:
         sets.write_dataset(stage, dataset, name, config["seed"], noise, baseline)
         samples = len(sets.read_stage(stage)[0])
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    return samples, time.perf_counter() - start, peak
+    return samples, time.process_time() - start, peak
 
 
 def perturbed(runs: int) -> list[dict]:
-    """Seconds and peak memory of the perturbed sets of config.yaml, beside what they may take.
+    """Processor seconds and peak memory of the perturbed sets of config.yaml, beside what they may
+    take.
 
     One process on one core, a fresh one each run; a new geometry every `session_frames` samples.
     """
@@ -317,9 +320,9 @@ def perturbed(runs: int) -> list[dict]:
 
 
 def trained(runs: int) -> list[dict]:
-    """Samples a second of the training loop, a perceptron of 512, 256, 128 over TRAINED samples
-    whose labels are partly noise, so that weights decay: as it is, and with numbers under the least
-    normal float32 computed with. The last of EPOCHS epochs counts."""
+    """Samples a processor second of the training loop, a perceptron of 512, 256, 128 over TRAINED
+    samples whose labels are partly noise, so that weights decay: as it is, and with numbers under
+    the least normal float32 computed with. The last of EPOCHS epochs counts."""
     import torch  # here, as the other benches' memory is counted without it
 
     from eitskin.learn import networks, train
@@ -331,7 +334,7 @@ def trained(runs: int) -> list[dict]:
     part, adam = (voltage, state), train.Optimiser(weight_decay=1e-3)
 
     def loss(module: torch.nn.Module, v: torch.Tensor, s: torch.Tensor) -> torch.Tensor:
-        times.append(time.perf_counter())
+        times.append(time.process_time())
         return (module(v) - s).square().mean()
 
     times: list[float] = []
