@@ -12,6 +12,7 @@ import numpy as np
 
 from calibration import asked, black_box, nulls, owners, rig_sizes
 from calibration.intervals import rms
+from eitskin import cores
 from eitskin.atomic import atomic_path
 from eitskin.data import check, importers, recording
 from eitskin.data.recording import Recording
@@ -38,9 +39,9 @@ def trial(kind: str, seed: int) -> dict:
     """
     case = cases.draw(kind, seed)
     recorded = case.recorded
-    began = time.perf_counter(), time.process_time()
+    began = time.perf_counter(), cores.seconds()
     found = diagnosis.diagnose(recorded)
-    ended = time.perf_counter(), time.process_time()
+    ended = time.perf_counter(), cores.seconds()
     said = result.result(found, f"{kind} {seed}")
     query = Recording(case.query, None, None, None, dict(case.metadata))
     voltage, sd = diagnosis.predict(found, query)
@@ -104,12 +105,12 @@ def query_trial(kind: str, seed: int) -> dict:
 def _compared(kind: str, seed: int, drawn: asked.Asked) -> dict:
     """A recording diagnosed alone, and what is predicted of its query beside what was there; or
     the text with which it is `refused`."""
-    began = time.perf_counter(), time.process_time()
+    began = time.perf_counter(), cores.seconds()
     try:
         for one in (drawn.recorded, drawn.query):
             recording.validate(one, kind)
         found = apart.diagnose(drawn.recorded)
-        ended = time.perf_counter(), time.process_time()
+        ended = time.perf_counter(), cores.seconds()
         after, _ = diagnosis.predict(found, drawn.query)
         before, _ = diagnosis.predict(found, drawn.query, found.before)
     except InputError as error:

@@ -20,6 +20,11 @@ class InputError(Exception):
         super().__init__(f"{file}: {place}: found {found}, expected {expected}")
         self.file, self.place, self.found, self.expected = file, place, found, expected
 
+    def __reduce__(self) -> tuple:
+        """As another process is told it."""
+        told = self.file, self.place, self.found, self.expected
+        return type(self), told, vars(self)
+
 
 def refused(
     error: OSError,

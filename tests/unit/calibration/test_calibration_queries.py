@@ -1,26 +1,21 @@
-"""Queries that the tool never receives: none is predicted worse for what was found.
-
-Development seeds, the short ones first. Two standard errors are no bound for one recording, which
-may exceed them by chance: the block counts how many do.
-"""
+"""Whether what is found predicts states that no diagnosis saw worse than its owner's beliefs do."""
 
 import pytest
 
-from calibration.blocks import trials
-from calibration.query_score import MOST_RATIO, ratio
-from calibration.trial import row
+from calibration import blocks, query_score
+from calibration.trial import query_trial
 
-FIRST = ("real", "garbage", "belief", "rig", "shuffled", "foreign")
-PLAN = sorted(
-    trials("queries-development", "quick"), key=lambda t: FIRST.index(t[0].partition(":")[2])
-)
+# Frames out of order, of which a faint tone was named with calibrations that predict ten times
+# worse (docs/calibration/queries.md).
+HARMED = ("query:shuffled", 200_012)
 
 
 @pytest.mark.long
-@pytest.mark.filterwarnings("always:SKIPPED")
-@pytest.mark.parametrize(("kind", "seed"), PLAN)
-def test_what_was_found_does_no_harm(kind, seed):
-    made = row(kind, seed)
-    if "absent" in made:
-        pytest.skip(made["absent"])
-    assert "refused" in made or ratio(made["hidden"]) <= MOST_RATIO
+@pytest.mark.parametrize(("kind", "seed"), [*blocks.trials("queries-development", "quick"), HARMED])
+def test_what_is_found_does_no_harm(kind, seed):
+    row = query_trial(kind, seed)
+    if "absent" in row:
+        pytest.skip(row["absent"])
+    assert "refused" not in row
+    assert query_score.ratio(row["hidden"]) <= query_score.MOST_RATIO
+    assert not row["hidden"]["standard_errors"] > query_score.WORSE

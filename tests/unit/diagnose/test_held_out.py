@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from eitskin.data.recording import Recording, presses
 from eitskin.data.subset import of_frames
 from eitskin.diagnose import diagnosis, result
-from eitskin.diagnose.fit import Fit, Problem, fit
+from eitskin.diagnose.fit import Fit, Problem, fit, whitened_anew
 from eitskin.diagnose.held_out import (
     LEAST_PRESSES,
     HeldOut,
@@ -145,6 +145,25 @@ def test_an_effect_that_only_seen_presses_have_is_not_earned(everywhere):
     gain, error = judged.gain(state.fit, search.less(state, 0).fit)
     assert (gain > 2.0 * error) if everywhere else (gain < -2.0 * error)
     assert np.array_equal(judged.white.mask, kept)
+
+
+def test_harm_is_asked_of_predictions_as_each_fit_would_make_them(monkeypatch):
+    """In another's covariance a fit would be another one: worse, maybe, than what does harm."""
+    recorded = small_recording(CONTRAST, noise=NOISE, places=6)
+    search, state, noise, kept = searched(recorded, CONTRAST)
+    search.linearised(search.calibrated())  # what is met is kept in the covariance it was met in
+    white = state.fit.problem.whitening
+    other = replace(white, sd=white.sd * np.linspace(1.0, 30.0, len(white.sd)))
+    problem = replace(state.fit.problem, whitening=other)
+    state = replace(state, fit=whitened_anew(state.fit, problem))
+    there, asked = diagnosis._put_aside(search.problem, recorded, noise, kept), []
+    monkeypatch.setattr(diagnosis, "acceptable", lambda p: False)
+    monkeypatch.setattr(diagnosis.Judged, "harms", lambda self, *of: asked.append(of) or False)
+    diagnosis._earned(search, state, there, recorded, noise)
+    less, folds = search.less(state, 0), asked[0][2]
+    assert np.array_equal(folds[0].plain, state.held_out.plain)
+    assert np.array_equal(folds[1].plain, less.held_out.plain)
+    assert not np.allclose(folds[1].plain, search.held_out(less, state).plain)
 
 
 @pytest.fixture(scope="module")

@@ -1,13 +1,18 @@
-"""Independent parts on as many cores as there are: the same results, in order."""
+"""Parts of one computation on as many cores as there are: the same results, in order."""
 
 import os
+import signal
+import subprocess
+import sys
 import threading
+import time
 
 import numpy as np
 import pytest
 
 from eitskin import cores
 from eitskin.diagnose.whitening import RigErrors, Whitening
+from eitskin.errors import InputError
 
 
 def on(monkeypatch, count):
@@ -51,6 +56,130 @@ def test_a_process_forked_from_one_with_threads_has_its_own(monkeypatch):
     if child == 0:
         os._exit(0 if cores.each(abs, range(-3, 0)) == [3, 2, 1] else 1)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_a_forked_part_has_the_results_of_those_far_enough_behind(monkeypatch, count):
+    on(monkeypatch, count)
+    known = cores.forked(lambda part, known: (part, list(known)), "abcde", behind=3)
+    assert [part for part, _ in known] == [*"abcde"]
+    assert [len(before) for _, before in known] == [0, 0, 0, 1, 2]
+    assert known[4][1] == known[:2]
+    assert cores.forked(lambda part, known: part, []) == []
+
+
+def test_two_forked_parts_run_at_once_on_two_cores(monkeypatch):
+    on(monkeypatch, 2)
+    here, there = os.pipe()
+
+    def met(part, _):
+        if part:
+            os.write(there, b"!")
+            return True
+        return os.read(here, 1) == b"!"
+
+    assert cores.forked(met, [0, 1], behind=2) == [True, True]
+
+
+def test_what_is_forked_is_forked_from_one_thread(monkeypatch):
+    on(monkeypatch, 2)
+    before = threading.active_count()
+    assert cores.each(abs, range(-3, 0)) == [3, 2, 1]
+    assert threading.active_count() > before
+    assert cores.forked(lambda _, __: threading.active_count(), [0]) == [1]
+    assert threading.active_count() == before
+    assert cores.each(abs, range(-3, 0)) == [3, 2, 1]
+
+
+def test_what_a_forked_part_changes_is_lost_but_for_its_result(monkeypatch):
+    on(monkeypatch, 2)
+    table, own = np.arange(3.0), {}
+
+    def changed(part, _):
+        own[part] = table[part] = 7.0
+        return own, table
+
+    results = cores.forked(changed, range(2), [table], behind=2)
+    assert own == {} and table.tolist() == [0.0, 1.0, 2.0]
+    assert [list(own) for own, _ in results] == [[0], [1]]
+    assert all(back is table for _, back in results)
+
+
+def test_a_forked_part_stays_on_its_core(monkeypatch):
+    on(monkeypatch, 2)
+
+    def inside(_part, _known):
+        return len(set(cores.each(lambda _: threading.get_ident(), range(4))))
+
+    assert cores.forked(inside, range(2), behind=2) == [1, 1]
+
+
+def test_an_error_of_a_forked_part_is_raised_as_it_was(monkeypatch):
+    on(monkeypatch, 2)
+
+    def refused(part, _):
+        if part:
+            raise InputError("a.csv", "row 3", "7 columns", "8")
+        return part
+
+    with pytest.raises(InputError, match="row 3: found 7 columns, expected 8") as error:
+        cores.forked(refused, range(3), behind=3)
+    assert error.value.place == "row 3"
+
+
+def test_the_seconds_of_forked_parts_count(monkeypatch):
+    on(monkeypatch, 2)
+
+    def busy(_part, _known):
+        end = time.process_time() + 0.1
+        while time.process_time() < end:
+            pass
+
+    before, own = cores.seconds(), time.process_time()
+    cores.forked(busy, range(3), behind=3)
+    others = cores.seconds() - before - (time.process_time() - own)
+    assert 0.25 < others < 3.0
+
+
+def test_a_forked_part_that_is_killed_is_an_error(monkeypatch):
+    on(monkeypatch, 2)
+    with pytest.raises(RuntimeError, match="code -9, no answer"):
+        cores.forked(lambda part, _: os.kill(os.getpid(), signal.SIGKILL), [1])
+
+
+INTERRUPTED = """
+import sys, time
+from eitskin import cores
+
+def long(part, known):
+    print("begun", flush=True)
+    time.sleep(60.0)
+
+try:
+    cores.forked(long, range(2), behind=2)
+except KeyboardInterrupt:
+    sys.exit(5)
+"""
+
+
+def test_forked_parts_end_with_whoever_is_interrupted():
+    environment = {**os.environ, "OMP_NUM_THREADS": "2"}
+    process = subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTED],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    assert process.stdout is not None
+    assert [process.stdout.readline() for _ in range(2)] == ["begun\n"] * 2
+    start = time.monotonic()
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=30.0)  # until nobody holds its stdout
+    assert process.returncode == 5 and said == ""
+    assert time.monotonic() - start < 30.0
 
 
 @pytest.mark.parametrize(("said", "allowed"), [("3", 3), ("4,2", 4), ("0", 1)])

@@ -51,7 +51,9 @@ def gaps(search: Search, state: State, index: int, within: float = CLOSE * CONFU
     signature = tangents.away(change.ravel())
     snr = float(np.sqrt(signature @ signature))
     best: dict[str, tuple[float, Candidate]] = {}
-    for candidate in _rivals(search.candidates, effect):
+    rivals = _rivals(search.candidates, effect)
+    tangents.whiten(c for c in rivals if not discrete(c))
+    for candidate in rivals:
         gap = _linear_gap(tangents, signature, candidate)
         if gap is not None and gap < best.get(candidate.name, (np.inf, None))[0]:
             best[candidate.name] = gap, candidate

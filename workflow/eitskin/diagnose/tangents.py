@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from eitskin import cores
 from eitskin.diagnose.candidates import Candidate, own_channels
 from eitskin.diagnose.fit import STEP, Fit
 from eitskin.effects.contact_impedance import ContactImpedance
@@ -116,7 +117,32 @@ class Tangents:
 
     def whiten(self, candidates: Iterable[Candidate]) -> None:
         """Finds the whitened columns of many candidates, faster than one by one."""
-        self._apart_of([single for one in candidates for single in self._singles(one)])
+        singles = [single for one in candidates for single in self._singles(one)]
+        self.source._find(singles)
+        self._apart_of(singles)
+
+    def _find(self, singles: list[tuple[Candidate, int]]) -> None:
+        """Columns as of `_raw`, those of an effect in a process of its own; of effects that vary
+        from frame to frame in one, for they share derivatives."""
+        parts: dict[str, list[tuple[Candidate, int]]] = {}
+        for candidate, index in singles:
+            if (*candidate.key, index) not in self._columns:
+                effect = candidate.effect
+                varies = isinstance(effect, SkinEffect) and effect.driver != "static"
+                name = "varies" if varies else candidate.name
+                parts.setdefault(name, []).append((candidate, index))
+        near = self.problem.model.near
+        begun = near.spent
+
+        def columns(part: list, known: object) -> tuple[list[np.ndarray | None], float]:
+            near.spent = begun
+            return self._raw_of(part), near.spent - begun
+
+        found = cores.forked(columns, parts.values(), behind=max(len(parts), 1))
+        for part, (own, _) in zip(parts.values(), found, strict=True):
+            for (candidate, index), column in zip(part, own, strict=True):
+                self._columns[(*candidate.key, index)] = column
+        near.spent = begun + sum(cost for _, cost in found)
 
     def forget(self) -> None:
         """Let go of whitened columns, which are found anew where they are asked for."""
