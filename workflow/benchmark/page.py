@@ -98,9 +98,9 @@ def spread(value: float, runs: list[float]) -> str:
 
 
 def digits(value: float) -> str:
-    """Three significant digits, never as a power of ten."""
-    rounded = float(f"{value:.3g}")
-    places = 2 - math.floor(math.log10(abs(rounded))) if rounded else 0
+    """Four significant digits, never as a power of ten."""
+    rounded = float(f"{value:.4g}")
+    places = 3 - math.floor(math.log10(abs(rounded))) if rounded else 0
     return f"{rounded:,.{max(places, 0)}f}"
 
 

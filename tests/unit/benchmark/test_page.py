@@ -29,7 +29,7 @@ def test_every_bench_has_its_section():
 def test_a_row_has_medians_ranges_and_where_it_was_measured(tmp_path):
     written(tmp_path, "clean", rows.row("clean", "samples/s", [89e3, 91234.0, 8e4], "peer", [2.0]))
     text = page.page(tmp_path)
-    assert "| clean | samples/s | 89,000 (80,000 to 91,200) | peer | 2.00 | 44,500 | 3 |" in text
+    assert "| clean | samples/s | 89,000 (80,000 to 91,230) | peer | 2.000 | 44,500 | 3 |" in text
     assert (
         "`env OMP_NUM_THREADS=1 python -m benchmark.speed`, commit `0123abc`, on A Fast One, "
         "2 cores, 23 GiB of memory. Other work took 1.0 cores meanwhile." in text
@@ -59,14 +59,14 @@ def test_what_falls_short_has_its_reason(tmp_path):
     written(tmp_path, "streamed", late, slow, fine)
     short = page.page(tmp_path).split("What falls short:\n\n")[1]
     assert short == (
-        "- streamed, mlp, 99 %, 20.0 ms; limit, 1.00: by the clock, what else the machine does "
-        "counts in.\n- something else, 3.00 ms; limit, 1.00: the reason is not known.\n"
+        "- streamed, mlp, 99 %, 20.00 ms; limit, 1.000: by the clock, what else the machine does "
+        "counts in.\n- something else, 3.000 ms; limit, 1.000: the reason is not known.\n"
     )
 
 
 @pytest.mark.parametrize(
     ("value", "told"),
-    [(123456.0, "123,000"), (999.6, "1,000"), (47.04, "47.0"), (0.03712, "0.0371"), (0.0, "0")],
+    [(123456.0, "123,500"), (999.96, "1,000"), (47.04, "47.04"), (0.03712, "0.03712"), (0.0, "0")],
 )
-def test_three_digits_are_told(value, told):
+def test_four_digits_are_told(value, told):
     assert page.digits(value) == told
