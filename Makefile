@@ -111,8 +111,9 @@ real: .venv/installed
 	fi
 
 bench: .venv/installed-test
-	@echo "eitskin: timing against pyEIT and scipy"
+	@echo "eitskin: timing against pyEIT, SciPy and limits; benchmarks/README.md; keep the machine free meanwhile"
 	@$(BIN)/python -m benchmark.speed
+	@$(BIN)/python -m benchmark.page
 
 accuracy: .venv/installed
 	@echo "eitskin: measuring the forward model's numerical error"

@@ -1,6 +1,5 @@
 """How long a frame waits for its verdict: `python -m benchmark.speed streamed`."""
 
-import statistics
 import time
 from collections.abc import Callable
 from functools import partial
@@ -11,6 +10,7 @@ import pandas as pd
 import torch
 from tqdm import tqdm
 
+from benchmark.rows import row
 from eitskin.data import splits
 from eitskin.data.baseline import untouched_noise
 from eitskin.data.dataset import Dataset
@@ -106,12 +106,10 @@ def loop(judge: Judge, given: np.ndarray) -> np.ndarray:
     return 1e3 * np.diff(ended)[WARM:]
 
 
-def streamed(runs: int, row: Callable[..., dict]) -> list[dict]:
+def streamed(runs: int) -> list[dict]:
     """Rows of each model of Table I, on one core: from a reading to its verdict, median and 99 % of
     FRAMES touches beside LIMIT_MS, the median over `runs`, by the clock and in processor time; the
-    state alone beside PyTorch; of the MLP also without an electrode, and the whole loop. `row`:
-    name, unit, ours, peer's name, peer.
-    """
+    state alone beside PyTorch; of the MLP also without an electrode, and the whole loop."""
     train.deterministic()
     data, draw = learned_from(), np.random.default_rng(3)
     part = splits.assign(data.table, "random", 1)
@@ -128,7 +126,7 @@ def streamed(runs: int, row: Callable[..., dict]) -> list[dict]:
             found.append(np.quantile(measure(own, given), [0.5, 0.99]))
         for words, values in zip(("median", "99 %"), np.transpose(found), strict=True):
             label = f"streamed, {name}, {words}"
-            rows.append(row(label, "ms", statistics.median(values), "limit", LIMIT_MS))
+            rows.append(row(label, "ms", values.tolist(), "limit", [LIMIT_MS]))
 
     def judge_of(predictor: Predictor, lost: bool = False) -> Callable[[], Judge]:
         def made() -> Judge:
@@ -153,7 +151,7 @@ def streamed(runs: int, row: Callable[..., dict]) -> list[dict]:
 
         sides = (lambda one, own=predictor: own.states(one[None])), by_torch
         ours, peer = (
-            statistics.median(np.median(milliseconds(side, given - LEVEL_V)) for _ in range(runs))
+            [float(np.median(milliseconds(side, given - LEVEL_V))) for _ in range(runs)]
             for side in sides
         )
         rows.append(row(f"state alone, {name}", "ms", ours, "PyTorch", peer))

@@ -1,7 +1,7 @@
-"""How fast, side by side with peers in one run: `python -m benchmark.speed [NAME]`.
+"""How fast, side by side with peers in one run: `python -m benchmark.speed [NAME ...]`.
 
-Writes results/bench/NAME.json, a list of {name, unit, ours, peer_name, peer, ratio, runs, command}:
-medians over the runs, ratio = ours / peer.
+Writes benchmarks/NAME.json, a list of rows (`benchmark.rows`), each with the command, the commit,
+the machine and what others took of it; `benchmark.page` makes a page of them.
 
 `clean`: every side computes the same thing, the 208 voltages of a sheet with 16 point electrodes
 for 192 places and 260 strengths of one circular touch. Slow peers are timed on a few samples,
@@ -35,6 +35,7 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 from tqdm import tqdm
 
+from benchmark import rows
 from benchmark.finite_elements import FiniteElements, straight_mesh
 from eitskin import cli
 from eitskin.atomic import atomic_path
@@ -205,12 +206,12 @@ def spread_samples(count: int) -> Samples:
 
 
 def rates(solver: Callable[[Samples], np.ndarray], samples: Samples, runs: int) -> list[float]:
-    """Samples a second, run by run; a first run that only warms up is not counted."""
+    """Samples a processor second, run by run; a first run that only warms up is not counted."""
     solver(samples)
     found = []
     for _ in range(runs):
-        start = time.perf_counter()
-        found.append(len(solver(samples)) / (time.perf_counter() - start))
+        start = time.process_time()
+        found.append(len(solver(samples)) / (time.process_time() - start))
     return found
 
 
@@ -224,8 +225,9 @@ def disagreement(sheet: MeshSamples, solvers: list[Callable[[Samples], np.ndarra
     return max(np.max(abs(f - expected)) for f in found) / np.max(abs(expected))
 
 
-def clean(runs: int, command: str) -> list[dict]:
-    """Clean samples a second: our forward model, and our closed form on pyEIT's mesh, by peer.
+def clean(runs: int) -> list[dict]:
+    """Clean samples a processor second: our forward model, and our closed form on pyEIT's mesh, by
+    peer.
 
     Raises RuntimeError where the solvers on pyEIT's mesh disagree.
     """
@@ -247,41 +249,26 @@ def clean(runs: int, command: str) -> list[dict]:
     bar = tqdm(total=len(ours) + len(peers), desc="clean", disable=None)
     measured = {}
     for name, solver in ours.items():
-        measured[name] = statistics.median(rates(solver, [], runs))
+        measured[name] = rates(solver, [], runs)
         bar.update()
     for name, (solver, samples) in peers.items():
-        measured[name] = statistics.median(rates(solver, samples, runs))
+        measured[name] = rates(solver, samples, runs)
         bar.update()
     bar.close()
     return [
-        row(name, "samples/s", measured[name], peer, measured[peer], runs, command)
+        rows.row(name, "samples/s", measured[name], peer, measured[peer])
         for name in ours
         for peer in peers
     ]
 
 
-def row(
-    name: str, unit: str, ours: float, peer_name: str, peer: float, runs: int, command: str
-) -> dict:
-    """One line of a bench: medians over `runs`, ratio = ours / peer."""
-    return {
-        "name": name,
-        "unit": unit,
-        "ours": ours,
-        "peer_name": peer_name,
-        "peer": peer,
-        "ratio": ours / peer,
-        "runs": runs,
-        "command": command,
-    }
-
-
 def perturb(config: dict, name: str) -> tuple[int, float, float]:
     """Simulate configuration `name` from nothing to its dataset, as the workflow does.
 
-    Returns samples, seconds and the process's peak memory in MiB: call it in a fresh process.
+    Returns samples, processor seconds and the process's peak memory in MiB: call it in a fresh
+    process.
     """
-    start = time.perf_counter()
+    start = time.process_time()
     chosen = config["configurations"][name]
     with TemporaryDirectory() as folder:
         laid, places, stage = (Path(folder) / part for part in ("mesh.npz", "places.csv", "0"))
@@ -308,33 +295,34 @@ def perturb(config: dict, name: str) -> tuple[int, float, float]:
         sets.write_dataset(stage, dataset, name, config["seed"], noise, baseline)
         samples = len(sets.read_stage(stage)[0])
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    return samples, time.perf_counter() - start, peak
+    return samples, time.process_time() - start, peak
 
 
-def perturbed(runs: int, command: str) -> list[dict]:
-    """Seconds and peak memory of the perturbed sets of config.yaml, beside what they may take.
+def perturbed(runs: int) -> list[dict]:
+    """Processor seconds and peak memory of the perturbed sets of config.yaml, beside what they may
+    take.
 
     One process on one core, a fresh one each run; a new geometry every `session_frames` samples.
     """
     config = yaml.safe_load(Path("config.yaml").read_text(encoding="utf-8"))
-    rows = []
+    told = []
     for name in tqdm(["authors", "crossed"], desc="perturbed", disable=None):
         found = []
         for _ in range(runs):
             with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
                 found.append(pool.submit(perturb, config, name).result())
-        samples, seconds, peak = (statistics.median(values) for values in zip(*found, strict=True))
+        samples, seconds, peaks = zip(*found, strict=True)
         label = "perturbed" if name == "authors" else f"perturbed, {name}"
-        title = f"limit for {samples:.0f} samples"
-        rows.append(row(label, "s", seconds, title, LIMIT_S, runs, command))
-        rows.append(row(f"{label}, memory", "MiB", peak, title, LIMIT_MIB, runs, command))
-    return rows
+        title = f"limit for {samples[0]} samples"
+        told.append(rows.row(label, "s", seconds, title, [LIMIT_S]))
+        told.append(rows.row(f"{label}, memory", "MiB", peaks, title, [LIMIT_MIB]))
+    return told
 
 
-def trained(runs: int, command: str) -> list[dict]:
-    """Samples a second of the training loop, a perceptron of 512, 256, 128 over TRAINED samples
-    whose labels are partly noise, so that weights decay: as it is, and with numbers under the least
-    normal float32 computed with. The last of EPOCHS epochs counts."""
+def trained(runs: int) -> list[dict]:
+    """Samples a processor second of the training loop, a perceptron of 512, 256, 128 over TRAINED
+    samples whose labels are partly noise, so that weights decay: as it is, and with numbers under
+    the least normal float32 computed with. The last of EPOCHS epochs counts."""
     import torch  # here, as the other benches' memory is counted without it
 
     from eitskin.learn import networks, train
@@ -346,7 +334,7 @@ def trained(runs: int, command: str) -> list[dict]:
     part, adam = (voltage, state), train.Optimiser(weight_decay=1e-3)
 
     def loss(module: torch.nn.Module, v: torch.Tensor, s: torch.Tensor) -> torch.Tensor:
-        times.append(time.perf_counter())
+        times.append(time.process_time())
         return (module(v) - s).square().mean()
 
     times: list[float] = []
@@ -362,8 +350,8 @@ def trained(runs: int, command: str) -> list[dict]:
 
     loops = train.fit, inspect.unwrap(train.fit)
     found = [[rate(loop) for loop in loops] for _ in tqdm(range(runs), "trained", disable=None)]
-    ours, peer = (statistics.median(rates) for rates in zip(*found, strict=True))
-    return [row("trained", "samples/s", ours, "subnormal numbers kept", peer, runs, command)]
+    ours, peer = zip(*found, strict=True)
+    return [rows.row("trained", "samples/s", ours, "subnormal numbers kept", peer)]
 
 
 def diagnose(kind: str, seed: int, frames: int, cores: int) -> tuple[float, float]:
@@ -386,40 +374,36 @@ def diagnose(kind: str, seed: int, frames: int, cores: int) -> tuple[float, floa
     return seconds, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
-def diagnosed(runs: int, command: str) -> list[dict]:
+def diagnosed(runs: int) -> list[dict]:
     """Seconds and peak memory of diagnoses of 500 frames, beside what they may take.
 
     `runs` recordings of 16 electrodes, of the kinds DRAWN in turn, drawn by `witness`; each in a
     fresh process, first one after the other on two cores, then two at a time on one each.
     """
-    rows = []
+    found = []
     for at_once, words in ((1, ""), (2, ", two at once")):
         cores = 2 // at_once
         drawn = [(DRAWN[i % len(DRAWN)], 1 + i // len(DRAWN), FRAMES, cores) for i in range(runs)]
         pool = ProcessPoolExecutor(at_once, get_context("spawn"), max_tasks_per_child=1)
         with pool:
             done = pool.map(diagnose, *zip(*drawn, strict=True))
-            found = list(tqdm(done, total=runs, desc=f"diagnosed{words}", disable=None))
-        seconds, peaks = zip(*found, strict=True)
-        for name, unit, value, limit in (
-            ("median", "s", statistics.median(seconds), DIAGNOSIS_S),
-            ("worst", "s", max(seconds), WORST_S),
-            ("memory, most", "MiB", max(peaks), DIAGNOSIS_MIB),
+            told = list(tqdm(done, total=runs, desc=f"diagnosed{words}", disable=None))
+        seconds, peaks = zip(*told, strict=True)
+        for name, unit, values, limit, of in (
+            ("median", "s", seconds, DIAGNOSIS_S, statistics.median),
+            ("worst", "s", seconds, WORST_S, max),
+            ("memory, most", "MiB", peaks, DIAGNOSIS_MIB, max),
         ):
             title = f"limit for {FRAMES} frames"
-            label = f"diagnosed{words}, {name}"
-            rows.append(row(label, unit, value, title, limit, runs, command))
-    return rows
+            found.append(rows.row(f"diagnosed{words}, {name}", unit, values, title, [limit], of))
+    return found
 
 
-def streamed(runs: int, command: str) -> list[dict]:
+def streamed(runs: int) -> list[dict]:
     """Milliseconds from a frame to its verdict, by every model of Table I: `benchmark.latency`."""
     from benchmark import latency  # here, as it brings torch
 
-    def of_run(name: str, unit: str, ours: float, peer_name: str, peer: float) -> dict:
-        return row(name, unit, ours, peer_name, peer, runs, command)
-
-    return latency.streamed(runs, of_run)
+    return latency.streamed(runs)
 
 
 BENCHES = {
@@ -434,21 +418,31 @@ BENCHES = {
 def main(arguments: list[str] | None = None) -> None:
     """Run the benches named, all by default, print their ratios and write them."""
     parser = argparse.ArgumentParser(prog="python -m benchmark.speed", description=__doc__)
-    parser.add_argument("name", nargs="?", choices=list(BENCHES), help="all by default")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(BENCHES)}: all")
     parser.add_argument("--runs", type=int, default=5)
-    parser.add_argument("--output", type=Path, default=Path("results/bench"))
+    parser.add_argument("--output", type=Path, default=rows.ROOT / "benchmarks")
     chosen = parser.parse_args(arguments)
+    if unknown := set(chosen.names) - set(BENCHES):
+        parser.error(f"no bench: {', '.join(sorted(unknown))}")
     given = sys.argv[1:] if arguments is None else arguments
     threads = f"OMP_NUM_THREADS={os.environ.get('OMP_NUM_THREADS', 'unset')}"
-    command = f"env {threads} {shlex.join(['python', '-m', 'benchmark.speed', *given])}"
-    for name in [chosen.name] if chosen.name else BENCHES:
-        rows = BENCHES[name](chosen.runs, command)
+    measured = {
+        "command": f"env {threads} {shlex.join(['python', '-m', 'benchmark.speed', *given])}",
+        "commit": rows.commit(),
+        "machine": rows.machine(),
+    }
+    for name in chosen.names or BENCHES:
+        others = rows.Others()
+        found = BENCHES[name](chosen.runs)
+        told = measured | {"others_cores": others.cores()}
         with atomic_path(chosen.output / f"{name}.json") as path:
-            path.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
-        for line in rows:
+            path.write_text(
+                json.dumps([line | told for line in found], indent=2) + "\n", encoding="utf-8"
+            )
+        for line in found:
             print(
                 f"{line['name']}: {line['ours']:.4g} {line['unit']}; {line['peer_name']}: "
-                f"{line['peer']:.4g}; ratio {line['ratio']:.4g} (median of {line['runs']})"
+                f"{line['peer']:.4g}; ratio {line['ratio']:.4g} (of {line['runs']} runs)"
             )
 
 

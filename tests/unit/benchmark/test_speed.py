@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from benchmark import speed
+from benchmark import rows, speed
 
 pytest.importorskip("pyeit")
 
@@ -40,25 +40,42 @@ def test_samples_are_spread_over_places_and_strengths():
     assert len({place for place, _ in samples}) == 96
 
 
-def test_rows_are_written_as_a_list_with_their_command(tmp_path, monkeypatch, capsys):
-    def quick(runs, command):
-        return [speed.row("clean", "samples/s", 6.0, "a peer", 2.0, runs, command)]
+def quick(runs):
+    return [
+        rows.row("clean", "samples/s", [6.0, 5.0, 9.0][:runs], "a peer", [2.0, 1.0, 3.0][:runs])
+    ]
 
+
+def test_rows_are_written_as_a_list_with_command_commit_and_machine(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(speed, "BENCHES", {"clean": quick})
     speed.main(["clean", "--runs", "3", "--output", str(tmp_path)])
     (row,) = json.loads((tmp_path / "clean.json").read_text())
-    assert list(row) == ["name", "unit", "ours", "peer_name", "peer", "ratio", "runs", "command"]
-    assert (row["ratio"], row["runs"]) == (3.0, 3)
+    assert (row["ours"], row["peer"], row["ratio"], row["runs"]) == (6.0, 2.0, 3.0, 3)
+    assert (row["ours_runs"], row["peer_runs"]) == ([6.0, 5.0, 9.0], [2.0, 1.0, 3.0])
     assert "python -m benchmark.speed clean --runs 3" in row["command"]
+    assert set(row["machine"]) == {"processor", "cores", "memory_GiB"}
+    assert row["commit"] and row["others_cores"] > -1.0
     assert "ratio 3" in capsys.readouterr().out
+
+
+def test_several_benches_are_run_and_no_others(tmp_path, monkeypatch):
+    monkeypatch.setattr(speed, "BENCHES", {"one": quick, "two": quick, "three": None})
+    speed.main(["one", "two", "--runs", "1", "--output", str(tmp_path)])
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["one.json", "two.json"]
+
+
+def test_a_bench_that_there_is_not_is_refused(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        speed.main(["cleaned", "--output", str(tmp_path)])
+    assert "no bench: cleaned" in capsys.readouterr().err
 
 
 def test_the_loop_is_timed_as_it_is_and_with_subnormal_numbers(monkeypatch):
     monkeypatch.setattr(speed, "TRAINED", 500)
     monkeypatch.setattr(speed, "EPOCHS", 2)
-    (row,) = speed.trained(2, "the command")
+    (row,) = speed.trained(2)
     assert row["peer_name"] == "subnormal numbers kept" and row["runs"] == 2
-    assert row["ours"] > 0.0 and row["peer"] > 0.0
+    assert min(row["ours_runs"]) > 0.0 and min(row["peer_runs"]) > 0.0
 
 
 def test_a_perturbed_set_runs_the_whole_chain():

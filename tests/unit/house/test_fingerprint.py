@@ -206,3 +206,16 @@ def test_numbers_do_not_know_the_style_of_figures():
         *(f"figure_{k}" for k in range(1, 5)),
         "loop_figure",
     }
+
+
+def test_what_code_says_is_as_python_tells_it():
+    for path in (ROOT / "workflow" / "eitskin" / "data").rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        assert subject._told(tree) == ast.dump(tree), path
+
+
+def test_the_workflow_starts_without_statistics():
+    """Half a second of each start."""
+    code = "import sys; from eitskin import configuration; print('scipy.stats' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.stdout == "False\n", done.stderr

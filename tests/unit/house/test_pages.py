@@ -16,7 +16,7 @@ from witness.sample import sample
 
 ROOT = Path(__file__).parents[3]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-LINKED = [*PAGES, ROOT / "CONTRIBUTING.md"]
+LINKED = [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "benchmarks" / "README.md"]
 MOST_WORDS = 900  # of the front page
 SAMPLE = ROOT / "docs" / "sample"
 

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import mannwhitneyu
 
 from eitskin.data import baseline
 from eitskin.data.check.finding import ERROR, WARNING
@@ -75,5 +74,7 @@ def unseen(recording: Recording) -> Unseen | None:
     free, pressed = size[~touch & some], size[touch & some]
     if min(len(free), len(pressed)) < LEAST_EACH:
         return None
+    from scipy.stats import mannwhitneyu  # here, as every start of the workflow would load it
+
     p_value = float(mannwhitneyu(pressed, free, alternative="greater").pvalue)
     return Unseen(len(pressed), len(free), p_value) if p_value > UNLIKELY else None

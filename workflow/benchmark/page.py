@@ -1,0 +1,121 @@
+"""benchmarks/README.md from the files beside it that `benchmark.speed` writes:
+`python -m benchmark.page`."""
+
+import json
+import math
+import re
+from pathlib import Path
+
+from benchmark.rows import ROOT
+from eitskin.atomic import atomic_path
+
+FOLDER = ROOT / "benchmarks"
+HEAD = """\
+# How fast
+
+`make bench` measures all of this and writes this page. `python -m benchmark.speed NAME` measures a
+part, `python -m benchmark.page` writes the page again, from the `NAME.json` beside it. A value is
+the median of the runs, or what its row says; in brackets are the least and the greatest. The ratio
+is ours over what stands beside it, both measured in the same run. What needs one core is measured
+in processor seconds: what else the machine does is not in them, or only where it slows memory down.
+"""
+COMPARED = {
+    "clean": """\
+Samples a processor second of the same 208 voltages, 192 places with 260 strengths of touch:
+eitskin's forward model at `train` accuracy, and its closed form in the strength on pyEIT's own
+mesh, beside pyEIT and SciPy on that mesh. Mesh and element matrices are there before. The third
+peer is what a careful user would write; the fourth keeps what eitskin's own eigenproblem keeps.""",
+    "perturbed": """\
+Processor seconds of the perturbed sets of `config.yaml`, from nothing to the data set, in one
+process, beside what they may take. `crossed` presses every skin at all places.""",
+    "trained": """\
+Samples a processor second of the training loop of a perceptron of 512, 256, 128, as it is, and with
+numbers under the least normal one computed with.""",
+    "diagnosed": """\
+By the clock, diagnoses of drawn recordings of 500 frames, report and all, each as `eitskin
+diagnose` does on two cores, then two at once on one each, beside what they may take. A run is a
+recording.""",
+    "streamed": """\
+From a frame to its verdict on one core, for models of Table I, beside a limit of 1 ms: by the
+clock, and in this thread's processor time; the state alone beside PyTorch; the MLP without an
+electrode, and the whole loop.""",
+}
+REASONS = (  # of rows that fall short, the first that fits
+    (r"streamed, cnn\b", "the network alone takes most of it, as `state alone, cnn` shows"),
+    (r"streamed, (?!.*processor time)", "by the clock, what else the machine does counts in"),
+    (r"diagnosed", "the rig's errors are learned anew for every set of effects that is tried"),
+)
+UNKNOWN = "the reason is not known"
+
+
+def page(folder: Path) -> str:
+    """The whole page, a bench a section; of a bench without its file it says that it was not
+    measured."""
+    return "\n".join([HEAD, *(section(name, folder / f"{name}.json") for name in COMPARED)])
+
+
+def section(name: str, file: Path) -> str:
+    """What is compared, of what and where it was measured, a line a row, what falls short."""
+    head = f"## {name}\n\n{COMPARED[name]}\n"
+    if not file.exists():
+        return f"{head}\nNot measured yet: `python -m benchmark.speed {name}`.\n"
+    rows = json.loads(file.read_text(encoding="utf-8"))
+    table = ["| | unit | ours | beside | | ratio | runs |", "|---|---|---|---|---|---|---|"]
+    short = [f"- {shortfall(row)}" for row in rows if falls_short(row)]
+    told = ["What falls short:", "", *short] if short else ["Nothing here falls short."]
+    return "\n".join([head, where(rows[0]), "", *table, *map(line, rows), "", *told, ""])
+
+
+def where(row: dict) -> str:
+    """The command, the commit, the machine, and what others took of it."""
+    machine = row["machine"]
+    return (
+        f"`{row['command']}`, commit `{row['commit']}`, on {machine['processor']}, "
+        f"{machine['cores']} cores, {machine['memory_GiB']:.0f} GiB of memory. "
+        f"Other work took {row['others_cores']:.1f} cores meanwhile."
+    )
+
+
+def line(row: dict) -> str:
+    """A row of the table."""
+    cells = (
+        row["name"],
+        row["unit"],
+        spread(row["ours"], row["ours_runs"]),
+        row["peer_name"],
+        spread(row["peer"], row["peer_runs"]),
+        digits(row["ratio"]),
+        str(row["runs"]),
+    )
+    return f"| {' | '.join(cells)} |"
+
+
+def spread(value: float, runs: list[float]) -> str:
+    """A value with the least and the greatest of its runs, where there are several."""
+    if len(runs) == 1:
+        return digits(value)
+    return f"{digits(value)} ({digits(min(runs))} to {digits(max(runs))})"
+
+
+def digits(value: float) -> str:
+    """Four significant digits, never as a power of ten."""
+    rounded = float(f"{value:.4g}")
+    places = 3 - math.floor(math.log10(abs(rounded))) if rounded else 0
+    return f"{rounded:,.{max(places, 0)}f}"
+
+
+def falls_short(row: dict) -> bool:
+    """Whether ours is worse than what stands beside it: lower of what is a rate, else higher."""
+    return row["ratio"] < 1.0 if row["unit"].endswith("/s") else row["ratio"] > 1.0
+
+
+def shortfall(row: dict) -> str:
+    """A sentence of a row that falls short, with the reason."""
+    reason = next((why for name, why in REASONS if re.match(name, row["name"])), UNKNOWN)
+    ours, peer = digits(row["ours"]), digits(row["peer"])
+    return f"{row['name']}, {ours} {row['unit']}; {row['peer_name']}, {peer}: {reason}."
+
+
+if __name__ == "__main__":
+    with atomic_path(FOLDER / "README.md") as path:
+        path.write_text(page(FOLDER), encoding="utf-8")
