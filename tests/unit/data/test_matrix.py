@@ -225,15 +225,16 @@ def test_the_example_in_the_message_can_be_copied(write, width, table, name):
 
 @pytest.mark.parametrize("said", [None, {"electrodes": 8, **ADJACENT}])
 def test_columns_of_other_names_are_told_and_the_example_can_be_copied(write, said):
-    table = np.column_stack([np.arange(3.0), [0, 5, 5], [0, 2, 2], [1, 2, 3], np.ones((3, 40))])
-    names = ["t", "X", "force", "who", *(f"ch{k}" for k in range(40))]
-    content = "\n".join([",".join(names), lines(table)])
-    message = refused(write(content, said), "columns: found columns t, X, force, who beside 40")
+    place = [np.nan, 5, 5]
+    table = np.column_stack([np.arange(3), place, place, [0, 4, 4], [1, 2, 3], frames(3)])
+    names = ["t", "X", "Y", "force", "who", *(f"ch{k}" for k in range(40))]
+    content = lines(table, names=names)
+    message = refused(write(content, said), "columns: found columns t, X, Y, force, who beside 40")
     example = message.split("for example ")[1]
-    assert "labels: {time_s: t, x_mm: X, force_N: force, note_who: who}" in example
+    assert "labels: {time_s: t, x_mm: X, y_mm: Y, force_N: force, note_who: who}" in example
     made = importers.load(write(content, example))
-    assert made.frames["x_mm"].tolist()[1:] == [5.0, 5.0]
-    assert made.frames["force_N"].tolist()[1:] == [2.0, 2.0]
+    placed = made.frames[["x_mm", "y_mm", "force_N"]].to_numpy()
+    assert placed.tolist()[1:] == [[5.0, 5.0, 4.0]] * 2
     np.testing.assert_array_equal(made.channels, channel_table(8))
 
 

@@ -142,7 +142,8 @@ def _recording(path: Path, said: dict, table: Table, layout: Layout) -> Recordin
     for name in (name for name in labels if name.startswith(NOTE)):
         frames[name] = labels[name]
     readings = table.readings[:, layout.columns]
-    nobody = "" if {"touch", "x_mm"} & labels.keys() else bare_vectors.UNTOUCHED
+    told = "touch" in labels or {"x_mm", "y_mm"} <= labels.keys()
+    nobody = "" if told else bare_vectors.UNTOUCHED
     parts = bare_vectors.said(f"matrix {path.name}", layout.left_out, nobody)
     skin = said.get("skin", {})
     angles = skin.get("electrode_deg", even_angles(layout.n_electrodes).tolist())
