@@ -75,6 +75,7 @@ def test_a_browser_shows_the_answer_first_and_whole_without_a_network(file):
             shown.page.set_viewport_size({"width": width, "height": 800})
             table.wait_for()
             assert shown.page.evaluate(WIDER) <= 0, width
+            assert table.bounding_box()["x"] >= 0, width
             if width > 360:  # there Snakemake's own menu lies over the page until it is closed
                 assert 0 < table.bounding_box()["y"] < 800, width
         assert shown.asked == []
