@@ -390,9 +390,9 @@ def test_dense_values_are_summed_up(tmp_path):
     ends = "0.900 (90 %: 0.890 to 0.910) to 1.300 (90 %: 1.290 to 1.310)"
     assert f"anything from {ends}, farthest out at channel 13" in text
     assert "channel-gain, 208 channels, static" in text
-    edited(folder, "diagnosis.json", partial(change, half=5.0))
+    edited(folder, "diagnosis.json", partial(change, half=50.0))
     text = Page(rewritten(folder)).text
-    assert "about 0.9 (90 %: -4.1 to 5.9)".replace("-", MINUS) in text
+    assert "about 1 (90 %: -49 to 51)".replace("-", MINUS) in text
     assert "farthest out" not in text
 
 
