@@ -13,6 +13,7 @@ import pandas as pd
 
 import streamed_skin as skin
 from eitskin.exported.predictor import Predictor
+from eitskin.quantities import percent
 from eitskin.stream.judge import CANNOT_TELL, NO_TOUCH, TOUCH, Judge
 
 FRAMES = 300
@@ -55,7 +56,7 @@ def _forces(force_N: float, least: float = 0.0) -> Case:
 CASES = {
     **{f"to 6 N at {rate:g} N/s, held, let go": _ramp(rate) for rate in (0.02, 0.1, 0.2, 1.0)},
     **{
-        f"a palm: all readings less by {share:.0%}": Case(
+        f"a palm: all readings less by {percent(share)}": Case(
             np.zeros(FRAMES // 6), gain=1.0 - share, palm=True
         )
         for share in (0.01, 0.05, 0.1)

@@ -65,4 +65,5 @@ def test_what_is_wrong_in_its_configuration_is_refused(run, tmp_path):
     (tmp_path / "mine.yaml").write_text(CONFIG.replace("levels", "level"))
     plan = run("--dry-run")
     assert plan.returncode != 0
-    assert "forces.level: found an unknown key" in plan.stdout + plan.stderr
+    said = plan.stdout + plan.stderr
+    assert "config of the module: forces.level: found an unknown key" in said

@@ -8,17 +8,26 @@ from urllib.parse import unquote
 
 import pytest
 
+from headless import WIDER, headless, opened
+
 pytestmark = pytest.mark.xdist_group("finished")
 
 TWIN = "results/diagnosis/simulated-twin"
+OF_SNAKEMAKE = "cdn.tailwindcss.com should not be used in production"  # it warns of its own styles
 
 
 @pytest.fixture(scope="module")
-def report(finished, tmp_path_factory):
-    """The landing page as HTML, and the results by category and by path, of the whole run."""
-    file = tmp_path_factory.mktemp("report") / "report.html"
-    made = finished.snakemake("--report", str(file))
+def file(finished, tmp_path_factory):
+    """The report of the whole run."""
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    made = finished.snakemake("--report", str(path))
     assert made.returncode == 0, made.stderr
+    return path
+
+
+@pytest.fixture(scope="module")
+def report(file):
+    """The landing page as HTML, and the results by category and by path."""
     text = file.read_text(encoding="utf-8")
     names = ("workflow_desc", "categories", "results")
     held = (re.findall(rf"^    var {name} = (.*);$", text, re.MULTILINE) for name in names)
@@ -57,3 +66,17 @@ def test_a_figure_is_in_it_once_and_categories_are_in_the_reader_s_order(report)
     assert not {path.replace(".svg", ".csv") for path in figures} & set(results)
     held = results[figures[0]]["data_uri"].partition("base64,")[2]
     assert b"<svg " in base64.b64decode(held)
+
+
+def test_a_browser_shows_the_answer_first_and_whole_without_a_network(file):
+    with headless() as started, opened(started, file) as shown:
+        table = shown.page.get_by_role("heading", name="Table I", exact=True)
+        for width in (360, 800, 1400):
+            shown.page.set_viewport_size({"width": width, "height": 800})
+            table.wait_for()
+            assert shown.page.evaluate(WIDER) <= 0, width
+            assert table.bounding_box()["x"] >= 0, width
+            if width > 360:  # there Snakemake's own menu lies over the page until it is closed
+                assert 0 < table.bounding_box()["y"] < 800, width
+        assert shown.asked == []
+        assert [said for said in shown.said if OF_SNAKEMAKE not in said] == []

@@ -14,6 +14,7 @@ import numpy as np
 
 from eitskin.data.check.steps import steps
 from eitskin.data.recording import Recording
+from eitskin.quantities import percent
 from witness import cases
 from witness.cases import Case
 
@@ -62,7 +63,7 @@ def table(last_seed: int) -> Iterator[str]:
         for kind, size in counts:
             counts[kind, size] += _found(case, kind, size)
     for (kind, size), count in counts.items():
-        shares = (f"{share:.0%}" for share in count / last_seed)
+        shares = map(percent, count / last_seed)
         yield "  {}, {:g} noises: {}, {}; {}".format(kind, size, *shares)
 
 

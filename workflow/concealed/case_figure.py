@@ -18,7 +18,7 @@ from eitskin.diagnose.report.figures import draw_matrices, layout, matrix_bar
 from eitskin.diagnose.words import where
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
-from eitskin.plotting import AFTER, BEFORE, CULPRIT, QUIET, log_limits, style
+from eitskin.plotting import AFTER, BEFORE, CULPRIT, MARKERS, QUIET, log_limits, style
 from eitskin.quantities import number, power, quantity
 
 WIDTH = 92  # characters of a line of the sentence
@@ -93,7 +93,7 @@ def draw(shown: Evidence, frames: pd.DataFrame, truth: dict) -> Figure:
             bar = matrix_bar(figure, image, [axes])
             limit = image.norm.vmax
             bar.set_ticks([-limit, 0, limit], labels=[number(v, 2) for v in (-limit, 0.0, limit)])
-            bar.set_label("mean residual, in noise units")
+            bar.set_label("mean residual, in noise units;\na dash: well below 0")
         _skin(figure.add_subplot(grid[0, 1]), shown)
         _hidden(figure.add_subplot(grid[0, 3]), frames)
         _said(figure.add_subplot(grid[1, :]), shown, truth)
@@ -135,10 +135,11 @@ def _said(axes: Axes, shown: Evidence, truth: dict) -> None:
 
 
 def _hidden(axes: Axes, frames: pd.DataFrame) -> None:
-    for key, colour in (("before", BEFORE), ("after", AFTER)):
+    for key, colour, marker in zip(("before", "after"), (BEFORE, AFTER), MARKERS, strict=True):
         middle = number(float(np.sqrt((frames[key] ** 2).mean())))
-        axes.plot(frames["force_N"], frames[key], ".", color=colour, markersize=4, alpha=0.7, mew=0)
-        axes.plot([], [], ".", color=colour, label=f"{key}: rms {middle}")
+        dot = {"color": colour, "marker": marker, "linestyle": "", "markersize": 2.5}
+        axes.plot(frames["force_N"], frames[key], **dot, alpha=0.7, mew=0)
+        axes.plot([], [], **dot, label=f"{key}: rms {middle}")
     axes.axhline(1.0, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)), label="noise")
     axes.set_yscale("log")
     log_limits(axes.yaxis, frames[["before", "after"]].to_numpy(), power)

@@ -29,7 +29,7 @@ from eitskin.atomic import atomic_path
 from eitskin.diagnose.comparison.objects import NAME
 from eitskin.physics.geometry import even_angles
 from eitskin.plotting import png
-from eitskin.quantities import MINUS
+from eitskin.quantities import MINUS, percent
 
 LCT, PYEIDORS, ROD = "lct-tank", "pyeidors-tank", "iirc-tank"
 TARGETS = "measurements/tank/2026-03-14_latest_tank_data"  # folders that name what stands where
@@ -236,8 +236,8 @@ def _shares(
             mean, sd, low, high = found["steps_deg"]
             lines.append(
                 f"| {name}: circle | radius {found['radius']:.3f} of the tank's, rms off it"
-                f" {found['rms']:.3f} ({found['rms'] / found['radius']:.0%} of its own radius), off"
-                f" even steps on it {found['rms_even']:.3f};"
+                f" {found['rms']:.3f} ({percent(found['rms'] / found['radius'])} of its own"
+                f" radius), off even steps on it {found['rms_even']:.3f};"
                 f" steps {mean:.1f}° ± {sd:.1f}° ({low:.1f}° to {high:.1f}°) |"
             )
     return lines
@@ -280,7 +280,7 @@ def _lines_through(empty: pd.DataFrame) -> list[str]:
 def _share(hits: pd.Series) -> str:
     n, k = len(hits), int(hits.sum())
     low, high = wilson(k, n) if n else (0.0, 1.0)
-    return f"{k} of {n} ({low:.0%} to {high:.0%})"
+    return f"{k} of {n} ({percent(low)} to {percent(high)})"
 
 
 def picture(table: pd.DataFrame, truths: dict[str, tuple | None]) -> Figure:

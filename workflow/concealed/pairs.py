@@ -27,6 +27,7 @@ from eitskin.atomic import atomic_path
 from eitskin.data.recording import Recording
 from eitskin.diagnose.comparison.difference import Difference, difference
 from eitskin.diagnose.comparison.wander import wander
+from eitskin.quantities import percent
 from witness.laws import SITES
 
 NAMES = ("control", "later")
@@ -227,7 +228,7 @@ def _share(hits: int, n: int) -> str:
     if n == 0:
         return ""
     low, high = wilson(hits, n)
-    return f"{hits}: {hits / n:.0%} ({low:.0%} to {high:.0%})"
+    return f"{hits}: {percent(hits / n)} ({percent(low)} to {percent(high)})"
 
 
 def main(block: str, folder: Path) -> None:

@@ -28,6 +28,7 @@ from eitskin.simulate.readings import apply_skin
 from eitskin.simulate.sets import CONTINUOUS, sample_settings
 
 MISSING = object()
+GIVEN = "--config"  # where values are from that no file has
 REFERRED_TO = {"rig.schema.yaml": Path(__file__).parent / "capture" / "rig.schema.yaml"}
 PATHS = ("path", "query")  # of a recording
 YTE = "__use_yte__"  # by which Snakemake takes a configuration for a template
@@ -40,14 +41,16 @@ class _Refusal(Exception):
         self.place, self.found, self.expected = place, found, expected
 
 
-def validate(config: dict, schema_path: str | Path, files: Iterable[str | Path]) -> None:
+def validate(
+    config: dict, schema_path: str | Path, files: Iterable[str | Path], rest: str = GIVEN
+) -> None:
     """Check a merged configuration against its schema, its own names, the recordings' paths and
     what the physics of its skins, protocols and effects allows; then put the values of environment
     variables into the recordings' paths (`${NAME}`).
 
-    `files` are the YAML files it was read from, later ones overriding earlier ones; no key may
-    stand twice in a mapping. Raises InputError, one line that names the file which holds the wrong
-    value.
+    `files` are the YAML files it was read from, later ones overriding earlier ones, `rest` says
+    where values are from that none of them has; no key may stand twice in a mapping. Raises
+    InputError, one line that names the file which holds the wrong value.
     """
     files = [Path(file) for file in files]
     for file in files:
@@ -65,7 +68,8 @@ def validate(config: dict, schema_path: str | Path, files: Iterable[str | Path])
         _refuse_unphysical(config)
     except _Refusal as refusal:
         place, found, expected = refusal.place, refusal.found, refusal.expected
-        raise InputError(file_of(place, config, files), dotted(place), found, expected) from None
+        file = file_of(place, config, files, rest)
+        raise InputError(file, dotted(place), found, expected) from None
     for recording in config["recordings"].values():
         for key in recording.keys() & {*PATHS}:
             recording[key] = _expanded(recording[key])
@@ -316,19 +320,19 @@ def _indices(node: object) -> range:
     return range(len(node)) if isinstance(node, list) else range(0)
 
 
-def file_of(place: list, config: dict, files: Iterable[str | Path]) -> str:
+def file_of(place: list, config: dict, files: Iterable[str | Path], rest: str = GIVEN) -> str:
     """The last file that holds what stands at `place`; for a missing key the first, within a list
-    the one that the list is of; or --config."""
+    the one that the list is of; where none does, `rest`."""
     files = [Path(file) for file in files]
     found = _at(place, config)
     if found is MISSING and files:
         listed = any(isinstance(part, int) for part in place)
-        return file_of(place[:-1], config, files) if listed else str(files[0])
+        return file_of(place[:-1], config, files, rest) if listed else str(files[0])
     for file in reversed(files):
         held = _at(place, read(file))
         if repr(held) == repr(found) or (isinstance(held, dict) and isinstance(found, dict)):
             return str(file)
-    return "--config"
+    return rest
 
 
 def _at(place: list, node: Any) -> Any:

@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 BEFORE, AFTER = "#d55e00", "#0072b2"  # Okabe & Ito: told apart by everyone, and in print
+MARKERS = ("s", "o")  # of before and after: told apart without colours
 CULPRIT, QUIET = "#8b1a6b", "#767676"
 DIVERGING, SEQUENTIAL, STEPS = "PuOr_r", "cividis", 41
 WIDTH_IN = 85 / 25.4

@@ -31,6 +31,11 @@ def chance(p: float) -> str:
     return "<10⁻³⁰⁰" if p == 0 else number(p, 2)
 
 
+def percent(share: float, decimals: int = 0) -> str:
+    """A share in per cent, with so many decimals."""
+    return f"{100 * share:.{decimals}f} %"
+
+
 def power(value: float) -> str:
     """A round number of an axis: 0.5, 20, 10³."""
     if 1e-3 < value < 999:

@@ -12,6 +12,7 @@ from eitskin.learn.metrics import interval
 from eitskin.learn.transfer_runs import METHODS, TRAINED_FEW, ZERO_SHOT
 from eitskin.paper import transfer_table
 from eitskin.paper.transfer_table import Files
+from eitskin.quantities import percent
 from loop.naming import AUTHORS, BELIEF, DIAGNOSIS, LABELS, SOURCES, TRUTH
 
 KEYS = ("case", "model", "source")
@@ -174,7 +175,7 @@ def to_markdown(table: pd.DataFrame, runs: pd.DataFrame, cases: pd.DataFrame) ->
         "[95 % interval] over seeds; each seed has training samples, noise and weights of its own,",
         "samples and noise the same for every source. *saved* is the belief's error minus the",
         "diagnosis', paired by seed; *closed* is that over what the truth saves, given where the",
-        f"truth saves {ENOUGH:.0%} or more.",
+        f"truth saves {percent(ENOUGH)} or more.",
         "",
         "| case | concealed | named by the diagnosis |",
         "|---|---|---|",
@@ -200,16 +201,17 @@ def to_markdown(table: pd.DataFrame, runs: pd.DataFrame, cases: pd.DataFrame) ->
 
 def _worth(found: pd.DataFrame) -> list[str]:
     lines = [
-        f"Of the force's error, over the cases where the truth saves {ENOUGH:.0%} or more of it:",
+        "Of the force's error, over the cases where the truth saves"
+        f" {percent(ENOUGH)} or more of it:",
         "",
         "| model | against | cases | saved, mean [95 % over cases] | cases whose own interval over"
         " seeds lies above zero | error over the truth's, median |",
         "|---" * 6 + "|",
     ]
     for row in found.itertuples():
-        share = "" if np.isnan(row.saved) else f"{row.saved:.0%}"
+        share = "" if np.isnan(row.saved) else percent(row.saved)
         if np.isfinite(row.low):
-            share += f" [{row.low:.0%}, {row.high:.0%}]"
+            share += f" [{percent(row.low)}, {percent(row.high)}]"
         ratio = "" if np.isnan(row.over_truth) else f"{row.over_truth:.2f}"
         cells = (row.model, row.against, row.cases, share, row.sure, ratio)
         lines.append("| " + " | ".join(map(str, cells)) + " |")
@@ -238,7 +240,7 @@ def _sources(own: pd.DataFrame, told: pd.DataFrame) -> list[str]:
         row = told[told["case"] == case]
         for key in ("truth_saves", "closed"):
             known = len(row) and np.isfinite(row[key].iloc[0])
-            cells.append(f"{row[key].iloc[0]:.0%}" if known else "")
+            cells.append(percent(row[key].iloc[0]) if known else "")
         lines.append(f"| {case} | " + " | ".join(cells) + " |")
     return lines
 

@@ -4,6 +4,7 @@ the documentation, the report of the sample: `python -m manual.screenshots docs/
 It builds the documentation and diagnoses the sample, in a folder that it removes.
 """
 
+import importlib.util
 import subprocess
 import sys
 import tempfile
@@ -55,7 +56,10 @@ def photograph(browser: "Browser", page: Path, height: int) -> bytes:
 
 
 def write(out: Path) -> None:
-    """Write NAME.png of everything that is shown into a folder. Raises InputError as `chromium`."""
+    """Write NAME.png of everything that is shown into a folder. Raises InputError as `chromium`
+    does, and where Sphinx is not installed."""
+    if importlib.util.find_spec("sphinx") is None:
+        raise InputError("python", "sphinx", "not installed", "it, from .[docs]")
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
         out.mkdir(parents=True, exist_ok=True)
         for name, (page, height) in made(Path(folder)).items():

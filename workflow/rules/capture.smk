@@ -34,7 +34,7 @@ if "rig" in config:
                 runtime=2880,
             params:
                 rig=RIG,
-                file=file_of(["rig"], config, CONFIGFILES),
+                file=file_of(["rig"], config, CONFIGFILES, REST),
                 mounted_mm=lookup(dpath="mounted_mm", within=config, default=None),
                 # No output: a capture that ends early goes on from it, and it survives `make clean`.
                 journal=f"captures/{RIG['name']}.jsonl",

@@ -4,7 +4,7 @@ from pathlib import Path
 from snakemake.utils import update_config
 
 from eitskin.capture.attached import attach
-from eitskin.configuration import read, validate, with_continuous
+from eitskin.configuration import GIVEN, read, validate, with_continuous
 from eitskin.errors import reported
 from eitskin.fingerprint import fingerprint
 
@@ -19,6 +19,7 @@ def own(file):
 
 # Another workflow's configuration files are no business of a module.
 AS_MODULE = workflow.modifier.skip_configfile
+REST = "config of the module" if AS_MODULE else GIVEN
 # Snakemake's own reading says neither line nor column, and runs what a template holds.
 with reported("logs/configuration.log"):
     if Path("config.yaml").exists() and not AS_MODULE:
@@ -37,9 +38,9 @@ with reported("logs/configuration.log"):
         given, config = config, read(DEFAULTS)
         update_config(config, given)
     schema = workflow.source_path("../schemas/config.schema.yaml")
-    validate(config, schema, CONFIGFILES)
+    validate(config, schema, CONFIGFILES, REST)
     if "rig" in config:
-        attach(config, CONFIGFILES)
+        attach(config, CONFIGFILES, REST)
     config["configurations"] = with_continuous(config)
 
 

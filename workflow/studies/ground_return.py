@@ -27,6 +27,7 @@ from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 from eitskin.physics.forward import Forward
 from eitskin.physics.geometry import Geometry
+from eitskin.quantities import percent
 
 SPLITS = 20
 WIDTH = 0.25  # of the pitch, where nobody gives one
@@ -390,10 +391,10 @@ def sentence(table: pd.DataFrame) -> str:
     held = (
         f"{int(plain.numbers)} numbers leave {plain.held_out:.3f}, a gain a measuring pair besides "
         f"{law.held_out:.3f} ({int(means.numbers)} free means over rotations {means.held_out:.3f}, "
-        f"with the gains {rows.iloc[3].held_out:.3f}); they have {law.reversal_explained:.0%} of "
-        f"what reversal changes (the means {means.reversal_explained:.0%}) and "
-        f"{law.drift_explained:.0%} of the drift ({means.drift_explained:.0%}, with the gains "
-        f"{rows.iloc[3].drift_explained:.0%}); touches, to which "
+        f"with the gains {rows.iloc[3].held_out:.3f}); they have {percent(law.reversal_explained)} "
+        f"of what reversal changes (the means {percent(means.reversal_explained)}) and "
+        f"{percent(law.drift_explained)} of the drift ({percent(means.drift_explained)}, with the "
+        f"gains {percent(rows.iloc[3].drift_explained)}); touches, to which "
         f"nothing was fitted, correlate by {law.touch_correlation:.2f} in the median channel (the "
         f"owner's simulation {owner.touch_correlation:.2f}, with its electrodes half a pitch on "
         f"{turned.touch_correlation:.2f})"
@@ -408,7 +409,7 @@ def sentence(table: pd.DataFrame) -> str:
         return f"{where} Unexplained. Current that comes back through ground does not do: {held}."
     return (
         f"{where} Law: the source drives against ground and every electrode leaks to it, the sink "
-        f"taking {law.through_sink:.0%} of the current, and common mode enters readings "
+        f"taking {percent(law.through_sink)} of the current, and common mode enters readings "
         f"{law.common_mode:+.2f} fold with a constant added: {held}. The rest, {law.held_out:.2f} "
         "of |v|, differs from drive to drive and is unexplained. The law's form was chosen on a "
         "recording of this kind, so another skin has to confirm it."

@@ -24,5 +24,5 @@ def test_the_table_counts_what_is_found(monkeypatch):
     monkeypatch.setattr(steps, "SIZES", (1.0, 1000.0))
     lines = list(steps.table(2))
     assert lines[1] == "  null: 0 of 2 (seeds [])"
-    assert "  every channel, 1 noises: 0%, 0%; 0%" in lines
-    assert "  every channel, 1000 noises: 100%, 100%; 0%" in lines
+    assert "  every channel, 1 noises: 0 %, 0 %; 0 %" in lines
+    assert "  every channel, 1000 noises: 100 %, 100 %; 0 %" in lines

@@ -77,6 +77,6 @@ def test_the_table_counts_shares():
         ]
     )
     text = pairs.table(rows)
-    assert "| a fault of SNR 8 or more in the difference | 2 | 1: 50%" in text
-    assert "| a fault of less | 1 | 0: 0%" in text and "| no fault | 1 |" in text
+    assert "| a fault of SNR 8 or more in the difference | 2 | 1: 50 %" in text
+    assert "| a fault of less | 1 | 0: 0 %" in text and "| no fault | 1 |" in text
     assert "1 of 1 found beginnings" in text

@@ -62,7 +62,7 @@ def test_drift_is_told_and_whether_one_factor_explains_it(make_recording):
     made.voltage *= 1.0 + 0.1 * slope[:, None]
     (finding,) = sentences.drift(made)
     assert finding.value == pytest.approx(0.1, abs=0.01)
-    assert " 0% of it is left" in finding.sentence
+    assert " 0 % of it is left" in finding.sentence
     factors = np.random.default_rng(0).normal(0, 0.1, made.voltage.shape[1])
     made.voltage *= 1.0 + slope[:, None] * factors
     share = sentences.drift(made)[0].sentence.split("; ")[1].split("%")[0]
@@ -100,7 +100,7 @@ def test_lost_stuck_and_clipped_channels_are_named(make_recording):
     made.voltage[:, 20] = 0.01
     said = check.text(check.check(made))
     assert "1 channel (5: drive 0-1, measured 7-8) lost in every frame" in said
-    assert "1 channel (9: drive 0-1, measured 11-12) lost in some frames (33.3% of them)" in said
+    assert "1 channel (9: drive 0-1, measured 11-12) lost in some frames (33.3 % of them)" in said
     assert "1 channel (20: drive 1-2, measured 10-11) never change" in said
     ceiling = 0.95 * np.nanmax(np.abs(made.voltage))
     made.voltage = np.clip(made.voltage, -ceiling, ceiling)

@@ -223,6 +223,21 @@ def test_the_example_in_the_message_can_be_copied(write, width, table, name):
     np.testing.assert_array_equal(made.channels, table)
 
 
+@pytest.mark.parametrize("said", [None, {"electrodes": 8, **ADJACENT}])
+def test_columns_of_other_names_are_told_and_the_example_can_be_copied(write, said):
+    place = [np.nan, 5, 5]
+    table = np.column_stack([np.arange(3), place, place, [0, 4, 4], [1, 2, 3], frames(3)])
+    names = ["t", "X", "Y", "force", "who", *(f"ch{k}" for k in range(40))]
+    content = lines(table, names=names)
+    message = refused(write(content, said), "columns: found columns t, X, Y, force, who beside 40")
+    example = message.split("for example ")[1]
+    assert "labels: {time_s: t, x_mm: X, y_mm: Y, force_N: force, note_who: who}" in example
+    made = importers.load(write(content, example))
+    placed = made.frames[["x_mm", "y_mm", "force_N"]].to_numpy()
+    assert placed.tolist()[1:] == [[5.0, 5.0, 4.0]] * 2
+    np.testing.assert_array_equal(made.channels, channel_table(8))
+
+
 def test_widths_of_no_known_protocol_ask_for_a_list(write):
     values = np.ones((2, 120))
     refused(write(values, None, "skin.npy"), "one for every two of 16 electrodes is no four-elec")

@@ -152,6 +152,7 @@ def test_the_contact_that_changed_is_reported_and_nothing_else(tmp_path):
     html = (tmp_path / "comparison.html").read_text("utf-8")
     assert sentence in html and "<img src='data:image/svg+xml" in html
     assert "http" not in html
+    assert " nats;" in html and "10 nats, 22000 times" in html
     again = compare(founds)
     assert json.dumps(result(again)) == json.dumps(said)
 

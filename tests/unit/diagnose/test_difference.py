@@ -294,6 +294,7 @@ def test_the_difference_stands_before_what_diagnoses_say():
         assert both["sentences"][0].startswith(first) and both["sentences"][-1].endswith(last)
         page = comparison_page.page(both)
         assert both["sentences"][0] in page
+        assert "nats" in page and "with 10 nats 22000 times" in page
         assert (row["sentence"] if said is loud else NOTHING) in page
     apart = replace(control, metadata={**control.metadata, "values": "difference"})
     assert with_difference(quiet, {"monday": apart, "friday": later}) == quiet

@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from functools import partial
 from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
@@ -27,6 +28,7 @@ from eitskin.diagnose.report import evidence, figures, page
 from eitskin.diagnose.result import OF_A_PART
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
+from eitskin.quantities import MINUS
 
 VOID = {"meta", "br"}
 RULES = Path(__file__).parents[3] / "workflow" / "rules" / "diagnose.smk"
@@ -374,10 +376,10 @@ def test_sites_of_every_kind_and_no_gap(tmp_path):
 def test_dense_values_are_summed_up(tmp_path):
     folder, _ = diagnosed(tmp_path, "explained")
 
-    def change(diagnosis):
+    def change(diagnosis, half=0.01):
         value = np.linspace(0.9, 1.0, 208)
         value[13] = 1.3
-        gain = {"value": value, "low": value - 0.01, "high": value + 0.01}
+        gain = {"value": value, "low": value - half, "high": value + half}
         gain = {key: numbers.tolist() for key, numbers in gain.items()} | {"unit": "1"}
         new = {"name": "channel-gain", "scope": "dense", "electrodes": [], "parameters": {}}
         new |= {"channels": list(range(208)), "parameters": {"gain": gain}}
@@ -388,6 +390,10 @@ def test_dense_values_are_summed_up(tmp_path):
     ends = "0.900 (90 %: 0.890 to 0.910) to 1.300 (90 %: 1.290 to 1.310)"
     assert f"anything from {ends}, farthest out at channel 13" in text
     assert "channel-gain, 208 channels, static" in text
+    edited(folder, "diagnosis.json", partial(change, half=50.0))
+    text = Page(rewritten(folder)).text
+    assert "about 1 (90 %: -49 to 51)".replace("-", MINUS) in text
+    assert "farthest out" not in text
 
 
 def test_the_atlas_shows_what_is_significant(written):
@@ -395,7 +401,7 @@ def test_the_atlas_shows_what_is_significant(written):
     table = pd.read_csv(folder / "evidence" / "atlas_before.csv")
     assert (table["q"] < 0.05).all()
     text = Page(page_of(written, "explained")).text
-    assert "16 of 16 statistics at a false discovery rate of 5%" in text
+    assert "16 of 16 statistics at a false discovery rate of 5 %" in text
     assert "None of 16 statistics is significant." in text
 
 
@@ -420,6 +426,18 @@ def test_what_was_found_first_on_fewer_frames_is_on_the_path(written, tmp_path):
     text = Page(rewritten(folder)).text
     assert "startelectrode-widthelectrodes 7" in text
     assert "Start: found first" in text
+
+
+def test_several_of_one_start_say_the_misfit_of_all_once(tmp_path):
+    folder, _ = diagnosed(tmp_path, "explained")
+    path = folder / "evidence" / "search.csv"
+    row = pd.read_csv(path).iloc[[0]]
+    row = row.assign(action="start", chi2=1234.5, log_evidence=-4321.0)
+    last = row.assign(action="add", step=4)
+    steps = [row.assign(step=k, chi2=chi2) for k, chi2 in ((1, 1234.5), (2, 1234.5), (3, 1111.0))]
+    pd.concat([*steps, last]).to_csv(path, index=False)
+    text = Page(rewritten(folder)).text
+    assert text.count("1234.5") == 2 and text.count("1111") == 1
 
 
 def test_an_unfinished_folder_is_refused(tmp_path):

@@ -117,6 +117,6 @@ def test_electrodes_inside_the_skin_are_told(make_recording):
     inside = stated.apply({"electrode_xy_mm": on.tolist()}, made)
     (warning,) = check.check(inside).about("outline")
     assert warning.severity == check.WARNING
-    assert "electrode 2 of 16 off the rim, at 50% of the radius" in warning.sentence
+    assert "electrode 2 of 16 off the rim, at 50 % of the radius" in warning.sentence
     with pytest.raises(InputError, match="electrode 2 of 16 off the rim"):
         diagnosis.diagnose(inside)

@@ -27,6 +27,12 @@ def test_links_lead_to_files(page):
         assert target.startswith("http") or (page.parent / target).exists(), target
 
 
+@pytest.mark.parametrize("page", LINKED, ids=lambda page: str(page.relative_to(ROOT)))
+def test_a_space_stands_before_per_cent(page):
+    text = page.read_text(encoding="utf-8")
+    assert re.findall(r".*[0-9]%(?![0-9A-F]{2}).*", text) == []
+
+
 def test_every_page_is_reached_from_the_index():
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     for page in PAGES[1:]:

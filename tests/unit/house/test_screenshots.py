@@ -22,7 +22,26 @@ def test_each_is_a_small_picture_that_a_page_shows(name):
     assert any(f"screenshots/{name}.png" in page for page in pages)
 
 
-def test_without_chromium_one_line_says_so(monkeypatch, tmp_path, capsys):
+@pytest.fixture
+def find_spec(monkeypatch):
+    """What finds Sphinx, as if it were installed or not, `found`."""
+
+    def find_spec_(found):
+        monkeypatch.setattr(screenshots.importlib.util, "find_spec", lambda name: found)
+
+    return find_spec_
+
+
+def test_without_sphinx_one_line_says_so(find_spec, tmp_path, capsys):
+    find_spec(None)
+    assert screenshots.run([str(tmp_path / "out")]) == 2
+    told = "python: sphinx: found not installed, expected it, from .[docs]"
+    assert capsys.readouterr().err.strip() == told
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_chromium_one_line_says_so(find_spec, monkeypatch, tmp_path, capsys):
+    find_spec("there")
     monkeypatch.setattr(browser.shutil, "which", lambda name: None)
     assert screenshots.run([str(tmp_path / "out")]) == 2
     assert "PATH: chromium: found no such program, expected one of" in capsys.readouterr().err

@@ -122,8 +122,8 @@ def test_the_text_names_what_was_concealed_and_found(tmp_path):
     table.write(files(tmp_path), {"bench": tmp_path}, csv, text)
     written = text.read_text()
     assert "| bench | contact-law (exponent 0.7) | contact-law (exponent 0.701) |" in written
-    assert "1.20 [0.95, 1.45] | 64% | 86% |" in written
-    assert "| mlp | belief | 1 | 55% | 1 | 1.25 |" in written
+    assert "1.20 [0.95, 1.45] | 64 % | 86 % |" in written
+    assert "| mlp | belief | 1 | 55 % | 1 | 1.25 |" in written
     assert "| bench | belief | 2.20 [1.70, 2.70] | 1.20 [0.95, 1.45] |" in written
     assert list(pd.read_csv(csv).columns) == list(table.TABLE)
 

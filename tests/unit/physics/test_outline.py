@@ -67,7 +67,7 @@ def test_electrodes_on_the_rim_are_where_their_angles_say_and_others_are_told():
     inner[[3, 7]] *= 0.4
     place, found = no_disc(skin(electrode_xy_mm=corners(inner)))
     assert place == "skin.electrode_xy_mm"
-    assert found.startswith("electrode 3 and 1 more of 16 off the rim, at 40%")
+    assert found.startswith("electrode 3 and 1 more of 16 off the rim, at 40 %")
 
 
 def test_nothing_is_simulated_of_what_is_no_disc():

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from eitskin.capture import configuration
 from eitskin.capture.press_plan import plan_sha256
-from eitskin.configuration import PATHS, captured_path, file_of
+from eitskin.configuration import GIVEN, PATHS, captured_path, file_of
 from eitskin.errors import InputError
 from eitskin.schema import dotted
 
@@ -22,16 +22,17 @@ def manifest_path(name: str) -> str:
     return f"results/recordings/{name}.manifest.json"
 
 
-def attach(config: dict, files: Iterable[str | Path]) -> None:
+def attach(config: dict, files: Iterable[str | Path], rest: str = GIVEN) -> None:
     """Make the capture of `config["rig"]` one of the recordings, where it is there whole; else take
     it out of everything that names it.
 
-    `config` is valid by its schema, read from `files`. Raises InputError for a rig that cannot be
-    driven safely, a name that another recording has, a capture that is there by another rig or
-    plan, and figures or another recording that are of a capture which is not there.
+    `config` is valid by its schema, read from `files` and `rest` as `validate` has them. Raises
+    InputError for a rig that cannot be driven safely, a name that another recording has, a capture
+    that is there by another rig or plan, and figures or another recording that are of a capture
+    which is not there.
     """
     rig = config["rig"]
-    name, file = rig["name"], file_of(["rig"], config, files)
+    name, file = rig["name"], file_of(["rig"], config, files, rest)
     configuration.check(rig, file)
     path = captured_path(name)
     listed = config["recordings"].setdefault(name, {"path": path})
@@ -44,7 +45,7 @@ def attach(config: dict, files: Iterable[str | Path]) -> None:
         return
     for place in _needing(name, config):
         found = f"{name}, which is not captured yet"
-        holder = file_of(place, config, files)
+        holder = file_of(place, config, files, rest)
         raise InputError(holder, dotted(place), found, "a recording that is there")
     _leave_out(name, config)
     print(f"{name} is not captured yet and left out; `snakemake capture` does it", file=sys.stderr)

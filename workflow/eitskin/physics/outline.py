@@ -10,6 +10,7 @@ import numpy as np
 
 from eitskin.errors import InputError
 from eitskin.physics.skin import Skin
+from eitskin.quantities import percent
 
 DISCS = ("circle", "circular", "disc", "disk", "round")
 NEAR = 0.1  # of the mean radius, by which a rim may be off a circle, and an electrode off the rim
@@ -17,7 +18,7 @@ ALONG = 100  # points of each side, at which its distance from the centre is loo
 SQUARE_DEG = 3.0  # by which the corners of a rectangle may be off a right angle
 EXPECTED = (
     "a disc with its electrodes on the rim, which the simulation knows, or a rim within "
-    f"{NEAR:.0%} of one (effect domain-shape); without a simulation, `eitskin check` and "
+    f"{percent(NEAR)} of one (effect domain-shape); without a simulation, `eitskin check` and "
     "`eitskin compare CONTROL LATER` work all the same"
 )
 
@@ -68,7 +69,7 @@ def described(corners: np.ndarray, unit: str = "") -> str | None:
     across, up = np.ptp(corners, axis=0)
     return (
         f"an outline of {len(at)} corners, {across:.4g} x {up:.4g}{unit}, "
-        f"up to {off:.0%} of its mean radius off a circle"
+        f"up to {percent(off)} of its mean radius off a circle"
     )
 
 
@@ -81,8 +82,8 @@ def off_rim(electrodes: np.ndarray, radius: float) -> str | None:
     first = int(off[0])
     others = f" and {len(off) - 1} more" if len(off) > 1 else ""
     return (
-        f"electrode {first}{others} of {len(electrodes)} off the rim, at {share[first]:.0%} of the "
-        "radius from the centre"
+        f"electrode {first}{others} of {len(electrodes)} off the rim, at {percent(share[first])} "
+        "of the radius from the centre"
     )
 
 

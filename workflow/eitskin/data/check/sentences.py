@@ -11,7 +11,7 @@ from eitskin.data.check.missing import HOLD_S, missing
 from eitskin.data.recording import Recording
 from eitskin.physics.outline import EXPECTED, no_disc
 from eitskin.physics.skin import OPTIONAL
-from eitskin.quantities import quantity
+from eitskin.quantities import percent, quantity
 
 SKIN = {  # key: its name, its unit
     "radius_mm": ("radius", "mm"),
@@ -229,7 +229,7 @@ def lost(recording: Recording) -> list[Finding]:
         found.append(Finding("lost", WARNING, sentence, len(gone.always) / gone.channels))
     if len(gone.sometimes):
         rows, share = named.channels(recording, gone.sometimes), gone.share_of_sometimes
-        sentence = f"{rows} lost in some frames ({share:.1%} of them)."
+        sentence = f"{rows} lost in some frames ({percent(share, 1)} of them)."
         found.append(Finding("lost", WARNING, sentence, gone.share))
     if not found:
         found.append(_fact("lost", "no reading is lost.", 0.0))
@@ -296,9 +296,10 @@ def drift(recording: Recording) -> list[Finding]:
     if measured is None:
         return []
     change, rest = measured.change, measured.uncommon
-    sentence = f"the untouched readings change by {change:.2%} (median channel) from first to last"
+    changed = f"{percent(change, 2)} (median channel)"
+    sentence = f"the untouched readings change by {changed} from first to last"
     if rest is not None:
-        sentence += f"; {rest:.0%} of it is left when one common factor is taken out"
+        sentence += f"; {percent(rest)} of it is left when one common factor is taken out"
     return [_fact("drift", sentence + ".", change)]
 
 
@@ -308,8 +309,8 @@ def reciprocity(recording: Recording) -> list[Finding]:
     if measured is None:
         return []
     sentence = (
-        f"exchanging drive and measurement changes a reading by {measured.median:.2%} (median of "
-        f"{measured.pairs} pairs; rms {measured.rms:.2%})."
+        f"exchanging drive and measurement changes a reading by {percent(measured.median, 2)} "
+        f"(median of {measured.pairs} pairs; rms {percent(measured.rms, 2)})."
     )
     return [_fact("reciprocity", sentence, measured.median)]
 
@@ -335,7 +336,7 @@ def channel_order(recording: Recording) -> list[Finding]:
     elif order.worst is not None:
         sentence = (
             f"{_in_words(order.own)}, most where electrodes {order.worst[0]} and {order.worst[1]} "
-            f"take part; no known channel order repairs it (the best leaves {best:.0%}). No "
+            f"take part; no known channel order repairs it (the best leaves {percent(best)}). No "
             "passive, linear skin reads so: look at the wiring and the contacts, or at a channel "
             "table of another pattern."
         )
@@ -350,7 +351,8 @@ def channel_order(recording: Recording) -> list[Finding]:
 
 def _in_words(misfit: Misfit) -> str:
     if misfit.reciprocity is not None:
-        return f"exchanging drive and measurement changes readings by {misfit.reciprocity:.0%} rms"
+        changed = percent(misfit.reciprocity)
+        return f"exchanging drive and measurement changes readings by {changed} rms"
     parts = []
     if misfit.reversal is not None:
         parts.append(
@@ -409,8 +411,8 @@ def unobservable(recording: Recording) -> list[Finding]:
 
 
 def _share(value: float, level: float) -> str:
-    """`, 0.25% of the median reading`; nothing where that reading is 0."""
-    return f", {value / level:.2%} of the median reading" if level > 0 else ""
+    """`, 0.25 % of the median reading`; nothing where that reading is 0."""
+    return f", {percent(value / level, 2)} of the median reading" if level > 0 else ""
 
 
 def _fact(topic: str, sentence: str, value: float | None = None) -> Finding:

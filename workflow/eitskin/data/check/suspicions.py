@@ -5,7 +5,7 @@ recording to its findings. Where nothing looks wrong, nothing is said.
 from eitskin.data.check import compliance, named, plausibility, response, steps
 from eitskin.data.check.finding import ERROR, WARNING, Finding
 from eitskin.data.recording import Recording
-from eitskin.quantities import listed
+from eitskin.quantities import listed, percent
 
 
 def units(recording: Recording) -> list[Finding]:
@@ -50,16 +50,16 @@ def weak_drives(recording: Recording) -> list[Finding]:
         return []
     drives = listed(
         [
-            f"{a}-{b} (by {1.0 - share:.1%})"
+            f"{a}-{b} (by {percent(1.0 - share, 1)})"
             for (a, b), share in zip(found.drives, found.shares, strict=True)
         ]
     )
     plural = "s" if len(found.drives) > 1 else ""
     sentence = (
         f"drive{plural} {drives}: all readings low together against those with drive and "
-        f"measurement exchanged, which explains {found.explained:.0%} of what breaks reciprocity. "
-        "The source may be at its compliance there, or a contact open (or the same pairs are read "
-        "too high): look at its voltage range and at these electrodes."
+        f"measurement exchanged, which explains {percent(found.explained)} of what breaks "
+        "reciprocity. The source may be at its compliance there, or a contact open (or the same "
+        "pairs are read too high): look at its voltage range and at these electrodes."
     )
     return [Finding("drives", WARNING, sentence, min(found.shares))]
 

@@ -22,6 +22,7 @@ from eitskin.data.recording import MOST_ELECTRODES, Recording, frames_table
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import every_channel, reciprocal_channels, undriven
+from eitskin.quantities import percent
 
 REVERSED = "-reversed"
 FEWEST_GUESSED = 8  # fewer electrodes must be stated: 16 numbers may be a frame or a column
@@ -162,8 +163,9 @@ def refuse_other_order(
         return
     best = min(ORDERS, key=broken)
     if broken(best) < own / FAR_BETTER:
-        found = f"one in which exchanging drive and measurement, or going round, changes {own:.0%}"
-        expected = f"--order {best} ({ORDERS[best].sentence}), in which {broken(best):.0%} change"
+        turned, then = percent(own), percent(broken(best))
+        found = f"one in which exchanging drive and measurement, or going round, changes {turned}"
+        expected = f"--order {best} ({ORDERS[best].sentence}), in which {then} change"
         raise InputError(file, "order", found, expected)
 
 

@@ -23,14 +23,16 @@ from eitskin.data.importers import bare_vectors, matrix_table
 from eitskin.data.importers.bare_vectors import Layout
 from eitskin.data.importers.description import describe
 from eitskin.data.importers.matrix_description import (
+    PLACED,
     TELLING,
     beside,
     described,
     example,
     mapping,
     undescribed,
+    unlabelled,
 )
-from eitskin.data.importers.matrix_table import PLACED, Table, is_numpy
+from eitskin.data.importers.matrix_table import Table, is_numpy
 from eitskin.data.recording import NOTE, Recording, frames_table
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
@@ -58,12 +60,12 @@ def refusal(path: Path) -> InputError | None:
     if not path.is_file():
         return None
     try:
-        shape = matrix_table.read(path, {}).readings.shape
+        table = matrix_table.read(path, {})
     except InputError as error:
         return error if is_numpy(path) or path.suffix.lower() in NAMED_SO else None
-    rows, width = shape
+    rows, width = table.readings.shape
     wide = width >= LEAST_COLUMNS or is_numpy(path) or example(path, rows) is not None
-    return undescribed(path, shape) if wide else None
+    return undescribed(path, (rows, width), table.names) if wide else None
 
 
 def files(path: Path) -> list[Path]:
@@ -91,10 +93,13 @@ def load(
     table = matrix_table.read(path, said)
     n_frames, width = table.readings.shape
     if "measurement" not in said:
-        raise undescribed(path, table.readings.shape)
+        raise undescribed(path, (n_frames, width), table.names)
     if not n_frames or not width:
         raise InputError(path, "matrix", f"{n_frames} frames of {width} numbers", "some of each")
-    layout = _layout(path, said, width)
+    try:
+        layout = _layout(path, said, width)
+    except InputError as error:
+        raise unlabelled(path, table.names) or error from None
     if "order" not in said and "drive" in said:
         bare_vectors.refuse_other_order(
             path, table.readings, said["drive"], said["measurement"], layout
@@ -137,7 +142,8 @@ def _recording(path: Path, said: dict, table: Table, layout: Layout) -> Recordin
     for name in (name for name in labels if name.startswith(NOTE)):
         frames[name] = labels[name]
     readings = table.readings[:, layout.columns]
-    nobody = "" if {"touch", "x_mm"} & labels.keys() else bare_vectors.UNTOUCHED
+    told = "touch" in labels or {"x_mm", "y_mm"} <= labels.keys()
+    nobody = "" if told else bare_vectors.UNTOUCHED
     parts = bare_vectors.said(f"matrix {path.name}", layout.left_out, nobody)
     skin = said.get("skin", {})
     angles = skin.get("electrode_deg", even_angles(layout.n_electrodes).tolist())

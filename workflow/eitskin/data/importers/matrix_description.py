@@ -1,16 +1,22 @@
 """What is said of a plain matrix in NAME.yaml beside it, and what to write where nothing is."""
 
+import re
+from collections import Counter
+from collections.abc import Sequence
+from itertools import takewhile
 from pathlib import Path
 
 from eitskin import yaml_file
 from eitskin.data.importers import bare_vectors
-from eitskin.data.recording import check_reading
+from eitskin.data.recording import NOTE, check_reading
 from eitskin.errors import InputError
 from eitskin.physics.skin import is_number
 
 PROTOCOL = ("electrodes", "drive", "measurement")
 TELLING = (*PROTOCOL, "order", "labels")  # of which a YAML file has one if it describes a matrix
 AS_CHOSEN = ("voltage", "unit", "values", "position_frame", "clock")
+PLACED = ("x_mm", "y_mm", "force_N", "probe_mm", "depth_mm")
+LABELS = ("time_s", "touch", *PLACED, "contact", "session", "temperature_C")
 KEYS = (*PROTOCOL, "order", *AS_CHOSEN, "rate_Hz", "frame_s", "skin", "labels", "source")
 
 
@@ -45,9 +51,13 @@ def described(path: Path) -> dict:
     return said
 
 
-def undescribed(path: Path, shape: tuple[int, int]) -> InputError:
-    """What to write beside a matrix of `shape`, frames x readings, as one line of YAML."""
+def undescribed(path: Path, shape: tuple[int, int], names: Sequence[str] = ()) -> InputError:
+    """What to write beside a matrix of `shape`, frames x readings, as one line of YAML; names: of
+    its columns, where it has them."""
     rows, width = shape
+    unnamed = unlabelled(path, names)
+    if unnamed is not None:
+        return unnamed
     found = f"no {beside(path).name} that says what its {width} columns read"
     copied = example(path, width)
     if copied is not None:
@@ -67,6 +77,37 @@ def undescribed(path: Path, shape: tuple[int, int]) -> InputError:
     if size * (size - 1) == 2 * width:
         expected += f" (one for every two of {size} electrodes is no four-electrode reading)"
     return InputError(path, "description", found, expected)
+
+
+def unlabelled(path: Path, names: Sequence[str]) -> InputError | None:
+    """Which labels to name, where some columns' names are unlike the others' but for digits, and
+    the others are as many as a common protocol has readings; None elsewhere."""
+    kinds = [re.sub(r"\d+", "", name) for name in names]
+    usual = Counter(kinds).most_common(1)[0][0] if kinds else ""
+    odd = [name for name, kind in zip(names, kinds, strict=True) if kind != usual]
+    described = example(path, len(names) - len(odd)) if odd else None
+    if described is None:
+        return None
+    labels: dict[str, str] = {}
+    for name in odd:
+        free = [label for label in LABELS if label not in labels]
+        nearest = max(free, key=lambda label: _alike(label, name), default="")
+        labels[nearest if _alike(nearest, name) else f"{NOTE}{name}"] = name
+    told = ", ".join(f"{label}: {name}" for label, name in labels.items())
+    count = len(names) - len(odd)
+    found = f"columns {', '.join(odd)} beside {count} readings, and nothing that says what they are"
+    expected = (
+        f"their labels in {beside(path).name}, in the units of the labels' names, for example "
+        f"{described[:-1]}, labels: {{{told}}}}}"
+    )
+    return InputError(path, "columns", found, expected)
+
+
+def _alike(label: str, name: str) -> int:
+    """Letters with which both begin."""
+    return sum(
+        1 for _ in takewhile(lambda two: two[0] == two[1], zip(label, name.lower(), strict=False))
+    )
 
 
 def example(path: Path, width: int) -> str | None:

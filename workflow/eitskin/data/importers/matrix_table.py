@@ -10,22 +10,22 @@ from typing import Any
 import numpy as np
 
 from eitskin.data.importers import delimited
-from eitskin.data.importers.matrix_description import beside
+from eitskin.data.importers.matrix_description import LABELS, beside
 from eitskin.data.recording import NOTE
 from eitskin.errors import InputError
 
 WORDS = ("touch", "session")  # labels that need not be numbers
-PLACED = ("x_mm", "y_mm", "force_N", "probe_mm", "depth_mm")
-LABELS = ("time_s", "touch", *PLACED, "contact", "session", "temperature_C")
 NPY, ZIP = b"\x93NUMPY", b"PK\x03\x04"
 
 
 @dataclass
 class Table:
-    """What a matrix file holds: `readings` (F, C), and `labels`, (F,) each, floats or words."""
+    """What a matrix file holds: `readings` (F, C), and `labels`, (F,) each, floats or words; the
+    `names` of the readings' columns, where the file has them."""
 
     readings: np.ndarray
     labels: dict[str, Any] = field(default_factory=dict)
+    names: list[str] = field(default_factory=list)
 
 
 def read(path: Path, said: dict) -> Table:
@@ -68,7 +68,7 @@ def _from_text(path: Path, columns: dict) -> Table:
         places[name] = _column(path, name, named, cells.width)
     rest = [column for column in range(cells.width) if column not in places.values()]
     labels = {name: _label(cells, name, column) for name, column in places.items()}
-    return Table(cells.numbers(rest), labels)
+    return Table(cells.numbers(rest), labels, [names[column] for column in rest if names])
 
 
 def _label(cells: delimited.Cells, name: str, column: int) -> np.ndarray | list:

@@ -19,7 +19,7 @@ from eitskin.diagnose.comparison.objects import EXPLAINS, NAME, Disc, ends, obje
 from eitskin.diagnose.words import sites
 from eitskin.effects.effect import SITES
 from eitskin.physics.protocol import reciprocal_channels
-from eitskin.quantities import MINUS, listed, number
+from eitskin.quantities import MINUS, listed, number, percent
 
 FEW = 8  # channels that are named one by one
 SHOWN = 3  # electrodes at which most changed
@@ -133,7 +133,7 @@ def sentences(found: Difference) -> list[str]:
             continue  # What all readings share has no place near which a contact may be.
         elif share is not None and share < PASSIVE and one.name != "electrode-swap":
             said.append(
-                f"As much as {1.0 - share:.0%} of this is the same with drive and measurement"
+                f"As much as {percent(1.0 - share)} of this is the same with drive and measurement"
                 " exchanged: so it may be the passive skin, or a contact, near by, rather than the"
                 " instrument."
             )
@@ -166,7 +166,8 @@ def _sentence(one: Found, found: Difference) -> str:
     if not one.named:
         why = "it sits at more sites than one fault has"
         if one.inside is not None and one.inside.explained < EXPLAINS:
-            why = f"it leaves {1.0 - one.inside.explained:.0%} of the change's square unexplained"
+            left = percent(1.0 - one.inside.explained)
+            why = f"it leaves {left} of the change's square unexplained"
         if one.rival is not None and one.margin < MARGIN:
             why = f"{_short(one.rival)} explains it as well ({one.rival.evidence:.0f} nats)"
         return (
@@ -202,7 +203,9 @@ def _what(one: Found, found: Difference) -> str:
     several = len(one.explained.parts) > 1 and name == "channel-gain"
     more = "more" if one.ratio > 0 else "less"
     return WHAT[name].format(
-        where=where, reads="read" if several else "reads", ratio=f"{abs(one.ratio):.2%} {more}"
+        where=where,
+        reads="read" if several else "reads",
+        ratio=f"{percent(abs(one.ratio), 2)} {more}",
     )
 
 
@@ -222,10 +225,10 @@ def _of_objects(one: Found, found: Difference) -> str:
     held = one.inside.held_out
     left = number(held["rms_after"] / held["rms_before"], 2)
     return (
-        f"Simulated on an even disc, this conductivity-patch explains {one.inside.explained:.0%} of"
-        " the change's square; on reciprocal pairs held out the misfit falls to"
-        f" {left} of what it is without. In a deep tank the disc is only the nearest: trust the"
-        " place more than the size."
+        "Simulated on an even disc, this conductivity-patch explains"
+        f" {percent(one.inside.explained)} of the change's square; on reciprocal pairs"
+        f" held out the misfit falls to {left} of what it is without. In a deep tank the disc is"
+        " only the nearest: trust the place more than the size."
     )
 
 
@@ -265,7 +268,7 @@ def _short(explained: Explained) -> str:
 
 
 def _percent(share: float) -> str:
-    return f"{'+' if share > 0 else MINUS}{abs(share):.1%}"
+    return f"{'+' if share > 0 else MINUS}{percent(abs(share), 1)}"
 
 
 def _most(found: Difference) -> str:

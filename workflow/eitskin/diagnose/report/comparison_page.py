@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from eitskin.atomic import atomic_path
 from eitskin.diagnose.comparison.sentences import NOTHING
 from eitskin.diagnose.report.page import CSS
-from eitskin.diagnose.words import sites
+from eitskin.diagnose.words import NATS, sites
 from eitskin.plotting import AFTER, CULPRIT, QUIET, WIDTH_IN, style, svg
 from eitskin.quantities import chance, listed, number
 
@@ -98,7 +98,8 @@ def _of_difference(said: dict) -> list[str]:
     lines.append(
         f"<p class='quiet'>Found from {frames} untouched frames, but for objects without a model of"
         f" the skin. A name needs {number(found['threshold_nats'])} nats of evidence and"
-        f" {number(found['margin_nats'])} more than any other site.</p>"
+        f" {number(found['margin_nats'])} more than any other site: with 1 nat more the readings"
+        " are e = 2.7 times more probable, with 10 nats 22000 times.</p>"
     )
     return lines
 
@@ -121,7 +122,7 @@ def _held_out(held: dict, changed: bool) -> str:
         f"<p>On {held['frames']} frames held out, the misfit (χ² per degree of freedom) is"
         f" <span class='before'>{shared}</span> if nothing changed and"
         f" <span class='after'>{found}</span> with these changes, which gain {gain} ± {error} nats;"
-        " noise alone gives 1.</p>"
+        f" noise alone gives 1.</p>\n<p class='quiet'>{NATS}</p>"
     )
 
 

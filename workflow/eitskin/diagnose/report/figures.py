@@ -25,6 +25,7 @@ from eitskin.plotting import (
     CENTRED,
     CULPRIT,
     DIVERGING,
+    MARKERS,
     PLAIN,
     QUIET,
     SEQUENTIAL,
@@ -46,6 +47,7 @@ MOST_RIVALS = 5  # of one effect
 BINS = 10
 FALLEN = 0.05  # of the largest change: a fall that is told from no change
 PALEST = 1 / 3  # of the colours' limit: residuals within it may be noise
+TITLES = (("before", BEFORE), ("after", AFTER))
 SHOWN = 0.97  # of the channels lie within the colours of the residual matrix
 
 
@@ -172,22 +174,19 @@ def residual_matrix(evidence: Evidence) -> Figure:
     figure = column(58)
     row = figure.subplots(1, 2, sharey=True)
     image = draw_matrices(row, evidence)
-    limit = image.get_clim()[1]
-    assert limit is not None
-    for axes, residual in zip(row, (evidence.before, evidence.after), strict=True):
-        cells = matrix(evidence.channels, _mean(residual))
-        _dash_falls(axes, cells, limit, PALEST, 18.0)
     matrix_bar(figure, image, row)
     return figure
 
 
 def draw_matrices(row: Sequence[Axes], evidence: Evidence) -> QuadMesh:
-    """`residual_matrix` on two axes that share y, before and after, in one scale of colours."""
+    """`residual_matrix` on two axes that share y, before and after, in one scale of colours; a dash
+    where the recording is well below the simulation."""
     panels = [matrix(evidence.channels, _mean(r)) for r in (evidence.before, evidence.after)]
     quiet = 10 / np.sqrt(len(evidence.frames))  # noise alone stays in the palest third
     limit = max(quiet, *(np.nanquantile(np.abs(panel), SHOWN) for panel in panels))
     for axes, panel, (title, colour) in zip(row, panels, TITLES, strict=True):
         image = draw_matrix(axes, evidence.channels, panel, Normalize(-limit, limit), DIVERGING)
+        _dash_falls(axes, panel, limit, PALEST, 18.0)
         residual = evidence.before if title == "before" else evidence.after
         rms = number(float(np.sqrt(np.nanmean(residual**2))))
         axes.set_title(f"{title}: rms {rms}", color=colour)
@@ -259,10 +258,6 @@ def scale(figure: Figure, axes: Axes, image: QuadMesh, label: str) -> None:
     bar.ax.minorticks_off()
     bar.set_label(label)
     bar.outline.set_linewidth(0.4)
-
-
-TITLES = (("before", BEFORE), ("after", AFTER))
-MARKERS = ("s", "o")  # of before and after: told apart without colours
 
 
 def _mean(residual: np.ndarray) -> np.ndarray:

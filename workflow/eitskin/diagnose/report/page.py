@@ -20,6 +20,8 @@ from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.search.search import CUT_SHORT, START
 from eitskin.diagnose.verdict import LIKELY
 from eitskin.diagnose.words import (
+    ABOUT,
+    NATS,
     UNITS,
     certain,
     confused,
@@ -34,7 +36,14 @@ from eitskin.diagnose.words import (
     where,
 )
 from eitskin.effects.effect import SITES
-from eitskin.quantities import NONE, chance, listed, number, quantity
+from eitskin.quantities import (
+    NONE,
+    chance,
+    listed,
+    number,
+    percent,
+    quantity,
+)
 
 MISFIT = 1.05  # chi squared per degree of freedom from which shares of it are told
 SIGNIFICANT = 0.05  # false discovery rate below which a row of the atlas counts
@@ -246,10 +255,7 @@ def _answer(found: Evidence, changes: list[str]) -> str:
     elif diagnosis["verdict"] == "partly-explained":
         parts.append("<p>What is left there is more than the noise.</p>")
     if diagnosis["effects"]:
-        parts.append(
-            "<p class='quiet'>Gains are told in nats: 1 nat more, and what was held out is"
-            " predicted e = 2.7 times more probably; 10 nats, 22000 times.</p>"
-        )
+        parts.append(f"<p class='quiet'>Gains are told in nats: {NATS}</p>")
     for k, effect in enumerate(diagnosis["effects"]):
         change = _changed(k, changes[k], found) if any(changes[k : k + 1]) else ""
         parts.append(_effect(k + 1, effect, found, change))
@@ -330,7 +336,8 @@ def _effect(k: int, effect: dict, found: Evidence, change: str) -> str:
 
 
 def _parameter(name: str, estimate: dict, effect: dict) -> str:
-    """One parameter with its interval; of a list, its range and where it is farthest out."""
+    """One parameter with its interval; of a list, its range and, where values are told apart, where
+    it is farthest out."""
     label, texts = f"<code>{escape(name)}</code>", valued(estimate)
     if not isinstance(estimate["value"], list):
         return f"{label} = {_kept(texts[0])}"
@@ -342,8 +349,10 @@ def _parameter(name: str, estimate: dict, effect: dict) -> str:
             for site, text in zip(effect[kind], texts, strict=True)
         ]
         return f"{label} = {_kept(listed(each))}"
-    far = int(np.argmax(np.abs(value - np.median(value))))
-    text = f"{spread(estimate, texts)}, farthest out at {sites({kind: [effect[kind][far]]})}"
+    text = spread(estimate, texts)
+    if not text.startswith(ABOUT):
+        far = int(np.argmax(np.abs(value - np.median(value))))
+        text = f"{text}, farthest out at {sites({kind: [effect[kind][far]]})}"
     return f"{label} {_kept(text)}"
 
 
@@ -450,10 +459,10 @@ def _rig(found: Evidence) -> str:
 
 def _other(found: Evidence) -> str:
     other = found.diagnosis["other"]
-    percent = number(100 * other["probability"], 2)
+    likely = number(100 * other["probability"], 2)
     lines = [
         "<h2>What has no name</h2>",
-        f"<p>Probability that something outside the catalogue is present: {percent} %.</p>",
+        f"<p>Probability that something outside the catalogue is present: {likely} %.</p>",
     ]
     if other["sentence"]:
         lines.append(f"<p>{escape(other['sentence'])}</p>")
@@ -544,9 +553,9 @@ def _atlas(found: Evidence) -> str:
         ]
         more = f"; the first {MOST_ROWS} are shown" if len(rows) > MOST_ROWS else ""
         caption = (
-            f"{count} at a false discovery rate of {SIGNIFICANT:.0%}{more}. Value: its χ², as large"
-            " as dof where nothing is missing; p: the chance of as much then; q: the expected share"
-            " of false discoveries among it and all rows above it."
+            f"{count} at a false discovery rate of {percent(SIGNIFICANT)}{more}. Value: its χ², as"
+            " large as dof where nothing is missing; p: the chance of as much then; q: the expected"
+            " share of false discoveries among it and all rows above it."
         )
         parts.append(_table(heads, cells, ("value", "dof", "p", "q"), caption))
     return "\n".join(parts)
@@ -581,24 +590,27 @@ def _record(found: Evidence) -> str:
     if search.empty:
         parts.append("<p>No step gained enough to be taken.</p>")
     else:
+        started = search["action"] == START
+        goes_on = started & started.shift(-1, fill_value=False)
+        goes_on &= search["chi2"] == search["chi2"].shift(-1)
         rows = [
             [
                 number(row.step, 1),
                 escape(row.action),
                 f"<code>{escape(row.effect)}</code>",
                 escape(row.sites),
-                number(row.chi2, 5),
-                number(row.log_evidence, 5),
+                *(("", "") if on else (number(row.chi2, 5), number(row.log_evidence, 5))),
                 chance(row.p_value),
             ]
-            for row in search.itertuples()
+            for row, on in zip(search.itertuples(), goes_on, strict=True)
         ]
         heads = ["step", "action", "effect", "sites", "χ²", "log evidence", "p"]
         parts.append(_table(heads, rows, ("step", "χ²", "log evidence", "p")))
     if (search["action"] == START).any():
         parts.append(
             f"<p>{START.capitalize()}: found first, on the frames in which nobody touches or on"
-            " some of all, with p there, and fitted to all frames.</p>"
+            " some of all, with p there, and fitted to all frames; χ² and log evidence of several"
+            " stand at the last of them, for they are of all together.</p>"
         )
     if (search["action"] == CUT_SHORT).any():
         parts.append(
