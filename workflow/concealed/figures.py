@@ -16,6 +16,7 @@ COLOURS = {
     "lasso": "#009e73",
     "everything": "#cc79a7",
 }
+MARKERS = dict(zip(COLOURS, "os^D", strict=True))
 LEAST_CLOSED = -1.0  # of the figure; what is less stands at its edge
 
 
@@ -35,7 +36,7 @@ def accuracy(table: pd.DataFrame) -> Figure:
                 own["right"],
                 yerr=ends,
                 color=COLOURS[method],
-                marker="o",
+                marker=MARKERS[method],
                 markersize=3,
                 capsize=1.5,
                 linewidth=1.4 if method == "eitskin" else 0.8,
