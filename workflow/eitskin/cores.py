@@ -7,7 +7,6 @@ set, says how many may be used.
 """
 
 import contextlib
-import io
 import os
 import pickle
 import select
@@ -15,7 +14,7 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, TypeVar
@@ -56,35 +55,27 @@ def each(of: Callable[[Part], Result], parts: Iterable[Part]) -> list[Result]:
     return list(_pool(count).map(alone, parts))
 
 
-def forked(
-    of: Callable[[Part, Sequence[Result]], Result],
-    parts: Iterable[Part],
-    shared: Iterable[object] = (),
-    behind: int = 1,
-) -> list[Result]:
-    """A function of every part and of the results so far, in their order, each in a process of its
-    own that is forked from this one: what it changes but its result is lost.
+def forked(of: Callable[[Part], Result], parts: Iterable[Part]) -> list[Result]:
+    """A function of every part, in their order, each in a process of its own that is forked from
+    this one: what it changes but its result is lost.
 
-    The results so far are those of all parts but the `behind` - 1 just before. At most AT_ONCE run
-    at once: each takes memory of its own. shared: objects that results refer to and that are not
-    copied on their way back. What a part raises is raised here; MemoryError where its process was
-    killed or could not begin, RuntimeError where it ended without an answer.
+    At most AT_ONCE run at once: each takes memory of its own. What a part raises is raised here;
+    MemoryError where its process was killed or could not begin, RuntimeError where it ended without
+    an answer.
     """
-    parts, shared = list(parts), list(shared)
+    parts = list(parts)
     here = getattr(_here, "busy", False)
     most = 1 if here else min(allowed(), AT_ONCE)
-    busy = here or min(most, behind, len(parts)) > 1
-    found: list[Any] = []
-    late: dict[int, Any] = {}
+    busy = here or min(most, len(parts)) > 1
+    found: dict[int, Any] = {}
     running: dict[int, tuple[int, int]] = {}  # by what is read: the part and its process
     begun = 0
     _end_threads()
     try:
         while len(found) < len(parts):
-            while begun < len(parts) and begun < len(found) + behind and len(running) < most:
-                one = partial(of, parts[begun], found[: max(begun + 1 - behind, 0)])
+            while begun < len(parts) and len(running) < most:
                 with _uninterrupted():
-                    answer, process = _begun(one, shared, [*running], busy)
+                    answer, process = _begun(partial(of, parts[begun]), [*running], busy)
                     running[answer] = begun, process
                 begun += 1
             for answer, _ in _readable(running):
@@ -93,9 +84,7 @@ def forked(
                     number, process = running.pop(answer)
                     os.close(answer)
                     ended = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
-                late[number] = _answer(written, ended, shared)
-            while len(found) in late:
-                found.append(late.pop(len(found)))
+                found[number] = _answer(written, ended)
     finally:
         with _uninterrupted():
             for _, process in running.values():
@@ -103,12 +92,10 @@ def forked(
             for answer, (_, process) in running.items():
                 os.close(answer)
                 os.waitpid(process, 0)
-    return found
+    return [found[number] for number in range(len(parts))]
 
 
-def _begun(
-    of: Callable[[], Any], shared: list[object], others: list[int], busy: bool
-) -> tuple[int, int]:
+def _begun(of: Callable[[], Any], others: list[int], busy: bool) -> tuple[int, int]:
     """What a forked process's answer is read from, and its number; others: what those of others
     are read from, which it must not hold open."""
     sys.stdout.flush()
@@ -130,7 +117,7 @@ def _begun(
             os.close(held)
         _here.busy = busy
         with os.fdopen(there, "wb") as file:
-            file.write(_told(of, shared))
+            file.write(_told(of))
         code = 0
     except BrokenPipeError:
         pass  # nobody waits for it any more
@@ -140,26 +127,20 @@ def _begun(
         os._exit(code)
 
 
-def _told(of: Callable[[], Any], shared: list[object]) -> memoryview:
+def _told(of: Callable[[], Any]) -> bytes:
     """What a function returns, or what it raises, as bytes."""
     try:
         with threadpool_limits(1):  # a fork of OpenBLAS begins with threads of its own
-            return _written((of(), None), shared)
+            return pickle.dumps((of(), None), pickle.HIGHEST_PROTOCOL)
     except Exception as error:
         where = traceback.format_exc()
         error.add_note(where)
         try:
-            written = _written((None, error), shared)
-            _Read(io.BytesIO(written), shared).load()
+            written = pickle.dumps((None, error))
+            pickle.loads(written)
         except Exception:
-            return _written((None, RuntimeError(where)), shared)
+            return pickle.dumps((None, RuntimeError(where)))
         return written
-
-
-def _written(result: tuple[Any, Exception | None], shared: list[object]) -> memoryview:
-    written = io.BytesIO()
-    _Written(written, shared).dump(result)
-    return written.getbuffer()
 
 
 def _readable(running: dict[int, tuple[int, int]]) -> list[tuple[int, int]]:
@@ -174,13 +155,13 @@ def _read_all(answer: int) -> bytes:
         return file.read()
 
 
-def _answer(written: bytes, ended: int, shared: list[object]) -> Any:
+def _answer(written: bytes, ended: int) -> Any:
     """What a process that ended so has told."""
     if ended == -signal.SIGKILL:
         raise MemoryError("a process was killed, perhaps for want of memory")
     if ended:
         raise RuntimeError(f"a process ended with code {ended}, no answer")
-    result, error = _Read(io.BytesIO(written), shared).load()
+    result, error = pickle.loads(written)
     if error is not None:
         raise error
     return result
@@ -194,28 +175,6 @@ def _uninterrupted() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-class _Written(pickle.Pickler):
-    """Writes shared objects as their number: a fork has them where they are here."""
-
-    def __init__(self, file: io.BytesIO, shared: list[object]):
-        super().__init__(file, pickle.HIGHEST_PROTOCOL)
-        self.number = {id(one): number for number, one in enumerate(shared)}
-
-    def persistent_id(self, obj: object) -> int | None:
-        """The number of a shared object."""
-        return self.number.get(id(obj))
-
-
-class _Read(pickle.Unpickler):
-    def __init__(self, file: io.BytesIO, shared: list[object]):
-        super().__init__(file)
-        self.shared = shared
-
-    def persistent_load(self, pid: int) -> object:
-        """The shared object of a number."""
-        return self.shared[pid]
 
 
 def _pool(count: int) -> ThreadPoolExecutor:

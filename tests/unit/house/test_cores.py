@@ -61,26 +61,23 @@ def test_a_process_forked_from_one_with_threads_has_its_own(monkeypatch):
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])
-def test_a_forked_part_has_the_results_of_those_far_enough_behind(monkeypatch, count):
+def test_results_of_forked_parts_are_in_their_order(monkeypatch, count):
     on(monkeypatch, count)
-    known = cores.forked(lambda part, known: (part, list(known)), "abcde", behind=3)
-    assert [part for part, _ in known] == [*"abcde"]
-    assert [len(before) for _, before in known] == [0, 0, 0, 1, 2]
-    assert known[4][1] == known[:2]
-    assert cores.forked(lambda part, known: part, []) == []
+    assert cores.forked(lambda n: time.sleep(0.02 * (5 - n)) or n * n, range(5)) == [0, 1, 4, 9, 16]
+    assert cores.forked(len, []) == []
 
 
 def test_two_forked_parts_run_at_once_on_two_cores(monkeypatch):
     on(monkeypatch, 2)
     here, there = os.pipe()
 
-    def met(part, _):
+    def met(part):
         if part:
             os.write(there, b"!")
             return True
         return os.read(here, 1) == b"!"
 
-    assert cores.forked(met, [0, 1], behind=2) == [True, True]
+    assert cores.forked(met, [0, 1]) == [True, True]
 
 
 def test_what_is_forked_is_forked_from_one_thread(monkeypatch):
@@ -88,7 +85,7 @@ def test_what_is_forked_is_forked_from_one_thread(monkeypatch):
     before = threading.active_count()
     assert cores.each(abs, range(-3, 0)) == [3, 2, 1]
     assert threading.active_count() > before
-    assert cores.forked(lambda _, __: threading.active_count(), [0]) == [1]
+    assert cores.forked(lambda _: threading.active_count(), [0]) == [1]
     assert threading.active_count() == before
     assert cores.each(abs, range(-3, 0)) == [3, 2, 1]
 
@@ -97,48 +94,47 @@ def test_what_a_forked_part_changes_is_lost_but_for_its_result(monkeypatch):
     on(monkeypatch, 2)
     table, own = np.arange(3.0), {}
 
-    def changed(part, _):
+    def changed(part):
         own[part] = table[part] = 7.0
-        return own, table
+        return own
 
-    results = cores.forked(changed, range(2), [table], behind=2)
+    results = cores.forked(changed, range(2))
     assert own == {} and table.tolist() == [0.0, 1.0, 2.0]
-    assert [list(own) for own, _ in results] == [[0], [1]]
-    assert all(back is table for _, back in results)
+    assert [list(own) for own in results] == [[0], [1]]
 
 
 def test_a_forked_part_stays_on_its_core(monkeypatch):
     on(monkeypatch, 2)
 
-    def inside(_part, _known):
+    def inside(_):
         return len(set(cores.each(lambda _: threading.get_ident(), range(4))))
 
-    assert cores.forked(inside, range(2), behind=2) == [1, 1]
+    assert cores.forked(inside, range(2)) == [1, 1]
 
 
 def test_an_error_of_a_forked_part_is_raised_as_it_was(monkeypatch):
     on(monkeypatch, 2)
 
-    def refused(part, _):
+    def refused(part):
         if part:
             raise InputError("a.csv", "row 3", "7 columns", "8")
         return part
 
     with pytest.raises(InputError, match="row 3: found 7 columns, expected 8") as error:
-        cores.forked(refused, range(3), behind=3)
+        cores.forked(refused, range(3))
     assert error.value.place == "row 3"
 
 
 def test_the_seconds_of_forked_parts_count(monkeypatch):
     on(monkeypatch, 2)
 
-    def busy(_part, _known):
+    def busy(_):
         end = time.process_time() + 0.1
         while time.process_time() < end:
             pass
 
     before, own = cores.seconds(), time.process_time()
-    cores.forked(busy, range(3), behind=3)
+    cores.forked(busy, range(3))
     others = cores.seconds() - before - (time.process_time() - own)
     assert 0.25 < others < 3.0
 
@@ -146,9 +142,9 @@ def test_the_seconds_of_forked_parts_count(monkeypatch):
 def test_a_forked_part_that_is_killed_is_an_error(monkeypatch):
     on(monkeypatch, 2)
     with pytest.raises(MemoryError, match="killed"):
-        cores.forked(lambda part, _: os.kill(os.getpid(), signal.SIGKILL), [1])
+        cores.forked(lambda part: os.kill(os.getpid(), signal.SIGKILL), [1])
     with pytest.raises(RuntimeError, match="code 3, no answer"):
-        cores.forked(lambda part, _: os._exit(3), [1])
+        cores.forked(lambda part: os._exit(3), [1])
 
 
 class Unread(Exception):
@@ -160,7 +156,7 @@ class Unread(Exception):
 
 @pytest.mark.parametrize("error", [Unread("here", 1), ValueError(lambda: "here")])
 def test_what_cannot_be_told_is_told_in_words(error):
-    def failed(part, _):
+    def failed(part):
         raise error
 
     with pytest.raises(RuntimeError, match="in failed\n"):
@@ -169,26 +165,22 @@ def test_what_cannot_be_told_is_told_in_words(error):
 
 def test_an_error_of_a_forked_part_says_where_it_was():
     with pytest.raises(ZeroDivisionError) as error:
-        cores.forked(lambda part, _: 1 / part, [0])
+        cores.forked(lambda part: 1 / part, [0])
     assert "test_cores.py" in error.value.__notes__[0]
 
 
 def test_parts_of_a_forked_part_stay_on_its_core(monkeypatch):
     on(monkeypatch, 2)
 
-    def inside(_part, _known):
-        return cores.forked(lambda *_: vars(cores._here)["busy"], range(2), behind=2)
+    def inside(_):
+        return cores.forked(lambda _: vars(cores._here)["busy"], range(2))
 
-    assert cores.forked(inside, range(2), behind=2) == [[True, True], [True, True]]
-
-
-def first(part, _known):
-    return part
+    assert cores.forked(inside, range(2)) == [[True, True], [True, True]]
 
 
 def test_a_daemonic_process_may_fork():
     with get_context("fork").Pool(1) as pool:
-        assert pool.apply(cores.forked, (first, "ab")) == ["a", "b"]
+        assert pool.apply(cores.forked, (abs, [-1, 2])) == [1, 2]
 
 
 def held():
@@ -201,9 +193,9 @@ def test_nothing_is_left_of_what_was_forked(monkeypatch):
     on(monkeypatch, 2)
     before = held()
     for _ in range(5):
-        cores.forked(lambda part, _: part, range(4), behind=4)
+        cores.forked(lambda part: part, range(4))
     with pytest.raises(ZeroDivisionError):
-        cores.forked(lambda part, _: time.sleep(60.0 * part) or 1 / part, range(2), behind=2)
+        cores.forked(lambda part: time.sleep(60.0 * part) or 1 / part, range(2))
     assert held() == before
 
 
@@ -211,12 +203,12 @@ ORPHANED = """
 import os, time
 from eitskin import cores
 
-def large(part, known):
+def large(part):
     os.write(1, b"begun\\n")
     time.sleep(1.0)
     return bytes(1_000_000)
 
-cores.forked(large, range(2), behind=2)
+cores.forked(large, range(2))
 """
 
 
@@ -235,12 +227,12 @@ INTERRUPTED = """
 import os, sys, time
 from eitskin import cores
 
-def long(part, known):
+def long(part):
     os.write(1, b"begun\\n")
     time.sleep(60.0)
 
 try:
-    cores.forked(long, range(2), behind=2)
+    cores.forked(long, range(2))
 except KeyboardInterrupt:
     sys.exit(5)
 """

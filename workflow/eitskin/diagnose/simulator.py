@@ -152,10 +152,6 @@ class RecordingSimulator:
         moved.coarse = True
         return moved
 
-    def kept(self) -> list[object]:
-        """The simulator and all that its copies share with it."""
-        return [self, *vars(self).values()]
-
     @staticmethod
     def _median(voltage: np.ndarray) -> float:
         return float(np.nanmedian(np.abs(voltage)))

@@ -134,11 +134,11 @@ class Tangents:
         near = self.problem.model.near
         begun = near.spent
 
-        def columns(part: list, known: object) -> tuple[list[np.ndarray | None], float]:
+        def columns(part: list) -> tuple[list[np.ndarray | None], float]:
             near.spent = begun
             return self._raw_of(part), near.spent - begun
 
-        found = cores.forked(columns, parts.values(), behind=max(len(parts), 1))
+        found = cores.forked(columns, parts.values())
         for part, (own, _) in zip(parts.values(), found, strict=True):
             for (candidate, index), column in zip(part, own, strict=True):
                 self._columns[(*candidate.key, index)] = column

@@ -14,7 +14,6 @@ from functools import cached_property
 
 import numpy as np
 
-from eitskin import cores
 from eitskin.diagnose import touches
 from eitskin.diagnose.candidates import Candidate, without_site
 from eitskin.diagnose.fit import (
@@ -76,7 +75,6 @@ FEW = 6  # coordinates; candidates with more are fitted after the others
 GROSS = 30.0  # chi squared over its degrees of freedom above which gross faults are tried first
 PLAIN = 0.5  # of the misfit without it, that a gross fault may leave
 RACE = 10.0  # nats behind the best trial at which another is given up
-AHEAD = 4  # trials that are fitted at once where there are cores for them
 
 
 @dataclass
@@ -644,47 +642,25 @@ class Search:
         log evidence `best`."""
         key = state.key
         if key not in self.trials:
+            found: list[State] = []
             listed = shortlist(scores) if self._hopeful(scores) else []
             listed += self._afar(state, listed)
-            listed += self._competing(state, {s.candidate.name for s in listed})
-            if known is not None:
-                listed = [s for s in listed if s.candidate.key != known.key]
-            self.trials[key] = self._trials(state, listed, best)
+            competing = self._competing(state, {s.candidate.name for s in listed})
+            for s in [*listed, *competing]:
+                if self.spent:
+                    break
+                if known is not None and s.candidate.key == known.key:
+                    continue
+                trial = self.with_effect(state, s.candidate, self._cost(state, best - RACE))
+                if trial is not None:
+                    trial.score = s
+                    trial.p_values[added(state, trial).key] = self._own_p(s, state, trial)
+                    trial.fit.problem.whitening.forget()  # most trials are never looked at again
+                    found.append(trial)
+                    best = max(best, trial.log_evidence)
+            found.sort(key=lambda s: -s.log_evidence)
+            self.trials[key] = found
         return self.trials[key]
-
-    def _trials(self, state: State, scores: list[Score], best: float) -> list[State]:
-        """As `tried`, of the candidates of some scores, each fitted in a process of its own. Those
-        that lose the race give up; AHEAD of them know nothing of each other."""
-        self.linearised(state)
-        near = self.problem.model.near
-        begun = near.spent
-
-        def trial(s: Score, known: Sequence[tuple[State | None, float]]) -> tuple:
-            near.spent = before = begun + sum(cost for _, cost in known)
-            if self.spent:
-                return None, 0.0
-            least = max((other.log_evidence for other, _ in known if other), default=best)
-            enough = self._cost(state, max(best, least) - RACE)
-            found = self.with_effect(state, s.candidate, enough)
-            if found is not None:
-                found.score = s
-                found.p_values[added(state, found).key] = self._own_p(s, state, found)
-                found.fit.problem.whitening.forget()  # most trials are never looked at again
-            return found, near.spent - before
-
-        shared = [*self._shared(state), *scores, *(s.candidate for s in scores)]
-        results = cores.forked(trial, scores, shared, AHEAD)
-        near.spent = begun + sum(cost for _, cost in results)
-        found = [other for other, _ in results if other is not None]
-        return sorted(found, key=lambda other: -other.log_evidence)
-
-    def _shared(self, state: State) -> list[object]:
-        """What trials from a state have in common with it."""
-        found: list[object] = [self.fold, self.rig, state.rig, *EFFECTS.values(), *state.effects]
-        for problem in (self.problem, state.fit.problem):
-            found += [problem, problem.recorded, *problem.model.kept()]
-            found += [problem.whitening, *vars(problem.whitening).values()]
-        return found
 
     def _afar(self, state: State, listed: list[Score]) -> list[Score]:
         """Scores of candidates that no tangent leads to, but for `listed` ones, where nobody
