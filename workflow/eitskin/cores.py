@@ -70,7 +70,6 @@ def forked(of: Callable[[Part], Result], parts: Iterable[Part]) -> list[Result]:
     found: dict[int, Any] = {}
     running: dict[int, tuple[int, int]] = {}  # by what is read: the part and its process
     begun = 0
-    _end_threads()
     try:
         while len(found) < len(parts):
             while begun < len(parts) and len(running) < most:
@@ -98,6 +97,7 @@ def forked(of: Callable[[Part], Result], parts: Iterable[Part]) -> list[Result]:
 def _begun(of: Callable[[], Any], others: list[int], busy: bool) -> tuple[int, int]:
     """What a forked process's answer is read from, and its number; others: what those of others
     are read from, which it must not hold open."""
+    _end_threads()
     sys.stdout.flush()
     sys.stderr.flush()
     answer, there = os.pipe()
