@@ -55,6 +55,11 @@ def each(of: Callable[[Part], Result], parts: Iterable[Part]) -> list[Result]:
     return list(_pool(count).map(alone, parts))
 
 
+def at_once() -> int:
+    """How many processes `forked` has at once: one in what is a part itself."""
+    return 1 if getattr(_here, "busy", False) else min(allowed(), AT_ONCE)
+
+
 def forked(of: Callable[[Part], Result], parts: Iterable[Part]) -> list[Result]:
     """A function of every part, in their order, each in a process of its own that is forked from
     this one: what it changes but its result is lost.
@@ -64,9 +69,8 @@ def forked(of: Callable[[Part], Result], parts: Iterable[Part]) -> list[Result]:
     an answer.
     """
     parts = list(parts)
-    here = getattr(_here, "busy", False)
-    most = 1 if here else min(allowed(), AT_ONCE)
-    busy = here or min(most, len(parts)) > 1
+    most = at_once()
+    busy = getattr(_here, "busy", False) or min(most, len(parts)) > 1
     found: dict[int, Any] = {}
     running: dict[int, tuple[int, int]] = {}  # by what is read: the part and its process
     begun = 0

@@ -238,12 +238,16 @@ def fit(
     return Fit(problem, list(effects), theta, residual, slopes)
 
 
-def stepped(fitted: Fit) -> Fit:
-    """A fit after a step of Gauss and Newton, itself where that does not help; the slopes stay."""
+def stepped(fitted: Fit, least: float = 0.0) -> Fit:
+    """A fit after a step of Gauss and Newton, itself where that does not help, or promises to lower
+    the cost by less than `least`; the slopes stay."""
     problem, prior = fitted.problem, fitted.prior
     slope = fitted.slopes.against(fitted.residual) - prior * fitted.theta
     root = fitted.root
-    step = np.clip(root @ (root.T @ slope), -FARTHEST, FARTHEST)
+    along = root.T @ slope
+    if along @ along < least:
+        return fitted
+    step = np.clip(root @ along, -FARTHEST, FARTHEST)
     try:
         residual = problem.residual(fitted.theta + step, fitted.effects)
     except InputError:

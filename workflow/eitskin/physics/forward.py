@@ -10,12 +10,14 @@ and every derivative from R's stationarity, dR = X^T dS X.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import chain
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag, cho_factor, cho_solve, solve_triangular
 
+from eitskin import cores
 from eitskin.errors import InputError
 from eitskin.physics.conformal import DiscMap
 from eitskin.physics.contact_current import EvenCurrent
@@ -28,6 +30,8 @@ from eitskin.physics.touch import EdgeMotion, Touch, TouchAccuracy, TouchEdge
 RIM_PHI = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
 NO_CONTRAST = 1e-12  # a touch of less is none
 AT_ONCE = 64  # places
+MANY = 16 * AT_ONCE  # places of which all is kept until they are solved
+SHARED_OUT = 100.0  # sheets solved, from which on new places have processes of their own
 NO_MASS = 1e-12  # beside the heaviest multipole's
 
 
@@ -237,12 +241,27 @@ class Forward:
         """As `place`, of each of several places (x_mm, y_mm, radius_mm); AT_ONCE, as far as they
         have as many multipoles, are solved together."""
         found: list[TouchModes] = []
+        known: dict[Place, Coupled] = {}
         for start in range(0, len(places), AT_ONCE):
-            found += self._places(places[start : start + AT_ONCE])
+            if start % MANY == 0:
+                known = self._shared_out(places[start : start + MANY])
+            found += self._places(places[start : start + AT_ONCE], known)
         return found
 
-    def _places(self, places: list[tuple[float, float, float]]) -> list[TouchModes]:
-        touched = [self._coupling(place) for place in places]
+    def _shared_out(self, places: list[Place]) -> dict[Place, Coupled]:
+        """What touches at new places are to the skin, found on several cores where that is worth
+        it."""
+        new = list(dict.fromkeys(place for place in places if place not in self._kept))
+        count = cores.at_once()
+        if count < 2 or len(new) * self.touch_effort < SHARED_OUT:
+            return {}
+        parts = [new[start::count] for start in range(count)]
+        found = cores.forked(lambda part: [self._coupled(place) for place in part], parts)
+        known = [zip(part, own, strict=True) for part, own in zip(parts, found, strict=True)]
+        return dict(chain.from_iterable(known))
+
+    def _places(self, places: list[Place], known: dict[Place, Coupled]) -> list[TouchModes]:
+        touched = [self._coupling(place, known=known.get(place)) for place in places]
         alike: dict[int, list[int]] = {}
         for i, one in enumerate(touched):
             alike.setdefault(len(one.mass), []).append(i)
@@ -295,14 +314,19 @@ class Forward:
         to_touch = current.mean_response(edge)
         return Entered(to_electrodes[:, 0], to_touch, current.power, current.inner_power)
 
-    def _coupling(self, place: Place, edge: Callable[[], TouchEdge] | None = None) -> Coupled:
-        """The touch's multipoles at a place; edge: finds the touch's, where it is known already."""
+    def _coupling(
+        self,
+        place: Place,
+        edge: Callable[[], TouchEdge] | None = None,
+        known: Coupled | None = None,
+    ) -> Coupled:
+        """The touch's multipoles at a place, kept; edge: finds the touch's, where it is known
+        already; known: they themselves."""
+        return self._kept.get(Coupled, place, lambda: known or self._coupled(place, edge))
 
-        def find() -> Coupled:
-            found = self.edge(Touch(*place)) if edge is None else edge()
-            return Coupled(found.mass, self._between(found, found), self._to_electrodes(found))
-
-        return self._kept.get(Coupled, place, find)
+    def _coupled(self, place: Place, edge: Callable[[], TouchEdge] | None = None) -> Coupled:
+        found = self.edge(Touch(*place)) if edge is None else edge()
+        return Coupled(found.mass, self._between(found, found), self._to_electrodes(found))
 
     def _to_electrodes(self, edge: TouchEdge) -> np.ndarray:
         coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))

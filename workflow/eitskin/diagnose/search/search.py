@@ -75,6 +75,7 @@ FEW = 6  # coordinates; candidates with more are fitted after the others
 GROSS = 30.0  # chi squared over its degrees of freedom above which gross faults are tried first
 PLAIN = 0.5  # of the misfit without it, that a gross fault may leave
 RACE = 10.0  # nats behind the best trial at which another is given up
+LOST = 100.0  # nats behind the state that it began from: a fit that went astray
 
 
 @dataclass
@@ -170,17 +171,17 @@ class Search:
         p_values: dict | None = None,
         sizes: dict[str, float] | None = None,
         rig: Rig | None = None,
+        behind: float = -np.inf,
     ) -> State:
         """A fit with its evidence and held-out density; sizes: those of the rig's errors that it
         has, from which they are learned; rig: these errors about a fit like it. A discrepancy may
         have taken what an effect has to explain: what the fit makes of it without one counts if
-        that is likelier."""
+        that is likelier; with a log evidence below `behind` it is not asked for."""
         found = self._learned_state(fitted, p_values, sizes, rig)
         named = self.named(found, found.fit)
-        if not found.effects or named is found.fit:
+        if not found.effects or named is found.fit or found.log_evidence < behind:
             return found
-        own = {k: s for k, s in found.sizes.items() if not COMPONENTS[k].discrepancy}
-        other = self._learned_state(stepped(named), p_values, own, found.rig)
+        other = self._learned_state(stepped(named), p_values, found.sizes, found.rig)
         return found if other.log_evidence <= found.log_evidence else other
 
     def _learned_state(
@@ -215,7 +216,7 @@ class Search:
             problem = replace(self.problem, model=there, recorded=recorded)
         problem = replace(problem, whitening=rig.whitening(sizes, fitted=True))
         here = whitened_anew(fitted, problem)
-        moved = stepped(here)
+        moved = stepped(here, SETTLED)
         gained = np.inf if followed else 0.5 * (here.cost - moved.cost)
         return moved, sizes, rig, gained
 
@@ -651,7 +652,7 @@ class Search:
                     break
                 if known is not None and s.candidate.key == known.key:
                     continue
-                trial = self.with_effect(state, s.candidate, self._cost(state, best - RACE))
+                trial = self.with_effect(state, s.candidate, best - RACE)
                 if trial is not None:
                     trial.score = s
                     trial.p_values[added(state, trial).key] = self._own_p(s, state, trial)
@@ -718,10 +719,11 @@ class Search:
             return None
 
     def with_effect(
-        self, state: State, candidate: Candidate, enough: float = np.inf
+        self, state: State, candidate: Candidate, behind: float = -np.inf
     ) -> State | None:
         """`state` with a candidate fitted beside what is there; joined to a sparse effect of the
-        same name. None where it cannot be, or would take too long; enough: as of `fit`."""
+        same name. None where it cannot be, goes astray or would take too long; it is given up
+        where no log evidence above `behind` is in sight."""
         effects, theta, jacobian = list(state.effects), state.fit.theta, state.fit.jacobian
         for index, other in enumerate(effects):
             if other.name != candidate.name or other.kind != candidate.kind:
@@ -746,7 +748,7 @@ class Search:
                         values[i] = theta[place][other.names.index(old)]
                 start = np.r_[theta[: place.start], values, theta[place.stop :]]
                 effects[index] = joined
-                return self._fitted(effects, start, None, state, enough)
+                return self._fitted(effects, start, None, state, behind)
             if not other.effect.several or _one_entry(other, candidate):
                 return None
         if self.starts_afar(candidate):
@@ -754,7 +756,7 @@ class Search:
         start = np.r_[theta, np.zeros(candidate.size)]
         columns = self.linearised(state).jacobian(candidate)
         known = np.concatenate([jacobian, columns])
-        return self._fitted([*effects, candidate], start, known, state, enough)
+        return self._fitted([*effects, candidate], start, known, state, behind)
 
     def _fitted(
         self,
@@ -762,8 +764,9 @@ class Search:
         start: np.ndarray,
         jacobian: np.ndarray | None,
         state: State,
-        enough: float,
+        behind: float,
     ) -> State | None:
+        enough = self._cost(state, behind)
         try:
             with self.problem.model.near.within(self.most_solved):
                 problem = state.fit.problem
@@ -773,7 +776,9 @@ class Search:
                     afresh = np.r_[np.zeros(knobs), start[knobs:]]
                     again = fit(problem, effects, afresh, enough=enough)
                     fitted = min(fitted, again, key=lambda f: f.chi2)
-                return self.state(fitted, state.p_values, state.sizes, state.rig)
+                if fitted.cost > self._cost(state, state.log_evidence - LOST):
+                    return None
+                return self.state(fitted, state.p_values, state.sizes, state.rig, behind)
         except (InputError, np.linalg.LinAlgError, Spent):
             return None
 
