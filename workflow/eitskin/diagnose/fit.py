@@ -1,7 +1,7 @@
 """Calibrations and effects fitted together: nonlinear least squares on whitened residuals."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from scipy.special import erf
@@ -265,6 +265,10 @@ def refreshed(fitted: Fit) -> Fit:
 
 def whitened_anew(fitted: Fit, problem: Problem) -> Fit:
     """A fit's residual in another problem of the same readings, its slopes in that covariance."""
+    if all(
+        getattr(problem, one.name) is getattr(fitted.problem, one.name) for one in fields(problem)
+    ):
+        return fitted
     old, new = fitted.problem.whitening, problem.whitening
     residual = problem.residual(fitted.theta, fitted.effects)
     slopes = fitted.slopes.mapped(lambda columns: new(old.undone(columns)), new.by_channel)

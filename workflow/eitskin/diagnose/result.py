@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 
+from eitskin import cores
 from eitskin.atomic import atomic_path
 from eitskin.data import parquet, recording
 from eitskin.data.recording import Recording
@@ -204,10 +205,11 @@ def _write_evidence(found: Diagnosis, folder: Path) -> None:
                 for key in ("time_s", "touch", "x_mm", "y_mm", "force_N", "probe_mm")
             },
         )
+    rivals, experiment = cores.forked(lambda of: of(found), [_rivals, propose])
     tables = {
         "atlas_before": found.atlas_before,
         "atlas_after": found.atlas_after,
-        "rivals": _rivals(found),
+        "rivals": rivals,
         "identifiability": _identifiability(found),
         "search": pd.DataFrame(found.search.path),
     }
@@ -215,7 +217,7 @@ def _write_evidence(found: Diagnosis, folder: Path) -> None:
         with atomic_path(folder / f"{key}.csv") as path:
             table.to_csv(path, index=False)
     with atomic_path(folder / "experiment.json") as path:
-        path.write_text(json.dumps(propose(found), ensure_ascii=False) + "\n", "utf-8")
+        path.write_text(json.dumps(experiment, ensure_ascii=False) + "\n", "utf-8")
 
 
 def _changes(found: Diagnosis, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,8 @@ how large they are.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -80,6 +81,9 @@ class Rig:
     courses: dict[str, list[tuple[str, np.ndarray]]]
     label: np.ndarray
     assumed: frozenset[str]
+    _made: WeakValueDictionary = field(
+        default_factory=WeakValueDictionary, repr=False, compare=False
+    )
 
     @classmethod
     def about(cls, fit: Fit, plain: Whitening, step: float) -> "Rig":
@@ -117,12 +121,21 @@ class Rig:
     ) -> Whitening:
         """The covariance with components of these sizes; those that this rig has no columns for add
         nothing. fitted: as fits have it, quadrature TAIL times as wide and with its mean, errors
-        of a channel that stay as they are linked, where frames or presses have any."""
+        of a channel that stay as they are linked, where frames or presses have any. One that is
+        in use is given again, with what it has found."""
+        there = {k: v for k, v in sizes.items() if v > 0.0 and k in self.columns}
+        key = discrepancy, fitted, *there.items()
+        made = self._made.get(key)
+        if made is None:
+            self._made[key] = made = self._whitening(there, discrepancy, fitted)
+        return made
+
+    def _whitening(self, sizes: Mapping[str, float], discrepancy: bool, fitted: bool) -> Whitening:
         parts: dict[str, list[np.ndarray]]
         parts = {"channel": [], "frame": [], "whole": [], "press": [], "linked": []}
         for name, size in sizes.items():
             one = COMPONENTS[name]
-            if size > 0.0 and name in self.columns and (discrepancy or not one.discrepancy):
+            if discrepancy or not one.discrepancy:
                 wide = TAIL if fitted and name == "quadrature" else 1.0
                 each = "linked" if fitted and name in LASTING else one.each
                 parts[each].append(wide * size * self.columns[name])

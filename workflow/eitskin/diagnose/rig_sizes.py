@@ -26,18 +26,23 @@ HARDLY = 0.5  # nats that a component must be worth
 # or has the size at which the climb began, within a factor.
 PLAINLY, SAME = 4.0, 1.25
 ROUNDING = 1e-9  # least eigenvalue of an information at a diagonal of ones
+KEPT, KEPT_BYTES = 2, 1 << 27  # scorings that are kept, if they are no larger
 SETTLED = 0.05  # nats, by which another round may still raise the likelihood
 
 
 def learned(
-    rig: Rig, residual: np.ndarray, start: Mapping[str, float]
+    rig: Rig,
+    residual: np.ndarray,
+    start: Mapping[str, float],
+    kept: "Scorings | None" = None,
 ) -> tuple[dict[str, float], float]:
     """Sizes of the greatest likelihood of a residual (N, M), from a start, and that likelihood;
-    0 of what it hardly asks for."""
+    0 of what it hardly asks for; kept: where scorings at a start are kept."""
     sizes = {name: float(start.get(name, 0.0)) for name in rig.columns}
     sizes |= {name: rig.scales[name] for name in rig.assumed}
     free = [name for name in rig.columns if name not in rig.assumed]
-    sizes, best, worth = _climbed(rig, residual, sizes, free, ROUNDS if free else 0)
+    first = kept.at(rig, sizes, free) if kept is not None else None
+    sizes, best, worth = _climbed(rig, residual, sizes, free, ROUNDS if free else 0, first)
     climbed = sizes
     for name in sorted(free, key=lambda k: sizes[k] / rig.scales[k]):
         same = sizes[name] < SAME * start.get(name, 0.0) < SAME**2 * sizes[name]
@@ -56,15 +61,21 @@ def learned(
 
 
 def _climbed(
-    rig: Rig, residual: np.ndarray, sizes: dict[str, float], free: list[str], rounds: int
+    rig: Rig,
+    residual: np.ndarray,
+    sizes: dict[str, float],
+    free: list[str],
+    rounds: int,
+    first: "Scoring | None" = None,
 ) -> tuple[dict[str, float], float, dict[str, float]]:
     """Sizes after rounds of Fisher scoring of those that are free, their likelihood, and what
-    each is worth, as of `_scored`."""
-    here = rig.whitening(sizes)
+    each is worth, as of `_scored`; first: the scoring at the sizes, where it is there."""
+    here = rig.whitening(sizes) if first is None else first.whitening
     best = rig.log_likelihood(sizes, residual, here)
     worth: dict[str, float] = {}
     for _ in range(rounds):
-        target, worth, hoped = _scored(rig, sizes, here, residual, free)
+        scoring, first = first or Scoring(rig, here, free), None
+        target, worth, hoped = _scored(rig, sizes, scoring, residual, free)
         if hoped < SETTLED:
             break
         before = best
@@ -119,7 +130,7 @@ def findings(
         return found
     square = np.array([sizes[name] ** 2 for name in names])
     whitening = rig.whitening(sizes)
-    information = _Scored(rig, whitening, residual, names).information * np.outer(square, square)
+    information = Scoring(rig, whitening, names).information * np.outer(square, square)
     # Of the variances' logarithms.
     variance = np.diag(np.linalg.pinv(information))
     for name, own in zip(names, variance, strict=True):
@@ -140,16 +151,15 @@ def findings(
 def _scored(
     rig: Rig,
     sizes: Mapping[str, float],
-    whitening: Whitening,
+    scoring: "Scoring",
     residual: np.ndarray,
     names: list[str],
 ) -> tuple[dict[str, float], dict[str, float], float]:
-    """The sizes of some components that Fisher scoring goes to from `sizes`, of which the whitening
-    is; how many nats each of those above 0 is worth there, to second order in its variance: at
-    least, for the likelihood falls more steeply towards 0; and by how many, to second order, they
-    are likelier together."""
-    scored = _Scored(rig, whitening, residual, names)
-    slope, information = scored.slope, scored.information
+    """The sizes of some components that Fisher scoring goes to from `sizes`, at which it is; how
+    many nats each of those above 0 is worth there, to second order in its variance: at least, for
+    the likelihood falls more steeply towards 0; and by how many, to second order, they are likelier
+    together."""
+    slope, information = scoring.slope(residual), scoring.information
     unit = np.array([rig.scales[name] ** 2 for name in names])
     slope, information = slope * unit - 0.5, information * np.outer(unit, unit)
     start = np.array([sizes[name] ** 2 for name in names]) / unit
@@ -176,49 +186,75 @@ def _finding(
     return {"name": name, "unit": unit, **values, "learned": learned}
 
 
-class _Scored:
-    """Score (C,) and expected information (C, C) of the components' variances: found column by
-    column (K,), those of one kind together, and summed over each component's own."""
+class Scoring:
+    """What scoring the variances of components takes beside a residual: found column by column
+    (K,), those of one kind together, and summed over each component's own. information (C, C):
+    what is to be expected of it."""
 
-    def __init__(self, rig: Rig, whitening: Whitening, residual: np.ndarray, names: list[str]):
-        white, of_press = whitening(residual), rig.of_press
+    def __init__(self, rig: Rig, whitening: Whitening, names: list[str]):
+        self.whitening, self.of_press = whitening, rig.of_press
         kinds = [
             (each, [i for i, name in enumerate(names) if COMPONENTS[name].each == each])
             for each in ORDER
         ]
-        kinds = [(each, members) for each, members in kinds if members]
+        self.kinds = [(each, members) for each, members in kinds if members]
 
         def unit(kind: tuple[str, list[int]]) -> tuple[np.ndarray, np.ndarray]:
             each, members = kind
             columns = np.concatenate([rig.columns[names[i]] for i in members])
             entered = whitening.entered(columns, each)
-            own = self._white(whitening, each, entered)
-            if each == "whole":
-                along = summed(own * white, each, of_press)[:, None]
-            else:
-                along = summed(entered * whitening.left(white, each), each, of_press)
-            return own, (along**2).sum(axis=1) - _traces(whitening, each, own, of_press)
+            return entered, self._white(whitening, each, entered)
 
         def starts(members: list[int]) -> np.ndarray:
             counts = [len(rig.columns[names[i]]) for i in members]
             return np.cumsum([0, *counts[:-1]])
 
-        units = cores.each(unit, kinds)
-        pairs = [(a, b) for a in range(len(kinds)) for b in range(a, len(kinds))]
+        units = cores.each(unit, self.kinds)
+        self._starts = [starts(members) for _, members in self.kinds]
+        self._along = [
+            own if each == "whole" else entered
+            for (each, _), (entered, own) in zip(self.kinds, units, strict=True)
+        ]
+        pairs = [(a, b) for a in range(len(units)) for b in range(a, len(units))]
 
         def shared(pair: tuple[int, int]) -> np.ndarray:
-            (a, own_a), (b, own_b) = ((kinds[i][0], units[i][0]) for i in pair)
-            return _shared(own_a, a, own_b, b, of_press)
+            (a, own_a), (b, own_b) = ((self.kinds[i][0], units[i][1]) for i in pair)
+            return _shared(own_a, a, own_b, b, self.of_press)
 
-        self.slope = np.zeros(len(names))
+        def trace(number: int) -> np.ndarray:
+            return _traces(whitening, self.kinds[number][0], units[number][1], self.of_press)
+
+        self._traces = cores.each(trace, range(len(units)))
         self.information = np.zeros((len(names), len(names)))
-        for (_, members), (_, slope) in zip(kinds, units, strict=True):
-            self.slope[members] = 0.5 * np.add.reduceat(slope, starts(members))
         for (a, b), found in zip(pairs, cores.each(shared, pairs), strict=True):
-            (_, left), (_, right) = kinds[a], kinds[b]
-            total = np.add.reduceat(np.add.reduceat(found, starts(left)), starts(right), axis=1)
+            (_, left), (_, right) = self.kinds[a], self.kinds[b]
+            total = np.add.reduceat(found, self._starts[a])
+            total = np.add.reduceat(total, self._starts[b], axis=1)
             self.information[np.ix_(left, right)] = 0.5 * total
             self.information[np.ix_(right, left)] = 0.5 * total.T
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of its columns."""
+        return sum(columns.nbytes for columns in self._along)
+
+    def slope(self, residual: np.ndarray) -> np.ndarray:
+        """(C,): score of the variances for a residual (N, M)."""
+        white = self.whitening(residual)
+
+        def squares(number: int) -> np.ndarray:
+            each, columns = self.kinds[number][0], self._along[number]
+            if each == "whole":
+                along = summed(columns * white, each, self.of_press)[:, None]
+            else:
+                along = summed(columns * self.whitening.left(white, each), each, self.of_press)
+            return (along**2).sum(axis=1) - self._traces[number]
+
+        found = np.zeros(len(self.information))
+        squared = cores.each(squares, range(len(self.kinds)))
+        for (_, members), own, first in zip(self.kinds, squared, self._starts, strict=True):
+            found[members] = 0.5 * np.add.reduceat(own, first)
+        return found
 
     @staticmethod
     def _white(whitening: Whitening, each: str, entered: np.ndarray) -> np.ndarray:
@@ -228,6 +264,24 @@ class _Scored:
             if part.each == each or each == "whole":
                 found = part.apply(found, part.root)
         return found
+
+
+class Scorings:
+    """The last few scorings at sizes from which learning began: many fits begin from one."""
+
+    def __init__(self) -> None:
+        self._found: list[tuple[Rig, dict[str, float], list[str], Scoring]] = []
+
+    def at(self, rig: Rig, sizes: dict[str, float], names: list[str]) -> Scoring:
+        """The scoring of some components of a rig at sizes."""
+        for i, (own, at, of, scoring) in enumerate(self._found):
+            if own is rig and at == sizes and of == names:
+                self._found.append(self._found.pop(i))
+                return scoring
+        scoring = Scoring(rig, rig.whitening(sizes), names)
+        if scoring.nbytes < KEPT_BYTES:
+            self._found = [*self._found, (rig, sizes, names, scoring)][-KEPT:]
+        return scoring
 
 
 def _traces(whitening: Whitening, each: str, own: np.ndarray, of_press: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from eitskin import cores
 from eitskin.diagnose.search.search import Search, State, added
 
 
@@ -24,4 +25,5 @@ def rivals(search: Search, state: State, index: int) -> list[Rival]:
     best = {added(less, trial).name: trial for trial in reversed(trials)}
     best.pop(state.effects[index].name, None)
     named = [(None, less), *best.items()]
-    return [Rival(name, rival, *search.gain(state, rival)) for name, rival in named]
+    gained = cores.forked(lambda rival: search.gain(state, rival), [own for _, own in named])
+    return [Rival(*own, *gain) for own, gain in zip(named, gained, strict=True)]

@@ -28,7 +28,7 @@ from eitskin.diagnose.fit import (
 )
 from eitskin.diagnose.held_out import HeldOut, held_out
 from eitskin.diagnose.rig import COMPONENTS, Rig
-from eitskin.diagnose.rig_sizes import SETTLED, learned
+from eitskin.diagnose.rig_sizes import SETTLED, Scorings, learned
 from eitskin.diagnose.search import afar, channels, resorts, tones
 from eitskin.diagnose.search.screen import (
     AMPLITUDES,
@@ -144,6 +144,7 @@ class Search:
     lengths: dict[tuple, float] = field(default_factory=dict)
     scored: dict[tuple, list[Score]] = field(default_factory=dict)
     trials: dict[tuple, list[State]] = field(default_factory=dict)
+    scorings: Scorings = field(default_factory=Scorings, repr=False)
     _plain: tuple[Problem, Rig | None] | None = None
 
     @property
@@ -205,7 +206,7 @@ class Search:
         """A fit with the sizes of the rig's errors learned from it, and by how many nats it moved
         on for them. Where touches are far from where they are said to be, the readings are taken to
         follow in proportion from where they seem to be (Lindstrom, Bates, Biometrics 46, 1990)."""
-        sizes, _ = learned(rig, fitted.misfit, sizes)
+        sizes, _ = learned(rig, fitted.misfit, sizes, self.scorings)
         there, problem = touches.followed(self.problem, fitted, rig, sizes), fitted.problem
         followed = there is not problem.model
         if followed:
@@ -656,7 +657,9 @@ class Search:
                 if trial is not None:
                     trial.score = s
                     trial.p_values[added(state, trial).key] = self._own_p(s, state, trial)
-                    trial.fit.problem.whitening.forget()  # most trials are never looked at again
+                    own = trial.fit.problem.whitening
+                    if own is not state.fit.problem.whitening:
+                        own.forget()  # most trials are never looked at again
                     found.append(trial)
                     best = max(best, trial.log_evidence)
             found.sort(key=lambda s: -s.log_evidence)
