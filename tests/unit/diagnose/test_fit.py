@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from eitskin.data.recording import presses
 from eitskin.diagnose.estimates import NORMAL_90, calibration, estimates
-from eitskin.diagnose.fit import ENOUGH, Fit, derivative, fit, inverse_root
+from eitskin.diagnose.fit import ENOUGH, Fit, derivative, fit, inverse_root, stepped, whitened_anew
 from eitskin.diagnose.held_out import FOLDS, folds, held_out
 from eitskin.diagnose.jacobian import Jacobian
 from eitskin.diagnose.whitening import Whitening
@@ -76,6 +76,24 @@ def test_a_fit_that_cannot_be_good_enough_is_given_up(planted):
     here = problem.residual(np.zeros(1), [])
     found = fit(problem, [], np.zeros(1), enough=0.0)
     assert found.chi2 == (here**2).sum()
+
+
+def test_a_step_that_promises_little_is_not_taken(planted):
+    problem, effects = planted
+    start = fit(problem, effects, np.zeros(4), polish=True)
+    moved = problem.residual(start.theta + 1e-3, effects)
+    near = Fit(problem, effects, start.theta + 1e-3, moved, start.slopes)
+    promised = near.cost - stepped(near).cost
+    assert promised > 0.0 and stepped(near, 0.5 * promised) is not near
+    assert stepped(near, 2.0 * promised) is near
+
+
+def test_a_fit_is_itself_in_its_own_covariance(planted):
+    problem, effects = planted
+    found = fit(problem, effects, np.zeros(4))
+    assert whitened_anew(found, replace(problem)) is found
+    other = replace(problem, whitening=replace(problem.whitening))
+    assert whitened_anew(found, other) is not found
 
 
 def test_intervals_are_those_of_the_covariance(planted):

@@ -1,5 +1,6 @@
 """Sizes of a rig's errors: of columns made by hand, by draws, and about a fit."""
 
+import gc
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,11 +10,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eitskin.diagnose import rig_words
+from eitskin.diagnose import rig_sizes, rig_words
 from eitskin.diagnose.diagnosis import begun
 from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.rig import COMPONENTS, LASTING, TAIL, TOGETHER, Rig, _phases, _walk
-from eitskin.diagnose.rig_sizes import HARDLY, MOST, NORMAL_90, _Scored, findings, learned
+from eitskin.diagnose.rig_sizes import (
+    HARDLY,
+    MOST,
+    NORMAL_90,
+    Scoring,
+    Scorings,
+    findings,
+    learned,
+)
 from eitskin.diagnose.touches import straight
 from eitskin.diagnose.whitening import Whitening
 from small_skin import calibrated, problem_of, small_recording
@@ -299,7 +308,7 @@ def assert_slopes(rig, sizes, names, seed):
     """Scores of these components are derivatives of the likelihood, where a residual is larger."""
     larger = {name: 1.3 * size for name, size in sizes.items()}
     residual = drawn(rig, larger, np.random.default_rng(seed))
-    slope = _Scored(rig, rig.whitening(sizes), residual, names).slope
+    slope = Scoring(rig, rig.whitening(sizes), names).slope(residual)
     expected = [slope_by_differences(rig, sizes, residual, name) for name in names]
     assert np.allclose(slope, expected, rtol=1e-4)
 
@@ -329,11 +338,10 @@ def test_scores_of_what_is_taken_out_last_are_derivatives_of_the_likelihood(kind
 def test_information_is_the_mean_of_squared_scores(names):
     rig, sizes = made(names), {name: SIZES[name] for name in names}
     draw = np.random.default_rng(10)
-    scored = [
-        _Scored(rig, rig.whitening(sizes), drawn(rig, sizes, draw), names) for _ in range(DRAWS)
-    ]
-    slopes, unit = np.array([s.slope for s in scored]), np.array(list(sizes.values())) ** 2
-    information = scored[0].information * np.outer(unit, unit)
+    scoring = Scoring(rig, rig.whitening(sizes), names)
+    slopes = np.array([scoring.slope(drawn(rig, sizes, draw)) for _ in range(DRAWS)])
+    unit = np.array(list(sizes.values())) ** 2
+    information = scoring.information * np.outer(unit, unit)
     scale = np.sqrt(np.diag(information))
     standard = slopes * unit / scale
     assert np.abs(standard.mean(axis=0)).max() < 4.0 / np.sqrt(DRAWS)
@@ -585,3 +593,43 @@ def test_the_mean_error_of_rounding_is_one_a_part_of_the_step(offset, noise):
     assert (columns.sum(axis=0) == 1.0).all()
     left = off.ravel() - columns.T @ np.linalg.lstsq(columns.T, off.ravel())[0]
     assert (left**2).mean() < 0.12 * (off**2).mean()  # the part with the jump in it
+
+
+def test_learning_from_a_kept_scoring_has_the_same_bytes():
+    sizes = SIZES | WALK
+    rig, draw, kept = made(sizes), np.random.default_rng(14), Scorings()
+    start = {name: 1.1 * size for name, size in sizes.items()}
+    for _ in range(3):
+        residual = drawn(rig, sizes, draw)
+        assert learned(rig, residual, start, kept) == learned(rig, residual, start)
+    every = dict.fromkeys(rig.columns, 0.0) | start
+    assert kept.at(rig, every, list(rig.columns)) is kept.at(rig, dict(every), list(rig.columns))
+    other = made(sizes, seed=1)
+    assert kept.at(other, every, list(rig.columns)).whitening.mask is other.plain.mask
+
+
+def test_a_scoring_is_kept_while_few_others_are_asked_for(monkeypatch):
+    rig, names = made(FRAME), FRAME
+    places = [{name: size * SIZES[name] for name in names} for size in (1.0, 2.0, 3.0)]
+    kept = Scorings()
+    first, second = (kept.at(rig, at, names) for at in places[:2])
+    assert kept.at(rig, places[0], names) is first
+    kept.at(rig, places[2], names)  # in the place of the one that was used longest ago
+    assert kept.at(rig, places[0], names) is first
+    assert kept.at(rig, places[1], names) is not second
+    monkeypatch.setattr(rig_sizes, "KEPT_BYTES", 1)
+    assert Scorings().at(rig, places[0], names) is not first
+    large = Scorings()
+    assert large.at(rig, places[0], names) is not large.at(rig, places[0], names)
+
+
+def test_a_whitening_in_use_is_given_again():
+    rig = made()
+    used = rig.whitening(SIZES)
+    assert rig.whitening({**SIZES, "gain-walk": 0.0}) is used
+    assert rig.whitening(SIZES, discrepancy=False) is not used
+    assert rig.whitening({**SIZES, "common-noise": 1e-3}) is not used
+    parts = used.parts
+    del used
+    gc.collect()
+    assert rig.whitening(SIZES).parts is not parts

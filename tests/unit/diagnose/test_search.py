@@ -419,6 +419,28 @@ def test_a_body_is_found_from_beliefs_where_a_sheet_took_the_calibrations_astray
     assert abs(body.values["depth_mm"] - 20.0) < 0.5
 
 
+def test_a_fit_that_went_astray_is_no_trial(monkeypatch):
+    recorded = small_recording(
+        {"name": "touch-contrast", "parameters": {"ratio": 1.2}}, noise=NOISE, places=3
+    )
+    problem, scales = problem_of(recorded, NOISE)
+    every = candidates_of(recorded, problem, scales)
+    one = Search(problem, every, np.zeros(len(recorded.frames), int), 1, lambda line: None)
+    state = one.calibrated()
+    contrast = next(c for c in every if c.name == "touch-contrast")
+    found = one.with_effect(state, contrast)
+    assert found.log_evidence > state.log_evidence + 100.0
+    here = search.fit
+
+    def astray(problem, effects, start, *rest, **more):
+        fitted = here(problem, effects, start, *rest, **more)
+        theta = fitted.theta + 0.3
+        return replace(fitted, theta=theta, residual=problem.residual(theta, effects))
+
+    monkeypatch.setattr(search, "fit", astray)
+    assert one.with_effect(state, contrast) is None
+
+
 def free_gains(found):
     """A gain of its own for every channel, in place of what was found."""
     search = found.search

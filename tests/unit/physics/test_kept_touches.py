@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from eitskin.physics import kept_touches
+from eitskin import cores
+from eitskin.physics import forward, kept_touches
 from eitskin.physics.geometry import Geometry, Patch
 from eitskin.physics.kept_touches import Coupled, Entered, KeptTouches
 from eitskin.physics.solver import forward_model
@@ -71,3 +72,22 @@ def test_several_places_are_those_of_each_alone(geometry):
         np.testing.assert_allclose(
             modes.impedance_change(contrast), own, rtol=0.0, atol=1e-11 * np.abs(own).max()
         )
+
+
+@pytest.mark.parametrize("patch", [None, Patch(20.0, 10.0, 12.0, 3.0)], ids=["sheet", "patch"])
+def test_places_that_are_shared_out_have_the_same_bytes(monkeypatch, patch):
+    monkeypatch.setattr(forward, "SHARED_OUT", 1.0)
+    places = [(x_mm, 5.0, 6.0) for x_mm in np.linspace(-40.0, 40.0, 9)]
+    forked, here = [], cores.forked
+    monkeypatch.setattr(cores, "forked", lambda of, parts: forked.append(parts) or here(of, parts))
+    found = []
+    for count in (1, 2):
+        monkeypatch.setenv("OMP_NUM_THREADS", str(count))
+        skin = forward_model(SKIN.with_values(patch=patch))
+        skin.places(places[:1])
+        found.append(skin.places([*places, places[3]]))
+        assert all(place in skin._kept for place in places)
+    (parts,) = forked
+    assert sorted(place for part in parts for place in part) == sorted(places[1:])
+    for one, other in zip(*found, strict=True):
+        assert np.array_equal(one.gains, other.gains) and np.array_equal(one.poles, other.poles)
