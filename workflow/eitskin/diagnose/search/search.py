@@ -172,17 +172,17 @@ class Search:
         p_values: dict | None = None,
         sizes: dict[str, float] | None = None,
         rig: Rig | None = None,
-        behind: float = -np.inf,
     ) -> State:
         """A fit with its evidence and held-out density; sizes: those of the rig's errors that it
         has, from which they are learned; rig: these errors about a fit like it. A discrepancy may
         have taken what an effect has to explain: what the fit makes of it without one counts if
-        that is likelier; with a log evidence below `behind` it is not asked for."""
+        that is likelier."""
         found = self._learned_state(fitted, p_values, sizes, rig)
         named = self.named(found, found.fit)
-        if not found.effects or named is found.fit or found.log_evidence < behind:
+        if not found.effects or named is found.fit:
             return found
-        other = self._learned_state(stepped(named), p_values, found.sizes, found.rig)
+        own = {k: s for k, s in found.sizes.items() if not COMPONENTS[k].discrepancy}
+        other = self._learned_state(stepped(named), p_values, own, found.rig)
         return found if other.log_evidence <= found.log_evidence else other
 
     def _learned_state(
@@ -781,7 +781,7 @@ class Search:
                     fitted = min(fitted, again, key=lambda f: f.chi2)
                 if fitted.cost > self._cost(state, state.log_evidence - LOST):
                     return None
-                return self.state(fitted, state.p_values, state.sizes, state.rig, behind)
+                return self.state(fitted, state.p_values, state.sizes, state.rig)
         except (InputError, np.linalg.LinAlgError, Spent):
             return None
 
