@@ -18,8 +18,8 @@ from eitskin.diagnose.rig_sizes import (
     HARDLY,
     MOST,
     NORMAL_90,
+    KeptScoring,
     Scoring,
-    Scorings,
     findings,
     learned,
 )
@@ -597,7 +597,7 @@ def test_the_mean_error_of_rounding_is_one_a_part_of_the_step(offset, noise):
 
 def test_learning_from_a_kept_scoring_has_the_same_bytes():
     sizes = SIZES | WALK
-    rig, draw, kept = made(sizes), np.random.default_rng(14), Scorings()
+    rig, draw, kept = made(sizes), np.random.default_rng(14), KeptScoring()
     start = {name: 1.1 * size for name, size in sizes.items()}
     for _ in range(3):
         residual = drawn(rig, sizes, draw)
@@ -608,19 +608,17 @@ def test_learning_from_a_kept_scoring_has_the_same_bytes():
     assert kept.at(other, every, list(rig.columns)).whitening.mask is other.plain.mask
 
 
-def test_a_scoring_is_kept_while_few_others_are_asked_for(monkeypatch):
+def test_the_last_scoring_is_kept_unless_it_is_large(monkeypatch):
     rig, names = made(FRAME), FRAME
-    places = [{name: size * SIZES[name] for name in names} for size in (1.0, 2.0, 3.0)]
-    kept = Scorings()
-    first, second = (kept.at(rig, at, names) for at in places[:2])
-    assert kept.at(rig, places[0], names) is first
-    kept.at(rig, places[2], names)  # in the place of the one that was used longest ago
-    assert kept.at(rig, places[0], names) is first
-    assert kept.at(rig, places[1], names) is not second
+    once, twice = ({name: size * SIZES[name] for name in names} for size in (1.0, 2.0))
+    kept = KeptScoring()
+    first = kept.at(rig, once, names)
+    assert kept.at(rig, once, names) is first
+    assert kept.at(rig, twice, names) is not first
+    assert kept.at(rig, once, names) is not first
     monkeypatch.setattr(rig_sizes, "KEPT_BYTES", 1)
-    assert Scorings().at(rig, places[0], names) is not first
-    large = Scorings()
-    assert large.at(rig, places[0], names) is not large.at(rig, places[0], names)
+    large = KeptScoring()
+    assert large.at(rig, once, names) is not large.at(rig, once, names)
 
 
 def test_a_whitening_in_use_is_given_again():

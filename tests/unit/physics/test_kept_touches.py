@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from eitskin import cores
+from eitskin.errors import InputError
 from eitskin.physics import forward, kept_touches
 from eitskin.physics.geometry import Geometry, Patch
 from eitskin.physics.kept_touches import Coupled, Entered, KeptTouches
@@ -91,3 +92,11 @@ def test_places_that_are_shared_out_have_the_same_bytes(monkeypatch, patch):
     assert sorted(place for part in parts for place in part) == sorted(places[1:])
     for one, other in zip(*found, strict=True):
         assert np.array_equal(one.gains, other.gains) and np.array_equal(one.poles, other.poles)
+
+
+def test_the_first_place_that_is_refused_is_told_on_two_cores_too(monkeypatch):
+    monkeypatch.setattr(forward, "SHARED_OUT", 1.0)
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
+    places = [(x_mm, 0.0, 6.0) for x_mm in (0.0, 10.0, 95.0, 91.0, 99.0)]
+    with pytest.raises(InputError, match=r"\(95, 0\) mm"):
+        forward_model(SKIN).places(places)

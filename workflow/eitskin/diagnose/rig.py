@@ -82,7 +82,7 @@ class Rig:
     label: np.ndarray
     assumed: frozenset[str]
     _made: WeakValueDictionary = field(
-        default_factory=WeakValueDictionary, repr=False, compare=False
+        default_factory=WeakValueDictionary, init=False, repr=False, compare=False
     )
 
     @classmethod

@@ -26,7 +26,7 @@ HARDLY = 0.5  # nats that a component must be worth
 # or has the size at which the climb began, within a factor.
 PLAINLY, SAME = 4.0, 1.25
 ROUNDING = 1e-9  # least eigenvalue of an information at a diagonal of ones
-KEPT, KEPT_BYTES = 2, 1 << 27  # scorings that are kept, if they are no larger
+KEPT_BYTES = 1 << 27  # a scoring that is larger is not kept
 SETTLED = 0.05  # nats, by which another round may still raise the likelihood
 
 
@@ -34,15 +34,14 @@ def learned(
     rig: Rig,
     residual: np.ndarray,
     start: Mapping[str, float],
-    kept: "Scorings | None" = None,
+    kept: "KeptScoring | None" = None,
 ) -> tuple[dict[str, float], float]:
     """Sizes of the greatest likelihood of a residual (N, M), from a start, and that likelihood;
-    0 of what it hardly asks for; kept: where scorings at a start are kept."""
+    0 of what it hardly asks for; kept: where the scoring at a start is kept."""
     sizes = {name: float(start.get(name, 0.0)) for name in rig.columns}
     sizes |= {name: rig.scales[name] for name in rig.assumed}
     free = [name for name in rig.columns if name not in rig.assumed]
-    first = kept.at(rig, sizes, free) if kept is not None else None
-    sizes, best, worth = _climbed(rig, residual, sizes, free, ROUNDS if free else 0, first)
+    sizes, best, worth = _climbed(rig, residual, sizes, free, ROUNDS if free else 0, kept)
     climbed = sizes
     for name in sorted(free, key=lambda k: sizes[k] / rig.scales[k]):
         same = sizes[name] < SAME * start.get(name, 0.0) < SAME**2 * sizes[name]
@@ -66,16 +65,19 @@ def _climbed(
     sizes: dict[str, float],
     free: list[str],
     rounds: int,
-    first: "Scoring | None" = None,
+    kept: "KeptScoring | None" = None,
 ) -> tuple[dict[str, float], float, dict[str, float]]:
     """Sizes after rounds of Fisher scoring of those that are free, their likelihood, and what
-    each is worth, as of `_scored`; first: the scoring at the sizes, where it is there."""
-    here = rig.whitening(sizes) if first is None else first.whitening
+    each is worth, as of `_scored`; kept: where the first scoring is kept."""
+    scoring = kept.at(rig, sizes, free) if kept is not None and rounds else None
+    here = rig.whitening(sizes) if scoring is None else scoring.whitening
     best = rig.log_likelihood(sizes, residual, here)
     worth: dict[str, float] = {}
     for _ in range(rounds):
-        scoring, first = first or Scoring(rig, here, free), None
+        if scoring is None:
+            scoring = Scoring(rig, here, free)
         target, worth, hoped = _scored(rig, sizes, scoring, residual, free)
+        scoring = None  # the next one takes as much memory
         if hoped < SETTLED:
             break
         before = best
@@ -203,7 +205,8 @@ class Scoring:
             each, members = kind
             columns = np.concatenate([rig.columns[names[i]] for i in members])
             entered = whitening.entered(columns, each)
-            return entered, self._white(whitening, each, entered)
+            own = self._white(whitening, each, entered)
+            return own if each == "whole" else entered, own
 
         def starts(members: list[int]) -> np.ndarray:
             counts = [len(rig.columns[names[i]]) for i in members]
@@ -211,10 +214,7 @@ class Scoring:
 
         units = cores.each(unit, self.kinds)
         self._starts = [starts(members) for _, members in self.kinds]
-        self._along = [
-            own if each == "whole" else entered
-            for (each, _), (entered, own) in zip(self.kinds, units, strict=True)
-        ]
+        self._along = [along for along, _ in units]
         pairs = [(a, b) for a in range(len(units)) for b in range(a, len(units))]
 
         def shared(pair: tuple[int, int]) -> np.ndarray:
@@ -235,8 +235,10 @@ class Scoring:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of its columns."""
-        return sum(columns.nbytes for columns in self._along)
+        """Bytes of its columns, and about those of the whitening."""
+        errors = self.whitening.errors
+        of_rig = [] if errors is None else [v for v in vars(errors).values() if v is not None]
+        return sum(one.nbytes for one in self._along) + 2 * sum(one.nbytes for one in of_rig)
 
     def slope(self, residual: np.ndarray) -> np.ndarray:
         """(C,): score of the variances for a residual (N, M)."""
@@ -266,21 +268,22 @@ class Scoring:
         return found
 
 
-class Scorings:
-    """The last few scorings at sizes from which learning began: many fits begin from one."""
+class KeptScoring:
+    """The last scoring at sizes from which learning began: many fits begin from one state."""
 
     def __init__(self) -> None:
-        self._found: list[tuple[Rig, dict[str, float], list[str], Scoring]] = []
+        self._last: tuple[Rig, dict[str, float], list[str], Scoring] | None = None
 
     def at(self, rig: Rig, sizes: dict[str, float], names: list[str]) -> Scoring:
         """The scoring of some components of a rig at sizes."""
-        for i, (own, at, of, scoring) in enumerate(self._found):
+        if self._last is not None:
+            own, at, of, scoring = self._last
             if own is rig and at == sizes and of == names:
-                self._found.append(self._found.pop(i))
                 return scoring
+            self._last = None
         scoring = Scoring(rig, rig.whitening(sizes), names)
         if scoring.nbytes < KEPT_BYTES:
-            self._found = [*self._found, (rig, sizes, names, scoring)][-KEPT:]
+            self._last = rig, sizes, names, scoring
         return scoring
 
 

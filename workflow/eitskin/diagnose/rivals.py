@@ -25,5 +25,13 @@ def rivals(search: Search, state: State, index: int) -> list[Rival]:
     best = {added(less, trial).name: trial for trial in reversed(trials)}
     best.pop(state.effects[index].name, None)
     named = [(None, less), *best.items()]
-    gained = cores.forked(lambda rival: search.gain(state, rival), [own for _, own in named])
-    return [Rival(*own, *gain) for own, gain in zip(named, gained, strict=True)]
+    held_out, near = state.held_out, search.problem.model.near
+    begun = near.spent
+
+    def gained(rival: State) -> tuple[tuple[float, float], float]:
+        near.spent = begun
+        return held_out.gain(search.held_out(rival, state)), near.spent - begun
+
+    found = cores.forked(gained, [rival for _, rival in named])
+    near.spent = begun + sum(cost for _, cost in found)
+    return [Rival(*own, *gain) for own, (gain, _) in zip(named, found, strict=True)]

@@ -253,10 +253,13 @@ class Forward:
         it."""
         new = list(dict.fromkeys(place for place in places if place not in self._kept))
         count = cores.at_once()
-        if count < 2 or len(new) * self.touch_effort < SHARED_OUT:
+        if count < 2 or len(new) * type(self).touch_effort < SHARED_OUT:
             return {}
         parts = [new[start::count] for start in range(count)]
-        found = cores.forked(lambda part: [self._coupled(place) for place in part], parts)
+        try:
+            found = cores.forked(lambda part: [self._coupled(place) for place in part], parts)
+        except (InputError, MemoryError):
+            return {}  # they are found one after the other, the first that cannot be is told
         known = [zip(part, own, strict=True) for part, own in zip(parts, found, strict=True)]
         return dict(chain.from_iterable(known))
 

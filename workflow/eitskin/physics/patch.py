@@ -216,6 +216,7 @@ class PatchForward(Forward):
     the mean over the depth alone.
     """
 
+    touch_effort = PATCHED * Forward.touch_effort
     patch: PatchEdge
     at_patch: np.ndarray
     change: np.ndarray

@@ -28,7 +28,7 @@ from eitskin.diagnose.fit import (
 )
 from eitskin.diagnose.held_out import HeldOut, held_out
 from eitskin.diagnose.rig import COMPONENTS, Rig
-from eitskin.diagnose.rig_sizes import SETTLED, Scorings, learned
+from eitskin.diagnose.rig_sizes import SETTLED, KeptScoring, learned
 from eitskin.diagnose.search import afar, channels, resorts, tones
 from eitskin.diagnose.search.screen import (
     AMPLITUDES,
@@ -144,7 +144,7 @@ class Search:
     lengths: dict[tuple, float] = field(default_factory=dict)
     scored: dict[tuple, list[Score]] = field(default_factory=dict)
     trials: dict[tuple, list[State]] = field(default_factory=dict)
-    scorings: Scorings = field(default_factory=Scorings, repr=False)
+    scoring: KeptScoring = field(default_factory=KeptScoring, repr=False)
     _plain: tuple[Problem, Rig | None] | None = None
 
     @property
@@ -177,7 +177,7 @@ class Search:
         has, from which they are learned; rig: these errors about a fit like it. A discrepancy may
         have taken what an effect has to explain: what the fit makes of it without one counts if
         that is likelier."""
-        found = self._learned_state(fitted, p_values, sizes, rig)
+        found = self._learned_state(fitted, p_values, sizes, rig, self.scoring)
         named = self.named(found, found.fit)
         if not found.effects or named is found.fit:
             return found
@@ -186,12 +186,18 @@ class Search:
         return found if other.log_evidence <= found.log_evidence else other
 
     def _learned_state(
-        self, fitted: Fit, p_values: dict | None, sizes: dict[str, float] | None, rig: Rig | None
+        self,
+        fitted: Fit,
+        p_values: dict | None,
+        sizes: dict[str, float] | None,
+        rig: Rig | None,
+        kept: KeptScoring | None = None,
     ) -> State:
         sizes, prior, rig = dict(sizes or {}), 0.0, rig or self.rig
         if rig is not None:
-            for _ in range(LEARNED):
-                fitted, sizes, rig, gained = self._learned(fitted, sizes, rig)
+            for number in range(LEARNED):
+                of_first = kept if number == 0 else None
+                fitted, sizes, rig, gained = self._learned(fitted, sizes, rig, of_first)
                 if gained < SETTLED:
                     break
             prior = rig.log_prior(sizes)
@@ -201,12 +207,12 @@ class Search:
         return State(fitted, self.fold, likelihood, evidence, dict(p_values or {}), sizes, rig)
 
     def _learned(
-        self, fitted: Fit, sizes: dict[str, float], rig: Rig
+        self, fitted: Fit, sizes: dict[str, float], rig: Rig, kept: KeptScoring | None
     ) -> tuple[Fit, dict[str, float], Rig, float]:
         """A fit with the sizes of the rig's errors learned from it, and by how many nats it moved
         on for them. Where touches are far from where they are said to be, the readings are taken to
         follow in proportion from where they seem to be (Lindstrom, Bates, Biometrics 46, 1990)."""
-        sizes, _ = learned(rig, fitted.misfit, sizes, self.scorings)
+        sizes, _ = learned(rig, fitted.misfit, sizes, kept)
         there, problem = touches.followed(self.problem, fitted, rig, sizes), fitted.problem
         followed = there is not problem.model
         if followed:
@@ -217,7 +223,7 @@ class Search:
             problem = replace(self.problem, model=there, recorded=recorded)
         problem = replace(problem, whitening=rig.whitening(sizes, fitted=True))
         here = whitened_anew(fitted, problem)
-        moved = stepped(here, SETTLED)
+        moved = stepped(here, 2.0 * SETTLED)
         gained = np.inf if followed else 0.5 * (here.cost - moved.cost)
         return moved, sizes, rig, gained
 
@@ -380,7 +386,7 @@ class Search:
 
     def _judge_in(self, problem: Problem, rig: Rig | None) -> None:
         """Sets in another covariance, without what is kept of the one before."""
-        self.problem, self.rig = problem, rig
+        self.problem, self.rig, self.scoring = problem, rig, KeptScoring()
         found = self.tangents, self.met, self.lesser, self.lengths, self.scored, self.trials
         for kept in found:
             kept.clear()
@@ -779,7 +785,7 @@ class Search:
                     afresh = np.r_[np.zeros(knobs), start[knobs:]]
                     again = fit(problem, effects, afresh, enough=enough)
                     fitted = min(fitted, again, key=lambda f: f.chi2)
-                if fitted.cost > self._cost(state, state.log_evidence - LOST):
+                if fitted.cost > state.fit.cost + 2.0 * LOST:
                     return None
                 return self.state(fitted, state.p_values, state.sizes, state.rig)
         except (InputError, np.linalg.LinAlgError, Spent):
