@@ -88,3 +88,16 @@ def test_a_limit_inside_another_leaves_that_one_as_it_was():
     with pytest.raises(Spent), near.within(2.5), near.within(100.0):
         near.solve(SHEET, "train")
         near.solve(SHEET, "train")
+
+
+def test_what_forked_parts_solve_counts_as_spent():
+    near = SolvedSkins()
+    near.solve(SHEET, "train")
+
+    def counted(skins):
+        for _ in range(skins):
+            near.solve(SHEET, "train")
+        return near.spent
+
+    assert near.forked(counted, [2, 3]) == [3.0, 4.0]  # each from where it was forked
+    assert near.spent == 6.0

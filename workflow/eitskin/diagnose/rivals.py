@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from eitskin import cores
 from eitskin.diagnose.search.search import Search, State, added
 
 
@@ -26,12 +25,9 @@ def rivals(search: Search, state: State, index: int) -> list[Rival]:
     best.pop(state.effects[index].name, None)
     named = [(None, less), *best.items()]
     held_out, near = state.held_out, search.problem.model.near
-    begun = near.spent
 
-    def gained(rival: State) -> tuple[tuple[float, float], float]:
-        near.spent = begun
-        return held_out.gain(search.held_out(rival, state)), near.spent - begun
+    def gained(rival: State) -> tuple[float, float]:
+        return held_out.gain(search.held_out(rival, state))
 
-    found = cores.forked(gained, [rival for _, rival in named])
-    near.spent = begun + sum(cost for _, cost in found)
-    return [Rival(*own, *gain) for own, (gain, _) in zip(named, found, strict=True)]
+    found = near.forked(gained, [rival for _, rival in named])
+    return [Rival(*own, *gain) for own, gain in zip(named, found, strict=True)]

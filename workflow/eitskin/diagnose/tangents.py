@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from eitskin import cores
 from eitskin.diagnose.candidates import Candidate, own_channels
 from eitskin.diagnose.fit import STEP, Fit
 from eitskin.effects.contact_impedance import ContactImpedance
@@ -131,18 +130,10 @@ class Tangents:
                 varies = isinstance(effect, SkinEffect) and effect.driver != "static"
                 name = "varies" if varies else candidate.name
                 parts.setdefault(name, []).append((candidate, index))
-        near = self.problem.model.near
-        begun = near.spent
-
-        def columns(part: list) -> tuple[list[np.ndarray | None], float]:
-            near.spent = begun
-            return self._raw_of(part), near.spent - begun
-
-        found = cores.forked(columns, parts.values())
-        for part, (own, _) in zip(parts.values(), found, strict=True):
+        found = self.problem.model.near.forked(self._raw_of, parts.values())
+        for part, own in zip(parts.values(), found, strict=True):
             for (candidate, index), column in zip(part, own, strict=True):
                 self._columns[(*candidate.key, index)] = column
-        near.spent = begun + sum(cost for _, cost in found)
 
     def forget(self) -> None:
         """Let go of whitened columns, which are found anew where they are asked for."""

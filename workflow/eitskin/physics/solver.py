@@ -2,15 +2,20 @@
 rim and electrodes is computed once."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from typing import TypeVar
 
+from eitskin import cores
 from eitskin.physics.depth import DepthForward, span
 from eitskin.physics.forward import Accuracy, Forward
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.patch import PatchForward
 
 KEPT = 4
+
+Part = TypeVar("Part")
+Result = TypeVar("Result")
 
 
 def forward_model(
@@ -53,6 +58,18 @@ class SolvedSkins:
             yield
         finally:
             self.most = around
+
+    def forked(self, of: Callable[[Part], Result], parts: Iterable[Part]) -> list[Result]:
+        """As `cores.forked`; what each part solves counts as spent here."""
+        begun = self.spent
+
+        def counted(part: Part) -> tuple[Result, float]:
+            self.spent = begun
+            return of(part), self.spent - begun
+
+        found = cores.forked(counted, parts)
+        self.spent = begun + sum(cost for _, cost in found)
+        return [result for result, _ in found]
 
     def solve(self, geometry: Geometry, accuracy: str) -> Forward:
         """The forward model of a geometry, sharing with one of the same outline, or with the

@@ -659,7 +659,7 @@ class Search:
                     break
                 if known is not None and s.candidate.key == known.key:
                     continue
-                trial = self.with_effect(state, s.candidate, best - RACE)
+                trial = self.with_effect(state, s.candidate, self._cost(state, best - RACE))
                 if trial is not None:
                     trial.score = s
                     trial.p_values[added(state, trial).key] = self._own_p(s, state, trial)
@@ -728,11 +728,11 @@ class Search:
             return None
 
     def with_effect(
-        self, state: State, candidate: Candidate, behind: float = -np.inf
+        self, state: State, candidate: Candidate, enough: float = np.inf
     ) -> State | None:
         """`state` with a candidate fitted beside what is there; joined to a sparse effect of the
-        same name. None where it cannot be, goes astray or would take too long; it is given up
-        where no log evidence above `behind` is in sight."""
+        same name. None where it cannot be, goes astray or would take too long; enough: as of
+        `fit`."""
         effects, theta, jacobian = list(state.effects), state.fit.theta, state.fit.jacobian
         for index, other in enumerate(effects):
             if other.name != candidate.name or other.kind != candidate.kind:
@@ -757,7 +757,7 @@ class Search:
                         values[i] = theta[place][other.names.index(old)]
                 start = np.r_[theta[: place.start], values, theta[place.stop :]]
                 effects[index] = joined
-                return self._fitted(effects, start, None, state, behind)
+                return self._fitted(effects, start, None, state, enough)
             if not other.effect.several or _one_entry(other, candidate):
                 return None
         if self.starts_afar(candidate):
@@ -765,7 +765,7 @@ class Search:
         start = np.r_[theta, np.zeros(candidate.size)]
         columns = self.linearised(state).jacobian(candidate)
         known = np.concatenate([jacobian, columns])
-        return self._fitted([*effects, candidate], start, known, state, behind)
+        return self._fitted([*effects, candidate], start, known, state, enough)
 
     def _fitted(
         self,
@@ -773,9 +773,8 @@ class Search:
         start: np.ndarray,
         jacobian: np.ndarray | None,
         state: State,
-        behind: float,
+        enough: float,
     ) -> State | None:
-        enough = self._cost(state, behind)
         try:
             with self.problem.model.near.within(self.most_solved):
                 problem = state.fit.problem
