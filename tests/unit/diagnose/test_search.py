@@ -15,6 +15,8 @@ from eitskin.diagnose import diagnosis, result
 from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.corrected import items
 from eitskin.diagnose.fit import fit, whitened_anew
+from eitskin.diagnose.rig import COMPONENTS
+from eitskin.diagnose.rig_sizes import SETTLED
 from eitskin.diagnose.search import search
 from eitskin.diagnose.search.screen import NULL_DRAWS, score
 from eitskin.diagnose.search.search import Search, State
@@ -417,6 +419,25 @@ def test_a_body_is_found_from_beliefs_where_a_sheet_took_the_calibrations_astray
     assert found.chi2 < 1.2 * problem.whitening.size
     (body,) = found.settings()
     assert abs(body.values["depth_mm"] - 20.0) < 0.5
+
+
+def test_a_set_without_effects_is_fitted_without_a_discrepancy_too(contact, monkeypatch):
+    """Its evidence is what every name must beat: it may not stay where a climb is stuck."""
+    own, before = contact[1].search, contact[1].before
+    assert not before.effects and before.sizes["static-discrepancy"] > 0.0
+    tried, learned_state = [], Search._learned_state
+
+    def learned(self, fitted, p_values, sizes, rig, kept=None):
+        tried.append((fitted, sizes))
+        return learned_state(self, fitted, p_values, sizes, rig, kept)
+
+    monkeypatch.setattr(Search, "_learned_state", learned)
+    found = own.state(before.fit, sizes=before.sizes, rig=before.rig)
+    (_, first), (fitted, second) = tried
+    assert first == before.sizes
+    assert set(second) == {n for n in found.sizes if not COMPONENTS[n].discrepancy}
+    assert not np.allclose(fitted.theta, before.fit.theta)
+    assert found.log_evidence >= before.log_evidence - SETTLED
 
 
 def test_a_fit_that_went_astray_is_no_trial(monkeypatch):

@@ -179,7 +179,7 @@ class Search:
         that is likelier."""
         found = self._learned_state(fitted, p_values, sizes, rig, self.scoring)
         named = self.named(found, found.fit)
-        if not found.effects or named is found.fit:
+        if named is found.fit:
             return found
         own = {k: s for k, s in found.sizes.items() if not COMPONENTS[k].discrepancy}
         other = self._learned_state(stepped(named), p_values, own, found.rig)
