@@ -76,6 +76,25 @@ def test_gradient_of_the_likelihood(model, seed):
     assert np.allclose(gradient, by, rtol=1e-4, atol=1e-3 * np.abs(by).max())
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_channels_that_are_read_have_the_density_of_all_with_the_rest_left_out(model, seed):
+    read = np.random.default_rng(seed).choice(len(CHANNELS), 21, replace=False)
+    whole, z = drawn(model, seed)
+    sample = Sample(replace(model, read=read), whole.delta_V[read])
+
+    def density(z):
+        e, noise = model.change(whole.state(z), z[3:])
+        mixed = model.mixing @ np.diag(e) @ model.gain_spread
+        covariance = (mixed @ mixed.T + noise**2 * np.eye(len(e)))[np.ix_(read, read)]
+        left = sample.delta_V - (model.mixing @ e)[read]
+        return -0.5 * (left @ np.linalg.solve(covariance, left) + np.linalg.slogdet(covariance)[1])
+
+    assert sample.log(z + 0.1) - sample.log(z) == pytest.approx(density(z + 0.1) - density(z))
+    step = 1e-5 * np.eye(sample.size)
+    by = [(density(z + h) - density(z - h)) / 2e-5 for h in step]
+    assert np.allclose(sample.local(z)[1], by, rtol=1e-4, atol=1e-3 * np.abs(by).max())
+
+
 def test_differences_agree_with_exact_slopes(model):
     state, unknown = np.array([31.0, -22.0, 6.0]), np.full(10, 0.3)
     exact, differences = model.slopes(state, unknown)[0], model._differences(state, unknown)[0]

@@ -128,7 +128,8 @@ class SessionModel:
     """The readings of a session whose skin and gains are given but for standard normal unknowns.
 
     skin_spread (values, K): what unknowns add to the skin's drawn values, one after the other;
-    gain_spread (M, G): what unknowns add to the channels' relative gains.
+    gain_spread (M, G): what unknowns add to the channels' relative gains; read (R,): the channels
+    of which a change is known, None all. The noise is that of all M.
     """
 
     experiment: Experiment
@@ -136,6 +137,7 @@ class SessionModel:
     instrument: list[Setting]
     skin_spread: np.ndarray
     gain_spread: np.ndarray
+    read: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         self._forward: tuple[bytes, Forward, np.ndarray] | None = None
@@ -143,12 +145,16 @@ class SessionModel:
 
     def at_mean(self) -> "SessionModel":
         """The same without unknowns, each at its mean."""
-        none = (np.zeros((len(spread), 0)) for spread in (self.skin_spread, self.gain_spread))
-        return SessionModel(self.experiment, self.skin, self.instrument, *none)
+        skin, gain = (np.zeros((len(one), 0)) for one in (self.skin_spread, self.gain_spread))
+        return replace(self, skin_spread=skin, gain_spread=gain)
 
     @cached_property
     def mixing(self) -> np.ndarray:
-        """(M, M): X."""
+        """(R, M): X, of the channels that are read."""
+        return self._crosstalk if self.read is None else self._crosstalk[self.read]
+
+    @cached_property
+    def _crosstalk(self) -> np.ndarray:
         mixing = [setting for setting in self.instrument if setting.effect.order == "mixing"]
         unit = np.eye(len(self.experiment.channels))
         return apply_instrument(unit, mixing, self._frames(np.zeros(len(unit)))).T
@@ -209,7 +215,7 @@ class SessionModel:
         force = state[2:]
         e = self.changes(state[:2], force, unknown)[0]
         base = self.gain(force)[0] * untouched
-        still, touched = (np.median(np.abs(self.mixing @ v)) for v in (base, base + e))
+        still, touched = (np.median(np.abs(self._crosstalk @ v)) for v in (base, base + e))
         experiment = self.experiment
         noise = experiment.noise * np.sqrt(still**2 / experiment.averaged + touched**2)
         return e, float(noise)
@@ -260,10 +266,10 @@ class SessionModel:
 
     def _median(self, voltage: np.ndarray, slopes: np.ndarray) -> tuple[float, np.ndarray]:
         """The median |reading| of (M,) V before the crosstalk, and its slopes, of (n, M)."""
-        reading = self.mixing @ voltage
+        reading = self._crosstalk @ voltage
         half = (len(reading) - 1) / 2
         middle = np.argsort(np.abs(reading))[[int(half), int(np.ceil(half))]]
-        slope = np.sign(reading[middle]) * (slopes @ self.mixing[middle].T)
+        slope = np.sign(reading[middle]) * (slopes @ self._crosstalk[middle].T)
         return float(np.abs(reading[middle]).mean()), slope.mean(axis=1)
 
     def _slope_names(self) -> list[str]:
@@ -302,7 +308,7 @@ class Covariance:
 
     @cached_property
     def basis(self) -> np.ndarray:
-        """B (M, G)."""
+        """B (R, G)."""
         return self.model.mixing @ (self.e[:, None] * self.model.gain_spread)
 
     @cached_property
@@ -311,15 +317,15 @@ class Covariance:
         return cho_factor(inner + self.noise**2 * np.eye(len(inner)), lower=True)
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """The inverse times (M, ...), by Woodbury's identity."""
+        """The inverse times (R, ...), by Woodbury's identity."""
         if self.basis.shape[1]:
             right = right - self.basis @ cho_solve(self._inner, self.basis.T @ right)
         return right / self.noise**2
 
     @cached_property
     def inverse(self) -> np.ndarray:
-        """(M, M)."""
-        return self.solve(np.eye(len(self.e)))
+        """(R, R)."""
+        return self.solve(np.eye(len(self.basis)))
 
     def information(self, slopes: np.ndarray, noise_slopes: np.ndarray) -> np.ndarray:
         """(n, n): Fisher's, of n parameters by which e changes by (n, M) and the noise by (n,).
@@ -333,7 +339,7 @@ class Covariance:
     @property
     def log_determinant(self) -> float:
         """Of the whole covariance."""
-        apart = 2.0 * (len(self.e) - self.basis.shape[1]) * np.log(self.noise)
+        apart = 2.0 * (len(self.basis) - self.basis.shape[1]) * np.log(self.noise)
         if not self.basis.shape[1]:
             return float(apart)
         return float(apart + 2.0 * np.log(np.diag(self._inner[0])).sum())
@@ -341,7 +347,7 @@ class Covariance:
 
 @dataclass(frozen=True)
 class Sample:
-    """The likelihood of one change (M,) V: a `posterior.Likelihood` of the standard normal numbers
+    """The likelihood of one change (R,) V: a `posterior.Likelihood` of the standard normal numbers
     behind place (2) and force, and of the skin's unknowns."""
 
     model: SessionModel

@@ -73,10 +73,11 @@ class Starts:
             [model.changes(place, force, mean) @ model.mixing.T for place in self.place]
         )
 
-    def of(self, delta_V: np.ndarray) -> np.ndarray:
+    def of(self, delta_V: np.ndarray, read: np.ndarray | None = None) -> np.ndarray:
         """(STARTS, 3): standard normal numbers of the states whose changes come nearest to (M,) V,
-        places apart."""
-        misfit = ((self.change - delta_V) ** 2).sum(axis=-1)
+        in the channels that are read, None all; places apart."""
+        seen = slice(None) if read is None else read
+        misfit = ((self.change[..., seen] - delta_V[seen]) ** 2).sum(axis=-1)
         force, best = misfit.argmin(axis=1), misfit.min(axis=1)
         chosen: list[int] = []
         for k in np.argsort(best, kind="stable"):
@@ -105,7 +106,7 @@ def estimate(
     pairs: int,
     rng: np.random.Generator,
 ) -> Estimate:
-    """What the posterior says given a change (M,) V.
+    """What the posterior says given a change (R,) V of the channels that the model reads.
 
     starts (S, 3): standard normal numbers of the states from which modes are sought.
     """
