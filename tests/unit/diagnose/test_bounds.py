@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from html import unescape
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -93,17 +94,36 @@ def planted(name, key, value):
         ("measurement-gain", "gain", 1.02, None),
         ("crosstalk", "epsilon", 0.25, "high"),
         ("crosstalk", "epsilon", 0.24, None),
+        ("indenter-grounding", "siemens_per_N", 0.0, "low"),
     ],
 )
 def test_a_parameter_at_its_bound_is_said_without_an_interval(name, key, value, bound):
     found, said = planted(name, key, value)
     assert found.get("at_bound") == bound
-    assert np.isclose(found["value"], value, atol=1e-3)
+    assert np.isclose(found["value"], value, atol=1e-3 if key != "siemens_per_N" else 1e-6)
     if bound is None:
         assert "90 %" in said and "tried" not in said
     else:
         word = {"high": "largest", "low": "least"}[bound]
         assert f"(the {word} value tried, without an interval)" in said and "90 %" not in said
+
+
+@pytest.mark.parametrize("known, bound", [(0.03, None), (3.0, "low")])
+def test_a_small_value_that_is_known_is_at_no_bound_where_nothing_is_the_least(known, bound):
+    """known: the value's sd over it."""
+    recorded = small_recording(noise=0.0, places=3)
+    problem, scales = problem_of(recorded)
+    name, key = "indenter-grounding", "siemens_per_N"
+    effect = next(c for c in candidates_of(recorded, problem, scales) if c.name == name)
+    small = np.array([1e-5])
+    fitted = SimpleNamespace(
+        effects=[effect],
+        theta=small,
+        covariance=np.diag((known * small) ** 2),
+        place=lambda _: slice(0, 1),
+    )
+    found = estimates(fitted, 0)[key]
+    assert 0.0 < found["value"] < found["high"] and found.get("at_bound") == bound
 
 
 def test_in_a_list_each_value_has_its_own_bound():

@@ -82,6 +82,9 @@ def estimates(fit: Fitted, index: int) -> dict[str, dict]:
         low, high = (np.clip(bound, parameter.low, parameter.high) for bound in (low, high))
         low, high = np.minimum(low, at), np.maximum(high, at)
         ended = effect.at_bound(key, at)
+        # Where nothing is the least that is tried, a value near it is small, and may be well known.
+        least = ended == "low" if parameter.neutral == parameter.low else np.zeros(at.shape, bool)
+        ended[least & (low > parameter.low)] = None
         if effect.scope == "sparse" and at.shape == (1,):
             at, low, high, ended = at[0], low[0], high[0], ended[0]
         numbers = {"value": at.tolist(), "low": low.tolist(), "high": high.tolist()}
