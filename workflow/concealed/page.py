@@ -12,6 +12,7 @@ from concealed.baselines import NAMING
 from eitskin.atomic import atomic_path
 from eitskin.paper.similarity import MEASURES
 
+FEW = 10  # recordings, of which what was not reached tells little
 STRATA = {  # columns of the page's second table: what they are called there, and their line
     "detected": "something noticed",
     "named ≥ 8": "right name or declared class, gap ≥ 8",
@@ -134,8 +135,8 @@ def markdown(rows: list[dict], lines: pd.DataFrame, methods: pd.DataFrame, comma
             [
                 (
                     *(*_measured(line), _number(line["ceiling"], True)),
-                    *(line["gate"], _met(line["gate_met"])),
-                    *(line["target"], _met(line["target_met"])),
+                    *(line["gate"], _met(line["gate_met"], line["n"])),
+                    *(line["target"], _met(line["target_met"], line["n"])),
                 )
                 for line in asked.to_dict("records")
             ],
@@ -189,8 +190,9 @@ def _share(line: dict) -> bool:
     return line["hits"] is not None and not np.isnan(line["hits"])
 
 
-def _met(met: bool | None) -> str:
-    return {True: "reached", False: "**missed**"}.get(met, "no recording")
+def _met(met: bool | None, count: int) -> str:
+    missed = f"not reached, of {count}" if count < FEW else "**missed**"
+    return {True: "reached", False: missed}.get(met, "no recording")
 
 
 def _number(value: float, share: bool) -> str:

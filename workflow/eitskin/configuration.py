@@ -22,7 +22,7 @@ from eitskin.learn import models
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table, pattern_step
 from eitskin.physics.skin import Skin
-from eitskin.schema import Validator, dotted, explained
+from eitskin.schema import Validator, dotted, explained, one_of
 from eitskin.simulate.layout import force_levels
 from eitskin.simulate.readings import apply_skin
 from eitskin.simulate.sets import CONTINUOUS, sample_settings
@@ -221,14 +221,15 @@ def _unknown_name(config: dict) -> tuple[list, str, str] | None:
     for kind, known in (("configurations", config["configurations"]), ("recordings", recordings)):
         for name, splits in config["table_1"][kind].items():
             if name not in known:
-                return ["table_1", kind, name], "an unknown name", _names(known)
+                return ["table_1", kind, name], "an unknown name", one_of(known, name)
             for k, split in enumerate(splits):
                 if split not in config["splits"]:
                     place = ["table_1", kind, name, split if isinstance(splits, dict) else k]
-                    return place, repr(split), _names(config["splits"])
+                    return place, repr(split), one_of(config["splits"], split)
     for key, known in (("recording", recordings), ("configuration", config["configurations"])):
         if config["figures"][key] not in known:
-            return ["figures", key], repr(config["figures"][key]), _names(known)
+            found = config["figures"][key]
+            return ["figures", key], repr(found), one_of(known, found)
     sets = [f"simulated-{name}" for name in config["configurations"]]
     for place, known in (
         (["table_2", "configurations"], config["configurations"]),
@@ -240,21 +241,21 @@ def _unknown_name(config: dict) -> tuple[list, str, str] | None:
     ):
         for k, name in enumerate(_at(place, config)):
             if name not in known:
-                return [*place, k], repr(name), _names(known)
+                return [*place, k], repr(name), one_of(known, name)
     known = [*(f"simulated-{name}" for name in with_continuous(config)), *recordings]
     for key in ("varied_on", "compared_on"):
         for name, splits in config["ablation"][key].items():
             place = ["ablation", key, name]
             if name not in known:
-                return place, "an unknown name", _names(known)
+                return place, "an unknown name", one_of(known, name)
             for k, split in enumerate(splits):
                 if split not in config["splits"]:
-                    return [*place, k], repr(split), _names(config["splits"])
+                    return [*place, k], repr(split), one_of(config["splits"], split)
     for name, row in config["training"].get("rows", {}).items():
         if "widths" in row and not models.model(name).perceptron:
             return ["training", "rows", name, "widths"], row["widths"], "none, as it has its own"
     if config["budget"] not in config["budgets"]:
-        return ["budget"], repr(config["budget"]), _names(config["budgets"])
+        return ["budget"], repr(config["budget"]), one_of(config["budgets"], config["budget"])
     for name in config["configurations"]:
         if name.endswith(CONTINUOUS):
             return ["configurations", name], "a derived set's name", f"a name without {CONTINUOUS}"
@@ -274,10 +275,6 @@ def _rig_names(config: dict) -> list[str]:
 def captured_path(name: str) -> str:
     """Where the recording lies that a rig has captured under a name."""
     return f"results/recordings/{name}.parquet"
-
-
-def _names(known: Iterable[str]) -> str:
-    return "one of " + ", ".join(known)
 
 
 def _missing_recording(config: dict) -> tuple[list, str, str] | None:

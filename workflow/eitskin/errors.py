@@ -56,9 +56,14 @@ def named(file: str | Path) -> Iterator[None]:
 @contextlib.contextmanager
 def reported(log: str | Path) -> Iterator[None]:
     """Run a workflow job; an InputError or OSError becomes one line on stderr, the same line and
-    its notes in `log`, and exit code 1."""
+    its notes in `log`, and exit code 1. Ctrl-C is one line in `log`, and exit code 130."""
     try:
         yield
+    except KeyboardInterrupt:
+        Path(log).parent.mkdir(parents=True, exist_ok=True)
+        with contextlib.suppress(OSError):
+            Path(log).write_text("interrupted: the same command goes on\n", encoding="utf-8")
+        sys.exit(130)
     except (InputError, OSError) as error:
         line = error if isinstance(error, InputError) else refused(error)
         Path(log).parent.mkdir(parents=True, exist_ok=True)

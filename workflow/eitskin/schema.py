@@ -1,7 +1,8 @@
 """What a JSON schema finds wrong, as place, what was found and what was expected."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from difflib import get_close_matches
 
 import jsonschema
 from jsonschema.exceptions import ValidationError, best_match
@@ -46,14 +47,14 @@ def explained(error: ValidationError) -> tuple[list, str, str]:
     if error.validator == "additionalProperties":
         known = sorted(error.schema["properties"])
         key = next(key for key in value if key not in known)
-        return [*place, key], "an unknown key", "one of " + ", ".join(known)
+        return [*place, key], "an unknown key", one_of(known, key)
     if error.validator == "required":
         key = next(key for key in wanted if key not in value)
         meaning = error.schema.get("properties", {}).get(key, {})
         return [*place, key], "nothing", meaning.get("description", "a value")
     sayings: dict[str, Callable[[], str]] = {
         "type": lambda: _noun(wanted),
-        "enum": lambda: "one of " + ", ".join(map(str, wanted)),
+        "enum": lambda: one_of(map(str, wanted), value),
         "minimum": lambda: f"{wanted} or more",
         "exclusiveMinimum": lambda: f"more than {wanted}",
         "maximum": lambda: f"{wanted} or less",
@@ -68,6 +69,14 @@ def explained(error: ValidationError) -> tuple[list, str, str]:
     if isinstance(value, str) and _reads_as_number(value) and error.validator != "enum":
         expected += f" (YAML reads {value} as text; write {_yaml_number(value)})"
     return place, "null" if value is None else repr(value), expected
+
+
+def one_of(known: Iterable[str], found: object) -> str:
+    """What is expected where a name was found that is none of those known: these, the ones that it
+    resembles first."""
+    names = list(known)
+    near = get_close_matches(str(found), names, n=3)
+    return "one of " + ", ".join([*near, *(name for name in names if name not in near)])
 
 
 def _noun(types: str | list[str]) -> str:

@@ -12,8 +12,8 @@ MOST_SHOWN = 60  # characters of a default
 HEAD = """# The configuration
 
 Written by `python -m manual` from `workflow/schemas/config.schema.yaml` and `config.yaml`. A key
-that is not here is refused, with the nearest that is. Snakemake lays `--configfile FILE` and
-`--config KEY=VALUE` over `config.yaml`.
+that is not here is refused, with those that are, the nearest first. Snakemake lays
+`--configfile FILE` and `--config KEY=VALUE` over `config.yaml`.
 
 | key | value | here | what it is |
 |---|---|---|---|

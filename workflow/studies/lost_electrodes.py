@@ -95,7 +95,7 @@ def _sizes(off: np.ndarray) -> dict[str, float]:
 
 def model_of(data: dataset.Dataset, config: dict) -> SessionModel | None:
     """What a continuous set's sessions were drawn from; None of any other set."""
-    name = data.metadata["configuration"]
+    name = data.metadata["name"].removeprefix("simulated-")
     one = with_continuous(config).get(name)
     if one is None or one["continuous"] is None:
         return None

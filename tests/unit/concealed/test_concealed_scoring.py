@@ -321,6 +321,11 @@ def test_a_name_that_is_wrong_is_put_down_to_what_the_evidence_says():
     assert caused(row, failed="ValueError()") == causes.BROKEN_OFF
 
 
+def test_what_few_recordings_do_not_reach_is_not_called_missed():
+    assert page._met(False, 2) == "not reached, of 2" and page._met(False, 10) == "**missed**"
+    assert page._met(np.True_, 2) == "reached" and page._met(None, 0) == "no recording"
+
+
 def test_what_is_missed_is_faint_only_below_the_gap_from_which_it_must_be_named():
     item = {"name": NAMES[0][0], **NAMES[0][1]}
     silent = {"verdict": "consistent", "effects": [], "other": {"probability": 0.0}}

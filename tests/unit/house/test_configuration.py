@@ -15,7 +15,7 @@ from eitskin.data.channel_order import ORDERS
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from eitskin.learn import models
-from eitskin.schema import Validator
+from eitskin.schema import Validator, one_of
 from shared_data import shared_data
 
 ROOT = Path(__file__).parents[3]
@@ -59,7 +59,7 @@ def test_the_paper_s_configuration_is_accepted():
     [
         (
             ("sed", 1),
-            "config.yaml: sed: found an unknown key, expected one of ablation, accuracy, budget",
+            "config.yaml: sed: found an unknown key, expected one of seed, ablation, accuracy",
         ),
         (
             ("figures", "recording", "x"),
@@ -110,7 +110,7 @@ def test_the_paper_s_configuration_is_accepted():
         (
             ("configurations", "authors", "effects", 4, "name", "cross-talk"),
             "config.yaml: configurations.authors.effects[4].name: found 'cross-talk', "
-            "expected one of adc-nonlinearity",
+            "expected one of crosstalk",
         ),
         (
             ("protocol", "drive", "skip"),
@@ -339,7 +339,7 @@ def test_the_file_that_holds_the_mistake_is_named(refusal):
 
 def test_a_mistake_that_no_file_holds_is_the_command_line_s(refusal):
     message = refusal(changed("budget", "smal"), CONFIG)
-    assert message == "--config: budget: found 'smal', expected one of first, small, full"
+    assert message == "--config: budget: found 'smal', expected one of small, first, full"
 
 
 def test_a_recording_may_not_take_the_name_of_a_simulated_set(refusal, tmp_path):
@@ -398,3 +398,10 @@ def test_an_effect_s_parameters_are_asked_for_by_name():
         for key, parameter in effect.parameters.items():
             less = {other: value for other, value in given.items() if other != key}
             assert rules.is_valid({"name": name, "parameters": less}) == parameter.optional
+
+
+def test_names_that_resemble_what_was_found_come_first():
+    known = ["accuracy", "budget", "learning_rate", "weight_decay"]
+    expected = "one of learning_rate, accuracy, budget, weight_decay"
+    assert one_of(known, "learning_rte") == expected
+    assert one_of(known, 7) == "one of " + ", ".join(known)

@@ -41,6 +41,6 @@ def test_a_set_whose_samples_have_no_likelihood_has_no_limit():
         "skin": {"radius_mm": 80.0},
         "configurations": {"authors": {"effects": [], "session_frames": 1}},
     }
-    for name in ("authors", "another"):
-        data = SimpleNamespace(metadata={"configuration": name})
+    for name in ("simulated-authors", "another-skin"):
+        data = SimpleNamespace(metadata={"name": name})
         assert lost_electrodes.model_of(data, config) is None

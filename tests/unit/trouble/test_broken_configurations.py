@@ -17,7 +17,7 @@ AUTHORS = "configurations authors"
 GAIN = {"name": "channel-gain", "parameters": {"gain": 1.0}}
 
 VALUES = [  # keys on the way, a value, and what was found and expected
-    ("sed", 1, "an unknown key", "one of ablation"),
+    ("sed", 1, "an unknown key", "one of seed, ablation"),
     ("seed", None, "null", "a whole number"),
     ("seed", "one", "'one'", "a whole number"),
     ("seed", 1.5, "1.5", "a whole number"),
