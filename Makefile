@@ -7,9 +7,9 @@ EITSKIN_DATA ?= ../shared/data
 SNAKEMAKE := $(BIN)/snakemake --cores $(CORES)
 # One run at a time; a second waits, and clears the lock that a killed one left behind.
 # No process of flock's own: Ctrl-C would end it before the arm is lifted.
-RUN = flock --no-fork .venv/run.lock sh -c '$(SNAKEMAKE) --unlock --quiet all && exec $(SNAKEMAKE) "$$@"' make
-
-WAITS = @flock -n .venv/run.lock true || echo "eitskin: another run is going on in this folder; waiting for its end"
+RUN = sh -c 'flock -n .venv/run.lock true || echo "eitskin: another run is going on in this folder; waiting for its end"; \
+	exec flock --no-fork .venv/run.lock sh -c "$$0" make "$$@"' \
+	'$(SNAKEMAKE) --unlock --quiet all && exec $(SNAKEMAKE) "$$@"'
 
 # Every row of Table I.
 ROWS = --configfile workflow/config/paper.yaml
@@ -33,28 +33,23 @@ export MKL_NUM_THREADS = 1
 
 run: .venv/installed
 	@echo "eitskin: simulating, training and diagnosing on $(CORES) cores; Ctrl-C stops it, make again goes on"
-	$(WAITS)
 	@$(RUN)
 	@echo "eitskin: results/tables/table_1.md, results/concealed/demo/score/score.md"
 
 small: .venv/installed
 	@echo "eitskin: every row of Table I from 6,000 samples on $(CORES) cores"
-	$(WAITS)
 	@$(RUN) $(ROWS) --config budget=small
 
 paper: .venv/installed
 	@echo "eitskin: reproducing the paper's tables and figures on $(CORES) cores, hours; what is done stays; results/report.html"
-	$(WAITS)
 	@$(RUN) paper $(ROWS) --config budget=full && $(SNAKEMAKE) paper $(ROWS) --config budget=full --report results/report.html
 
 concealed: .venv/installed
 	@echo "eitskin: concealing effects, diagnosing them unseen, opening the truths, on $(CORES) cores"
-	$(WAITS)
 	@$(RUN) concealed
 
 concealed_final: .venv/installed
 	@echo "eitskin: the final block of concealed effects on $(CORES) cores, hours; what is done stays"
-	$(WAITS)
 	@$(RUN) concealed --config "concealed={block: final}"
 
 demo-capture: .venv/installed-rig

@@ -18,7 +18,6 @@ import pandas as pd
 from tqdm import tqdm
 
 from eitskin import configuration
-from eitskin.configuration import with_continuous
 from eitskin.data import dataset, splits
 from eitskin.exported.channels import strength
 from eitskin.exported.electrodes import using
@@ -96,7 +95,7 @@ def _sizes(off: np.ndarray) -> dict[str, float]:
 def model_of(data: dataset.Dataset, config: dict) -> SessionModel | None:
     """What a continuous set's sessions were drawn from; None of any other set."""
     name = data.metadata["name"].removeprefix("simulated-")
-    one = with_continuous(config).get(name)
+    one = configuration.with_continuous(config).get(name)
     if one is None or one["continuous"] is None:
         return None
     skin, effects = config["skin"], one["effects"]
