@@ -7,6 +7,7 @@ set, says how many may be used.
 """
 
 import contextlib
+import io
 import os
 import pickle
 import select
@@ -14,10 +15,10 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any, TypeVar
+from typing import IO, Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -60,9 +61,12 @@ def at_once() -> int:
     return 1 if getattr(_here, "busy", False) else min(allowed(), AT_ONCE)
 
 
-def forked(of: Callable[[Part], Result], parts: Iterable[Part]) -> list[Result]:
+def forked(
+    of: Callable[[Part], Result], parts: Iterable[Part], shared: Sequence[Any] = ()
+) -> list[Result]:
     """A function of every part, in their order, each in a process of its own that is forked from
-    this one: what it changes but its result is lost.
+    this one: what it changes but its result is lost. shared: objects of this process that a result
+    may refer to; in what is returned they are the same objects.
 
     At most AT_ONCE run at once: each takes memory of its own. What a part raises is raised here;
     MemoryError where its process was killed or could not begin, RuntimeError where it ended without
@@ -78,7 +82,7 @@ def forked(of: Callable[[Part], Result], parts: Iterable[Part]) -> list[Result]:
         while len(found) < len(parts):
             while begun < len(parts) and len(running) < most:
                 with _uninterrupted():
-                    answer, process = _begun(partial(of, parts[begun]), [*running], busy)
+                    answer, process = _begun(partial(of, parts[begun]), shared, [*running], busy)
                     running[answer] = begun, process
                 begun += 1
             for answer, _ in _readable(running):
@@ -87,7 +91,7 @@ def forked(of: Callable[[Part], Result], parts: Iterable[Part]) -> list[Result]:
                     number, process = running.pop(answer)
                     os.close(answer)
                     ended = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
-                found[number] = _answer(written, ended)
+                found[number] = _answer(written, ended, shared)
     finally:
         with _uninterrupted():
             for _, process in running.values():
@@ -98,7 +102,9 @@ def forked(of: Callable[[Part], Result], parts: Iterable[Part]) -> list[Result]:
     return [found[number] for number in range(len(parts))]
 
 
-def _begun(of: Callable[[], Any], others: list[int], busy: bool) -> tuple[int, int]:
+def _begun(
+    of: Callable[[], Any], shared: Sequence[Any], others: list[int], busy: bool
+) -> tuple[int, int]:
     """What a forked process's answer is read from, and its number; others: what those of others
     are read from, which it must not hold open."""
     _end_threads()
@@ -121,7 +127,7 @@ def _begun(of: Callable[[], Any], others: list[int], busy: bool) -> tuple[int, i
             os.close(held)
         _here.busy = busy
         with os.fdopen(there, "wb") as file:
-            file.write(_told(of))
+            file.write(_told(of, shared))
         code = 0
     except BrokenPipeError:
         pass  # nobody waits for it any more
@@ -131,11 +137,35 @@ def _begun(of: Callable[[], Any], others: list[int], busy: bool) -> tuple[int, i
         os._exit(code)
 
 
-def _told(of: Callable[[], Any]) -> bytes:
+class _Pickler(pickle.Pickler):
+    """Writes shared objects by their numbers."""
+
+    def __init__(self, file: IO[bytes], shared: Sequence[Any]):
+        super().__init__(file, pickle.HIGHEST_PROTOCOL)
+        self._numbers = {id(one): number for number, one in enumerate(shared)}
+
+    def persistent_id(self, one: Any) -> int | None:
+        return self._numbers.get(id(one))
+
+
+class _Unpickler(pickle.Unpickler):
+    """Reads what `_Pickler` has written."""
+
+    def __init__(self, file: IO[bytes], shared: Sequence[Any]):
+        super().__init__(file)
+        self._shared = shared
+
+    def persistent_load(self, number: int) -> Any:
+        return self._shared[number]
+
+
+def _told(of: Callable[[], Any], shared: Sequence[Any]) -> bytes | memoryview:
     """What a function returns, or what it raises, as bytes."""
     try:
         with threadpool_limits(1):  # a fork of OpenBLAS begins with threads of its own
-            return pickle.dumps((of(), None), pickle.HIGHEST_PROTOCOL)
+            file = io.BytesIO()
+            _Pickler(file, shared).dump((of(), None))
+            return file.getbuffer()
     except Exception as error:
         where = traceback.format_exc()
         error.add_note(where)
@@ -159,13 +189,13 @@ def _read_all(answer: int) -> bytes:
         return file.read()
 
 
-def _answer(written: bytes, ended: int) -> Any:
+def _answer(written: bytes, ended: int, shared: Sequence[Any]) -> Any:
     """What a process that ended so has told."""
     if ended == -signal.SIGKILL:
         raise MemoryError("a process was killed, perhaps for want of memory")
     if ended:
         raise RuntimeError(f"a process ended with code {ended}, no answer")
-    result, error = pickle.loads(written)
+    result, error = _Unpickler(io.BytesIO(written), shared).load()
     if error is not None:
         raise error
     return result

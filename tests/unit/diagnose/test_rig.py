@@ -1,6 +1,7 @@
 """Sizes of a rig's errors: of columns made by hand, by draws, and about a fit."""
 
 import gc
+import pickle
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -462,14 +463,17 @@ def test_a_frame_alone_has_what_moves_its_readings_together():
 
 
 def test_fits_have_wide_quadrature_and_lasting_errors_linked():
-    rig = made()
+    rig, units = made(), {}
     rig.columns["quadrature"] = made(["quadrature"]).columns["quadrature"]
+    for name in ("quadrature", LASTING[2]):
+        units[name] = np.where(rig.plain.mask, rig.columns[name], 0.0) / rig.plain.sd
     sizes = {"quadrature": 1e-3, "touch-discrepancy": 0.1, "channel-drift": 6e-4}
     beside = {**sizes, "place-per-press": 0.6}
     learning, fitted = (rig.whitening(beside, fitted=one).errors for one in (False, True))
     assert learning.linked is None or not len(learning.linked)
-    wide = TAIL * 1e-3 * rig.columns["quadrature"]
-    assert np.allclose(fitted.linked, np.concatenate([wide, 0.1 * rig.columns[LASTING[2]]]))
+    wide = TAIL * 1e-3 * units["quadrature"]
+    assert fitted.filtered
+    assert np.allclose(fitted.linked, np.concatenate([wide, 0.1 * units[LASTING[2]]]))
     assert len(fitted.channel) == len(rig.columns["channel-drift"])
     assert np.allclose(fitted.whole, wide / TAIL / np.sqrt(2.0))
     # Beside noise alone they are exact as they are.
@@ -609,6 +613,33 @@ def test_learning_from_a_kept_scoring_has_the_same_bytes():
     assert kept.at(rig, every, list(rig.columns)) is kept.at(rig, dict(every), list(rig.columns))
     other = made(sizes, seed=1)
     assert kept.at(other, every, list(rig.columns)).whitening.mask is other.plain.mask
+
+
+def test_learning_goes_on_from_the_scoring_with_which_it_ended():
+    rig, ended = made(), KeptScoring()
+    residual = drawn(rig, SIZES, np.random.default_rng(15))
+    sizes, _ = learned(rig, residual, SIZES, None, ended)
+    for _ in range(3):  # a climb that ends by its steps ends without a scoring
+        again, _ = learned(rig, residual, sizes, ended, ended)
+        assert again == learned(rig, residual, sizes)[0]
+        sizes = again
+    every = {name: sizes[name] for name in rig.columns}
+    fresh = Scoring(rig, rig.whitening(every), list(rig.columns))
+    kept = ended.at(rig, every, list(rig.columns))
+    assert np.array_equal(kept.information, fresh.information)
+    assert kept is ended.at(rig, every, list(rig.columns))
+
+
+def test_a_rig_is_the_same_when_read_again():
+    rig = made()
+    again = pickle.loads(pickle.dumps(rig))
+    values = np.random.default_rng(16).normal(size=rig.plain.mask.shape)
+    whitening = rig.whitening(SIZES)
+    white = whitening(values)
+    assert np.array_equal(again.whitening(SIZES)(values), white)
+    read = pickle.loads(pickle.dumps(whitening))
+    assert "parts" in vars(whitening) and "parts" not in vars(read)  # they are found anew
+    assert np.array_equal(read(values), white)
 
 
 def test_the_last_scoring_is_kept_unless_it_is_large(monkeypatch):

@@ -233,7 +233,7 @@ def test_what_is_left_is_compared_with_what_entered(kind, correlation):
     counts = [2 * (kind == one) for one in ("channel", "frame", "whole", "press")]
     whitening = rigged(8, 7, 4, counts, correlation)
     values = np.random.default_rng(9).normal(size=(7, 4))
-    entered = whitening.entered(getattr(whitening.errors, kind), kind)
+    entered = whitening.entered(whitening.filtered(getattr(whitening.errors, kind), kind), kind)
     found = whitening.left(whitening(values), kind) * entered
     expected = whitening.back(whitening(values)) * getattr(whitening.errors, kind)
     label = whitening.errors.label

@@ -103,6 +103,15 @@ def test_what_a_forked_part_changes_is_lost_but_for_its_result(monkeypatch):
     assert [list(own) for own in results] == [[0], [1]]
 
 
+def test_what_processes_share_is_the_same_in_their_results(monkeypatch):
+    on(monkeypatch, 2)
+    large, small, other = np.zeros(100_000), {"of": 1}, [2]
+    results = cores.forked(lambda part: (part, large, [small], other), range(2), [large, small])
+    for part, (number, first, (second,), third) in enumerate(results):
+        assert number == part and first is large and second is small
+        assert third == other and third is not other
+
+
 def test_a_forked_part_stays_on_its_core(monkeypatch):
     on(monkeypatch, 2)
 

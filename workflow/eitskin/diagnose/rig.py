@@ -7,6 +7,7 @@ how large they are.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -111,6 +112,18 @@ class Rig:
         assumed = frozenset(name for name in scattered if few and name in columns)
         return cls(plain, columns, scales, slopes, courses, label, assumed)
 
+    def __getstate__(self) -> dict:
+        found_anew = "_made", "filtered"
+        return {name: value for name, value in vars(self).items() if name not in found_anew}
+
+    def __setstate__(self, state: dict) -> None:
+        vars(self).update(state, _made=WeakValueDictionary())
+
+    @cached_property
+    def filtered(self) -> dict[str, np.ndarray]:
+        """`columns` as of `Whitening.filtered`."""
+        return {k: self.plain.filtered(v, COMPONENTS[k].each) for k, v in self.columns.items()}
+
     @property
     def of_press(self) -> np.ndarray:
         """(B, N): whether a frame is of a press."""
@@ -131,24 +144,23 @@ class Rig:
         return made
 
     def _whitening(self, sizes: Mapping[str, float], discrepancy: bool, fitted: bool) -> Whitening:
-        parts: dict[str, list[np.ndarray]]
+        parts: dict[str, list[tuple[float, np.ndarray]]]
         parts = {"channel": [], "frame": [], "whole": [], "press": [], "linked": []}
         for name, size in sizes.items():
-            one = COMPONENTS[name]
+            one, unit = COMPONENTS[name], self.filtered[name]
             if discrepancy or not one.discrepancy:
                 wide = TAIL if fitted and name == "quadrature" else 1.0
                 each = "linked" if fitted and name in LASTING else one.each
-                parts[each].append(wide * size * self.columns[name])
+                parts[each].append((wide * size, unit))
                 if fitted and name == "quadrature":
                     # A square with a mean of sqrt(2) times less than its sd: all readings are more.
-                    parts["whole"].append(size / np.sqrt(2.0) * self.columns[name])
+                    parts["whole"].append((size / np.sqrt(2.0), unit))
         if not parts["frame"] and not parts["press"]:
             parts["channel"] += parts.pop("linked")
-        empty = np.zeros((0, *self.plain.mask.shape))
         if not any(parts.values()):
             return self.plain
-        found = {k: np.concatenate([empty, *v]) for k, v in parts.items()}
-        return replace(self.plain, errors=RigErrors(**found, label=self.label))
+        found = {each: _scaled(own, self.plain.mask.shape) for each, own in parts.items()}
+        return replace(self.plain, errors=RigErrors(**found, label=self.label, filtered=True))
 
     def log_prior(self, sizes: Mapping[str, float]) -> float:
         """Log density of sizes, above that of none."""
@@ -195,6 +207,16 @@ class Rig:
         no tangents."""
         moved = [strays[key][:, None] * tangent for key, tangent in self.tangents.items()]
         return sum(moved, start=np.zeros(self.plain.mask.shape))
+
+
+def _scaled(columns: list[tuple[float, np.ndarray]], shape: tuple[int, ...]) -> np.ndarray:
+    """(K, N, M): columns one after the other, each times its size."""
+    found = np.empty((sum(len(own) for _, own in columns), *shape))
+    start = 0
+    for size, own in columns:
+        np.multiply(own, size, out=found[start : start + len(own)])
+        start += len(own)
+    return found
 
 
 def summed(products: np.ndarray, each: str, of_press: np.ndarray) -> np.ndarray:

@@ -35,13 +35,14 @@ def learned(
     residual: np.ndarray,
     start: Mapping[str, float],
     kept: "KeptScoring | None" = None,
+    ended: "KeptScoring | None" = None,
 ) -> tuple[dict[str, float], float]:
     """Sizes of the greatest likelihood of a residual (N, M), from a start, and that likelihood;
-    0 of what it hardly asks for; kept: where the scoring at a start is kept."""
-    sizes = {name: float(start.get(name, 0.0)) for name in rig.columns}
-    sizes |= {name: rig.scales[name] for name in rig.assumed}
-    free = [name for name in rig.columns if name not in rig.assumed]
-    sizes, best, worth = _climbed(rig, residual, sizes, free, ROUNDS if free else 0, kept)
+    0 of what it hardly asks for; kept: where the scoring at a start is kept; ended: where that at
+    the sizes found is to be kept, if there is one."""
+    sizes, free = _begun(rig, start)
+    rounds = ROUNDS if free else 0
+    sizes, best, worth = _climbed(rig, residual, sizes, free, rounds, kept, ended)
     climbed = sizes
     for name in sorted(free, key=lambda k: sizes[k] / rig.scales[k]):
         same = sizes[name] < SAME * start.get(name, 0.0) < SAME**2 * sizes[name]
@@ -59,6 +60,13 @@ def learned(
     return sizes, best
 
 
+def _begun(rig: Rig, start: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
+    """Sizes of every component from which learning begins, and which of them are learned."""
+    sizes = {name: float(start.get(name, 0.0)) for name in rig.columns}
+    sizes |= {name: rig.scales[name] for name in rig.assumed}
+    return sizes, [name for name in rig.columns if name not in rig.assumed]
+
+
 def _climbed(
     rig: Rig,
     residual: np.ndarray,
@@ -66,9 +74,11 @@ def _climbed(
     free: list[str],
     rounds: int,
     kept: "KeptScoring | None" = None,
+    ended: "KeptScoring | None" = None,
 ) -> tuple[dict[str, float], float, dict[str, float]]:
     """Sizes after rounds of Fisher scoring of those that are free, their likelihood, and what
-    each is worth, as of `_scored`; kept: where the first scoring is kept."""
+    each is worth, as of `_scored`; kept: where the first scoring is kept; ended: where the last
+    one is to be."""
     scoring = kept.at(rig, sizes, free) if kept is not None and rounds else None
     here = rig.whitening(sizes) if scoring is None else scoring.whitening
     best = rig.log_likelihood(sizes, residual, here)
@@ -77,9 +87,11 @@ def _climbed(
         if scoring is None:
             scoring = Scoring(rig, here, free)
         target, worth, hoped = _scored(rig, sizes, scoring, residual, free)
-        scoring = None  # the next one takes as much memory
         if hoped < SETTLED:
+            if ended is not None:
+                ended.keep(rig, sizes, free, scoring)
             break
+        scoring = None  # the next one takes as much memory
         before = best
         sizes, here, best = _nearer(rig, residual, sizes, here, best, target)
         if best - before < SETTLED:
@@ -203,7 +215,7 @@ class Scoring:
 
         def unit(kind: tuple[str, list[int]]) -> tuple[np.ndarray, np.ndarray]:
             each, members = kind
-            columns = np.concatenate([rig.columns[names[i]] for i in members])
+            columns = np.concatenate([rig.filtered[names[i]] for i in members])
             entered = whitening.entered(columns, each)
             own = self._white(whitening, each, entered)
             return own if each == "whole" else entered, own
@@ -237,7 +249,11 @@ class Scoring:
     def nbytes(self) -> int:
         """Bytes of its columns, and about those of the whitening."""
         errors = self.whitening.errors
-        of_rig = [] if errors is None else [v for v in vars(errors).values() if v is not None]
+        of_rig = (
+            []
+            if errors is None
+            else [v for v in vars(errors).values() if isinstance(v, np.ndarray)]
+        )
         return sum(one.nbytes for one in self._along) + 2 * sum(one.nbytes for one in of_rig)
 
     def slope(self, residual: np.ndarray) -> np.ndarray:
@@ -274,6 +290,12 @@ class KeptScoring:
     def __init__(self) -> None:
         self._last: tuple[Rig, dict[str, float], list[str], Scoring] | None = None
 
+    def prepare(self, rig: Rig, start: Mapping[str, float]) -> None:
+        """Finds the scoring with which `learned` begins at a start."""
+        sizes, free = _begun(rig, start)
+        if free:
+            self.at(rig, sizes, free)
+
     def at(self, rig: Rig, sizes: dict[str, float], names: list[str]) -> Scoring:
         """The scoring of some components of a rig at sizes."""
         if self._last is not None:
@@ -282,9 +304,14 @@ class KeptScoring:
                 return scoring
             self._last = None
         scoring = Scoring(rig, rig.whitening(sizes), names)
-        if scoring.nbytes < KEPT_BYTES:
-            self._last = rig, sizes, names, scoring
+        self.keep(rig, sizes, names, scoring)
         return scoring
+
+    def keep(self, rig: Rig, sizes: dict[str, float], names: list[str], scoring: Scoring) -> None:
+        """Keeps a scoring as the last, unless it is too large."""
+        self._last = None
+        if scoring.nbytes < KEPT_BYTES:
+            self._last = rig, dict(sizes), list(names), scoring
 
 
 def _traces(whitening: Whitening, each: str, own: np.ndarray, of_press: np.ndarray) -> np.ndarray:

@@ -30,7 +30,8 @@ class RigErrors:
     every frame, independent from frame to frame; whole (Q, N, M): of all readings together; press
     (P, N, M): of every press, independent from press to press, which press each frame is of, -1
     none, in `label` (N,); linked (L, N, M): as those of a channel, but followed into the channels
-    that what is taken out of frames and presses carries them to.
+    that what is taken out of frames and presses carries them to. filtered: columns are those of
+    `Whitening.filtered` already.
     """
 
     channel: np.ndarray
@@ -39,6 +40,7 @@ class RigErrors:
     press: np.ndarray | None = None
     label: np.ndarray | None = None
     linked: np.ndarray | None = None
+    filtered: bool = False
 
 
 TOGETHER = 8  # columns that are whitened at once
@@ -292,18 +294,22 @@ class Whitening:
             found[at] = (self(alone) ** 2).sum(axis=(1, 2))
         return found
 
-    def entered(self, columns: np.ndarray, each: str) -> np.ndarray:
-        """(K, N, M): columns of errors as they are where these are taken out."""
-        return self._entered(columns, each, self.parts)
-
-    def _entered(self, columns: np.ndarray, each: str, parts: list[_LowRank]) -> np.ndarray:
+    def filtered(self, columns: np.ndarray, each: str) -> np.ndarray:
+        """(K, N, M): columns of errors in units of the noise, as the filter in time leaves them."""
         if each == "frame":
             return np.where(self.mask, columns, 0.0) / self.sd * self._louder[:, None]
-        found = self._filtered(columns)
+        return self._filtered(columns)
+
+    def entered(self, columns: np.ndarray, each: str) -> np.ndarray:
+        """(K, N, M): columns of `filtered` errors as they are where these are taken out."""
+        return self._entered(columns, each, self.parts)
+
+    @staticmethod
+    def _entered(columns: np.ndarray, each: str, parts: list[_LowRank]) -> np.ndarray:
         for part in parts:
             if each == "press" and part.each == "frame":
-                found = part.apply(found, part.root)
-        return found
+                columns = part.apply(columns, part.root)
+        return columns
 
     def left(self, whitened: np.ndarray, each: str) -> np.ndarray:
         """(..., N, M): of what is whitened, what errors as of `entered` are compared with."""
@@ -368,6 +374,10 @@ class Whitening:
             values[..., previous[rows, channels], channels] -= later
         return np.where(self.mask, values, 0.0) / self.sd
 
+    def __getstate__(self) -> dict:
+        """Without `parts`: what they take to find is less than what they are."""
+        return {name: value for name, value in vars(self).items() if name != "parts"}
+
     def forget(self) -> None:
         """Let go of `parts`, which are found anew where they are asked for."""
         vars(self).pop("parts", None)
@@ -384,9 +394,12 @@ class Whitening:
             for each in ("press", "linked"):
                 if getattr(self.errors, each) is not None:
                     own[each] = getattr(self.errors, each)
+            if not self.errors.filtered:
+                own = {each: self.filtered(columns, each) for each, columns in own.items()}
+        constant = self._filtered(constant)
         found: list[_LowRank] = []
         if self._free:
-            found.append(_LowRank(self._filtered(constant), "channel"))
+            found.append(_LowRank(constant, "channel"))
             found[0].length = np.full(found[0].length.shape, np.inf)
             # What is taken out for good does not come back.
             found[0].precision = found[0].root = np.full(found[0].length.shape, -1.0)

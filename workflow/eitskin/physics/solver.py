@@ -2,9 +2,9 @@
 rim and electrodes is computed once."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from eitskin import cores
 from eitskin.physics.depth import DepthForward, span
@@ -59,7 +59,9 @@ class SolvedSkins:
         finally:
             self.most = around
 
-    def forked(self, of: Callable[[Part], Result], parts: Iterable[Part]) -> list[Result]:
+    def forked(
+        self, of: Callable[[Part], Result], parts: Iterable[Part], shared: Sequence[Any] = ()
+    ) -> list[Result]:
         """As `cores.forked`; what each part solves counts as spent here."""
         begun = self.spent
 
@@ -67,7 +69,7 @@ class SolvedSkins:
             self.spent = begun
             return of(part), self.spent - begun
 
-        found = cores.forked(counted, parts)
+        found = cores.forked(counted, parts, shared)
         self.spent = begun + sum(cost for _, cost in found)
         return [result for result, _ in found]
 

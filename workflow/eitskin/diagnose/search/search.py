@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -45,6 +46,8 @@ from eitskin.diagnose.whitening import Whitening
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from eitskin.physics.solver import Spent
+
+Part = TypeVar("Part")
 
 SIGNIFICANT = 1e-3
 # Trials are fitted where the best score has this global p-value, or this log evidence ...
@@ -195,9 +198,10 @@ class Search:
     ) -> State:
         sizes, prior, rig = dict(sizes or {}), 0.0, rig or self.rig
         if rig is not None:
+            ended = KeptScoring()
             for number in range(LEARNED):
-                of_first = kept if number == 0 else None
-                fitted, sizes, rig, gained = self._learned(fitted, sizes, rig, of_first)
+                scorings = (kept or ended) if number == 0 else ended, ended
+                fitted, sizes, rig, gained = self._learned(fitted, sizes, rig, *scorings)
                 if gained < SETTLED:
                     break
             prior = rig.log_prior(sizes)
@@ -207,12 +211,18 @@ class Search:
         return State(fitted, self.fold, likelihood, evidence, dict(p_values or {}), sizes, rig)
 
     def _learned(
-        self, fitted: Fit, sizes: dict[str, float], rig: Rig, kept: KeptScoring | None
+        self,
+        fitted: Fit,
+        sizes: dict[str, float],
+        rig: Rig,
+        kept: KeptScoring,
+        ended: KeptScoring,
     ) -> tuple[Fit, dict[str, float], Rig, float]:
         """A fit with the sizes of the rig's errors learned from it, and by how many nats it moved
-        on for them. Where touches are far from where they are said to be, the readings are taken to
-        follow in proportion from where they seem to be (Lindstrom, Bates, Biometrics 46, 1990)."""
-        sizes, _ = learned(rig, fitted.misfit, sizes, kept)
+        on for them; kept, ended: as of `learned`. Where touches are far from where they are said to
+        be, the readings are taken to follow in proportion from where they seem to be (Lindstrom,
+        Bates, Biometrics 46, 1990)."""
+        sizes, _ = learned(rig, fitted.misfit, sizes, kept, ended)
         there, problem = touches.followed(self.problem, fitted, rig, sizes), fitted.problem
         followed = there is not problem.model
         if followed:
@@ -226,6 +236,24 @@ class Search:
         moved = stepped(here, 2.0 * SETTLED)
         gained = np.inf if followed else 0.5 * (here.cost - moved.cost)
         return moved, sizes, rig, gained
+
+    def _fits(
+        self, state: State, of: Callable[[Part], State | None], parts: Sequence[Part]
+    ) -> list[State | None]:
+        """What a function that fits about a state has of every part, each in a process of its own:
+        what one changes in this search but its result is lost. One after the other in this process
+        where bodies are tried, of which two at once take too much memory."""
+        if any(c.name == "third-dimension" for c in self.candidates):
+            return [of(part) for part in parts]
+        if state.rig is not None and parts:
+            self.scoring.prepare(state.rig, state.sizes)
+        shared: list[object] = [*EFFECTS.values(), *state.effects]
+        shared += [self.fold, self.rig, state.rig]
+        for problem in (self.problem, state.fit.problem):
+            own = problem.whitening
+            shared += [problem, *vars(problem).values(), *vars(problem.model).values()]
+            shared += [own.mask, own.sd, own.rho, own.clock]
+        return self.problem.model.near.forked(of, parts, shared)
 
     def calibrated(self) -> State:
         """The owner's beliefs with their calibrations fitted, no effect."""
@@ -401,16 +429,19 @@ class Search:
         here = self.linearised(state)
         # A discrepancy would take all of it to itself, until sizes are learned again.
         tangents = Tangents(self.named(state, here.fit), [here])
-        found = []
+        hopeful = []
         for candidate in self.candidates:
             if _of_channels(candidate):
                 free = channels.scores(tangents, candidate)[-1]
                 p = self.global_p(free.p_value)
                 if free.log_evidence > max(plain, LEAST_EVIDENCE) and p < SIGNIFICANT:
-                    trial = self.with_effect(state, candidate)
-                    if trial is not None and trial.log_evidence > state.log_evidence:
-                        trial.p_values[candidate.key] = p
-                        found.append(trial)
+                    hopeful.append((candidate, p))
+        found = []
+        trials = self._fits(state, lambda one: self.with_effect(state, one[0]), hopeful)
+        for (candidate, p), trial in zip(hopeful, trials, strict=True):
+            if trial is not None and trial.log_evidence > state.log_evidence:
+                trial.p_values[candidate.key] = p
+                found.append(trial)
         return max(found, key=lambda s: s.log_evidence, default=None)
 
     def _grow(self, state: State) -> State:
@@ -654,20 +685,22 @@ class Search:
             listed = shortlist(scores) if self._hopeful(scores) else []
             listed += self._afar(state, listed)
             competing = self._competing(state, {s.candidate.name for s in listed})
-            for s in [*listed, *competing]:
+
+            def attempt(one: Score) -> State | None:
                 if self.spent:
-                    break
-                if known is not None and s.candidate.key == known.key:
-                    continue
-                trial = self.with_effect(state, s.candidate, self._cost(state, best - RACE))
+                    return None
+                return self.with_effect(state, one.candidate, self._cost(state, best - RACE))
+
+            own = known and known.key
+            open_to = [s for s in [*listed, *competing] if s.candidate.key != own]
+            trials = [attempt(one) for one in open_to[:1]]  # what the others have to come near to
+            best = max(best, *(one.log_evidence for one in trials if one is not None), -np.inf)
+            trials += self._fits(state, attempt, open_to[1:])
+            for s, trial in zip(open_to, trials, strict=True):
                 if trial is not None:
                     trial.score = s
                     trial.p_values[added(state, trial).key] = self._own_p(s, state, trial)
-                    own = trial.fit.problem.whitening
-                    if own is not state.fit.problem.whitening:
-                        own.forget()  # most trials are never looked at again
                     found.append(trial)
-                    best = max(best, trial.log_evidence)
             found.sort(key=lambda s: -s.log_evidence)
             self.trials[key] = found
         return self.trials[key]
@@ -803,6 +836,11 @@ class Search:
             fitted = fit(state.fit.problem, effects, np.zeros_like(theta))
         return self.state(fitted, state.p_values, state.sizes, state.rig)
 
+    def _each_without(self, state: State, count: int) -> list[tuple[int, State]]:
+        """`without` of each of the first `count` effects, with its number."""
+        found = self._fits(state, lambda i: self.without(state, i), range(count))
+        return [(i, less) for i, less in enumerate(found) if less is not None]
+
     def renew_catalogue_p(self, state: State) -> None:
         """`catalogue_p` of a state, where it is another's."""
         if state.key != self.catalogue_of and not (self.spent or self.unlike(state)):
@@ -814,28 +852,27 @@ class Search:
         """A state that was found on fewer frames, less the effects that all of them do not bear
         out, each with the p-value of its likelihood ratio on all of them."""
         self._draw_null(self.linearised(state))
-        index = 0
-        while index < len(state.effects):
-            effect, less = state.effects[index], self.without(state, index)
-            gain = max(2.0 * (state.log_likelihood - less.log_likelihood), 0.0)
-            one = Score(effect, gain, max(effect.size, 1), 0.0, _choices(effect))
-            p = self.global_p(one.p_value)
-            worth = state.log_evidence >= less.log_evidence + LEAST_EVIDENCE
-            if worth and p < SIGNIFICANT and self.predicts(state, less):
+        while True:
+            for index, less in self._each_without(state, len(state.effects)):
+                effect = state.effects[index]
+                gain = max(2.0 * (state.log_likelihood - less.log_likelihood), 0.0)
+                one = Score(effect, gain, max(effect.size, 1), 0.0, _choices(effect))
+                p = self.global_p(one.p_value)
+                worth = state.log_evidence >= less.log_evidence + LEAST_EVIDENCE
+                if not (worth and p < SIGNIFICANT and self.predicts(state, less)):
+                    self.step("drop", effect, less, p)
+                    state = less
+                    break
                 state.p_values[effect.key] = p
-                index += 1
             else:
-                self.step("drop", effect, less, p)
-                state, index = less, 0
-        return state
+                return state
 
     def _drop(self, state: State) -> State:
         """Effects that no longer earn their place, taken out one by one; the rest polished."""
         dropped = True
         while dropped and len(state.effects) > 1:
             dropped = False
-            for index in range(len(state.effects) - 1):
-                less = self.without(state, index)
+            for index, less in self._each_without(state, len(state.effects) - 1):
                 if less.log_evidence > state.log_evidence - LEAST_EVIDENCE:
                     self.step("drop", state.effects[index], less)
                     state, dropped = less, True
