@@ -25,13 +25,13 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import torch
 from torch import Tensor, nn
-from tqdm import tqdm
 
 from eitskin.data.dataset import Dataset
 from eitskin.errors import InputError
 from eitskin.learn import gates, model_file, models, networks
 from eitskin.learn.model_file import Trained
 from eitskin.learn.networks import Autoencoder, Shape, StateToLatent, Svr
+from eitskin.progress import patient
 
 Loss = Callable[..., Tensor]  # (module, *batch) -> scalar
 
@@ -195,7 +195,7 @@ def fit(
     rates = learning_rates(optimiser, steps)
     history: list[list[float]] = []
     best, best_weights = float("inf"), {}
-    for _ in tqdm(range(budget.epochs), desc=f"seed {seed}", leave=False, disable=None):
+    for _ in patient(range(budget.epochs), f"epochs, seed {seed}"):
         module.train()
         total = torch.zeros((), device=train[0].device)
         order = torch.randperm(n_train, generator=generator).to(train[0].device)

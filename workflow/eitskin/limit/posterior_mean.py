@@ -6,20 +6,19 @@ either known or drawn as the configuration says. Its errors on tested samples ar
 model of the same samples is held against, in the same metrics.
 """
 
-import sys
 import zlib
 from typing import TypedDict
 
 import numpy as np
 import pandas as pd
 from scipy.special import ndtri
-from tqdm import tqdm
 
 from eitskin.data.dataset import Dataset
 from eitskin.learn import metrics
 from eitskin.limit.observation import Experiment, Sample, SessionModel
 from eitskin.limit.posterior import different, draw, find_mode
 from eitskin.physics.skin import Skin
+from eitskin.progress import patient
 from eitskin.simulate.state_priors import force_N, place_normal
 
 TARGETS = {"x": "x_mm", "y": "y_mm", "F": "force_N"}
@@ -141,7 +140,7 @@ def estimates(
     starts = Starts(unknown)
     known: tuple[int, SessionModel] | None = None
     found = []
-    for row in tqdm(rows, unit="samples", disable=not sys.stderr.isatty()):
+    for row in patient(rows, "samples"):
         truth, change = dataset.table.iloc[row], dataset.delta_V[row].astype(float)
         session = int(truth["session"])
         if known is None or known[0] != session:

@@ -4,7 +4,6 @@ Effects are applied stage by stage, whatever their order in the list; within a s
 of effects.effect.ORDER, else in the list's.
 """
 
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,7 +12,6 @@ from typing import TypeVar
 
 import numpy as np
 import pandas as pd
-from tqdm import tqdm
 
 from eitskin.effects.effect import (
     ORDER,
@@ -35,6 +33,7 @@ from eitskin.physics.forward import Forward, channel_values, measurable
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.skin import Skin
 from eitskin.physics.solver import SolvedSkins
+from eitskin.progress import patient
 from eitskin.simulate.interpolation import enough_nodes, lagrange
 from eitskin.simulate.leaks import leaking
 
@@ -351,10 +350,9 @@ class _Solver:
         """(N, n, n) ohm: transfer impedance of every row; with `contact`, (N, n + 1, n + 1)."""
         terminals = len(self.base.electrode_deg) + int(contact)
         result = np.zeros((len(self.touches), terminals, terminals))
-        shown = self.progress and sys.stderr.isatty()
         places = self.touches[["x_mm", "y_mm", "radius_mm"]].to_numpy()
         contrast = self.touches["contrast"].to_numpy()
-        for forward, rows, weight in tqdm(self._skins(), unit="skin", disable=not shown):
+        for forward, rows, weight in patient(self._skins(), "skins", self.progress):
             value = np.pad(forward.transfer_impedance(), (0, int(contact)))
             result[rows] += weight[:, None, None] * value
             found = [

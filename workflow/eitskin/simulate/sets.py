@@ -6,17 +6,14 @@ paper's code, the untouched frame carries the instrument of its touched frame's 
 """
 
 import json
-import sys
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from tqdm import tqdm
 
 from eitskin.atomic import atomic_path
 from eitskin.data import dataset, parquet
@@ -25,19 +22,14 @@ from eitskin.effects.effect import Frames, Setting
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.physics.skin import Skin
+from eitskin.progress import patient
 from eitskin.simulate import state_priors
 from eitskin.simulate.readings import apply_instrument, simulate
-
-Item = TypeVar("Item")
 
 STAGE_KEY = b"eitskin-stage"
 READINGS = ("untouched_V", "touched_V")
 NOISE = zlib.crc32(b"noise")
 CONTINUOUS = "-continuous"  # so ends the name of a set whose touches lie everywhere
-
-
-def _watched(items: Iterable[Item], unit: str) -> Iterable[Item]:
-    return tqdm(items, unit=unit, disable=not sys.stderr.isatty())
 
 
 def sessions(
@@ -137,7 +129,7 @@ def _simulate_sessions(
     untouched = np.empty((len(table), len(channels)), dtype=np.float32)
     touched = np.empty_like(untouched)
     still = pd.DataFrame({"touch": [False], "force_N": [0.0]})
-    for session, rows in _watched(table.groupby("session").indices.items(), "sessions"):
+    for session, rows in patient(table.groupby("session").indices.items(), "sessions"):
         frames = pd.concat([still, table.iloc[rows].assign(touch=True)], ignore_index=True)
         voltage = simulate(
             frames.assign(time_s=0.0),
@@ -203,7 +195,7 @@ def write_stage(stage: str | Path, out: str | Path, seed: int, effect: dict, pos
     """One instrument effect, drawn anew for each session, applied to a stage."""
     table, untouched, touched, channels = read_stage(stage)
     force = table["force_N"].to_numpy()
-    for session, rows in _watched(table.groupby("session").indices.items(), "sessions"):
+    for session, rows in patient(table.groupby("session").indices.items(), "sessions"):
         draw = (seed, int(session), position)
         chosen = sample_settings([effect], site_counts(channels), draw)
         frames = Frames(np.zeros(len(rows)), force[rows], channels, force_max_N=force.max())
