@@ -275,3 +275,18 @@ def test_a_name_is_one_effect_s(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"toy-bleeding: found that of eitskin\.effects\.toy_bl"):
         effects.discover()
     del sys.modules["eitskin.effects.toy_again"]
+
+
+@pytest.mark.parametrize("left_out", [["mend"], ["driver", "finding"]])
+def test_what_an_effect_leaves_out_is_told(tmp_path, monkeypatch, left_out):
+    text = TOYS["toy_bleeding"].replace("toy-bleeding", "toy-silent")
+    for one in left_out:
+        assert re.search(rf"^    {one} = ", text, re.MULTILINE)
+        text = re.sub(rf"^    {one} = .*\n", "", text, flags=re.MULTILINE)
+    (tmp_path / "toy_silent.py").write_text(text, encoding="utf-8")
+    monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
+    found = " and ".join(f"no {one}" for one in left_out)
+    with pytest.raises(InputError, match=rf"effects\.toy_silent: toy-silent: found {found}, "):
+        effects.discover()
+    assert "toy-silent" not in effects.EFFECTS
+    del sys.modules["eitskin.effects.toy_silent"]

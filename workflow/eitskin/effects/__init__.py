@@ -8,19 +8,25 @@ from eitskin.effects.effect import Effect, InstrumentEffect
 from eitskin.errors import InputError
 
 EFFECTS: dict[str, Effect] = {}
+# What every effect says of itself; `stage` comes from the class that it is of.
+SAID = "driver", "parameters", "source", "mend", "finding", "shown_by"
 
 
 def discover() -> None:
     """Put the effects of every file in this package's `__path__` into EFFECTS, by name.
 
     Called on import, and by whoever adds a folder to the path. Raises InputError for a name that
-    two effects have.
+    two effects have, and for an effect that leaves out what every one has to say.
     """
     for found in pkgutil.iter_modules(__path__):
         module = importlib.import_module(f"{__name__}.{found.name}")
         for kind in vars(module).values():
             own = isinstance(kind, type) and kind.__module__ == module.__name__
             if own and issubclass(kind, Effect) and hasattr(kind, "name"):
+                missing = [one for one in SAID if not hasattr(kind, one)]
+                if missing:
+                    without = f"no {' and no '.join(missing)}"
+                    raise InputError(module.__name__, kind.name, without, ", ".join(SAID))
                 known = EFFECTS.setdefault(kind.name, kind())
                 if type(known) is not kind:
                     there = f"that of {type(known).__module__} too"
