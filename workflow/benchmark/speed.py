@@ -425,9 +425,10 @@ def main(arguments: list[str] | None = None) -> None:
     if unknown := set(chosen.names) - set(BENCHES):
         parser.error(f"no bench: {', '.join(sorted(unknown))}")
     given = sys.argv[1:] if arguments is None else arguments
-    threads = f"OMP_NUM_THREADS={os.environ.get('OMP_NUM_THREADS', 'unset')}"
+    threads = os.environ.get("OMP_NUM_THREADS")
+    chosen_threads = "-u OMP_NUM_THREADS" if threads is None else f"OMP_NUM_THREADS={threads}"
     measured = {
-        "command": f"env {threads} {shlex.join(['python', '-m', 'benchmark.speed', *given])}",
+        "command": f"env {chosen_threads} {shlex.join(['python', '-m', 'benchmark.speed', *given])}",
         "commit": rows.commit(),
         "machine": rows.machine(),
     }
