@@ -426,9 +426,9 @@ def main(arguments: list[str] | None = None) -> None:
         parser.error(f"no bench: {', '.join(sorted(unknown))}")
     given = sys.argv[1:] if arguments is None else arguments
     threads = os.environ.get("OMP_NUM_THREADS")
-    chosen_threads = "-u OMP_NUM_THREADS" if threads is None else f"OMP_NUM_THREADS={threads}"
+    cores = "-u OMP_NUM_THREADS" if threads is None else f"OMP_NUM_THREADS={threads}"
     measured = {
-        "command": f"env {chosen_threads} {shlex.join(['python', '-m', 'benchmark.speed', *given])}",
+        "command": f"env {cores} {shlex.join(['python', '-m', 'benchmark.speed', *given])}",
         "commit": rows.commit(),
         "machine": rows.machine(),
     }
