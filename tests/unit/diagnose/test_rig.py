@@ -615,19 +615,22 @@ def test_learning_from_a_kept_scoring_has_the_same_bytes():
     assert kept.at(other, every, list(rig.columns)).whitening.mask is other.plain.mask
 
 
-def test_learning_goes_on_from_the_scoring_with_which_it_ended():
-    rig, ended = made(), KeptScoring()
-    residual = drawn(rig, SIZES, np.random.default_rng(15))
-    sizes, _ = learned(rig, residual, SIZES, None, ended)
-    for _ in range(3):  # a climb that ends by its steps ends without a scoring
-        again, _ = learned(rig, residual, sizes, ended, ended)
-        assert again == learned(rig, residual, sizes)[0]
-        sizes = again
-    every = {name: sizes[name] for name in rig.columns}
-    fresh = Scoring(rig, rig.whitening(every), list(rig.columns))
-    kept = ended.at(rig, every, list(rig.columns))
-    assert np.array_equal(kept.information, fresh.information)
-    assert kept is ended.at(rig, every, list(rig.columns))
+def test_learning_goes_on_from_the_scoring_with_which_it_ended(monkeypatch):
+    own = {name: SIZES[name] for name in FRAME}
+    rig, ended, made_anew = made(FRAME), KeptScoring(), []
+    residual = drawn(rig, own, np.random.default_rng(15))
+    sizes, _ = learned(rig, residual, own)
+    sizes, _ = learned(rig, residual, sizes)
+    found, best = learned(rig, residual, sizes, None, ended)
+    assert found == sizes  # the climb is at its end
+    plain = Scoring(rig, rig.whitening(sizes), list(rig.columns))
+    monkeypatch.setattr(rig_sizes, "Scoring", lambda *job: made_anew.append(job) or plain)
+    kept = ended.at(rig, {name: sizes[name] for name in rig.columns}, list(rig.columns))
+    assert np.array_equal(kept.information, plain.information) and kept is not plain
+    assert learned(rig, residual, sizes, ended, ended) == (found, best)
+    assert not made_anew
+    learned(rig, residual, sizes, None, ended)
+    assert len(made_anew) == 1
 
 
 def test_a_rig_is_the_same_when_read_again():

@@ -21,6 +21,7 @@ from eitskin.diagnose.search import search
 from eitskin.diagnose.search.screen import NULL_DRAWS, score
 from eitskin.diagnose.search.search import Search, State
 from eitskin.diagnose.tangents import Tangents
+from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from small_skin import (
     CHANNELS,
@@ -274,6 +275,39 @@ def off_in_force(share, *effects):
     off = np.where(press >= 0, share * draw.normal(size=press.max() + 1)[press], 0.0)
     recorded.frames["force_N"] *= 1.0 + off
     return recorded
+
+
+def test_trials_of_other_processes_are_of_this_search(contact, monkeypatch):
+    found = contact[1]
+    held, state = found.search, found.before
+    for kept in ("met", "scored", "trials"):
+        monkeypatch.setattr(held, kept, {})
+    trials = held.tried(state, held.scores(state))
+    assert len(trials) > 2
+    for trial in trials:
+        problem = trial.fit.problem
+        assert trial.fold is held.fold and problem.model.near is held.problem.model.near
+        assert problem.model is held.problem.model and problem.recorded is held.problem.recorded
+        assert trial.rig is state.rig
+        assert all(one.effect is EFFECTS[one.name] for one in trial.effects)
+    whitenings = [trial.fit.problem.whitening for trial in trials]
+    assert not any("parts" in vars(own) for own in whitenings if own is not held.problem.whitening)
+
+
+def test_what_trials_solve_counts_for_those_that_follow(contact, monkeypatch):
+    found = contact[1]
+    held, state, near = found.search, found.before, found.search.problem.model.near
+    begun, seen = near.spent, []
+    monkeypatch.setattr(search, "TOGETHER", 2)
+
+    def solving(part):
+        seen.append(near.spent - begun)
+        near.spent += 10.0
+        return near.spent - begun - 10.0
+
+    assert held._fits(state, solving, range(5)) == [0.0, 0.0, 20.0, 20.0, 40.0]
+    assert near.spent == begun + 50.0 and not seen
+    near.spent = begun
 
 
 def test_what_an_effect_leaves_is_fitted_once(contact, monkeypatch):

@@ -134,8 +134,8 @@ class Rig:
     ) -> Whitening:
         """The covariance with components of these sizes; those that this rig has no columns for add
         nothing. fitted: as fits have it, quadrature TAIL times as wide and with its mean, errors
-        of a channel that stay as they are linked, where frames or presses have any. One that is
-        in use is given again, with what it has found."""
+        of a channel that stay as they are linked, where frames or presses have any. One that was
+        made here and is in use is given again, with what it has found."""
         there = {k: v for k, v in sizes.items() if v > 0.0 and k in self.columns}
         key = discrepancy, fitted, *there.items()
         made = self._made.get(key)

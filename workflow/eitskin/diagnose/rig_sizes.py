@@ -39,7 +39,8 @@ def learned(
 ) -> tuple[dict[str, float], float]:
     """Sizes of the greatest likelihood of a residual (N, M), from a start, and that likelihood;
     0 of what it hardly asks for; kept: where the scoring at a start is kept; ended: where that at
-    the sizes found is to be kept, if there is one."""
+    the end of the climb is to be kept, if there is one: at the sizes found, where no component is
+    taken out."""
     sizes, free = _begun(rig, start)
     rounds = ROUNDS if free else 0
     sizes, best, worth = _climbed(rig, residual, sizes, free, rounds, kept, ended)
@@ -80,6 +81,8 @@ def _climbed(
     each is worth, as of `_scored`; kept: where the first scoring is kept; ended: where the last
     one is to be."""
     scoring = kept.at(rig, sizes, free) if kept is not None and rounds else None
+    if ended is not None:
+        ended.clear()
     here = rig.whitening(sizes) if scoring is None else scoring.whitening
     best = rig.log_likelihood(sizes, residual, here)
     worth: dict[str, float] = {}
@@ -285,7 +288,8 @@ class Scoring:
 
 
 class KeptScoring:
-    """The last scoring at sizes from which learning began: many fits begin from one state."""
+    """A scoring at sizes from which learning begins: many fits begin from one state, and the next
+    round where the last one ended."""
 
     def __init__(self) -> None:
         self._last: tuple[Rig, dict[str, float], list[str], Scoring] | None = None
@@ -306,6 +310,10 @@ class KeptScoring:
         scoring = Scoring(rig, rig.whitening(sizes), names)
         self.keep(rig, sizes, names, scoring)
         return scoring
+
+    def clear(self) -> None:
+        """Lets go of the scoring."""
+        self._last = None
 
     def keep(self, rig: Rig, sizes: dict[str, float], names: list[str], scoring: Scoring) -> None:
         """Keeps a scoring as the last, unless it is too large."""

@@ -79,6 +79,7 @@ GROSS = 30.0  # chi squared over its degrees of freedom above which gross faults
 PLAIN = 0.5  # of the misfit without it, that a gross fault may leave
 RACE = 10.0  # nats behind the best trial at which another is given up
 LOST = 100.0  # nats behind the state that it began from: a fit that went astray
+TOGETHER = 4  # fits in processes of their own, of which none knows what the others solve
 
 
 @dataclass
@@ -240,12 +241,13 @@ class Search:
     def _fits(
         self, state: State, of: Callable[[Part], State | None], parts: Sequence[Part]
     ) -> list[State | None]:
-        """What a function that fits about a state has of every part, each in a process of its own:
-        what one changes in this search but its result is lost. One after the other in this process
-        where bodies are tried, of which two at once take too much memory."""
-        if any(c.name == "third-dimension" for c in self.candidates):
+        """A function of every part, which fits something about a state, each in a process of its
+        own: what it changes in this search but its result is lost. Each may solve all that may
+        still be solved, TOGETHER of them; then what they solved counts. One after the other in this
+        process where bodies are tried, of which two at once take too much memory."""
+        if len(parts) < 2 or any(c.name == "third-dimension" for c in self.candidates):
             return [of(part) for part in parts]
-        if state.rig is not None and parts:
+        if state.rig is not None:
             self.scoring.prepare(state.rig, state.sizes)
         shared: list[object] = [*EFFECTS.values(), *state.effects]
         shared += [self.fold, self.rig, state.rig]
@@ -253,7 +255,11 @@ class Search:
             own = problem.whitening
             shared += [problem, *vars(problem).values(), *vars(problem.model).values()]
             shared += [own.mask, own.sd, own.rho, own.clock]
-        return self.problem.model.near.forked(of, parts, shared)
+        found: list[State | None] = []
+        for start in range(0, len(parts), TOGETHER):
+            together = parts[start : start + TOGETHER]
+            found += self.problem.model.near.forked(of, together, shared)
+        return found
 
     def calibrated(self) -> State:
         """The owner's beliefs with their calibrations fitted, no effect."""
@@ -678,7 +684,8 @@ class Search:
     ) -> list[State]:
         """States with one more effect, the best of every name fitted, each with the global p-value
         of its likelihood ratio, as of `_own_p`, best first; but for one that is `known` to have the
-        log evidence `best`."""
+        log evidence `best`. The likeliest is fitted first; the others are given up where they fall
+        RACE behind it, or behind `best`."""
         key = state.key
         if key not in self.trials:
             found: list[State] = []
@@ -689,10 +696,15 @@ class Search:
             def attempt(one: Score) -> State | None:
                 if self.spent:
                     return None
-                return self.with_effect(state, one.candidate, self._cost(state, best - RACE))
+                trial = self.with_effect(state, one.candidate, self._cost(state, best - RACE))
+                if trial is not None:
+                    own = trial.fit.problem.whitening
+                    if own is not state.fit.problem.whitening:
+                        own.forget()  # most trials are never looked at again
+                return trial
 
-            own = known and known.key
-            open_to = [s for s in [*listed, *competing] if s.candidate.key != own]
+            taken = known and known.key
+            open_to = [s for s in [*listed, *competing] if s.candidate.key != taken]
             trials = [attempt(one) for one in open_to[:1]]  # what the others have to come near to
             best = max(best, *(one.log_evidence for one in trials if one is not None), -np.inf)
             trials += self._fits(state, attempt, open_to[1:])
