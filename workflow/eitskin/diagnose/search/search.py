@@ -48,6 +48,7 @@ from eitskin.errors import InputError
 from eitskin.physics.solver import Spent
 
 Part = TypeVar("Part")
+Result = TypeVar("Result")
 
 SIGNIFICANT = 1e-3
 # Trials are fitted where the best score has this global p-value, or this log evidence ...
@@ -239,8 +240,8 @@ class Search:
         return moved, sizes, rig, gained
 
     def _fits(
-        self, state: State, of: Callable[[Part], State | None], parts: Sequence[Part]
-    ) -> list[State | None]:
+        self, state: State, of: Callable[[Part], Result], parts: Sequence[Part]
+    ) -> list[Result]:
         """A function of every part, which fits something about a state, each in a process of its
         own: what it changes in this search but its result is lost. Each may solve all that may
         still be solved, TOGETHER of them; then what they solved counts. One after the other in this
@@ -255,7 +256,7 @@ class Search:
             own = problem.whitening
             shared += [problem, *vars(problem).values(), *vars(problem.model).values()]
             shared += [own.mask, own.sd, own.rho, own.clock]
-        found: list[State | None] = []
+        found: list[Result] = []
         for start in range(0, len(parts), TOGETHER):
             together = parts[start : start + TOGETHER]
             found += self.problem.model.near.forked(of, together, shared)
@@ -706,7 +707,7 @@ class Search:
             taken = known and known.key
             open_to = [s for s in [*listed, *competing] if s.candidate.key != taken]
             trials = [attempt(one) for one in open_to[:1]]  # what the others have to come near to
-            best = max(best, *(one.log_evidence for one in trials if one is not None), -np.inf)
+            best = max([best, *(one.log_evidence for one in trials if one is not None)])
             trials += self._fits(state, attempt, open_to[1:])
             for s, trial in zip(open_to, trials, strict=True):
                 if trial is not None:
@@ -850,8 +851,7 @@ class Search:
 
     def _each_without(self, state: State, count: int) -> list[tuple[int, State]]:
         """`without` of each of the first `count` effects, with its number."""
-        found = self._fits(state, lambda i: self.without(state, i), range(count))
-        return [(i, less) for i, less in enumerate(found) if less is not None]
+        return list(enumerate(self._fits(state, lambda i: self.without(state, i), range(count))))
 
     def renew_catalogue_p(self, state: State) -> None:
         """`catalogue_p` of a state, where it is another's."""
