@@ -32,7 +32,11 @@ rule all:
     input:
         rules.clean.output,
         rules.table_1.output,
-        expand("results/limit/simulated-{set}.cramer_rao.csv", set=CONTINUOUS_SETS),
+        expand(
+            "results/limit/simulated-{set}.{table}.csv",
+            set=CONTINUOUS_SETS,
+            table=["ratios", "cramer_rao"],
+        ),
         expand("results/recordings/{recording}.check.txt", recording=config["recordings"]),
         expand("results/diagnosis/{recording}/report.html", recording=config["diagnoses"]),
         rules.concealed_demo.input,

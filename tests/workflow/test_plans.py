@@ -176,9 +176,10 @@ SCORE = {"concealed_score", "concealed_figures", "concealed_case"}  # of a block
     ("module", "rules"),
     [
         ("scripts/train_regressor.py", {"train_regressor", "train_predictor", *TABLE}),
-        ("eitskin/data/splits.py", {"split", *LEARNING, *TABLE, "limit"}),
-        ("eitskin/learn/networks.py", {*LEARNING, *TABLE}),
-        ("eitskin/limit/posterior.py", {"limit", "cramer_rao", "table_1"}),
+        ("eitskin/data/splits.py", {"split", *LEARNING, *TABLE, "limit", "ratios"}),
+        ("eitskin/learn/networks.py", {*LEARNING, *TABLE, "ratios"}),
+        ("eitskin/limit/posterior.py", {"limit", "cramer_rao", "ratios", "table_1"}),
+        ("eitskin/limit/ratios.py", {"ratios"}),
         ("eitskin/paper/table_1.py", {"table_1"}),
         ("eitskin/effects/offset.py", {*DIAGNOSIS, *SCORE}),
         ("eitskin/diagnose/search/tones.py", {*DIAGNOSIS, *SCORE}),
@@ -267,7 +268,7 @@ def test_a_seed_added_trains_that_seed(house):
     assert of(pending, "results/models/") == {
         f"results/models/{row}/small/{model}/3.pt" for row in rows for model in rows[row]
     }
-    assert house.jobs() == {*LEARNING, *TABLE}
+    assert house.jobs() == {*LEARNING, *TABLE, "ratios"}
 
 
 def test_how_the_limit_is_computed_reruns_it_and_the_table_alone(house):
@@ -276,6 +277,7 @@ def test_how_the_limit_is_computed_reruns_it_and_the_table_alone(house):
     assert house.pending() == {
         f"{limit}.csv",
         f"{limit}.samples.csv",
+        f"{limit}.ratios.csv",
         "results/tables/table_1.csv",
         "results/tables/table_1.md",
     }

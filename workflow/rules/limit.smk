@@ -1,3 +1,5 @@
+from eitskin.paper.rows import rows
+
 CONTINUOUS_SETS = [
     f"{name}-continuous"
     for name, splits in config["table_1"]["configurations"].items()
@@ -40,6 +42,38 @@ rule limit:
         "Estimating touches of {wildcards.configuration} as well as physics allows"
     script:
         "../scripts/limit.py"
+
+
+rule ratios:
+    input:
+        samples=rules.limit.output.samples,
+        predictions=lambda wildcards: [
+            f"results/predictions/{dataset}/{split}/{config['budget']}/{model}.parquet"
+            for dataset, split, model in rows(config)
+            if dataset == f"simulated-{wildcards.configuration}"
+        ],
+    output:
+        "results/limit/simulated-{configuration}.ratios.csv",
+    log:
+        "logs/ratios/{configuration}.log",
+    benchmark:
+        "logs/benchmarks/ratios/{configuration}.tsv"
+    wildcard_constraints:
+        configuration="[a-z0-9-]+-continuous",
+    localrule: True
+    conda:
+        "../../envs/learning.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        seed=lookup(dpath="seed", within=config),
+        code=fingerprint("ratios"),
+    message:
+        "Holding the models of {wildcards.configuration} against what physics allows"
+    script:
+        "../scripts/ratios.py"
 
 
 rule cramer_rao:

@@ -3,7 +3,7 @@
 from eitskin.data import dataset, splits
 from eitskin.errors import reported
 from eitskin.learn import metrics
-from eitskin.limit import posterior_mean
+from eitskin.limit import posterior_mean, score
 
 with reported(snakemake.log[0]):
     files, params = snakemake.input, snakemake.params
@@ -15,6 +15,4 @@ with reported(snakemake.log[0]):
         experiment, data, part, params.seed, params.samples, params.pairs
     )
     metrics.write(found, snakemake.output.samples)
-    metrics.write(
-        posterior_mean.score(found, data, "continuous", params.seed), snakemake.output.metrics
-    )
+    metrics.write(score.score(found, data, "continuous", params.seed), snakemake.output.metrics)

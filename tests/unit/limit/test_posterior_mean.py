@@ -7,7 +7,7 @@ import pytest
 from authors_strengths import EFFECTS, FORCES
 from eitskin.data.dataset import Dataset
 from eitskin.learn import metrics
-from eitskin.limit import cramer_rao, posterior_mean
+from eitskin.limit import cramer_rao, posterior_mean, score
 from eitskin.limit.observation import Experiment, Sample
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
@@ -82,7 +82,7 @@ def test_an_untouched_frame_tells_no_place():
 def table(n, rng):
     truth = rng.normal(0.0, 30.0, n)
     rows = {"estimate": "limit", "sample": np.arange(n), "session": np.arange(n) // 10}
-    for column in posterior_mean.TARGETS.values():
+    for column in score.TARGETS.values():
         rows |= {column: truth, f"{column}_mean": truth + rng.normal(0, 2.0, n)}
         rows[f"{column}_sd"] = 2.0
     return pd.DataFrame(rows)
@@ -91,8 +91,8 @@ def table(n, rng):
 def test_scores_are_the_metrics_of_the_models():
     found = table(200, np.random.default_rng(1))
     own = Dataset(found, np.zeros((200, 1)), {"configuration": "authors"})
-    rows = posterior_mean.score(found, own, "continuous", 1)
-    assert tuple(rows.columns) == posterior_mean.COLUMNS and len(rows) == 3 * 4
+    rows = score.score(found, own, "continuous", 1)
+    assert tuple(rows.columns) == score.COLUMNS and len(rows) == 3 * 4
     value = rows.set_index(["target", "metric"])
     truth, mean = found["x_mm"].to_numpy(), found["x_mm_mean"].to_numpy()
     for name, metric in metrics.METRICS.items():
@@ -100,7 +100,7 @@ def test_scores_are_the_metrics_of_the_models():
     assert value.loc[("x", "z2"), "value"] == pytest.approx(1.0, abs=0.3)
     assert (rows["low"] < rows["value"]).all() and (rows["value"] < rows["high"]).all()
     assert set(rows["configuration"]) == {"authors"} and set(rows["samples"]) == {200}
-    pd.testing.assert_frame_equal(rows, posterior_mean.score(found, own, "continuous", 1))
+    pd.testing.assert_frame_equal(rows, score.score(found, own, "continuous", 1))
 
 
 def test_samples_are_tested_ones_and_the_same_each_time(monkeypatch):
@@ -108,7 +108,7 @@ def test_samples_are_tested_ones_and_the_same_each_time(monkeypatch):
     own, rng = experiment(), np.random.default_rng(6)
     known = [own.known(1, session) for session in range(3)]
     changes, states, _ = zip(*(sampled(known[k // 4], rng) for k in range(12)), strict=True)
-    frame = pd.DataFrame(np.array(states), columns=list(posterior_mean.TARGETS.values()))
+    frame = pd.DataFrame(np.array(states), columns=list(score.TARGETS.values()))
     frame.insert(0, "sample", np.arange(12))
     frame.insert(1, "session", np.arange(12) // 4)
     made = Dataset(frame, np.array(changes, dtype=np.float32), {})

@@ -3,7 +3,7 @@ import pytest
 
 from eitskin.errors import InputError
 from eitskin.learn import metrics
-from eitskin.limit import posterior_mean
+from eitskin.limit import score
 from eitskin.paper import table_1
 from eitskin.pins import ROOT
 
@@ -49,7 +49,7 @@ def limit_file(folder):
         for metric in ("r2", "mae", "rmse", "z2")
     ]
     path = folder / "limit.csv"
-    metrics.write(pd.DataFrame(rows, columns=list(posterior_mean.COLUMNS)), path)
+    metrics.write(pd.DataFrame(rows, columns=list(score.COLUMNS)), path)
     return path
 
 

@@ -26,6 +26,7 @@ COLUMNS = (
     "seeds",
     "budget",
 )
+ENSEMBLE = "-ensemble"  # after a model's name: the mean of its seeds' estimates, as `predict` gives
 LEAST_SEEDS = 5  # of which an interval is told; of fewer each seed's value speaks for itself
 
 

@@ -6,7 +6,6 @@ either known or drawn as the configuration says. Its errors on tested samples ar
 model of the same samples is held against, in the same metrics.
 """
 
-import zlib
 from typing import TypedDict
 
 import numpy as np
@@ -14,24 +13,16 @@ import pandas as pd
 from scipy.special import ndtri
 
 from eitskin.data.dataset import Dataset
-from eitskin.learn import metrics
 from eitskin.limit.observation import Experiment, Sample, SessionModel
 from eitskin.limit.posterior import different, draw, find_mode
+from eitskin.limit.score import ESTIMATES, SEED, TARGETS
 from eitskin.physics.skin import Skin
 from eitskin.progress import patient
 from eitskin.simulate.state_priors import force_N, place_normal
 
-TARGETS = {"x": "x_mm", "y": "y_mm", "F": "force_N"}
-ESTIMATES = ("limit", "limit_known")  # skin and gains unknown, and known
-COLUMNS = (
-    *("configuration", "recording", "split", "estimate", "target", "metric"),
-    *("value", "low", "high", "unit", "samples"),
-)
 PLACES, FORCES = 600, 8  # from which searches may start
 STARTS, APART_MM = 2, 12.0
 LEAST_EFFECTIVE, MORE = 16.0, (4, 16)  # draws; with fewer as many times the pairs are drawn
-RESAMPLED = 1000
-SEED = zlib.crc32(b"limit")
 
 
 def experiment_of(
@@ -156,48 +147,3 @@ def estimates(
             one |= {"effective": posterior["effective"], "modes": posterior["modes"]}
             found.append(one)
     return pd.DataFrame(found)
-
-
-def score(found: pd.DataFrame, dataset: Dataset, split: str, seed: int) -> pd.DataFrame:
-    """Rows (COLUMNS) of each estimate, target and metric: the value, and its 95 % bootstrap
-    interval over whole sessions. `z2`: mean square of the errors over the posterior's sd, 1 where
-    it is right about itself.
-    """
-    rows = []
-    for name, table in found.groupby("estimate"):
-        groups = list(table.groupby("session").indices.values())
-        rng = np.random.default_rng([seed, SEED])
-        again = [
-            np.concatenate([groups[k] for k in rng.integers(len(groups), size=len(groups))])
-            for _ in range(RESAMPLED)
-        ]
-        for target, column in TARGETS.items():
-            truth, mean, sd = (
-                table[key].to_numpy() for key in (column, f"{column}_mean", f"{column}_sd")
-            )
-            pulls = (truth - mean) / sd
-            for metric in (*metrics.METRICS, "z2"):
-                found_again = [_value(metric, truth[k], mean[k], pulls[k]) for k in again]
-                low, high = np.quantile(found_again, [0.025, 0.975])
-                rows.append(
-                    {
-                        "configuration": dataset.metadata["configuration"],
-                        "recording": "simulated",
-                        "split": split,
-                        "estimate": name,
-                        "target": target,
-                        "metric": metric,
-                        "value": _value(metric, truth, mean, pulls),
-                        "low": float(low),
-                        "high": float(high),
-                        "unit": "1" if metric == "z2" else metrics.unit(metric, target),
-                        "samples": len(table),
-                    }
-                )
-    return pd.DataFrame(rows, columns=list(COLUMNS))
-
-
-def _value(metric: str, truth: np.ndarray, mean: np.ndarray, pulls: np.ndarray) -> float:
-    if metric == "z2":
-        return float((pulls**2).mean())
-    return metrics.METRICS[metric](truth, mean)

@@ -8,10 +8,9 @@ import pandas as pd
 from eitskin.atomic import atomic_path
 from eitskin.data.dataset import TARGETS
 from eitskin.errors import InputError
-from eitskin.learn.metrics import COLUMNS, METRICS
+from eitskin.learn.metrics import COLUMNS, ENSEMBLE, METRICS
 
 KEPT = ("origin", "each")  # of the metrics' columns, for the Markdown alone
-ENSEMBLE = "-ensemble"  # after a model's name: the mean of its seeds' estimates, as `predict` gives
 TABLE = (*(column for column in COLUMNS if column not in (*KEPT, "ensemble")), "limit", "paper")
 REPEATED = ("authors", "text")  # configurations of the paper's experiment, by code and by text
 GROUP = ["configuration", "recording", "origin", "split", "budget"]
