@@ -1,17 +1,16 @@
 """The forward model's own numerical error, on skins from easy to hard contacts."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from tqdm import tqdm
 
 from eitskin.atomic import atomic_path
 from eitskin.physics.accuracy import CONTRASTS, FINEST, electrode_limit
 from eitskin.physics.forward import ACCURACIES, Forward, channel_values
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table
+from eitskin.progress import patient
 from eitskin.simulate.layout import polar_grid
 
 PROBES_MM = (7.0, 10.0, 15.0)
@@ -37,7 +36,7 @@ def table(geometries: dict[str, Geometry]) -> pd.DataFrame:
         places = [
             (x, y, p / 2) for p in PROBES_MM for x, y in zip(grid.x_mm, grid.y_mm, strict=True)
         ]
-        for place in tqdm(places, desc=name, disable=not sys.stderr.isatty()):
+        for place in patient(places, f"{name}, places"):
             true = finest.place(*place).channel_change(channels, CONTRASTS)
             for accuracy, forward in forwards.items():
                 change = forward.place(*place).channel_change(channels, CONTRASTS)

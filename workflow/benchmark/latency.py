@@ -8,7 +8,6 @@ from io import StringIO
 import numpy as np
 import pandas as pd
 import torch
-from tqdm import tqdm
 
 from benchmark.rows import row
 from eitskin.data import splits
@@ -17,6 +16,7 @@ from eitskin.data.dataset import Dataset
 from eitskin.exported.predictor import Predictor
 from eitskin.learn import export, models, train
 from eitskin.physics.protocol import channel_table
+from eitskin.progress import patient
 from eitskin.stream.frames import Frame
 from eitskin.stream.judge import Judge
 from eitskin.stream.run import Told, run
@@ -139,7 +139,7 @@ def streamed(runs: int) -> list[dict]:
 
         return made
 
-    for name in tqdm(models.MODELS, "streamed", disable=None):
+    for name in patient(list(models.MODELS), "streamed, models"):
         model = train.train_model(data, part, name, recipe, 1)
         predictor = Predictor(export.export(model, data, part, None, 1))
         told(name, judge_of(predictor))

@@ -33,7 +33,6 @@ import numpy as np
 import yaml
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
-from tqdm import tqdm
 
 from benchmark import rows
 from benchmark.finite_elements import FiniteElements, straight_mesh
@@ -43,6 +42,7 @@ from eitskin.data import recording
 from eitskin.physics.forward import Forward, channel_values
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table
+from eitskin.progress import patient
 from eitskin.simulate import chain, layout, sets
 from witness import cases
 
@@ -246,15 +246,10 @@ def clean(runs: int) -> list[dict]:
             spread_samples(len(PLACES) * len(CONTRASTS)),
         ),
     }
-    bar = tqdm(total=len(ours) + len(peers), desc="clean", disable=None)
-    measured = {}
-    for name, solver in ours.items():
-        measured[name] = rates(solver, [], runs)
-        bar.update()
-    for name, (solver, samples) in peers.items():
-        measured[name] = rates(solver, samples, runs)
-        bar.update()
-    bar.close()
+    solvers = {name: (solver, []) for name, solver in ours.items()} | peers
+    measured = {
+        name: rates(*solvers[name], runs) for name in patient(list(solvers), "clean, solvers")
+    }
     return [
         rows.row(name, "samples/s", measured[name], peer, measured[peer])
         for name in ours
@@ -306,7 +301,7 @@ def perturbed(runs: int) -> list[dict]:
     """
     config = yaml.safe_load(Path("config.yaml").read_text(encoding="utf-8"))
     told = []
-    for name in tqdm(["authors", "crossed"], desc="perturbed", disable=None):
+    for name in patient(["authors", "crossed"], "perturbed, sets"):
         found = []
         for _ in range(runs):
             with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
@@ -349,7 +344,7 @@ def trained(runs: int) -> list[dict]:
         return (steps - 1) * adam.batch_size / (times[-2] - times[-1 - steps])
 
     loops = train.fit, inspect.unwrap(train.fit)
-    found = [[rate(loop) for loop in loops] for _ in tqdm(range(runs), "trained", disable=None)]
+    found = [[rate(loop) for loop in loops] for _ in patient(range(runs), "trained, runs")]
     ours, peer = zip(*found, strict=True)
     return [rows.row("trained", "samples/s", ours, "subnormal numbers kept", peer)]
 
@@ -387,7 +382,7 @@ def diagnosed(runs: int) -> list[dict]:
         pool = ProcessPoolExecutor(at_once, get_context("spawn"), max_tasks_per_child=1)
         with pool:
             done = pool.map(diagnose, *zip(*drawn, strict=True))
-            told = list(tqdm(done, total=runs, desc=f"diagnosed{words}", disable=None))
+            told = [next(done) for _ in patient(range(runs), f"diagnosed{words}, runs")]
         seconds, peaks = zip(*told, strict=True)
         for name, unit, values, limit, of in (
             ("median", "s", seconds, DIAGNOSIS_S, statistics.median),

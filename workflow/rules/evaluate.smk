@@ -119,7 +119,7 @@ rule table_1:
         mem_mb=500,
         runtime=5,
     params:
-        code=fingerprint("table_1", files=[PRINTED_1]),
+        code=fingerprint("table_1", [], files=[PRINTED_1]),
     message:
         "Collecting Table I"
     script:

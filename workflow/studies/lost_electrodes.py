@@ -15,7 +15,6 @@ from itertools import combinations
 
 import numpy as np
 import pandas as pd
-from tqdm import tqdm
 
 from eitskin import configuration
 from eitskin.data import dataset, splits
@@ -24,6 +23,7 @@ from eitskin.exported.electrodes import using
 from eitskin.exported.predictor import Predictor, read
 from eitskin.limit.observation import SessionModel
 from eitskin.limit.posterior_mean import Starts, estimate, experiment_of
+from eitskin.progress import patient
 
 PAIRS, SEED = 30, 1
 SAMPLES = 100  # of the test part
@@ -69,7 +69,7 @@ def table(
     sets = [(), *((k,) for k in range(count)), *(pairs[k] for k in np.sort(drawn))]
     rows = []
     starts = None if model is None else Starts(model)
-    for lost in tqdm(sets, "electrodes lost", disable=None):
+    for lost in patient(sets, "sets of lost electrodes"):
         state, half = errors(predictor, change, lost)
         held = (np.abs(state - truth) <= half).mean(axis=0)
         sizes = _sizes(state - truth)

@@ -1,3 +1,4 @@
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -141,6 +142,39 @@ def test_an_ensemble_of_seeds_is_a_row_of_its_own_without_a_number_of_the_papers
     own = table[table["model"] == "mlp-ensemble"]
     assert set(own["mean"]) == {0.45} and set(own["low"]) == set(own["paper"]) == {""}
     assert "| mlp-ensemble | 0.450 | 0.450 |" in (tmp_path / "table_1.md").read_text()
+
+
+def test_the_latent_loss_is_a_difference_paired_by_seed(tmp_path):
+    """Of seeds that differ by much and pairs that differ by 0.01 or so."""
+    plain = np.array([0.3, 0.5, 0.7, 0.4, 0.6])
+    more = np.array([0.008, 0.010, 0.012, 0.009, 0.011])
+    informed = {"model": "physics-informed-mlp", "seeds": 5}
+    told = [";".join(f"{value:.6g}" for value in values) for values in (plain, plain + more)]
+    write(
+        tmp_path,
+        metric_file(tmp_path, seeds=5, each=told[0]),
+        metric_file(tmp_path, **informed, each=told[1]),
+    )
+    low, high = metrics.interval(more)
+    line = f"| physics-informed-mlp minus mlp | +0.010 [+{low:.3f}, +{high:.3f}] |"
+    assert line in (tmp_path / "table_1.md").read_text()
+
+
+@pytest.mark.parametrize(
+    "informed",
+    [
+        {"each": "1;2;3;4", "seeds": 4},
+        {"each": "1;2;3;4;5;6", "seeds": 6},
+        {"each": "1;2;3;4;5", "seeds": 5, "model": "physics-informed-cnn"},
+        {"each": "1;2;3;4;5", "seeds": 5, "split": "place"},
+    ],
+)
+def test_nothing_is_paired_that_has_no_partner(tmp_path, informed):
+    plain = {"each": "1;2;3;4" if informed["seeds"] == 4 else "1;2;3;4;5"}
+    plain["seeds"] = len(plain["each"].split(";"))
+    of = {"model": "physics-informed-mlp", **informed}
+    write(tmp_path, metric_file(tmp_path, **plain), metric_file(tmp_path, **of))
+    assert " minus " not in (tmp_path / "table_1.md").read_text()
 
 
 def test_the_limit_stands_beside_its_own_split_alone(tmp_path):
