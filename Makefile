@@ -13,6 +13,7 @@ RUN = sh -c 'flock -n .venv/run.lock true || echo "eitskin: another run is going
 
 # Every row of Table I.
 ROWS = --configfile workflow/config/paper.yaml
+FULL = $(ROWS) workflow/config/full.yaml
 
 # What `make demo-capture` makes of its capture.
 DEMO = --configfile workflow/config/demo_capture.yaml
@@ -42,7 +43,7 @@ small: .venv/installed
 
 paper: .venv/installed
 	@echo "eitskin: reproducing the paper's tables and figures on $(CORES) cores, hours; what is done stays; results/report.html"
-	@$(RUN) paper $(ROWS) --config budget=full && $(SNAKEMAKE) paper $(ROWS) --config budget=full --report results/report.html
+	@$(RUN) paper $(FULL) && $(SNAKEMAKE) paper $(FULL) --report results/report.html
 
 concealed: .venv/installed
 	@echo "eitskin: concealing effects, diagnosing them unseen, opening the truths, on $(CORES) cores"

@@ -47,8 +47,8 @@ def test_all_can_be_planned_anew(finished):
 
 
 def test_the_paper_can_be_planned_at_the_full_budget(finished):
-    full = ("--config", "budget=full")
-    plan = finished.snakemake("workflow/config/paper.yaml", "--dry-run", *full, "--", "paper")
+    full = ("workflow/config/paper.yaml", "workflow/config/full.yaml")
+    plan = finished.snakemake(*full, "--dry-run", "--", "paper")
     assert plan.returncode == 0, plan.stderr
     said = plan.stdout + plan.stderr
     assert "/random/full/mlp/10.pt" in said and "/random/full/cnn/5.pt" in said
