@@ -131,8 +131,8 @@ def _schema(uri: str) -> Resource:
 
 def with_continuous(config: dict) -> dict[str, dict]:
     """The configurations and, of each, the set whose touches lie everywhere, `-continuous`: its
-    key `continuous` holds the places' radius and the forces, as `simulate.continuous_samples`
-    takes them."""
+    key `continuous` holds the places' radius, the forces and, where it has a size of its own, the
+    `samples`, as `simulate.continuous_samples` takes them."""
     grid, forces = config["touch_grid"], config["forces"]
     continuous = {
         "reach_mm": grid["outer"] * config["skin"]["radius_mm"],
@@ -140,7 +140,10 @@ def with_continuous(config: dict) -> dict[str, dict]:
         "forces": {key: forces[key] for key in ("mean_N", "sd_N", "max_N")},
     }
     found = {name: {**one, "continuous": None} for name, one in config["configurations"].items()}
-    derived = {name + CONTINUOUS: {**one, "continuous": continuous} for name, one in found.items()}
+    derived = {}
+    for name, one in found.items():
+        own = {"samples": one["continuous_samples"]} if "continuous_samples" in one else {}
+        derived[name + CONTINUOUS] = {**one, "continuous": continuous | own}
     return found | derived
 
 

@@ -114,6 +114,19 @@ def test_noise_and_baseline(tmp_path, baseline):
     assert found.metadata["configuration"] == "authors" and len(found.table) == 30
 
 
+@pytest.mark.parametrize(("given", "samples"), [({}, 30), ({"samples": 50}, 50)])
+def test_a_continuous_set_has_its_own_size_or_the_grids(tmp_path, given, samples):
+    laid, grid = tmp_path / "mesh.npz", tmp_path / "grid.csv"
+    layout.write(laid, grid, 1, SKIN, {"drive": "adjacent"}, GRID, FORCES, "train")
+    forces = {key: FORCES[key] for key in ("mean_N", "sd_N", "max_N")}
+    continuous = {"reach_mm": 64.0, "probe_mm": 16.0, "forces": forces, **given}
+    out = tmp_path / "0.parquet"
+    sets.write_skin_stage(laid, grid, out, 1, SKIN, "train", [ELLIPSE], 12, False, continuous)
+    table, *_ = sets.read_stage(out)
+    assert len(table) == samples and table["place"].is_unique
+    np.testing.assert_array_equal(table["session"], np.arange(samples) // 12)
+
+
 def test_continuous_samples_have_places_and_forces_of_their_own():
     forces = {"mean_N": 5.0, "sd_N": 2.0, "max_N": 10.0}
     table = sets.continuous_samples(5000, 300, 1, 72.0, 16.0, forces)

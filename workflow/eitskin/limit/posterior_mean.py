@@ -43,7 +43,7 @@ def experiment_of(
         dataset.metadata["noise"],
         session_frames if dataset.metadata["baseline"] == "averaged" else 1,
         force_max_N=dataset.table["force_N"].max(),
-        **continuous,
+        **{key: value for key, value in continuous.items() if key != "samples"},
     )
 
 

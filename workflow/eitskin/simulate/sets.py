@@ -174,13 +174,15 @@ def write_skin_stage(
     """Every place and force with the effects that need a forward solve, drawn anew for each
     session, as a stage.
 
-    continuous: reach_mm, probe_mm and forces of `continuous_samples`, for as many as the grid has
-    in its place.
+    continuous: reach_mm, probe_mm and forces of `continuous_samples`, in place of the grid; and
+    `samples`, where they are not as many as the grid has.
     """
     channels, force_N, grid = _laid_out(mesh, touch_grid)
     if continuous:
-        samples = len(grid) * len(force_N)
-        table = continuous_samples(samples, session_frames, seed, **continuous)
+        as_many = {"samples": len(grid) * len(force_N)}
+        table = continuous_samples(
+            **(as_many | continuous), session_frames=session_frames, seed=seed
+        )
     else:
         layout = sessions(len(grid), len(force_N), session_frames, crossed, seed)
         table = _grid_samples(grid, force_N, *layout)
