@@ -1,0 +1,68 @@
+"""What a workflow's results cost, from Snakemake's benchmark files, as a Markdown table:
+`python -m benchmark.hours [logs/benchmarks]`."""
+
+import sys
+from pathlib import Path
+
+import pandas as pd
+
+from eitskin.errors import InputError
+
+FOLDER = Path("logs", "benchmarks")
+TEACHERS = ("train_autoencoder", "train_regressor")
+TESTED = "evaluate"
+OF_MODELS = ("train_predictor", TESTED, *TEACHERS)
+COLUMNS = ["set", "split", "budget", "what", "jobs", "minutes"]
+
+
+def costs(folder: Path) -> pd.DataFrame:
+    """Rows (COLUMNS), processor minutes of the jobs whose benchmark files lie in a folder, the
+    latest run of each: a row a model, set, split and budget, one of their teachers, then one of
+    every other rule. Raises InputError where there is no such file, and for one of another form."""
+    jobs = []
+    for file in sorted(folder.rglob("*.tsv")):
+        table = pd.read_csv(file, sep="\t", na_values=["NA", "-"])
+        if "cpu_time" not in table:
+            raise InputError(file, "columns", list(table.columns), "cpu_time among them")
+        rule, *names = file.relative_to(folder).with_suffix("").parts
+        minutes = table["cpu_time"].sum() / 60.0
+        if rule in OF_MODELS and len(names) >= 4:
+            own, split, budget, model = names[:4]
+            what = "teachers" if rule in TEACHERS else model
+            jobs.append((own, split, budget, what, int(rule != TESTED), minutes))
+        else:
+            jobs.append(("", "", "", rule, 1, minutes))
+    if not jobs:
+        raise InputError(folder, "benchmark files", "none", "what a run of the workflow left")
+    table = pd.DataFrame(jobs, columns=COLUMNS).groupby(COLUMNS[:4], as_index=False).sum()
+    rest = table["set"] == ""
+    return pd.concat([table[~rest], table[rest]], ignore_index=True)
+
+
+def to_markdown(table: pd.DataFrame) -> str:
+    """The rows of `costs`, and their sum in hours."""
+    lines = [
+        "| set | split | budget | what | trained or run | processor minutes |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in table.itertuples(index=False):
+        lines.append("| " + " | ".join(map(str, row[:5])) + f" | {row.minutes:.1f} |")
+    lines += ["", f"Together {table['minutes'].sum() / 60.0:.2f} processor hours."]
+    return "\n".join(lines)
+
+
+def run(arguments: list[str]) -> int:
+    """The command; its exit code."""
+    if len(arguments) > 1:
+        print("usage: python -m benchmark.hours [FOLDER]", file=sys.stderr)
+        return 2
+    try:
+        print(to_markdown(costs(Path(arguments[0]) if arguments else FOLDER)))
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(run(sys.argv[1:]))
