@@ -48,7 +48,7 @@ def test_a_wrong_configuration(fresh, tmp_path, config, message):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (b"seed: [1\n", "config.yaml: line 2, column 1: found expected ',' or ']'"),
+        (b"seed: [1\n", "config.yaml: line 2, column 1: found the end of the file, exp"),
         (b"# f\xfcr\nseed: 1\n", "config.yaml: line 1: found byte 0xfc, no UTF-8, expected a YAML"),
         (b"__use_yte__: true\n", "config.yaml: __use_yte__: found a template, which runs code"),
     ],

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import yaml
 from referencing import Registry, Resource
 
@@ -24,7 +25,7 @@ from eitskin.physics.protocol import channel_table, pattern_step
 from eitskin.physics.skin import Skin
 from eitskin.schema import Validator, dotted, explained, one_of
 from eitskin.simulate.layout import force_levels
-from eitskin.simulate.readings import apply_skin
+from eitskin.simulate.readings import apply_skin, simulate
 from eitskin.simulate.sets import CONTINUOUS, sample_settings
 
 MISSING = object()
@@ -160,7 +161,10 @@ def _refuse_unphysical(config: dict) -> None:
             raise _Refusal([*place, "touch_grid", "inner"], grid["inner"], expected)
         drawn = settings if place else sample_settings
         for where, one in perturbed.items():
-            _refuse_effects(one["effects"], [*where, "effects"], skin, channels, drawn)
+            at = [*where, "effects"]
+            _refuse_effects(one["effects"], at, skin, channels, drawn)
+            if skin.points:
+                _refuse_wiring(one["effects"], at, block["skin"], channels)
     for name, recording in config["recordings"].items():
         said = recording.get("skin", {})
         with _at_place(["recordings", name, "skin"], {key: [key] for key in said}):
@@ -195,6 +199,21 @@ def _refuse_effects(
         parameters = {key: ["parameters", key] for key in item["parameters"]}
         with _at_place([*place, k], {key: [key] for key in item} | parameters):
             skin = apply_skin(skin, drawn([item], site_counts(channels), (0, 0)), START)
+
+
+def _refuse_wiring(items: list[dict], place: list, skin: dict, channels: np.ndarray) -> None:
+    """Refuse what needs the potentials of electrodes that drive, which points have not."""
+    still = pd.DataFrame({"touch": [False], "force_N": 0.0, "time_s": 0.0})
+    still = still.assign(x_mm=np.nan, y_mm=np.nan, probe_mm=np.nan)
+    for k, item in enumerate(items):
+        chosen = settings([item], site_counts(channels), (0, 0))
+        if chosen[0].effect.stage == "wiring":
+            believed = Skin.from_metadata(skin)
+            try:
+                simulate(still, np.array([-1]), believed, channels, chosen, "train")
+            except InputError as error:
+                expected = "skin.electrode_width_mm above 0"
+                raise _Refusal([*place, k], error.found, expected) from error
 
 
 @contextlib.contextmanager
@@ -321,13 +340,15 @@ def _indices(node: object) -> range:
 
 
 def file_of(place: list, config: dict, files: Iterable[str | Path], rest: str = GIVEN) -> str:
-    """The last file that holds what stands at `place`; for a missing key the first, within a list
-    the one that the list is of; where none does, `rest`."""
+    """The last file that holds what stands at `place`; for a missing key the first that holds what
+    it is missing from, within a list the one that the list is of; where none does, `rest`."""
     files = [Path(file) for file in files]
     found = _at(place, config)
     if found is MISSING and files:
-        listed = any(isinstance(part, int) for part in place)
-        return file_of(place[:-1], config, files, rest) if listed else str(files[0])
+        if any(isinstance(part, int) for part in place):
+            return file_of(place[:-1], config, files, rest)
+        holding = [file for file in files if _at(place[:-1], read(file)) is not MISSING]
+        return str(holding[0]) if holding else rest
     for file in reversed(files):
         held = _at(place, read(file))
         if repr(held) == repr(found) or (isinstance(held, dict) and isinstance(found, dict)):

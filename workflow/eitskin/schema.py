@@ -67,7 +67,7 @@ def explained(error: ValidationError) -> tuple[list, str, str]:
     saying = sayings.get(error.validator)
     expected = error.schema["description"] if saying is None else saying()
     if isinstance(value, str) and _reads_as_number(value) and error.validator != "enum":
-        expected += f" (YAML reads {value} as text; write {_yaml_number(value)})"
+        expected += f" ({_why_text(value)})"
     return place, "null" if value is None else repr(value), expected
 
 
@@ -88,6 +88,16 @@ def _reads_as_number(text: str) -> bool:
         return math.isfinite(float(text))
     except ValueError:
         return False
+
+
+def _why_text(text: str) -> str:
+    """Why what looks like a number is none."""
+    number = _yaml_number(text)
+    if number != text:
+        return f"YAML reads {text} as text; write {number}"
+    return (
+        "text here: without quotes it is a number in a file, but none within {} on a command line"
+    )
 
 
 def _yaml_number(text: str) -> str:

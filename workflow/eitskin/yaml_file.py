@@ -1,5 +1,6 @@
 """Reading a YAML file that a person wrote: a mapping in which no key stands twice."""
 
+import re
 from pathlib import Path
 
 import yaml
@@ -27,13 +28,24 @@ def read(path: str | Path) -> dict:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         place = "file" if mark is None else f"line {mark.line + 1}, column {mark.column + 1}"
-        raise InputError(path, place, error.problem or error.context, "YAML") from error
+        raise InputError(path, place, *_said(error.problem or error.context or "")) from error
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise InputError(path, "file", " ".join(str(error).split()), "YAML") from error
     if not isinstance(found, dict):
         said = "nothing" if found is None else f"a {type(found).__name__}"
         raise InputError(path, "file", said, "a mapping, key: value")
     return found
+
+
+def _said(problem: str) -> tuple[str, str]:
+    """What PyYAML found, and what was expected, of its problem."""
+    if "\\t" in problem:
+        return "a tab", "spaces"
+    if problem.startswith("expected <block end>"):
+        return "a line that is indented otherwise than those it belongs to", "YAML"
+    if met := re.fullmatch(r"expected (.+), but (?:got|found) (.+)", problem):
+        return met[2].replace("'<stream end>'", "the end of the file"), met[1]
+    return problem.removeprefix("found "), "YAML"
 
 
 def _refuse_repeated_keys(path: str | Path, document: yaml.Node | None) -> None:

@@ -13,7 +13,8 @@ HEAD = """# The configuration
 
 Written by `python -m manual` from `workflow/schemas/config.schema.yaml` and `config.yaml`. A key
 that is not here is refused, with those that are, the nearest first. Snakemake lays
-`--configfile FILE` and `--config KEY=VALUE` over `config.yaml`.
+`--configfile FILE` and `--config KEY=VALUE` over `config.yaml`; within `{}` on a command line it
+reads numbers as text, so that they belong into a file. Before targets that follow stands `--`.
 
 | key | value | here | what it is |
 |---|---|---|---|

@@ -173,7 +173,7 @@ MISTAKES = {
     "drive: [1]\nmeasurement: adjacent": r"key drive: found \[1\], expected a word",
     "measurement: adjacent": "key drive: found nothing",
     "drive: adjacent": r"no skin\.yaml that says what its 40 columns read",
-    "drive: {adjacent": "expected YAML",
+    "drive: {adjacent": "found the end of the file, expected ',' or '}'",
     "- adjacent": "found a list, expected a mapping",
     "drive: adjacent\nmeasurement: adjacent\nlabels: 3": "key labels: found 3",
     "drive: adjacent\nmeasurement: adjacent\nlabels: absent.csv": "no file 'absent.csv'",

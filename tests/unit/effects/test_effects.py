@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from eitskin.effects import EFFECTS, on_readings
-from eitskin.effects.effect import ORDER, SITES, STAGES, START, Frames, Moment
+from eitskin.effects.effect import DRIVERS, ORDER, SITES, STAGES, START, Frames, Moment
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.physics.forward import Forward
@@ -105,8 +105,7 @@ def test_it_says_what_it_is(name):
     assert effect.name == name and effect.stage in STAGES
     assert effect.source and effect.mend and type(effect).__doc__
     assert effect.order in ORDER.get(effect.stage, (None,))
-    drivers = ["static", "force", "time", "load-direction", "position", "amplitude", "scan-order"]
-    assert effect.driver in drivers
+    assert effect.driver in DRIVERS
     assert set(effect.sites) <= set(SITES)
     for parameter in effect.parameters.values():
         assert parameter.low < parameter.high and parameter.scale > 0

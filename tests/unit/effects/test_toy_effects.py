@@ -290,3 +290,26 @@ def test_what_an_effect_leaves_out_is_told(tmp_path, monkeypatch, left_out):
         effects.discover()
     assert "toy-silent" not in effects.EFFECTS
     del sys.modules["eitskin.effects.toy_silent"]
+
+
+@pytest.mark.parametrize(
+    ("said", "instead", "told"),
+    [
+        ("driver = .*", 'driver = "statik"', "driver: found 'statik', expected one of static, "),
+        ("order = .*", 'order = "opne"', "order: found 'opne', expected one of leak, open, swap"),
+        ("    order = .*\n", "", "order: found None, expected one of leak, open, swap"),
+        ("sites = .*", 'sites = ("wire",)', r"sites: found \('wire',\), expected a tuple of "),
+        ("finding = .*", 'finding = "{shares:%}."', "finding: found {shares}, expected one of "),
+        ("-0.5, 0.5", "0.5, -0.5", "parameters: share: found low 0.5, high -0.5, expected low "),
+    ],
+)
+def test_what_no_effect_can_say_is_told(tmp_path, monkeypatch, said, instead, told):
+    text = TOYS["toy_bleeding"].replace("toy-bleeding", "toy-silent")
+    text, count = re.subn(said, instead, text)
+    assert count == 1
+    (tmp_path / "toy_silent.py").write_text(text, encoding="utf-8")
+    monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
+    with pytest.raises(InputError, match=rf"effects\.toy_silent: toy-silent: {told}"):
+        effects.discover()
+    assert "toy-silent" not in effects.EFFECTS
+    del sys.modules["eitskin.effects.toy_silent"]

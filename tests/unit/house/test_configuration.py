@@ -195,6 +195,8 @@ def test_a_mistake_gives_one_line(refusal, place_and_value, message):
 
 
 WIDTH = {"name": "electrode-width", "parameters": {"width_mm": 40.0}}
+LEAK = {"name": "ground-leak", "parameters": {"siemens": 0.001}, "electrodes": [5]}
+SWAP = {"name": "electrode-swap", "parameters": {}, "electrodes": [5, 6]}
 GAIN = {"name": "channel-gain", "parameters": {"gain": 1.1}, "channels": [900]}
 
 
@@ -231,12 +233,21 @@ GAIN = {"name": "channel-gain", "parameters": {"gain": 1.1}, "channels": [900]}
         ),
         (
             (*EPSILON, 0.7),
-            "configurations.authors.effects[4].parameters.epsilon: found 0.7 to 0.7, "
-            "expected -0.25 to 0.25 1",
+            "configurations.authors.effects[4].parameters.epsilon: found 0.7, "
+            "expected -0.25 to 0.25",
         ),
         (
             (*EPSILON, [0.1, 0.2]),
             "configurations.authors.effects[4].parameters.epsilon: found 2 values, expected one",
+        ),
+        (
+            (*EPSILON, {"mean": 0.7, "sd": 0.0}),
+            "configurations.authors.effects[4].parameters.epsilon: found 0.7, expected -0.25 to",
+        ),
+        (
+            ("configurations", "text", "effects", 2, LEAK),
+            "configurations.text.effects[2]: found points, with a leak to ground, expected "
+            "skin.electrode_width_mm above 0",
         ),
         (
             ("configurations", "text", "effects", 2, GAIN),
@@ -267,6 +278,10 @@ GAIN = {"name": "channel-gain", "parameters": {"gain": 1.1}, "channels": [900]}
 )
 def test_what_physics_cannot_do_is_refused_before_any_work(refusal, place_and_value, message):
     assert refusal(changed(*place_and_value)).startswith(f"config.yaml: {message}")
+
+
+def test_wires_of_points_may_be_swapped():
+    validate(changed("configurations", "text", "effects", 2, SWAP), SCHEMA, [ROOT / "config.yaml"])
 
 
 def test_a_protocol_without_channels_is_refused(refusal):
@@ -322,6 +337,22 @@ def test_the_real_recordings_are_found_where_the_environment_says(monkeypatch):
     config["table_1"]["recordings"] |= real["table_1"]["recordings"]
     validate(config, SCHEMA, [ROOT / "config.yaml"])
     assert config["recordings"]["lct-tank"]["path"] == f"{data}/lct-tank/homogeneous"
+
+
+def test_a_missing_key_is_of_the_file_that_has_the_rest(refusal):
+    Path("mine.yaml").write_text("budgets: {one: {epochs: 3}, first: {seeds: 2}}", encoding="utf-8")
+    config = copy.deepcopy(CONFIG)
+    config["budgets"]["one"] = {"epochs": 3}
+    assert refusal(config, CONFIG, ["mine.yaml"]).startswith("mine.yaml: budgets.one.samples: ")
+    del config["budgets"]["one"], config["budgets"]["first"]["epochs"]
+    assert refusal(config, CONFIG, ["mine.yaml"]).startswith("config.yaml: budgets.first.epochs: ")
+
+
+def test_a_number_that_a_command_line_makes_text_says_so(refusal):
+    message = refusal(changed("limit", "samples", "100"))
+    assert message.endswith(
+        "(text here: without quotes it is a number in a file, but none within {} on a command line)"
+    )
 
 
 def test_a_missing_key_is_named_with_its_meaning(refusal):

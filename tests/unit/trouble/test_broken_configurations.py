@@ -91,8 +91,8 @@ VALUES = [  # keys on the way, a value, and what was found and expected
     ("mounted_mm", 8.0, "8 mm", "a rig"),
 ]
 TEXTS = [  # a whole file
-    ("no closing bracket", b"seed: [1\n", "line 2, column 1", "',' or ']'", "YAML"),
-    ("a tab", b"skin:\n\tradius_mm: 3\n", "line 2, column 1", "'\\t'", "YAML"),
+    ("no closing bracket", b"seed: [1\n", "line 2, column 1", "the end of the file", "',' or ']'"),
+    ("a tab", b"skin:\n\tradius_mm: 3\n", "line 2, column 1", "a tab", "spaces"),
     ("Latin-1", b"# f\xfcr\n", "line 1", "byte 0xfc", "UTF-8"),
     ("UTF-16", "seed: 1\n".encode("utf-16"), "line 1", "UTF-16", "UTF-8"),
     ("nothing", b"", "file", "nothing", "a mapping"),

@@ -28,7 +28,8 @@ def assign(table: pd.DataFrame, kind: str, seed: int) -> np.ndarray:
     if kind not in GROUPS:
         raise InputError("split", "kind", repr(kind), f"one of {', '.join(GROUPS)}")
     if kind == "continuous" and not table["place"].is_unique:
-        raise InputError("split", "column place", "places pressed again", "each sample its own")
+        expected = "each sample its own, as in a set that ends in -continuous"
+        raise InputError("split", "column place", "places pressed again", expected)
     _, group = np.unique(table[GROUPS[kind]].to_numpy(), return_inverse=True)
     size = np.bincount(group)
     if len(size) < 3:

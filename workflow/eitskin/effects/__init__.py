@@ -2,9 +2,10 @@
 
 import importlib
 import pkgutil
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Iterator
 
-from eitskin.effects.effect import Effect, InstrumentEffect
+from eitskin.effects.effect import DRIVERS, ORDER, SITES, Effect, InstrumentEffect
 from eitskin.errors import InputError
 
 EFFECTS: dict[str, Effect] = {}
@@ -16,7 +17,8 @@ def discover() -> None:
     """Put the effects of every file in this package's `__path__` into EFFECTS, by name.
 
     Called on import, and by whoever adds a folder to the path. Raises InputError for a name that
-    two effects have, and for an effect that leaves out what every one has to say.
+    two effects have, and for an effect that leaves out what every one has to say or says what
+    none can.
     """
     for found in pkgutil.iter_modules(__path__):
         module = importlib.import_module(f"{__name__}.{found.name}")
@@ -27,10 +29,30 @@ def discover() -> None:
                 if missing:
                     without = f"no {' and no '.join(missing)}"
                     raise InputError(module.__name__, kind.name, without, ", ".join(SAID))
+                for place, wrong, expected in _wrong(kind):
+                    raise InputError(module.__name__, f"{kind.name}: {place}", wrong, expected)
                 known = EFFECTS.setdefault(kind.name, kind())
                 if type(known) is not kind:
                     there = f"that of {type(known).__module__} too"
                     raise InputError(module.__name__, kind.name, there, "a name of its own")
+
+
+def _wrong(kind: type[Effect]) -> Iterator[tuple[str, str, str]]:
+    """What an effect says that no effect can: the attribute, what it is, what is expected."""
+    if kind.driver not in DRIVERS:
+        yield "driver", repr(kind.driver), f"one of {', '.join(DRIVERS)}"
+    orders = ORDER.get(kind.stage, (None,))
+    if kind.order not in orders:
+        yield "order", repr(kind.order), f"one of {', '.join(map(str, orders))}"
+    if not isinstance(kind.sites, tuple) or not set(kind.sites) <= set(SITES):
+        yield "sites", repr(kind.sites), f"a tuple of {', '.join(SITES)}"
+    for key, parameter in kind.parameters.items():
+        if parameter.low >= parameter.high:
+            found = f"low {parameter.low:g}, high {parameter.high:g}"
+            yield f"parameters: {key}", found, "low below high"
+    for key in re.findall(r"\{(\w+)(?::%)?\}", kind.finding):
+        if key not in (*kind.parameters, "site"):
+            yield "finding", f"{{{key}}}", f"one of {', '.join([*kind.parameters, 'site'])}"
 
 
 discover()

@@ -12,6 +12,7 @@ from eitskin.physics.skin import Skin
 
 STAGES = ("touch", "skin", "wiring", "instrument", "clock")
 SITES = ("electrodes", "drives", "measures", "channels")
+DRIVERS = ("static", "force", "time", "load-direction", "position", "amplitude", "scan-order")
 ORDER = {
     "touch": ("force", "memory", "contact"),
     "wiring": ("leak", "open", "swap"),
@@ -45,10 +46,10 @@ class Effect:
     name: the field's term; composite: whether it is a combination of others, which a diagnosis
     names instead; polar: (size, angle, m), a pair of parameters that are polar coordinates of m
     times the angle. stage: where it enters, one of STAGES in this order; order: its place within
-    the stage, one of ORDER[stage]; driver: what it varies with; sites: the kinds of place it may
-    be confined to, the first being the usual one; site_number: how many it needs, or None;
-    parameters by name; source: who described it; mend: what to do at the bench; confusable: names
-    that look alike.
+    the stage, one of ORDER[stage]; driver: what it varies with, one of DRIVERS; sites: the kinds
+    of place it may be confined to, the first being the usual one; site_number: how many it
+    needs, or None; parameters by name; source: who described it; mend: what to do at the bench;
+    confusable: names that look alike.
 
     finding: a diagnosis' sentence, for an experimentalist. Its {site} becomes the sites in words,
     {key} a parameter with its interval, {key:%} as a percentage; of {one|several} the one that

@@ -95,6 +95,8 @@ def _value(
         value = value if value.ndim else float(value)
     low, high = np.min(value), np.max(value)
     if not (low >= parameter.low and high <= parameter.high):
-        expected = f"{parameter.low:g} to {parameter.high:g} {parameter.unit}"
-        raise InputError(place, key, f"{low:g} to {high:g}", expected)
+        unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+        expected = f"{parameter.low:g} to {parameter.high:g}{unit}"
+        found = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+        raise InputError(place, key, found, expected)
     return value
