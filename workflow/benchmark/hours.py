@@ -17,11 +17,17 @@ COLUMNS = ["set", "split", "budget", "what", "jobs", "minutes"]
 
 def costs(folder: Path) -> pd.DataFrame:
     """Rows (COLUMNS), processor minutes of the jobs whose benchmark files lie in a folder, the
-    latest run of each: a row a model, set, split and budget, one of their teachers, then one of
-    every other rule. Raises InputError where there is no such file, and for one of another form."""
+    latest run of each, 0 of one that was too short to be measured: a row a model, set, split and
+    budget, one of their teachers, then one of every other rule. Raises InputError where there is
+    no such file, and for one of another form."""
     jobs = []
     for file in sorted(folder.rglob("*.tsv")):
-        table = pd.read_csv(file, sep="\t", na_values=["NA", "-"])
+        try:
+            table = pd.read_csv(file, sep="\t", na_values=["NA", "-"])
+        except (ValueError, pd.errors.ParserError) as error:
+            raise InputError(
+                file, "file", str(error), "what Snakemake's `benchmark` writes"
+            ) from error
         if "cpu_time" not in table:
             raise InputError(file, "columns", list(table.columns), "cpu_time among them")
         rule, *names = file.relative_to(folder).with_suffix("").parts
@@ -53,7 +59,7 @@ def to_markdown(table: pd.DataFrame) -> str:
 
 def run(arguments: list[str]) -> int:
     """The command; its exit code."""
-    if len(arguments) > 1:
+    if len(arguments) > 1 or arguments[:1] in (["-h"], ["--help"]):
         print("usage: python -m benchmark.hours [FOLDER]", file=sys.stderr)
         return 2
     try:

@@ -15,7 +15,7 @@ from referencing import Registry, Resource
 from eitskin import yaml_file
 from eitskin.data import importers, stated
 from eitskin.data.channel_order import ORDERS
-from eitskin.effects import EFFECTS
+from eitskin.effects import EFFECTS, on_readings
 from eitskin.effects.effect import START, Effect
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
@@ -164,11 +164,17 @@ def _refuse_unphysical(config: dict) -> None:
             at = [*where, "effects"]
             _refuse_effects(one["effects"], at, skin, channels, drawn)
             if skin.points:
-                _refuse_wiring(one["effects"], at, block["skin"], channels)
+                _refuse_on_points(one["effects"], at, block["skin"], channels)
     for name, recording in config["recordings"].items():
         said = recording.get("skin", {})
         with _at_place(["recordings", name, "skin"], {key: [key] for key in said}):
             stated.refuse(said)
+    for name, one in config["configurations"].items():
+        least, found = 2 * one["session_frames"] + 1, one.get("continuous_samples")
+        if found is not None and found < least:
+            place = ["configurations", name, "continuous_samples"]
+            expected = f"{least} or more: three sessions, to train, validate and test"
+            raise _Refusal(place, found, expected)
     low, high = twin["press"]["target_N"]
     if low > high:
         raise _Refusal(["twin", "press", "target_N"], [low, high], "the smaller force first")
@@ -201,18 +207,20 @@ def _refuse_effects(
             skin = apply_skin(skin, drawn([item], site_counts(channels), (0, 0)), START)
 
 
-def _refuse_wiring(items: list[dict], place: list, skin: dict, channels: np.ndarray) -> None:
-    """Refuse what needs the potentials of electrodes that drive, which points have not."""
-    still = pd.DataFrame({"touch": [False], "force_N": 0.0, "time_s": 0.0})
-    still = still.assign(x_mm=np.nan, y_mm=np.nan, probe_mm=np.nan)
+def _refuse_on_points(items: list[dict], place: list, skin: dict, channels: np.ndarray) -> None:
+    """Refuse what needs electrodes with a width: bodies, and potentials of those that drive."""
+    believed = Skin.from_metadata(skin)
+    frames = pd.DataFrame({"touch": [False, True], "force_N": [0.0, 1.0], "time_s": [0.0, 1.0]})
+    frames = frames.assign(x_mm=[np.nan, 0.0], y_mm=[np.nan, 0.0], probe_mm=[np.nan, 8.0])
     for k, item in enumerate(items):
         chosen = settings([item], site_counts(channels), (0, 0))
-        if chosen[0].effect.stage == "wiring":
-            believed = Skin.from_metadata(skin)
+        geometry = apply_skin(Geometry.from_skin(believed), chosen, START)
+        later = chosen[0].effect.stage in ("wiring", "instrument")
+        if geometry.deep or (later and not on_readings(item["name"])):
             try:
-                simulate(still, np.array([-1]), believed, channels, chosen, "train")
+                simulate(frames, np.array([-1, 0]), believed, channels, chosen, "train")
             except InputError as error:
-                expected = "skin.electrode_width_mm above 0"
+                expected = f"{error.expected} ({error.file}.{error.place})"
                 raise _Refusal([*place, k], error.found, expected) from error
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 
 import jsonschema
+import yaml
 from jsonschema.exceptions import ValidationError, best_match
 
 from eitskin.physics.skin import is_number
@@ -92,19 +93,19 @@ def _reads_as_number(text: str) -> bool:
 
 def _why_text(text: str) -> str:
     """Why what looks like a number is none."""
-    number = _yaml_number(text)
-    if number != text:
-        return f"YAML reads {text} as text; write {number}"
+    if not isinstance(yaml.safe_load(text), int | float):
+        return f"YAML reads {text} as text; write {_yaml_number(text)}"
     return (
         "text here: without quotes it is a number in a file, but none within {} on a command line"
     )
 
 
 def _yaml_number(text: str) -> str:
+    """A number as YAML 1.1 has it: with digits before a point, and a sign in its exponent."""
     mantissa, _, exponent = text.lower().partition("e")
     if not exponent:
-        return mantissa
-    mantissa = mantissa if "." in mantissa else f"{mantissa}.0"
+        return repr(float(text)) if "." in text else str(int(text))
+    mantissa = repr(float(mantissa))
     return f"{mantissa}e{exponent if exponent[0] in '+-' else '+' + exponent}"
 
 

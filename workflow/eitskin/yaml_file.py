@@ -41,11 +41,15 @@ def _said(problem: str) -> tuple[str, str]:
     """What PyYAML found, and what was expected, of its problem."""
     if "\\t" in problem:
         return "a tab", "spaces"
-    if problem.startswith("expected <block end>"):
-        return "a line that is indented otherwise than those it belongs to", "YAML"
+    if re.search("<(block end|document start)>", problem):
+        begins = re.search("found ('<block mapping start>'|'-'|'[?]')", problem)
+        otherwise = "a line that is indented otherwise than those it belongs to"
+        return otherwise if begins else "something behind the end of a value", "YAML"
+    if problem.startswith("mapping values"):
+        return "a second colon, or a line that is indented otherwise", "key: value"
     if met := re.fullmatch(r"expected (.+), but (?:got|found) (.+)", problem):
         return met[2].replace("'<stream end>'", "the end of the file"), met[1]
-    return problem.removeprefix("found "), "YAML"
+    return problem.removeprefix("but ").removeprefix("found "), "YAML"
 
 
 def _refuse_repeated_keys(path: str | Path, document: yaml.Node | None) -> None:

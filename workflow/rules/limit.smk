@@ -53,13 +53,18 @@ rule ratios:
             if dataset == f"simulated-{wildcards.configuration}"
         ],
     output:
-        "results/limit/simulated-{configuration}.ratios.csv",
+        report(
+            "results/limit/simulated-{configuration}.ratios.csv",
+            caption="../report/ratios.rst",
+            category="1 Paper",
+            labels={"shows": "what models lack of the limit, {configuration}"},
+        ),
     log:
         "logs/ratios/{configuration}.log",
     benchmark:
         "logs/benchmarks/ratios/{configuration}.tsv"
     wildcard_constraints:
-        configuration="[a-z0-9-]+-continuous",
+        configuration="|".join(CONTINUOUS_SETS) or NO_NAME,
     localrule: True
     conda:
         "../../envs/learning.yaml"

@@ -1,6 +1,14 @@
 from eitskin.simulate.chain import instrument_effects, last_link, link_before, skin_effects
 
 
+def memory_MB(wildcards):
+    """What the frames of a set take, of which a stage holds several."""
+    grid = config["touch_grid"]["radii"] * config["touch_grid"]["angles"]
+    own = config["configurations"][wildcards.configuration]
+    samples = (own["continuous"] or {}).get("samples", grid * config["forces"]["levels"])
+    return 1000 + samples // 50
+
+
 rule skin_effects:
     input:
         mesh=rules.mesh.output.mesh,
@@ -17,7 +25,7 @@ rule skin_effects:
         "../../envs/simulation.yaml"
     threads: 1
     resources:
-        mem_mb=2000,
+        mem_mb=memory_MB,
         runtime=30,
     params:
         seed=lookup(dpath="seed", within=config),
@@ -56,7 +64,7 @@ rule perturb:
         "../../envs/simulation.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=memory_MB,
         runtime=10,
     params:
         seed=lookup(dpath="seed", within=config),
@@ -89,7 +97,7 @@ rule simulated_dataset:
         "../../envs/simulation.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=memory_MB,
         runtime=10,
     params:
         seed=lookup(dpath="seed", within=config),

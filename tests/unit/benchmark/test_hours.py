@@ -21,8 +21,8 @@ def folder(tmp_path):
         left(
             tmp_path, f"train_predictor/simulated-a/random/full/physics-informed-mlp/{seed}.tsv", 90
         )
-        left(tmp_path, f"train_autoencoder/simulated-a/random/full/{seed}/16.tsv", 30.0)
-        left(tmp_path, f"train_regressor/simulated-a/random/full/{seed}/16.tsv", 15.0)
+        left(tmp_path, f"train_autoencoder/simulated-a/random/full/{seed}.tsv", 30.0)
+        left(tmp_path, f"train_regressor/simulated-a/random/full/{seed}.tsv", 15.0)
     left(tmp_path, "evaluate/simulated-a/random/full/mlp.tsv", 6.0)
     left(tmp_path, "perturb/a/1-channel-gain.tsv", "NA")
     left(tmp_path, "mesh.tsv", 3.0)
@@ -53,5 +53,8 @@ def test_a_folder_without_files_and_a_file_of_another_form_are_refused(tmp_path,
     assert "benchmark files: found none" in capsys.readouterr().err
     (tmp_path / "other.tsv").write_text("a\tb\n1\t2\n")
     with pytest.raises(InputError, match=r"other\.tsv: columns: found \['a', 'b'\]"):
+        hours.costs(tmp_path)
+    (tmp_path / "other.tsv").write_text("")
+    with pytest.raises(InputError, match=r"other\.tsv: file: found No columns"):
         hours.costs(tmp_path)
     assert hours.run(["a", "b"]) == 2

@@ -299,7 +299,8 @@ def test_what_an_effect_leaves_out_is_told(tmp_path, monkeypatch, left_out):
         ("order = .*", 'order = "opne"', "order: found 'opne', expected one of leak, open, swap"),
         ("    order = .*\n", "", "order: found None, expected one of leak, open, swap"),
         ("sites = .*", 'sites = ("wire",)', r"sites: found \('wire',\), expected a tuple of "),
-        ("finding = .*", 'finding = "{shares:%}."', "finding: found {shares}, expected one of "),
+        ("finding = .*", 'finding = "{shares:%}."', "finding: found {shares:%}, expected one of "),
+        ("    order = .*", '    stage = "wires"', "stage: found 'wires', expected a class of a"),
         ("-0.5, 0.5", "0.5, -0.5", "parameters: share: found low 0.5, high -0.5, expected low "),
     ],
 )
@@ -309,6 +310,7 @@ def test_what_no_effect_can_say_is_told(tmp_path, monkeypatch, said, instead, to
     assert count == 1
     (tmp_path / "toy_silent.py").write_text(text, encoding="utf-8")
     monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
+    monkeypatch.delitem(sys.modules, "eitskin.effects.toy_silent", raising=False)
     with pytest.raises(InputError, match=rf"effects\.toy_silent: toy-silent: {told}"):
         effects.discover()
     assert "toy-silent" not in effects.EFFECTS

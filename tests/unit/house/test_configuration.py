@@ -195,6 +195,8 @@ def test_a_mistake_gives_one_line(refusal, place_and_value, message):
 
 
 WIDTH = {"name": "electrode-width", "parameters": {"width_mm": 40.0}}
+COMMON = {"name": "common-mode", "parameters": {"ratio": 0.01}}
+DEEP = {"name": "third-dimension", "parameters": {"depth_mm": 20.0}}
 LEAK = {"name": "ground-leak", "parameters": {"siemens": 0.001}, "electrodes": [5]}
 SWAP = {"name": "electrode-swap", "parameters": {}, "electrodes": [5, 6]}
 GAIN = {"name": "channel-gain", "parameters": {"gain": 1.1}, "channels": [900]}
@@ -247,7 +249,19 @@ GAIN = {"name": "channel-gain", "parameters": {"gain": 1.1}, "channels": [900]}
         (
             ("configurations", "text", "effects", 2, LEAK),
             "configurations.text.effects[2]: found points, with a leak to ground, expected "
-            "skin.electrode_width_mm above 0",
+            "a width above 0 (skin.electrode_width_mm)",
+        ),
+        (
+            ("configurations", "text", "effects", 2, COMMON),
+            "configurations.text.effects[2]: found channel ",
+        ),
+        (
+            ("configurations", "text", "effects", 2, DEEP),
+            "configurations.text.effects[2]: found ",
+        ),
+        (
+            ("configurations", "text", "continuous_samples", 600),
+            "configurations.text.continuous_samples: found 600, expected 601 or more: three",
         ),
         (
             ("configurations", "text", "effects", 2, GAIN),
@@ -346,6 +360,15 @@ def test_a_missing_key_is_of_the_file_that_has_the_rest(refusal):
     assert refusal(config, CONFIG, ["mine.yaml"]).startswith("mine.yaml: budgets.one.samples: ")
     del config["budgets"]["one"], config["budgets"]["first"]["epochs"]
     assert refusal(config, CONFIG, ["mine.yaml"]).startswith("config.yaml: budgets.first.epochs: ")
+
+
+@pytest.mark.parametrize(
+    ("text", "number"), [("-.5", "-0.5"), ("08", "8"), ("2e-2", "2.0e-2"), ("1.e5", "1.0e+5")]
+)
+def test_a_number_that_is_text_is_written_as_yaml_has_it(refusal, text, number):
+    message = refusal(changed("twin", "noise", text))
+    assert message.endswith(f"(YAML reads {text} as text; write {number})")
+    assert isinstance(yaml.safe_load(number), int | float)
 
 
 def test_a_number_that_a_command_line_makes_text_says_so(refusal):

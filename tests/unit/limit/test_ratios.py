@@ -72,7 +72,13 @@ def test_intervals_are_paired_and_repeatable(samples):
     assert ratios.ratios(given, told, "a-continuous", 1).set_index("model").equals(found)
 
 
-def test_a_sample_that_a_model_lacks_is_named(samples):
-    lacking = predictions(samples, 1.0).query("sample != 9")
+@pytest.mark.parametrize("without", ["sample != 9", "sample != 9 or seed != 1"])
+def test_a_sample_that_a_model_lacks_is_named(samples, without):
+    lacking = predictions(samples, 1.0, 2.0).query(without)
     with pytest.raises(InputError, match="mlp: predictions: found none of sample 9"):
         ratios.ratios({"mlp": lacking}, samples, "a-continuous", 1)
+
+
+def test_nothing_to_hold_against_the_limit_is_refused(samples):
+    with pytest.raises(InputError, match="a-continuous: models: found none"):
+        ratios.ratios({}, samples, "a-continuous", 1)

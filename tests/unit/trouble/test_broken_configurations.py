@@ -93,6 +93,9 @@ VALUES = [  # keys on the way, a value, and what was found and expected
 TEXTS = [  # a whole file
     ("no closing bracket", b"seed: [1\n", "line 2, column 1", "the end of the file", "',' or ']'"),
     ("a tab", b"skin:\n\tradius_mm: 3\n", "line 2, column 1", "a tab", "spaces"),
+    ("after a bracket", b"a: [1] 2\n", "line 1, column 8", "something behind the end", "YAML"),
+    ("indented", b"a:\n  b: 1\n c: 2\n", "line 3, column 2", "indented otherwise", "YAML"),
+    ("a second colon", b"a: b: c\n", "line 1, column 5", "a second colon", "key: value"),
     ("Latin-1", b"# f\xfcr\n", "line 1", "byte 0xfc", "UTF-8"),
     ("UTF-16", "seed: 1\n".encode("utf-16"), "line 1", "UTF-16", "UTF-8"),
     ("nothing", b"", "file", "nothing", "a mapping"),

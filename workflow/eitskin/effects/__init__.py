@@ -5,7 +5,7 @@ import pkgutil
 import re
 from collections.abc import Iterable, Iterator
 
-from eitskin.effects.effect import DRIVERS, ORDER, SITES, Effect, InstrumentEffect
+from eitskin.effects.effect import DRIVERS, ORDER, SITES, STAGES, Effect, InstrumentEffect
 from eitskin.errors import InputError
 
 EFFECTS: dict[str, Effect] = {}
@@ -39,6 +39,9 @@ def discover() -> None:
 
 def _wrong(kind: type[Effect]) -> Iterator[tuple[str, str, str]]:
     """What an effect says that no effect can: the attribute, what it is, what is expected."""
+    if getattr(kind, "stage", None) not in STAGES:
+        yield "stage", repr(getattr(kind, "stage", None)), "a class of a stage, as WiringEffect"
+        return
     if kind.driver not in DRIVERS:
         yield "driver", repr(kind.driver), f"one of {', '.join(DRIVERS)}"
     orders = ORDER.get(kind.stage, (None,))
@@ -50,9 +53,10 @@ def _wrong(kind: type[Effect]) -> Iterator[tuple[str, str, str]]:
         if parameter.low >= parameter.high:
             found = f"low {parameter.low:g}, high {parameter.high:g}"
             yield f"parameters: {key}", found, "low below high"
-    for key in re.findall(r"\{(\w+)(?::%)?\}", kind.finding):
-        if key not in (*kind.parameters, "site"):
-            yield "finding", f"{{{key}}}", f"one of {', '.join([*kind.parameters, 'site'])}"
+    known = ["site", *kind.parameters, *(f"{key}:%" for key in kind.parameters)]
+    for gap in re.findall(r"\{([^{}|]*)\}", kind.finding):
+        if gap not in known:
+            yield "finding", f"{{{gap}}}", f"one of {', '.join(known)}"
 
 
 discover()

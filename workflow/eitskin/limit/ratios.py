@@ -24,8 +24,11 @@ def ratios(
     `posterior_mean.estimates`, of which the estimate "limit" counts. `value` is the mean over a
     model's seeds, and of several seeds the model's "-ensemble" has rows of its own; `ratio` is
     value / limit, `low` and `high` its 95 % bootstrap interval over whole sessions, in which model
-    and limit are resampled alike. Raises InputError where a model lacks one of the samples.
+    and limit are resampled alike. Raises InputError without a model, and where one lacks one of the
+    samples.
     """
+    if not predictions:
+        raise InputError(configuration, "models", "none", "at least one in `table_1`")
     limit = samples[samples["estimate"] == ESTIMATES[0]].reset_index(drop=True)
     again = sessions_again(limit, seed)
     rows = []
@@ -74,10 +77,12 @@ def _of_each(
         own = {}
         for column in TARGETS.values():
             wide = table.pivot(index="seed", columns="sample", values=column)
-            if missing := set(samples) - set(wide.columns):
-                expected = f"the {len(samples)} samples of the limit"
-                raise InputError(model, "predictions", f"none of sample {min(missing)}", expected)
-            own[column] = wide[samples].to_numpy()
+            wide = wide.reindex(columns=samples)
+            missing = wide.columns[wide.isna().any()]
+            if len(missing):
+                expected = f"the {len(samples)} samples of the limit, of every seed"
+                raise InputError(model, "predictions", f"none of sample {missing[0]}", expected)
+            own[column] = wide.to_numpy()
         found[model] = own
         if len(own[column]) > 1:
             mean = {column: states.mean(axis=0, keepdims=True) for column, states in own.items()}
