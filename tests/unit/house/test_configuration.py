@@ -196,7 +196,7 @@ def test_a_mistake_gives_one_line(refusal, place_and_value, message):
 
 WIDTH = {"name": "electrode-width", "parameters": {"width_mm": 40.0}}
 COMMON = {"name": "common-mode", "parameters": {"ratio": 0.01}}
-DEEP = {"name": "third-dimension", "parameters": {"depth_mm": 20.0}}
+DEEP = {"name": "third-dimension", "parameters": {"depth_mm": 20.0, "electrode_height_mm": 5.0}}
 LEAK = {"name": "ground-leak", "parameters": {"siemens": 0.001}, "electrodes": [5]}
 SWAP = {"name": "electrode-swap", "parameters": {}, "electrodes": [5, 6]}
 GAIN = {"name": "channel-gain", "parameters": {"gain": 1.1}, "channels": [900]}
@@ -257,7 +257,7 @@ GAIN = {"name": "channel-gain", "parameters": {"gain": 1.1}, "channels": [900]}
         ),
         (
             ("configurations", "text", "effects", 2, DEEP),
-            "configurations.text.effects[2]: found ",
+            "configurations.text.effects[2]: found 0, expected more than 0 for electrodes with a height",
         ),
         (
             ("configurations", "text", "continuous_samples", 600),
