@@ -257,7 +257,7 @@ GAIN = {"name": "channel-gain", "parameters": {"gain": 1.1}, "channels": [900]}
         ),
         (
             ("configurations", "text", "effects", 2, DEEP),
-            "configurations.text.effects[2]: found 0, expected more than 0 for electrodes with a height",
+            "configurations.text.effects[2]: found 0, expected more than 0 for elec",
         ),
         (
             ("configurations", "text", "continuous_samples", 600),
