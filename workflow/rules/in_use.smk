@@ -18,3 +18,11 @@ def names_of(effects):
 def of_model(script):
     """A param: the fingerprint of a script that makes or applies the model of its job."""
     return lambda wildcards: fingerprint(script, [models.model(wildcards.model).module])
+
+
+def memory_MB(wildcards):
+    """What the frames of a set take, of which a stage holds several."""
+    grid = config["touch_grid"]["radii"] * config["touch_grid"]["angles"]
+    own = config["configurations"][wildcards.configuration]
+    samples = (own["continuous"] or {}).get("samples", grid * config["forces"]["levels"])
+    return 1000 + samples // 50

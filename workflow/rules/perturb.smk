@@ -1,14 +1,6 @@
 from eitskin.simulate.chain import instrument_effects, last_link, link_before, skin_effects
 
 
-def memory_MB(wildcards):
-    """What the frames of a set take, of which a stage holds several."""
-    grid = config["touch_grid"]["radii"] * config["touch_grid"]["angles"]
-    own = config["configurations"][wildcards.configuration]
-    samples = (own["continuous"] or {}).get("samples", grid * config["forces"]["levels"])
-    return 1000 + samples // 50
-
-
 rule skin_effects:
     input:
         mesh=rules.mesh.output.mesh,
