@@ -586,12 +586,12 @@ MATRIX = [
     Broken(
         "a description that is no YAML",
         described("electrodes: [8\n"),
-        "frames.yaml | line 2, column 1 | ',' or ']' | YAML",
+        "frames.yaml | line 2, column 1 | the end of the file | ',' or ']'",
     ),
     Broken(
         "tabs in a description",
         described("skin:\n\tradius_mm: 3\n"),
-        "frames.yaml | line 2, column 1 | '\\t' | YAML",
+        "frames.yaml | line 2, column 1 | a tab | spaces",
     ),
     Broken(
         "a description that is a list",
@@ -737,7 +737,7 @@ STATED = [
     Broken(
         "a skin that is no YAML",
         stated("radius_mm: 80.0\nthickness_mm: {3\n"),
-        "skin.yaml | line 3, column 1 | ',' or '}' | YAML",
+        "skin.yaml | line 3, column 1 | the end of the file | ',' or '}'",
     ),
     Broken(
         "a skin with a control character",
