@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eitskin.diagnose import rig_sizes, rig_words
+from eitskin.diagnose import rig_sizes, rig_words, whitening
 from eitskin.diagnose.diagnosis import begun
 from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.rig import COMPONENTS, LASTING, TAIL, TOGETHER, Rig, _phases, _walk
@@ -312,9 +312,34 @@ def assert_slopes(rig, sizes, names, seed):
     """Scores of these components are derivatives of the likelihood, where a residual is larger."""
     larger = {name: 1.3 * size for name, size in sizes.items()}
     residual = drawn(rig, larger, np.random.default_rng(seed))
-    slope = Scoring(rig, rig.whitening(sizes), names).slope(residual)
+    scoring = Scoring(rig, rig.whitening(sizes), names)
+    sd = np.sqrt(np.diag(scoring.information))
     expected = [slope_by_differences(rig, sizes, residual, name) for name in names]
-    assert np.allclose(slope, expected, rtol=1e-4)
+    assert np.allclose(scoring.slope(residual) / sd, expected / sd, rtol=1e-4, atol=1e-4)
+
+
+@EACH
+def test_scores_in_single_precision_are_those_in_double(names, monkeypatch):
+    rig, sizes = made(names), {name: SIZES[name] for name in names}
+    residual = drawn(rig, sizes, np.random.default_rng(11))
+    single = Scoring(rig, rig.whitening(sizes), names)
+    monkeypatch.setattr(whitening, "LONGEST_IN_SINGLE", 0.0)
+    double = Scoring(rig, rig.whitening(sizes), names)
+    sd = np.sqrt(np.diag(double.information))
+    found, expected = (one.information / np.outer(sd, sd) for one in (single, double))
+    assert np.allclose(found, expected, rtol=0.0, atol=1e-4)
+    slopes = single.slope(residual) / sd, double.slope(residual) / sd
+    assert np.allclose(*slopes, rtol=0.0, atol=1e-4)
+    assert not np.array_equal(*slopes)  # they were found apart
+
+
+def test_little_is_scored_in_double_precision(monkeypatch):
+    """Where a channel's error may be most of what a frame has, nothing of it must be rounded."""
+    sizes = {name: SIZES[name] for name in [*FRAME, *CHANNEL]}
+    rig = made(sizes)
+    assert rig.whitening(sizes).in_single is not rig.whitening(sizes)
+    monkeypatch.setattr(whitening, "LEAST_IN_SINGLE", len(rig.plain.mask) + 1)
+    assert rig.whitening(sizes).in_single is rig.whitening(sizes)
 
 
 @EACH

@@ -113,7 +113,7 @@ class Rig:
         return cls(plain, columns, scales, slopes, courses, label, assumed)
 
     def __getstate__(self) -> dict:
-        found_anew = "_made", "filtered"
+        found_anew = "_made", "filtered", "in_single"
         return {name: value for name, value in vars(self).items() if name not in found_anew}
 
     def __setstate__(self, state: dict) -> None:
@@ -123,6 +123,11 @@ class Rig:
     def filtered(self) -> dict[str, np.ndarray]:
         """`columns` as of `Whitening.filtered`."""
         return {k: self.plain.filtered(v, COMPONENTS[k].each) for k, v in self.columns.items()}
+
+    @cached_property
+    def in_single(self) -> dict[str, np.ndarray]:
+        """`filtered` in single precision."""
+        return {name: columns.astype(np.float32) for name, columns in self.filtered.items()}
 
     @property
     def of_press(self) -> np.ndarray:

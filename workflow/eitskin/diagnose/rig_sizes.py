@@ -206,10 +206,14 @@ def _finding(
 class Scoring:
     """What scoring the variances of components takes beside a residual: found column by column
     (K,), those of one kind together, and summed over each component's own. information (C, C):
-    what is to be expected of it."""
+    what is to be expected of it. In single precision, where that will do: it leads the climb, of
+    which likelihoods in double precision are the judge."""
 
     def __init__(self, rig: Rig, whitening: Whitening, names: list[str]):
         self.whitening, self.of_press = whitening, rig.of_press
+        whitening, columns_of = whitening.in_single, rig.filtered
+        if whitening is not self.whitening:
+            columns_of, self.of_press = rig.in_single, self.of_press.astype(np.float32)
         kinds = [
             (each, [i for i, name in enumerate(names) if COMPONENTS[name].each == each])
             for each in ORDER
@@ -218,7 +222,7 @@ class Scoring:
 
         def unit(kind: tuple[str, list[int]]) -> tuple[np.ndarray, np.ndarray]:
             each, members = kind
-            columns = np.concatenate([rig.filtered[names[i]] for i in members])
+            columns = np.concatenate([columns_of[names[i]] for i in members])
             entered = whitening.entered(columns, each)
             own = self._white(whitening, each, entered)
             return own if each == "whole" else entered, own
@@ -265,10 +269,9 @@ class Scoring:
 
         def squares(number: int) -> np.ndarray:
             each, columns = self.kinds[number][0], self._along[number]
-            if each == "whole":
-                along = summed(columns * white, each, self.of_press)[:, None]
-            else:
-                along = summed(columns * self.whitening.left(white, each), each, self.of_press)
+            left = white if each == "whole" else self.whitening.left(white, each)
+            along = summed(columns * left.astype(columns.dtype), each, self.of_press)
+            along = along[:, None] if each == "whole" else along
             return (along**2).sum(axis=1) - self._traces[number]
 
         found = np.zeros(len(self.information))

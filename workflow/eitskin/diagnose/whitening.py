@@ -10,7 +10,8 @@ take out: `linked` errors are followed there.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -46,6 +47,9 @@ class RigErrors:
 TOGETHER = 8  # columns that are whitened at once
 ORDER = ("frame", "press", "linked", "channel", "whole")  # in which errors are taken out
 TINY = 1e-9  # squared length of a linked error, below which it is none
+# Single precision will do for recordings of so many frames and channels, of which errors take a
+# small part, while no error is longer than this, squared, in units of what it acts on.
+LEAST_IN_SINGLE, LONGEST_IN_SINGLE = 30, 1e7
 
 
 def _by_groups(of: Callable, values: np.ndarray, mapped: Callable) -> np.ndarray:
@@ -120,6 +124,15 @@ class _LowRank:
             return found
 
         return _by_groups(applied, values, map)
+
+    @property
+    def in_single(self) -> "_LowRank":
+        """The same in single precision."""
+        found = copy(self)
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                vars(found)[name] = value.astype(np.float32)
+        return found
 
     @cached_property
     def root(self) -> np.ndarray:
@@ -381,6 +394,17 @@ class Whitening:
     def forget(self) -> None:
         """Let go of `parts`, which are found anew where they are asked for."""
         vars(self).pop("parts", None)
+
+    @property
+    def in_single(self) -> "Whitening":
+        """The same, but for `parts` in single precision; itself where that would not do."""
+        finite = [part.length[np.isfinite(part.length)] for part in self.parts]
+        longest = max((float(one.max(initial=0.0)) for one in finite), default=0.0)
+        if min(self.mask.shape) < LEAST_IN_SINGLE or longest > LONGEST_IN_SINGLE:
+            return self
+        found = replace(self)
+        vars(found)["parts"] = [part.in_single for part in self.parts]
+        return found
 
     @cached_property
     def parts(self) -> list[_LowRank]:
