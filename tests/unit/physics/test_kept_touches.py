@@ -5,7 +5,7 @@ import pytest
 
 from eitskin import cores
 from eitskin.errors import InputError
-from eitskin.physics import forward, kept_touches
+from eitskin.physics import forward, kept_touches, patch
 from eitskin.physics.geometry import Geometry, Patch
 from eitskin.physics.kept_touches import Coupled, Entered, KeptTouches
 from eitskin.physics.solver import forward_model
@@ -75,8 +75,7 @@ def test_several_places_are_those_of_each_alone(geometry):
         )
 
 
-@pytest.mark.parametrize("patch", [None, Patch(20.0, 10.0, 12.0, 3.0)], ids=["sheet", "patch"])
-def test_places_that_are_shared_out_have_the_same_bytes(monkeypatch, patch):
+def test_places_that_are_shared_out_have_the_same_bytes(monkeypatch):
     monkeypatch.setattr(forward, "SHARED_OUT", 1.0)
     places = [(x_mm, 5.0, 6.0) for x_mm in np.linspace(-40.0, 40.0, 9)]
     forked, here = [], cores.forked
@@ -84,7 +83,7 @@ def test_places_that_are_shared_out_have_the_same_bytes(monkeypatch, patch):
     found = []
     for count in (1, 2):
         monkeypatch.setenv("OMP_NUM_THREADS", str(count))
-        skin = forward_model(SKIN.with_values(patch=patch))
+        skin = forward_model(SKIN)
         skin.places(places[:1])
         found.append(skin.places([*places, places[3]]))
         assert all(place in skin._kept for place in places)
@@ -92,6 +91,25 @@ def test_places_that_are_shared_out_have_the_same_bytes(monkeypatch, patch):
     assert sorted(place for part in parts for place in part) == sorted(places[1:])
     for one, other in zip(*found, strict=True):
         assert np.array_equal(one.gains, other.gains) and np.array_equal(one.poles, other.poles)
+
+
+def test_a_patch_that_moves_meets_the_touches_of_the_one_before(monkeypatch):
+    """Their edges are found once, but where the patch comes so near that they need other nodes."""
+    places = [(x_mm, 5.0, 6.0) for x_mm in np.linspace(-40.0, 40.0, 9)]
+    patches = [Patch(20.0 + shift, 10.0, 12.0, 3.0) for shift in (0.0, 1e-3, 15.0)]
+    made, edge = [], patch.TouchEdge
+    monkeypatch.setattr(patch, "TouchEdge", lambda *a, **k: made.append(a[0].x_mm) or edge(*a, **k))
+    near, counts = None, []
+    for own in patches:
+        alone = forward_model(SKIN.with_values(patch=own)).places(places)
+        made.clear()
+        near = forward_model(SKIN.with_values(patch=own), near=near)
+        for one, other in zip(near.places(places), alone, strict=True):
+            assert np.array_equal(one.gains, other.gains) and np.array_equal(one.poles, other.poles)
+        counts.append(len(made))
+    crossed = 2  # their nodes are graded towards the patch
+    assert counts[:2] == [len(places), crossed]
+    assert crossed < counts[2] < len(places)
 
 
 def test_the_first_place_that_is_refused_is_told_on_two_cores_too(monkeypatch):

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -42,7 +42,14 @@ class Entered:
         return self.to_electrodes.nbytes + self.to_touch.nbytes
 
 
-Found = TypeVar("Found", Coupled, Entered)
+class Sized(Protocol):
+    """What says how many bytes it takes."""
+
+    @property
+    def nbytes(self) -> int: ...
+
+
+Found = TypeVar("Found", bound=Sized)
 
 
 class KeptTouches:
@@ -55,9 +62,17 @@ class KeptTouches:
     def __contains__(self, place: Place) -> bool:
         return (Coupled, place) in self._found
 
-    def get(self, kind: type[Found], place: Place, find: Callable[[], Found]) -> Found:
-        """What of a kind is kept of a place, else what `find` finds of it."""
+    def get(
+        self,
+        kind: type[Found],
+        place: Place,
+        find: Callable[[], Found],
+        serves: Callable[[Found], bool] = lambda found: True,
+    ) -> Found:
+        """What of a kind is kept of a place and serves, else what `find` finds of it."""
         key = kind, place
+        if key in self._found and not serves(self._found[key]):
+            self._nbytes -= self._found.pop(key).nbytes
         if key not in self._found:
             found = find()
             self._nbytes += found.nbytes

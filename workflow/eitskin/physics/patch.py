@@ -22,7 +22,7 @@ from eitskin.physics.contact_current import EvenCurrent
 from eitskin.physics.electrodes import Electrodes
 from eitskin.physics.forward import Forward
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.kept_touches import Entered, KeptTouches
+from eitskin.physics.kept_touches import Coupled, Entered, KeptTouches, Place
 from eitskin.physics.touch import NODE_COUNTS, Circle, Touch, TouchAccuracy, TouchEdge
 
 LEAST_GAP = 0.03  # of a patch to the rim, in its radii
@@ -132,6 +132,22 @@ class PatchNodes:
 
 
 @dataclass(frozen=True)
+class BareTouch:
+    """A touch as it is on the skin without its patch: its edge, with the nodes that it has beside
+    the patch, and what its multipoles are to the electrodes' modes (n order, 2 degree), before the
+    electrodes' own modes relax."""
+
+    edge: TouchEdge
+    coupling: np.ndarray
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of its arrays."""
+        arrays = [v for v in vars(self.edge).values() if isinstance(v, np.ndarray)]
+        return self.coupling.nbytes + sum(one.nbytes for one in arrays)
+
+
+@dataclass(frozen=True)
 class PatchedTouch:
     """A touch on a patched skin: what TouchEdge and its coupling are to an even one.
 
@@ -163,13 +179,14 @@ class PatchedTouch:
     @classmethod
     def by_patch(cls, touch: Touch, patch: PatchEdge, forward: "PatchForward") -> "PatchedTouch":
         """A touch beside the patch, in it, round it or across its edge."""
-        geometry, accuracy = patch.geometry, forward.accuracy.touch
-        edge = TouchEdge(touch, geometry, patch.disc, accuracy, beside=patch)
-        nodes = patch.near(edge)
+        bare = forward.bare_touch(touch)
+        edge, nodes = bare.edge, patch.near(bare.edge)
         within = np.abs(patch.place(nodes.t) - edge.centre) < edge.radius
         inside = np.abs(edge.place(edge.t) - patch.centre) < patch.radius
         if not len(edge.crossings(patch)):
             within[:], inside[:] = within.mean() > 0.5, inside.mean() > 0.5
+            if not within.any():
+                return cls._whole(bare, nodes, patch.factor if inside.any() else 1.0, forward)
         rim = np.exp(1j * edge.rim_theta)
         boundary = np.concatenate([edge.zeta, rim])
         dzeta = np.concatenate([edge.tangent * edge.weight, 1j * rim * edge.rim_weight])
@@ -207,6 +224,24 @@ class PatchedTouch:
             charge,
         )
 
+    @classmethod
+    def _whole(
+        cls, bare: BareTouch, nodes: PatchNodes, factor: float, forward: "PatchForward"
+    ) -> "PatchedTouch":
+        """A touch that no edge of the patch goes through, where the skin's factor is this one: what
+        it is on the bare skin, and what the patch's charge adds."""
+        edge = bare.edge
+        rim = np.exp(1j * edge.rim_theta)
+        boundary = np.concatenate([edge.zeta, rim])
+        flux = np.concatenate([edge.flux, edge.rim_flux])
+        into_patch = neumann.flux_kernel(boundary[:, None], nodes.zeta, nodes.dzeta)
+        charge = nodes.charge(into_patch.T @ flux)
+        met = flux.T @ (neumann.potential(boundary[:, None], nodes.zeta) @ charge)
+        response = factor * (edge.self_response + 0.5 * (met + met.T))
+        coupling = bare.coupling + forward.at_patch.T @ nodes.even(charge)
+        mass = factor * edge.mass
+        return cls(edge.touch, edge, mass, response, coupling, factor, nodes, charge)
+
 
 class PatchForward(Forward):
     """A skin with a patch, ready to be touched at one place; as Forward otherwise.
@@ -243,6 +278,25 @@ class PatchForward(Forward):
             change = self._change(bare.electrodes)
         self.change = change
         self._relax_electrodes(bare.electrodes.matrix + change)
+
+    def bare_touch(self, touch: Touch) -> BareTouch:
+        """A touch as it is without the patch, but for its nodes; kept with the bare skin."""
+        geometry, accuracy = self.geometry, self.accuracy.touch
+
+        def found() -> BareTouch:
+            edge = TouchEdge(touch, geometry, self.patch.disc, accuracy, beside=self.patch)
+            coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))
+            return BareTouch(edge, coupling)
+
+        def serves(kept: BareTouch) -> bool:
+            return kept.edge.serves_beside(self.patch)
+
+        place = touch.x_mm, touch.y_mm, touch.radius_mm
+        return self.bare._kept.get(BareTouch, place, found, serves)
+
+    def _shared_out(self, places: list[Place]) -> dict[Place, Coupled]:
+        """None: touches as they are without the patch are kept in this process."""
+        return {}
 
     def _at_patch(self, electrodes: Electrodes) -> np.ndarray:
         """(even nodes, n order): potentials of the electrodes' modes on the patch's edge."""

@@ -173,8 +173,8 @@ class TouchEdge(Circle):
         bulk: GradientBulk | None = None,
     ):
         super().__init__(touch.x_mm + 1j * touch.y_mm, touch.radius_mm, geometry, disc)
-        self.touch, self.beside, self.bulk = touch, beside, bulk
-        degree = self._place_nodes(accuracy, apart)
+        self.touch, self.bulk, self.accuracy = touch, bulk, accuracy
+        degree = self._place_nodes(apart, beside)
         boundary = np.concatenate([self.zeta, np.exp(1j * self.rim_theta)])
         self.expansion_centre = 0.5 * complex(
             boundary.real.min() + boundary.real.max(),
@@ -183,8 +183,9 @@ class TouchEdge(Circle):
         self.expansion_radius = float(np.abs(boundary - self.expansion_centre).max())
         self._build_modes(degree)
 
-    def _place_nodes(self, accuracy: TouchAccuracy, apart: float) -> int:
+    def _place_nodes(self, apart: float, beside: Circle | None) -> int:
         """Choose the nodes; returns the multipoles needed."""
+        accuracy = self.accuracy
         t = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)
         zeta = self.mapped(t, 0)[0]
         if not np.abs(zeta).min() < 1:
@@ -196,38 +197,55 @@ class TouchEdge(Circle):
             self.radius *= 1.0 + gap - accuracy.rim_gap
             gap = accuracy.rim_gap
         digits = -np.log(accuracy.tolerance)
-        for_rim = digits / np.log1p(gap) if gap > 0 else np.inf
+        self.for_rim = digits / np.log1p(gap) if gap > 0 else np.inf
         for_touch = min(digits / np.log1p(apart), NODE_COUNTS[-1])
-        longest, even = 2.0 * apart, for_rim <= MOST_EVEN_NODES
-        if self.beside:
-            beside = self.gap(self.beside) / self.radius
-            for_touch = min(digits / np.log1p(max(beside, accuracy.rim_gap)), NODE_COUNTS[-1])
-            even = even and for_touch <= MOST_EVEN_NODES
-        degree = int(min(accuracy.degree, max(np.ceil(0.5 * max(for_rim, for_touch)), 3)))
+        longest, self.even = 2.0 * apart, self.for_rim <= MOST_EVEN_NODES
+        if beside:
+            for_touch = self._for_circle(beside)
+            self.even = self.even and for_touch <= MOST_EVEN_NODES
+        degree, count = self._resolution(for_touch)
         longest = min(0.5 * accuracy.panel_nodes / degree, longest)
         panels = (longest, accuracy.rim_gap, accuracy.panel_nodes)
         self.rim_theta = self.rim_weight = np.zeros(0)
         self.clipped = gap < 0
         if self.clipped:
-            self._clip(t, np.abs(zeta) > 1.0, panels)
-        elif even:
-            count = next(n for n in NODE_COUNTS if n >= max(for_rim, for_touch, 2 * degree + 4))
+            self._clip(t, np.abs(zeta) > 1.0, panels, beside)
+        elif self.even:
             self.t = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
             self.weight = np.full(count, 2.0 * np.pi / count)
         else:
             nearest = t[np.abs(zeta).argmax()]
             end = nearest + 2.0 * np.pi
-            self.t, self.weight = self.panels(
-                nearest, end, self.beside, self._rim_clearance, panels
-            )
+            self.t, self.weight = self.panels(nearest, end, beside, self._rim_clearance, panels)
         self.zeta, self.tangent, self.curvature = self.mapped(self.t, 2)
         return degree
+
+    def _for_circle(self, beside: Circle) -> float:
+        """Nodes that resolve what is between the edge and a circle beside it."""
+        gap = max(self.gap(beside) / self.radius, self.accuracy.rim_gap)
+        return min(-np.log(self.accuracy.tolerance) / np.log1p(gap), NODE_COUNTS[-1])
+
+    def _resolution(self, for_touch: float) -> tuple[int, int]:
+        """Multipoles, and nodes where they are even, for what the rim and another circle ask."""
+        wanted = max(self.for_rim, for_touch)
+        degree = int(min(self.accuracy.degree, max(np.ceil(0.5 * wanted), 3)))
+        most = max(wanted, 2 * degree + 4)
+        return degree, next((n for n in NODE_COUNTS if n >= most), NODE_COUNTS[-1])
+
+    def serves_beside(self, circle: Circle) -> bool:
+        """Whether nodes and multipoles are those that the touch has beside another circle."""
+        for_touch = self._for_circle(circle)
+        if self.clipped or not self.even or for_touch > MOST_EVEN_NODES:
+            return False
+        return self._resolution(for_touch) == (len(self.order), len(self.t))
 
     def _rim_clearance(self, t: np.ndarray) -> np.ndarray:
         zeta, tangent = self.mapped(t, 1)
         return np.abs(1.0 - np.abs(zeta)) / np.abs(tangent)
 
-    def _clip(self, t: np.ndarray, outside: np.ndarray, panels: Panels) -> None:
+    def _clip(
+        self, t: np.ndarray, outside: np.ndarray, panels: Panels, beside: Circle | None
+    ) -> None:
         leaves = np.flatnonzero(~outside & np.roll(outside, -1))
         enters = np.flatnonzero(outside & np.roll(~outside, -1))
         if len(leaves) != 1 or self.radius > 0.5 * self.geometry.radius_mm:
@@ -236,7 +254,7 @@ class TouchEdge(Circle):
         leave = self._crossing(t[leaves[0]], t[leaves[0]] + t[1])
         enter = self._crossing(t[enters[0]], t[enters[0]] + t[1])
         end = leave if leave > enter else leave + 2.0 * np.pi
-        self.t, self.weight = self.panels(enter, end, self.beside, self._rim_clearance, panels)
+        self.t, self.weight = self.panels(enter, end, beside, self._rim_clearance, panels)
         arc = self.mapped(np.concatenate([[enter, end], self.t]), 0)[0]
         start = np.angle(arc[1])
         stop = start + (np.angle(arc[0]) - start) % (2.0 * np.pi)
