@@ -142,6 +142,7 @@ class Rig:
         of a channel that stay as they are linked, where frames or presses have any. One that was
         made here and is in use is given again, with what it has found."""
         there = {k: v for k, v in sizes.items() if v > 0.0 and k in self.columns}
+        fitted = fitted and any(name in LASTING for name in there)
         key = discrepancy, fitted, *there.items()
         made = self._made.get(key)
         if made is None:

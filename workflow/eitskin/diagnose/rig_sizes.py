@@ -50,7 +50,8 @@ def learned(
         if sizes[name] > 0.0 and worth.get(name, 0.0) < PLAINLY and not same:
             without = {**sizes, name: 0.0}
             others = [other for other in free if without[other] > 0.0]
-            found = rig.log_likelihood(without, residual)
+            there = rig.whitening(without)  # in use, so that a climb from it meets it again
+            found = rig.log_likelihood(without, residual, there)
             if found <= best - HARDLY and others:
                 without, found, _ = _climbed(rig, residual, without, others, REFITTED)
             if found > best - HARDLY:
@@ -96,7 +97,7 @@ def _climbed(
             break
         scoring = None  # the next one takes as much memory
         before = best
-        sizes, here, best = _nearer(rig, residual, sizes, here, best, target)
+        sizes, here, best = _nearer(rig, residual, sizes, here, best, target, hoped)
         if best - before < SETTLED:
             break
     return sizes, best, worth
@@ -109,11 +110,12 @@ def _nearer(
     here: Whitening,
     best: float,
     target: Mapping[str, float],
+    hoped: float,
 ) -> tuple[dict[str, float], Whitening, float]:
     """Sizes as far on their way to others as the likelihood rises above `best`, their whitening,
-    and it."""
+    and it; hoped: by how many nats it rises to second order on the whole way."""
     share = 1.0
-    while share > LEAST_SHARE:
+    while share > LEAST_SHARE and share * (2.0 - share) * hoped > SETTLED:
         moved = {
             k: float(np.sqrt((1.0 - share) * sizes[k] ** 2 + share * v**2))
             for k, v in target.items()
