@@ -291,7 +291,9 @@ def test_trials_of_other_processes_are_of_this_search(contact, monkeypatch):
         assert trial.rig is state.rig
         assert all(one.effect is EFFECTS[one.name] for one in trial.effects)
     whitenings = [trial.fit.problem.whitening for trial in trials]
-    assert not any("parts" in vars(own) for own in whitenings if own is not held.problem.whitening)
+    in_use = held.problem.whitening, state.fit.problem.whitening
+    own = [one for one in whitenings if not any(one is other for other in in_use)]
+    assert own and not any("parts" in vars(one) for one in own)
 
 
 def test_what_trials_solve_counts_for_those_that_follow(contact, monkeypatch):
@@ -472,6 +474,29 @@ def test_a_set_without_effects_is_fitted_without_a_discrepancy_too(contact, monk
     assert set(second) == {n for n in found.sizes if not COMPONENTS[n].discrepancy}
     assert not np.allclose(fitted.theta, before.fit.theta)
     assert found.log_evidence >= before.log_evidence - SETTLED
+
+
+@pytest.mark.parametrize(
+    ("forlorn", "gross", "count"), [(-1e9, 1e9, 1), (1e9, 1e9, 2), (-1e9, 0, 2)]
+)
+def test_a_discrepancy_that_explains_far_more_is_not_taken_out(
+    contact, monkeypatch, forlorn, gross, count
+):
+    own, before = contact[1].search, contact[1].before
+    trial = next(
+        t for t in own.tried(before, own.scores(before)) if own.named(t, t.fit) is not t.fit
+    )
+    monkeypatch.setattr(search, "FORLORN", forlorn)
+    monkeypatch.setattr(search, "GROSS", gross)
+    tried, learned_state = [], Search._learned_state
+
+    def learned(self, *job):
+        tried.append(job)
+        return learned_state(self, *job)
+
+    monkeypatch.setattr(Search, "_learned_state", learned)
+    own.state(trial.fit, sizes=trial.sizes, rig=trial.rig)
+    assert len(tried) == count
 
 
 def test_a_fit_that_went_astray_is_no_trial(monkeypatch):

@@ -244,7 +244,7 @@ def strengths(search: Search, state: State) -> dict[str, float]:
         elif candidate.scope == "dense" or discrete(candidate):
             continue
         else:
-            columns = tangents.of(candidate)
-            snr = float(np.sqrt((columns**2).sum(axis=1).max(initial=0.0)))
+            columns = tangents.each(candidate)
+            snr = max((float(np.sqrt(c @ c)) for c in columns if c is not None), default=0.0)
         found[candidate.name] = max(found.get(candidate.name, 0.0), snr)
     return found

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from eitskin import plotting
+from eitskin import cores, plotting
 from eitskin.atomic import atomic_path
 from eitskin.data import check
 from eitskin.diagnose import rig_words
@@ -118,15 +118,15 @@ def write(
     """
     found = evidence.read(folder, recording_path, schema, predicted)
     drawn = figures.draw(found)
+    pictures = cores.forked(lambda one: (plotting.svg(one), plotting.png(one)), drawn.values())
     inline = {}
-    for name, figure in drawn.items():
-        vectors = plotting.svg(figure)
+    for (name, figure), (vectors, pixels) in zip(drawn.items(), pictures, strict=True):
         inline[name] = f"<p>{escape(figure)}</p>" if isinstance(figure, str) else vectors
         beside = Path(out).parent / "figures" / name
         with atomic_path(beside.with_suffix(".svg")) as path:
             path.write_text(vectors, encoding="utf-8")
         with atomic_path(beside.with_suffix(".png")) as path:
-            path.write_bytes(plotting.png(figure))
+            path.write_bytes(pixels)
     changes = [plotting.svg(figure) if figure else "" for figure in figures.changes(found)]
     with atomic_path(out) as path:
         path.write_text(page(found, inline, changes), encoding="utf-8")

@@ -62,7 +62,7 @@ LEAD = 1.0  # nats by which another name in an effect's place must be better
 WITHIN = 20.0  # nats of linear evidence below the best, or this share of its gain ...
 SHARE = 0.3
 MOST_NAMES = 12
-MOST_SOLVED = 24_000  # sheets, of one diagnosis
+MOST_SOLVED = 16_000  # sheets, of one diagnosis
 UNEXPLAINED = "static-discrepancy"  # the component of a value a channel
 START = "start"  # the step on the path of an effect that was found on fewer frames
 CUT_SHORT = "cut short"  # the step on the path that says so
@@ -79,6 +79,9 @@ FEW = 6  # coordinates; candidates with more are fitted after the others
 GROSS = 30.0  # chi squared over its degrees of freedom above which gross faults are tried first
 PLAIN = 0.5  # of the misfit without it, that a gross fault may leave
 RACE = 10.0  # nats behind the best trial at which another is given up
+# Nats that a fit is behind for want of a discrepancy, after a step without one, from which on it
+# does not catch up, unless it is far from any optimum.
+FORLORN = 150.0
 LOST = 100.0  # nats behind the state that it began from: a fit that went astray
 TOGETHER = 4  # fits in processes of their own, of which none knows what the others solve
 
@@ -181,13 +184,17 @@ class Search:
         """A fit with its evidence and held-out density; sizes: those of the rig's errors that it
         has, from which they are learned; rig: these errors about a fit like it. A discrepancy may
         have taken what an effect has to explain: what the fit makes of it without one counts if
-        that is likelier."""
+        that is likelier; it is not tried where it is FORLORN."""
         found = self._learned_state(fitted, p_values, sizes, rig, self.scoring)
         named = self.named(found, found.fit)
         if named is found.fit:
             return found
         own = {k: s for k, s in found.sizes.items() if not COMPONENTS[k].discrepancy}
-        other = self._learned_state(stepped(named), p_values, own, found.rig)
+        moved = stepped(named)
+        behind = found.log_likelihood - likelihood(moved, own, found.rig)
+        if behind > FORLORN and self._misfit(found) < GROSS:
+            return found
+        other = self._learned_state(moved, p_values, own, found.rig)
         return found if other.log_evidence <= found.log_evidence else other
 
     def _learned_state(
@@ -198,7 +205,7 @@ class Search:
         rig: Rig | None,
         kept: KeptScoring | None = None,
     ) -> State:
-        sizes, prior, rig = dict(sizes or {}), 0.0, rig or self.rig
+        sizes, rig = dict(sizes or {}), rig or self.rig
         if rig is not None:
             ended = KeptScoring()
             for number in range(LEARNED):
@@ -206,11 +213,9 @@ class Search:
                 fitted, sizes, rig, gained = self._learned(fitted, sizes, rig, *scorings)
                 if gained < SETTLED:
                     break
-            prior = rig.log_prior(sizes)
-        whitening = fitted.problem.whitening
-        likelihood = prior - 0.5 * (fitted.chi2 + whitening.log_determinant)
-        evidence = likelihood + occam(fitted)
-        return State(fitted, self.fold, likelihood, evidence, dict(p_values or {}), sizes, rig)
+        found = likelihood(fitted, sizes, rig)
+        evidence = found + occam(fitted)
+        return State(fitted, self.fold, found, evidence, dict(p_values or {}), sizes, rig)
 
     def _learned(
         self,
@@ -435,7 +440,8 @@ class Search:
         plain = max((s.log_evidence for s in self.scores(state)), default=0.0)
         here = self.linearised(state)
         # A discrepancy would take all of it to itself, until sizes are learned again.
-        tangents = Tangents(self.named(state, here.fit), [here])
+        named = self.named(state, here.fit)
+        tangents = here if named is here.fit else Tangents(named, [here])
         hopeful = []
         for candidate in self.candidates:
             if _of_channels(candidate):
@@ -1142,6 +1148,12 @@ def _slow(candidate: Candidate) -> bool:
 def _form(candidate: Candidate) -> tuple[str, bool, tuple[str, ...]]:
     few = candidate.scope == "sparse" and len(candidate.own_sites) > 1
     return candidate.scope, few, tuple(candidate.start)
+
+
+def likelihood(fitted: Fit, sizes: dict[str, float], rig: Rig | None) -> float:
+    """Marginal log likelihood of a fit, with the prior of the sizes of the rig's errors."""
+    prior = 0.0 if rig is None else rig.log_prior(sizes)
+    return prior - 0.5 * (fitted.chi2 + fitted.problem.whitening.log_determinant)
 
 
 def occam(fitted: Fit) -> float:
