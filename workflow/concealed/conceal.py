@@ -21,7 +21,6 @@ from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table
 from eitskin.diagnose.diagnosis import begun, problem_of
 from eitskin.diagnose.noise import Noise
-from eitskin.diagnose.search.search import MOST_SOLVED
 from eitskin.errors import InputError
 from eitskin.physics.solver import Spent
 from witness import rig_errors
@@ -32,6 +31,7 @@ LEAST_LEVEL, MOST_LEVEL = 2e-4, 3e-2  # noise over the median |v|
 NEAR = 0.1  # of the wanted gap: no more is asked of the reached one
 ROUNDS = 2
 KNOWN_DOF = 1e9  # of a noise that is known
+MOST_SOLVED = 24_000  # sheets, for the gaps of one case
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def smallest(gaps: list | None) -> float | None:
 
 def gaps_at(case: Case, noise_V: np.ndarray) -> list | None:
     """`calibration.trial.true_gaps` of a case's effects in noise (M,) V, on its noise-free
-    recording; None of one without effects, or where they take more than a whole diagnosis may."""
+    recording; None of one without effects, or where they take more than MOST_SOLVED."""
     if not case.effects:
         return None
     clean = Recording(case.true_states, case.clean, None, None, dict(case.metadata))

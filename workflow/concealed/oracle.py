@@ -22,11 +22,11 @@ from eitskin.diagnose.diagnosis import begun, simulator
 from eitskin.diagnose.estimates import estimates
 from eitskin.diagnose.excerpt import excerpt
 from eitskin.diagnose.result import read_query
-from eitskin.diagnose.search.search import MOST_SOLVED, Search, State
+from eitskin.diagnose.search.search import Search, State
 from eitskin.effects.effect import SITES
 from eitskin.physics.solver import Spent
 
-SHARE = 1 / 6  # of what a diagnosis may solve, that one set's fit may
+MOST_SOLVED = 4_000  # sheets, for the fit of one set
 
 
 @dataclass(frozen=True)
@@ -47,14 +47,14 @@ class Refit:
 
     def with_effects(self, items: list[dict], scopes: list[str]) -> State | None:
         """The state with these effects; None where one of them cannot be fitted, or where all
-        take more than SHARE of what a whole diagnosis may."""
+        take more than MOST_SOLVED."""
         pairs = zip(items, scopes, strict=True)
         wanted = [starting(candidate_of(self.search.candidates, *pair), pair[0]) for pair in pairs]
         if not wanted:
             return self.nothing
         near = self.search.problem.model.near
         try:
-            with near.within(near.spent + SHARE * MOST_SOLVED):
+            with near.within(near.spent + MOST_SOLVED):
                 return with_all(self.search, self.nothing, wanted)
         except Spent:
             return None

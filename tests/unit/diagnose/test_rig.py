@@ -333,6 +333,25 @@ def test_scores_in_single_precision_are_those_in_double(names, monkeypatch):
     assert not np.array_equal(*slopes)  # they were found apart
 
 
+@pytest.mark.parametrize("factor", [1e-6, 1e6])
+def test_sizes_do_not_depend_on_the_unit_of_the_readings(factor):
+    """In single precision squares of squares of columns in volts would overflow."""
+    rig, sizes = made(), dict(SIZES)
+    residual = drawn(rig, sizes, np.random.default_rng(12))
+    found, _ = learned(rig, residual, sizes)
+    plain = replace(rig.plain, sd=factor * rig.plain.sd)
+    units = {k: factor if COMPONENTS[k].reading else 1.0 for k in rig.columns}
+    other = replace(
+        rig,
+        plain=plain,
+        columns={k: v if COMPONENTS[k].reading else factor * v for k, v in rig.columns.items()},
+        scales={k: units[k] * v for k, v in rig.scales.items()},
+    )
+    again, _ = learned(other, factor * residual, {k: units[k] * v for k, v in sizes.items()})
+    for name, size in found.items():
+        assert np.isclose(again[name] / units[name], size, rtol=1e-4)
+
+
 def test_little_is_scored_in_double_precision(monkeypatch):
     """Where a channel's error may be most of what a frame has, nothing of it must be rounded."""
     sizes = {name: SIZES[name] for name in [*FRAME, *CHANNEL]}

@@ -112,6 +112,15 @@ def test_a_patch_that_moves_meets_the_touches_of_the_one_before(monkeypatch):
     assert crossed < counts[2] < len(places)
 
 
+def test_touches_that_serve_one_patch_alone_take_no_room(monkeypatch):
+    """Edges across the patch's take 50 times as much as others."""
+    places = [(20.0 + shift, 20.0, 6.0) for shift in np.linspace(-3.0, 3.0, 12)]  # across it
+    near = forward_model(SKIN.with_values(patch=Patch(20.0, 10.0, 12.0, 3.0)))
+    near.places([(-30.0, 5.0, 6.0), *places])
+    kept = [place for kind, place in near.bare._kept._found if kind is patch.BareTouch]
+    assert kept == [(-30.0, 5.0, 6.0)]
+
+
 def test_the_first_place_that_is_refused_is_told_on_two_cores_too(monkeypatch):
     monkeypatch.setattr(forward, "SHARED_OUT", 1.0)
     monkeypatch.setenv("OMP_NUM_THREADS", "2")

@@ -241,10 +241,8 @@ def fit(
 def stepped(fitted: Fit, least: float = 0.0) -> Fit:
     """A fit after a step of Gauss and Newton, itself where that does not help, or promises to lower
     the cost by less than `least`; the slopes stay."""
-    problem, prior = fitted.problem, fitted.prior
-    slope = fitted.slopes.against(fitted.residual) - prior * fitted.theta
-    root = fitted.root
-    along = root.T @ slope
+    problem = fitted.problem
+    root, along = _along(fitted)
     if along @ along < least:
         return fitted
     step = np.clip(root @ along, -FARTHEST, FARTHEST)
@@ -254,6 +252,19 @@ def stepped(fitted: Fit, least: float = 0.0) -> Fit:
         return fitted
     moved = Fit(problem, fitted.effects, fitted.theta + step, residual, fitted.slopes)
     return moved if moved.cost < fitted.cost else fitted
+
+
+def promised(fitted: Fit) -> float:
+    """By how much a step of Gauss and Newton promises to lower the cost."""
+    _, along = _along(fitted)
+    return float(along @ along)
+
+
+def _along(fitted: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """The covariance's root (P, P), and the step of Gauss and Newton in its units (P,)."""
+    slope = fitted.slopes.against(fitted.residual) - fitted.prior * fitted.theta
+    root = fitted.root
+    return root, root.T @ slope
 
 
 def refreshed(fitted: Fit) -> Fit:

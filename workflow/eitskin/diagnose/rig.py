@@ -126,8 +126,10 @@ class Rig:
 
     @cached_property
     def in_single(self) -> dict[str, np.ndarray]:
-        """`filtered` in single precision."""
-        return {name: columns.astype(np.float32) for name, columns in self.filtered.items()}
+        """`filtered` of errors as large as the prior's sd, in single precision: in the recording's
+        unit squares of squares would overflow."""
+        own = self.filtered.items()
+        return {k: (self.scales[k] * columns).astype(np.float32) for k, columns in own}
 
     @property
     def of_press(self) -> np.ndarray:

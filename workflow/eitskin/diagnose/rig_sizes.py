@@ -54,6 +54,7 @@ def learned(
             found = rig.log_likelihood(without, residual, there)
             if found <= best - HARDLY and others:
                 without, found, _ = _climbed(rig, residual, without, others, REFITTED)
+            del there
             if found > best - HARDLY:
                 sizes, best = without, found
     left = [name for name in free if sizes[name] > 0.0]
@@ -208,14 +209,17 @@ def _finding(
 class Scoring:
     """What scoring the variances of components takes beside a residual: found column by column
     (K,), those of one kind together, and summed over each component's own. information (C, C):
-    what is to be expected of it. In single precision, where that will do: it leads the climb, of
-    which likelihoods in double precision are the judge."""
+    what is to be expected of it. Where single precision will do it is found in that, and so is
+    what depends on it: where a climb goes, and how far intervals of sizes reach. Likelihoods, which
+    judge every step, are in double precision."""
 
     def __init__(self, rig: Rig, whitening: Whitening, names: list[str]):
         self.whitening, self.of_press = whitening, rig.of_press
         whitening, columns_of = whitening.in_single, rig.filtered
+        self._unit = np.ones(len(names))  # of the variances
         if whitening is not self.whitening:
             columns_of, self.of_press = rig.in_single, self.of_press.astype(np.float32)
+            self._unit = np.array([rig.scales[name] ** 2 for name in names])
         kinds = [
             (each, [i for i, name in enumerate(names) if COMPONENTS[name].each == each])
             for each in ORDER
@@ -253,6 +257,7 @@ class Scoring:
             total = np.add.reduceat(total, self._starts[b], axis=1)
             self.information[np.ix_(left, right)] = 0.5 * total
             self.information[np.ix_(right, left)] = 0.5 * total.T
+        self.information /= np.outer(self._unit, self._unit)
 
     @property
     def nbytes(self) -> int:
@@ -273,14 +278,14 @@ class Scoring:
             each, columns = self.kinds[number][0], self._along[number]
             left = white if each == "whole" else self.whitening.left(white, each)
             along = summed(columns * left.astype(columns.dtype), each, self.of_press)
-            along = along[:, None] if each == "whole" else along
+            along = (along[:, None] if each == "whole" else along).astype(float)
             return (along**2).sum(axis=1) - self._traces[number]
 
         found = np.zeros(len(self.information))
         squared = cores.each(squares, range(len(self.kinds)))
         for (_, members), own, first in zip(self.kinds, squared, self._starts, strict=True):
             found[members] = 0.5 * np.add.reduceat(own, first)
-        return found
+        return found / self._unit
 
     @staticmethod
     def _white(whitening: Whitening, each: str, entered: np.ndarray) -> np.ndarray:
@@ -358,7 +363,7 @@ def _shared(
     """(J, K): sums of the squared products of whitened unit columns a (J, N, M) and b (K, N, M), a
     of what is taken out no later than b."""
     if each_a == each_b or each_b != "channel":
-        return (met(a, b, each_a, of_press) ** 2).sum(axis=0)
+        return (met(a, b, each_a, of_press).astype(float) ** 2).sum(axis=0)
     if each_a == "frame":
         # It meets a channel's error in one reading alone.
         return (a**2).reshape(len(a), -1) @ (b**2).reshape(len(b), -1).T

@@ -35,7 +35,6 @@ class Tangents:
     order have none. `like`: tangents about other fits, whose derivatives serve where their readings
     are near enough; any direction makes a valid test, and a fit finds its own way. Whitened columns
     are kept until `forget`: a site's alone, among all and with one value for all are the same.
-    of_channels: slopes (M,) and information (M,) of each channel's own column, by candidate.
     """
 
     def __init__(self, fit: Fit, like: "Iterable[Tangents]" = ()):
@@ -60,7 +59,6 @@ class Tangents:
         self._columns: dict[tuple, np.ndarray | None] = {}
         self._apart: dict[tuple, np.ndarray | None] = {}
         self._changes: dict[Any, Any] = {}
-        self.of_channels: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
 
     def _accuracy(self) -> str:
         """Of what is differenced. A body takes ten times less at accuracy train, and its

@@ -47,8 +47,8 @@ class RigErrors:
 TOGETHER = 8  # columns that are whitened at once
 ORDER = ("frame", "press", "linked", "channel", "whole")  # in which errors are taken out
 TINY = 1e-9  # squared length of a linked error, below which it is none
-# Single precision will do for recordings of so many frames and channels, of which errors take a
-# small part, while no error is longer than this, squared, in units of what it acts on.
+# Single precision is used from so many frames and channels on, while the squared length of every
+# error is below LONGEST_IN_SINGLE, and none is linked.
 LEAST_IN_SINGLE, LONGEST_IN_SINGLE = 30, 1e7
 
 
@@ -400,7 +400,8 @@ class Whitening:
         """The same, but for `parts` in single precision; itself where that would not do."""
         finite = [part.length[np.isfinite(part.length)] for part in self.parts]
         longest = max((float(one.max(initial=0.0)) for one in finite), default=0.0)
-        if min(self.mask.shape) < LEAST_IN_SINGLE or longest > LONGEST_IN_SINGLE:
+        linked = any(part.each == "linked" for part in self.parts)
+        if linked or min(self.mask.shape) < LEAST_IN_SINGLE or longest > LONGEST_IN_SINGLE:
             return self
         found = replace(self)
         vars(found)["parts"] = [part.in_single for part in self.parts]

@@ -69,14 +69,17 @@ class KeptTouches:
         find: Callable[[], Found],
         serves: Callable[[Found], bool] = lambda found: True,
     ) -> Found:
-        """What of a kind is kept of a place and serves, else what `find` finds of it."""
+        """What of a kind is kept of a place and serves, else what `find` finds of it, kept where
+        it serves."""
         key = kind, place
-        if key in self._found and not serves(self._found[key]):
-            self._nbytes -= self._found.pop(key).nbytes
-        if key not in self._found:
-            found = find()
+        if key in self._found and serves(self._found[key]):
+            return self._found[key]
+        found = find()
+        if serves(found):
+            if key in self._found:
+                self._nbytes -= self._found.pop(key).nbytes
             self._nbytes += found.nbytes
             while self._found and self._nbytes > KEPT_BYTES:
                 self._nbytes -= self._found.pop(next(iter(self._found))).nbytes
             self._found[key] = found
-        return self._found[key]
+        return found

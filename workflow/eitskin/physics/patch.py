@@ -28,7 +28,7 @@ from eitskin.physics.touch import NODE_COUNTS, Circle, Touch, TouchAccuracy, Tou
 LEAST_GAP = 0.03  # of a patch to the rim, in its radii
 LEAST_NODES = 48
 LONGEST_PANEL = 0.6
-PATCHED = 3.0  # times what a touched place takes on a skin without a patch
+PATCHED = 3.0  # times what a new touched place takes on a skin without a patch
 SAME_CIRCLE = 0.01  # a touch closer to the patch's own disc, in its radii, is taken for it: to 2 %
 
 
@@ -186,7 +186,8 @@ class PatchedTouch:
         if not len(edge.crossings(patch)):
             within[:], inside[:] = within.mean() > 0.5, inside.mean() > 0.5
             if not within.any():
-                return cls._whole(bare, nodes, patch.factor if inside.any() else 1.0, forward)
+                factor = patch.factor if inside.any() else 1.0
+                return cls._whole(touch, bare, nodes, factor, forward)
         rim = np.exp(1j * edge.rim_theta)
         boundary = np.concatenate([edge.zeta, rim])
         dzeta = np.concatenate([edge.tangent * edge.weight, 1j * rim * edge.rim_weight])
@@ -226,7 +227,12 @@ class PatchedTouch:
 
     @classmethod
     def _whole(
-        cls, bare: BareTouch, nodes: PatchNodes, factor: float, forward: "PatchForward"
+        cls,
+        touch: Touch,
+        bare: BareTouch,
+        nodes: PatchNodes,
+        factor: float,
+        forward: "PatchForward",
     ) -> "PatchedTouch":
         """A touch that no edge of the patch goes through, where the skin's factor is this one: what
         it is on the bare skin, and what the patch's charge adds."""
@@ -240,7 +246,7 @@ class PatchedTouch:
         response = factor * (edge.self_response + 0.5 * (met + met.T))
         coupling = bare.coupling + forward.at_patch.T @ nodes.even(charge)
         mass = factor * edge.mass
-        return cls(edge.touch, edge, mass, response, coupling, factor, nodes, charge)
+        return cls(touch, edge, mass, response, coupling, factor, nodes, charge)
 
 
 class PatchForward(Forward):
@@ -280,7 +286,8 @@ class PatchForward(Forward):
         self._relax_electrodes(bare.electrodes.matrix + change)
 
     def bare_touch(self, touch: Touch) -> BareTouch:
-        """A touch as it is without the patch, but for its nodes; kept with the bare skin."""
+        """A touch as it is without the patch, but for its nodes; kept with the bare skin where
+        these are even: graded ones serve this patch alone."""
         geometry, accuracy = self.geometry, self.accuracy.touch
 
         def found() -> BareTouch:

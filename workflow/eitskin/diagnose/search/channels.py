@@ -23,9 +23,7 @@ def scores(tangents: Tangents, dense: Candidate) -> list[Score]:
     A channel's column is taken to stay within the channel, which is exact but for crosstalk and
     memory already found; the fit that follows is exact.
     """
-    if dense.key not in tangents.of_channels:
-        tangents.of_channels[dense.key] = _sums(tangents, dense)
-    slope, information = tangents.of_channels[dense.key]
+    slope, information = _sums(tangents, dense)
     free = information > 0
     gain = np.divide(slope**2, information, out=np.zeros_like(slope), where=free)
     evidence = best_amplitude([evidence_along(slope, information, a) for a in AMPLITUDES])

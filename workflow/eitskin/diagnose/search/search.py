@@ -23,6 +23,7 @@ from eitskin.diagnose.fit import (
     Fit,
     Problem,
     fit,
+    promised,
     refreshed,
     stepped,
     whitened_anew,
@@ -79,8 +80,8 @@ FEW = 6  # coordinates; candidates with more are fitted after the others
 GROSS = 30.0  # chi squared over its degrees of freedom above which gross faults are tried first
 PLAIN = 0.5  # of the misfit without it, that a gross fault may leave
 RACE = 10.0  # nats behind the best trial at which another is given up
-# Nats that a fit is behind for want of a discrepancy, after a step without one, from which on it
-# does not catch up, unless it is far from any optimum.
+# A fit without its discrepancy that is so many nats behind after one step, with what the next one
+# promises, is given up, unless chi squared says that it is far off (GROSS).
 FORLORN = 150.0
 LOST = 100.0  # nats behind the state that it began from: a fit that went astray
 TOGETHER = 4  # fits in processes of their own, of which none knows what the others solve
@@ -191,8 +192,8 @@ class Search:
             return found
         own = {k: s for k, s in found.sizes.items() if not COMPONENTS[k].discrepancy}
         moved = stepped(named)
-        behind = found.log_likelihood - likelihood(moved, own, found.rig)
-        if behind > FORLORN and self._misfit(found) < GROSS:
+        behind = found.log_likelihood - likelihood(moved, own, found.rig) - 0.5 * promised(moved)
+        if moved is not named and behind > FORLORN and self._misfit(found) < GROSS:
             return found
         other = self._learned_state(moved, p_values, own, found.rig)
         return found if other.log_evidence <= found.log_evidence else other
@@ -440,8 +441,7 @@ class Search:
         plain = max((s.log_evidence for s in self.scores(state)), default=0.0)
         here = self.linearised(state)
         # A discrepancy would take all of it to itself, until sizes are learned again.
-        named = self.named(state, here.fit)
-        tangents = here if named is here.fit else Tangents(named, [here])
+        tangents = Tangents(self.named(state, here.fit), [here])
         hopeful = []
         for candidate in self.candidates:
             if _of_channels(candidate):
