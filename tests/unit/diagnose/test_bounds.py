@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from diagnosed_skin import SCHEMA, diagnosed
 from eitskin.diagnose import words
-from eitskin.diagnose.estimates import calibration, estimates
+from eitskin.diagnose.estimates import amounts, calibration, estimates
 from eitskin.diagnose.fit import fit
 from eitskin.diagnose.report import page
 from eitskin.diagnose.simulator import MOST, UNKNOWN, Calibration
@@ -170,3 +170,32 @@ def test_a_bound_is_low_or_high_one_a_value(folder, ended):
     said["calibration"]["conductivity_S_per_m"]["at_bound"] = ended
     with pytest.raises(InputError, match=r"calibration\.conductivity_S_per_m\.at_bound"):
         validate(said, SCHEMA, "diagnosis.json")
+
+
+def test_what_parameters_come_to_is_known_better_than_each():
+    """The interval against draws; between radius and contrast a correlation of almost -1."""
+    recorded = small_recording(noise=0.0, places=3)
+    problem, scales = problem_of(recorded)
+    known = candidates_of(recorded, problem, scales)
+    effect = next(c for c in known if c.name == "conductivity-patch")
+    theta = np.array([0.1, -0.2, 0.3, 0.4])
+    values = effect.setting(theta).values
+    changes = [effect.setting(theta + step).values for step in 1e-4 * np.eye(4)[2:]]
+    log_amount = np.log(effect.effect.amounts(values)["equivalent_radius_mm"][0])
+    slopes = [
+        (np.log(effect.effect.amounts(each)["equivalent_radius_mm"][0]) - log_amount) / 1e-4
+        for each in changes
+    ]
+    along = np.array([0.0, 0.0, slopes[1], -slopes[0]]) / np.hypot(*slopes)
+    covariance = 0.2**2 * np.outer(along, along) + 0.003**2 * np.eye(4)
+    fitted = SimpleNamespace(
+        effects=[effect], theta=theta, covariance=covariance, place=lambda _: slice(0, 4)
+    )
+    found = amounts(fitted, 0)["equivalent_radius_mm"]
+    assert found["unit"] == "mm" and np.isclose(np.log(found["value"]), log_amount)
+    each = estimates(fitted, 0)["contrast"]
+    assert np.log(found["high"] / found["low"]) < 0.3 * (each["high"] / each["low"] - 1.0)
+    drawn = np.random.default_rng(1).multivariate_normal(theta, 1e-4 * covariance, 4000)
+    amount = [effect.effect.amounts(effect.setting(one).values) for one in drawn]
+    spread = np.std([np.log(one["equivalent_radius_mm"][0]) for one in amount])
+    assert np.isclose(np.log(found["high"] / found["value"]), 1.6449 * 100.0 * spread, rtol=0.1)

@@ -13,6 +13,7 @@ from eitskin.physics.forward import Forward
 from eitskin.physics.geometry import Geometry, Patch
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
+from eitskin.physics.solver import forward_model
 from eitskin.simulate.readings import apply_instrument, apply_skin, simulate
 
 CHANNELS = channel_table(16)
@@ -306,6 +307,24 @@ def test_gradients_add_as_vectors():
     assert found.gradient_deg == pytest.approx(np.degrees(np.arctan2(3, 4)))
     against = settings([gradient(0.03, 90.0), gradient(0.03, 270.0)], COUNTS, (0, 0))
     assert apply_skin(GEOMETRY, against, START).gradient_across == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("contrast", [0.5, 3.0])
+def test_small_patches_of_one_equivalent_radius_look_alike(contrast):
+    """r^2 (c - 1) / (c + 1) is all that a small disc changes."""
+    patch, base = EFFECTS["conductivity-patch"], forward_model(GEOMETRY, "train")
+    protocol = channel_table(len(GEOMETRY.electrode_deg))
+
+    def change(radius_mm, contrast):
+        there = GEOMETRY.with_values(patch=Patch(12.0, 5.0, radius_mm, contrast))
+        return forward_model(there, "train").voltages(protocol) - base.voltages(protocol)
+
+    ((radius_mm, unit),) = patch.amounts({"radius_mm": 3.0, "contrast": contrast}).values()
+    assert unit == "mm"
+    most = 1e-2 if contrast < 1.0 else 1e2
+    alike = change(radius_mm / np.sqrt(abs(most - 1.0) / (most + 1.0)), most)
+    found = change(3.0, contrast)
+    assert np.linalg.norm(found - alike) < 0.02 * np.linalg.norm(found)
 
 
 def test_one_patch():

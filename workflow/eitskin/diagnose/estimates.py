@@ -92,3 +92,25 @@ def estimates(fit: Fitted, index: int) -> dict[str, dict]:
         if np.not_equal(ended, np.array(None)).any():
             found[key]["at_bound"] = ended.tolist() if isinstance(ended, np.ndarray) else ended
     return found
+
+
+def amounts(fit: Fitted, index: int) -> dict[str, dict]:
+    """What the parameters of effect `index` that may not be told apart come to: value, low, high,
+    unit. By linear propagation of the logarithm."""
+    effect, place = fit.effects[index], fit.place(index)
+    theta = fit.theta[place]
+
+    def logarithms(theta: np.ndarray) -> np.ndarray:
+        told = effect.effect.amounts(effect.setting(theta).values)
+        return np.log([max(value, np.finfo(float).tiny) for value, _ in told.values()])
+
+    units = NUDGE * np.eye(effect.size)
+    pairs = [(logarithms(theta + unit), logarithms(theta - unit)) for unit in units]
+    slope = np.array([(up - down) / (2 * NUDGE) for up, down in pairs])
+    variance = np.einsum("pk,pq,qk->k", slope, fit.covariance[place, place], slope)
+    factor = np.exp(NORMAL_90 * np.sqrt(np.maximum(variance, 0.0)))
+    told = effect.effect.amounts(effect.setting(theta).values)
+    return {
+        key: {"value": value, "low": value / by, "high": value * by, "unit": unit}
+        for (key, (value, unit)), by in zip(told.items(), factor.tolist(), strict=True)
+    }

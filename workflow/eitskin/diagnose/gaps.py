@@ -245,6 +245,6 @@ def strengths(search: Search, state: State) -> dict[str, float]:
             continue
         else:
             columns = tangents.each(candidate)
-            snr = max((float(np.sqrt(c @ c)) for c in columns if c is not None), default=0.0)
+            snr = max((float(np.linalg.norm(c)) for c in columns if c is not None), default=0.0)
         found[candidate.name] = max(found.get(candidate.name, 0.0), snr)
     return found

@@ -16,7 +16,7 @@ from eitskin.data.recording import Recording
 from eitskin.diagnose import corrected, identities, validation, words
 from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.diagnosis import Diagnosis, predict
-from eitskin.diagnose.estimates import calibration, estimates
+from eitskin.diagnose.estimates import amounts, calibration, estimates
 from eitskin.diagnose.experiment import propose
 from eitskin.diagnose.fit import whitened_anew
 from eitskin.diagnose.gaps import OBSERVABLE
@@ -119,6 +119,8 @@ def _entry(found: Diagnosis, index: int, certain: bool) -> dict:
         "gap": named[0].gap if named else None,
         "certain": certain,
     }
+    if candidate.effect.apart:
+        entry["amounts"] = amounts(state.fit, index)
     if candidate.kind is not None and candidate.scope != "common":
         entry[candidate.kind] = [int(site) for site in candidate.own_sites]
     said = words.finding(entry, EFFECTS[candidate.name])

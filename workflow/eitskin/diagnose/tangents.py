@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from eitskin import cores
 from eitskin.diagnose.candidates import Candidate, own_channels
 from eitskin.diagnose.fit import STEP, Fit
 from eitskin.effects.contact_impedance import ContactImpedance
@@ -23,7 +24,7 @@ from eitskin.physics.solver import forward_model
 from eitskin.simulate.readings import apply_skin
 
 NEAR = 0.03  # of the readings, by which two fits may differ and share their derivatives
-AT_ONCE = 32  # columns that are whitened together, on as many cores as there are
+AT_ONCE = 8  # columns that are whitened together
 LEAST = 1e-12  # of a column's squared length: with less left it is a fitted one
 SCALED = ("contact_impedivity_ohm_m2", "conductivity_S_per_m")
 
@@ -95,11 +96,11 @@ class Tangents:
     def of(self, candidate: Candidate) -> np.ndarray:
         """(k, N M) of a candidate, by its sites."""
         kept = [column for column in self.each(candidate) if column is not None]
-        return np.array(kept).reshape(len(kept), self.residual.size)
+        return np.array(kept, float).reshape(len(kept), self.residual.size)
 
     def each(self, candidate: Candidate) -> list[np.ndarray | None]:
-        """(N M,) of every linear coordinate, of a site each where there are several; None of those
-        that change nothing."""
+        """(N M,) of every linear coordinate, of a site each where there are several, in single
+        precision; None of those that change nothing."""
         return self._each(candidate, self._apart_of)
 
     def count(self, candidate: Candidate) -> int:
@@ -121,8 +122,9 @@ class Tangents:
         self._apart_of(singles)
 
     def _find(self, singles: list[tuple[Candidate, int]]) -> None:
-        """Columns as of `_raw`, those of an effect in a process of its own; of effects that vary
-        from frame to frame in one, for they share derivatives."""
+        """Columns as of `_raw`, in as many processes as cores use, about as many columns in each;
+        those of an effect in one, and of all effects that vary from frame to frame: they share
+        derivatives."""
         parts: dict[str, list[tuple[Candidate, int]]] = {}
         for candidate, index in singles:
             if (*candidate.key, index) not in self._columns:
@@ -130,9 +132,13 @@ class Tangents:
                 varies = isinstance(effect, SkinEffect) and effect.driver != "static"
                 name = "varies" if varies else candidate.name
                 parts.setdefault(name, []).append((candidate, index))
-        found = self.problem.model.near.forked(self._raw_of, parts.values())
-        for part, own in zip(parts.values(), found, strict=True):
-            for (candidate, index), column in zip(part, own, strict=True):
+        shares: list[list[tuple[Candidate, int]]] = [[] for _ in range(cores.AT_ONCE)]
+        for part in sorted(parts.values(), key=len, reverse=True):
+            min(shares, key=len).extend(part)
+        shares = [share for share in shares if share]
+        found = self.problem.model.near.forked(self._raw_of, shares)
+        for share, own in zip(shares, found, strict=True):
+            for (candidate, index), column in zip(share, own, strict=True):
                 self._columns[(*candidate.key, index)] = column
 
     def forget(self) -> None:
@@ -187,14 +193,19 @@ class Tangents:
         """Whitened columns, the fitted projected out, kept; None of those that change nothing."""
         raw = {(*c.key, i): self.source._raw(c, i) for c, i in singles}
         new = [key for key, column in raw.items() if column is not None and key not in self._apart]
-        for start in range(0, len(new), AT_ONCE):
-            keys = new[start : start + AT_ONCE]
-            change = np.array([raw[key] for key in keys], float).reshape(-1, *self.voltage.shape)
-            white = self.problem.whitening(change).reshape(len(keys), -1)
-            left = self.away(white)
+        whitening = self.problem.whitening.in_single if new else None
+
+        def apart(keys: list[tuple]) -> list[np.ndarray | None]:
+            assert whitening is not None
+            change = np.array([raw[key] for key in keys]).reshape(-1, *self.voltage.shape)
+            white = whitening(change).reshape(len(keys), -1).astype(float)
             lengths = [float(column @ column) for column in white]
-            for key, column, length in zip(keys, left, lengths, strict=True):
-                self._apart[key] = column if column @ column > LEAST * length else None
+            left = zip(self.away(white), lengths, strict=True)
+            return [_kept(own if own @ own > LEAST * length else None) for own, length in left]
+
+        groups = [new[start : start + AT_ONCE] for start in range(0, len(new), AT_ONCE)]
+        for keys, columns in zip(groups, cores.each(apart, groups), strict=True):
+            self._apart.update(zip(keys, columns, strict=True))
         return [self._apart.get(key) for key in raw]
 
     def _raw_of(self, singles: list[tuple[Candidate, int]]) -> list[np.ndarray | None]:

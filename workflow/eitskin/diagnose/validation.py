@@ -103,6 +103,8 @@ def validate(result: dict, schema_path: str | Path, file: str | Path) -> None:
             size = np.size(estimate["value"])
             if isinstance(estimate["value"], list) and size != sites:
                 raise InputError(file, place, f"{size} values", f"one a site ({sites})")
+        for key, amount in effect.get("amounts", {}).items():
+            _check_estimate(amount, file, f"effects[{k}].amounts.{key}")
 
 
 def _check_estimate(estimate: dict, file: str | Path, place: str, at: str = "value") -> None:

@@ -397,14 +397,17 @@ class Whitening:
 
     @property
     def in_single(self) -> "Whitening":
-        """The same, but for `parts` in single precision; itself where that would not do."""
+        """The same in single precision; itself where that would not do."""
         finite = [part.length[np.isfinite(part.length)] for part in self.parts]
         longest = max((float(one.max(initial=0.0)) for one in finite), default=0.0)
         linked = any(part.each == "linked" for part in self.parts)
         if linked or min(self.mask.shape) < LEAST_IN_SINGLE or longest > LONGEST_IN_SINGLE:
             return self
-        found = replace(self)
+        found = replace(self, sd=self.sd.astype(np.float32))
         vars(found)["parts"] = [part.in_single for part in self.parts]
+        if self.correlation:
+            previous, *scales = self._chain
+            vars(found)["_chain"] = previous, *(one.astype(np.float32) for one in scales)
         return found
 
     @cached_property

@@ -54,6 +54,7 @@ class Effect:
     finding: a diagnosis' sentence, for an experimentalist. Its {site} becomes the sites in words,
     {key} a parameter with its interval, {key:%} as a percentage; of {one|several} the one that
     agrees with the number of sites; [a part] is left out where a parameter in it is.
+    apart: parameters that readings may not tell apart, but only what they come to, as of `amounts`.
     shown_by: the recording that would show the effect where another could not, as a noun phrase.
 
     What a diagnosis asks of it. needs: keys of the skin without which it is no candidate where the
@@ -78,6 +79,7 @@ class Effect:
     source: str
     mend: str
     finding: str
+    apart: tuple[str, ...] = ()
     shown_by: str
     confusable: tuple[str, ...] = ()
     composite = False
@@ -113,6 +115,14 @@ class Effect:
     def finding_at(self, values: dict) -> str:
         """`finding`, or what says it better at these values of the parameters."""
         return self.finding
+
+    def amounts(self, values: dict) -> dict[str, tuple[float, str]]:
+        """What the parameters `apart` come to at these values, above 0, and its unit, by name."""
+        return {}
+
+    def finding_together(self, values: dict) -> str:
+        """The sentence where readings tell `amounts` alone, which are placeholders too."""
+        raise NotImplementedError(f"{self.name} has no parameters apart")
 
 
 @dataclass(frozen=True)

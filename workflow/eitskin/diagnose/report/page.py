@@ -310,7 +310,8 @@ def _effect(k: int, effect: dict, found: Evidence, change: str) -> str:
     named = f"<code>{escape(effect['name'])}</code>"
     sure = certain(effect)
     head = f"{named}{'' if sure else ', a candidate'}, {escape(place)}, {escape(varies)}"
-    values = [_parameter(key, each, effect) for key, each in effect["parameters"].items()]
+    told = effect["parameters"] | effect.get("amounts", {})
+    values = [_parameter(key, each, effect) for key, each in told.items()]
     lines.append(f"<p>{'; '.join([head, *values])}.</p>")
     bench = "At the bench" if sure else "At the bench, to try"
     lines.append(f"<p>{bench}: {escape(mend(effect, found.channels))}</p>")

@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import chdtrc
 
+from eitskin import cores
 from eitskin.diagnose.candidates import Candidate, log_ways
 from eitskin.diagnose.tangents import Tangents
 
@@ -207,12 +208,14 @@ def null(tangents: Tangents, candidates: list[Candidate], free: int, seed: int) 
 def _correlations(columns: list[np.ndarray]) -> np.ndarray:
     """(K, K): cosines of the angles between columns (D,), of which no second copy is made."""
     found = np.empty((len(columns), len(columns)))
-    starts = range(0, len(columns), STACKED)
-    for i in starts:
-        above = np.array(columns[i : i + STACKED])
+
+    def beside(i: int) -> None:
+        above = np.array(columns[i : i + STACKED], float)
         for j in range(i, len(columns), STACKED):
-            beside = above if j == i else np.array(columns[j : j + STACKED])
-            found[i : i + STACKED, j : j + STACKED] = above @ beside.T
+            other = above if j == i else np.array(columns[j : j + STACKED], float)
+            found[i : i + STACKED, j : j + STACKED] = above @ other.T
+
+    cores.each(beside, range(0, len(columns), STACKED))
     upper = np.triu(found)
     length = np.sqrt(np.diag(found))
     return (upper + np.triu(found, 1).T) / np.outer(length, length)

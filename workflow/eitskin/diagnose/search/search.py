@@ -505,6 +505,8 @@ class Search:
         found: list[Score | None] = []
         open_to = [c for c in self.candidates if c.key not in taken and not self.starts_afar(c)]
         tangents.whiten(c for c in open_to if _of_tangents(c))
+        there = [c for c in open_to if discrete(c) and not _of_channels(c)]
+        found += self._tried(tangents, there)
         for candidate in open_to:
             if _of_channels(candidate):
                 scored = channels.scores(tangents, candidate)
@@ -513,9 +515,7 @@ class Search:
                 found.append(
                     tones.score(tangents, candidate.effect, candidate.skin, candidate.scales)
                 )
-            elif discrete(candidate):
-                found.append(self._tried(tangents, candidate))
-            else:
+            elif not discrete(candidate):
                 found.append(score(tangents, candidate))
                 if candidate.scope == "dense":
                     found.append(best_few(tangents, candidate))
@@ -544,23 +544,34 @@ class Search:
         assert self.null is not None
         return self.null.p_value(local)
 
-    def _tried(self, tangents: Tangents, candidate: Candidate) -> Score | None:
-        """A candidate without tangents, by trying it; the calibrations follow to first order. One
-        with coordinates counts at the size at which it fits best: a fit finds it."""
-        if self.lengths.get(candidate.key, 0.0) > FAR * tangents.fit.chi2:
-            return None
-        change = tangents.tried(candidate)
-        if change is None:
-            return None
-        length = float(change @ change)
-        self.lengths[candidate.key] = length
-        if length == 0.0:
-            return None
-        along = float(change @ tangents.residual)
-        gain = 2.0 * along - length
-        if candidate.size and along > 0:
-            gain = along**2 / length
-        return Score(candidate, gain, 1, 0.5 * gain - np.log(candidate.looks))
+    def _tried(self, tangents: Tangents, candidates: list[Candidate]) -> list[Score]:
+        """Candidates without tangents, by trying them; the calibrations follow to first order. One
+        with coordinates counts at the size at which it fits best: a fit finds it. None of those
+        that change nothing, or far too much."""
+
+        def tried(some: list[Candidate]) -> list[tuple[float, float] | None]:
+            changes = [tangents.tried(candidate) for candidate in some]
+            pairs = [None if c is None else (c @ c, c @ tangents.residual) for c in changes]
+            return [None if pair is None else (float(pair[0]), float(pair[1])) for pair in pairs]
+
+        far = FAR * tangents.fit.chi2
+        near = [c for c in candidates if self.lengths.get(c.key, 0.0) <= far]
+        half = (len(near) + 1) // 2
+        shares = [share for share in (near[:half], near[half:]) if share]
+        told = self.problem.model.near.forked(tried, shares)
+        found = []
+        for candidate, one in zip(near, [one for share in told for one in share], strict=True):
+            if one is None:
+                continue
+            length, along = one
+            self.lengths[candidate.key] = length
+            if length == 0.0:
+                continue
+            gain = 2.0 * along - length
+            if candidate.size and along > 0:
+                gain = along**2 / length
+            found.append(Score(candidate, gain, 1, 0.5 * gain - np.log(candidate.looks)))
+        return found
 
     def _gross(self, state: State) -> State | None:
         """`state` with one gross fault of the wiring, None where none is plain to see.
