@@ -300,6 +300,7 @@ def test_what_an_effect_leaves_out_is_told(tmp_path, monkeypatch, left_out):
         ("    order = .*\n", "", "order: found None, expected one of leak, open, swap"),
         ("sites = .*", 'sites = ("wire",)', r"sites: found \('wire',\), expected a tuple of "),
         ("finding = .*", 'finding = "{shares:%}."', "finding: found {shares:%}, expected one of "),
+        ("driver = .*", 'driver = "static"\n    apart = "size",', "apart: found 'size', expected "),
         ("    order = .*", '    stage = "wires"', "stage: found 'wires', expected a class of a"),
         ("-0.5, 0.5", "0.5, -0.5", "parameters: share: found low 0.5, high -0.5, expected low "),
     ],

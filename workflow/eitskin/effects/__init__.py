@@ -53,6 +53,9 @@ def _wrong(kind: type[Effect]) -> Iterator[tuple[str, str, str]]:
         if parameter.low >= parameter.high:
             found = f"low {parameter.low:g}, high {parameter.high:g}"
             yield f"parameters: {key}", found, "low below high"
+    for key in kind.apart:
+        if key not in kind.parameters:
+            yield "apart", repr(key), f"one of {', '.join(kind.parameters)}"
     known = ["site", *kind.parameters, *(f"{key}:%" for key in kind.parameters)]
     for gap in re.findall(r"\{([^{}|]*)\}", kind.finding):
         if gap not in known:
