@@ -26,6 +26,7 @@ Part = TypeVar("Part")
 Result = TypeVar("Result")
 
 AT_ONCE = 2  # processes
+WAKING_MS = 500
 _here = threading.local()
 
 
@@ -181,7 +182,10 @@ def _readable(running: dict[int, tuple[int, int]]) -> list[tuple[int, int]]:
     waiting = select.poll()
     for answer in running:
         waiting.register(answer, select.POLLIN)
-    return waiting.poll()
+    # Not for ever: what is interrupted just before it waits learns of it only when it wakes.
+    while not (found := waiting.poll(WAKING_MS)):
+        pass
+    return found
 
 
 def _read_all(answer: int) -> bytes:

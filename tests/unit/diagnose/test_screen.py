@@ -110,7 +110,10 @@ def test_chance_of_the_best_of_several_choices():
 
 def test_a_channel_that_is_fitted_already_has_nothing_to_gain(tangents):
     dense = next(c for c in CATALOGUE if c.name == "channel-gain")
-    own = tangents.of(sparse(dense, (5,)))[0]
+    gain = next(iter(dense.effect.parameters.values()))
+    change = np.zeros_like(tangents.voltage)
+    change[:, 5] = dense.scales.of(gain) * dense.effect.slope(tangents.voltage)[:, 5]
+    own = tangents.away(tangents.problem.whitening(change).ravel())
     seen = SimpleNamespace(
         residual=tangents.residual - (tangents.residual @ own) * own / (own @ own),
         problem=tangents.problem,
