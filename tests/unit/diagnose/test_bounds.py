@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 from html import unescape
 from types import SimpleNamespace
 
@@ -172,30 +173,61 @@ def test_a_bound_is_low_or_high_one_a_value(folder, ended):
         validate(said, SCHEMA, "diagnosis.json")
 
 
-def test_what_parameters_come_to_is_known_better_than_each():
-    """The interval against draws; between radius and contrast a correlation of almost -1."""
-    recorded = small_recording(noise=0.0, places=3)
+@cache
+def a_patch():
+    recorded = small_recording(noise=0.0, places=1)
     problem, scales = problem_of(recorded)
     known = candidates_of(recorded, problem, scales)
-    effect = next(c for c in known if c.name == "conductivity-patch")
-    theta = np.array([0.1, -0.2, 0.3, 0.4])
-    values = effect.setting(theta).values
-    changes = [effect.setting(theta + step).values for step in 1e-4 * np.eye(4)[2:]]
-    log_amount = np.log(effect.effect.amounts(values)["equivalent_radius_mm"][0])
-    slopes = [
-        (np.log(effect.effect.amounts(each)["equivalent_radius_mm"][0]) - log_amount) / 1e-4
-        for each in changes
-    ]
-    along = np.array([0.0, 0.0, slopes[1], -slopes[0]]) / np.hypot(*slopes)
-    covariance = 0.2**2 * np.outer(along, along) + 0.003**2 * np.eye(4)
+    return next(c for c in known if c.name == "conductivity-patch")
+
+
+def patch(theta, covariance):
+    """A fit of a patch at coordinates, and what parameters come to there."""
     fitted = SimpleNamespace(
-        effects=[effect], theta=theta, covariance=covariance, place=lambda _: slice(0, 4)
+        effects=[a_patch()], theta=theta, covariance=covariance, place=lambda _: slice(0, 4)
     )
-    found = amounts(fitted, 0)["equivalent_radius_mm"]
-    assert found["unit"] == "mm" and np.isclose(np.log(found["value"]), log_amount)
-    each = estimates(fitted, 0)["contrast"]
-    assert np.log(found["high"] / found["low"]) < 0.3 * (each["high"] / each["low"] - 1.0)
-    drawn = np.random.default_rng(1).multivariate_normal(theta, 1e-4 * covariance, 4000)
-    amount = [effect.effect.amounts(effect.setting(one).values) for one in drawn]
-    spread = np.std([np.log(one["equivalent_radius_mm"][0]) for one in amount])
-    assert np.isclose(np.log(found["high"] / found["value"]), 1.6449 * 100.0 * spread, rtol=0.1)
+    return fitted, amounts(fitted, 0, estimates(fitted, 0))
+
+
+def radius(fitted, theta):
+    (effect,) = fitted.effects
+    return effect.effect.amounts(effect.setting(theta).values)["equivalent_radius_mm"][0]
+
+
+def opposed(theta, sd):
+    """(4, 4): a covariance in which radius and contrast may change by sd as long as what they come
+    to stays."""
+    fitted, _ = patch(theta, np.eye(4))
+    slopes = [np.log(radius(fitted, theta + s) / radius(fitted, theta)) for s in 1e-4 * np.eye(4)]
+    along = np.array([0.0, 0.0, slopes[3], -slopes[2]]) / np.hypot(*slopes[2:])
+    return sd**2 * np.outer(along, along) + 0.003**2 * np.eye(4)
+
+
+THETA = np.array([0.1, -0.2, 0.3, 0.4])
+
+
+def test_what_parameters_come_to_is_known_better_than_each():
+    """The interval against draws; between radius and contrast a correlation of almost -1."""
+    covariance = opposed(THETA, 5.0)
+    fitted, told = patch(THETA, covariance)
+    found, each = told["equivalent_radius_mm"], estimates(fitted, 0)["radius_mm"]
+    assert found["unit"] == "mm" and np.isclose(found["value"], radius(fitted, THETA))
+    assert np.log(found["high"] / found["low"]) < 0.3 * np.log(each["high"] / each["low"])
+    drawn = np.random.default_rng(1).multivariate_normal(THETA, 1e-8 * covariance, 4000)
+    spread = np.std([np.log(radius(fitted, one)) for one in drawn])
+    assert np.isclose(np.log(found["high"] / found["value"]), 1.6449e4 * spread, rtol=0.1)
+
+
+@pytest.mark.parametrize(
+    "theta, covariance",
+    [
+        (THETA, opposed(THETA, 0.003)),  # each is told
+        (THETA, np.diag([1.0, 1.0, 25.0, 25.0])),  # neither, nor what they come to
+        (np.array([0.1, -0.2, 0.01, 0.3]), np.diag([0.1, 0.1, 1e-4, 0.2])),  # the radius is
+        (np.array([0.1, -0.2, 0.3, 0.0]), np.diag([0.1, 0.1, 1.0, 1.0])),  # there may be none
+        (np.array([0.1, -0.2, -60.0, 0.4]), np.diag([0.1, 0.1, 25.0, 0.01])),  # a bound
+    ],
+)
+def test_no_amount_stands_where_it_tells_no_more(theta, covariance):
+    _, told = patch(theta, covariance)
+    assert told == {}

@@ -294,3 +294,14 @@ def test_a_converter_has_one_law(valid, keys):
     validate(adc, SCHEMA, "diagnosis.json")
     effect["parameters"] = {key: estimate | {"unit": unit[key]} for key in keys}
     refused(adc, "parameters: found .* expected (1 or more keys|cubic or limit_V)")
+
+
+def test_what_parameters_come_to(valid):
+    amount = {"value": 0.4, "low": 0.3, "high": 0.5, "unit": "mm"}
+    patch = {**entry(valid, "conductivity-patch"), "amounts": {"equivalent_radius_mm": amount}}
+    made = changed(valid["explained"], ("effects",), [patch])
+    validate(made, SCHEMA, "diagnosis.json")
+    at = ("effects", 0, "amounts", "equivalent_radius_mm", "high")
+    refused(changed(made, at, 0.35), r"amounts\.equivalent_radius_mm: found value 0\.4")
+    other = {**entry(valid, "crosstalk"), "amounts": patch["amounts"]}
+    refused(changed(made, ("effects",), [other]), r"effects\[0\]\.amounts")

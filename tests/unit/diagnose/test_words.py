@@ -115,28 +115,19 @@ def test_the_headline_is_the_verdict_s_unless_candidates_are_named():
     assert "candidates" in said and said not in words.VERDICTS.values()
 
 
-def patch(radius, contrast):
-    """The sentence of a patch by its values and intervals."""
-    made = entry("conductivity-patch")
-    for key, (value, low, high) in {"radius_mm": radius, "contrast": contrast}.items():
-        made["parameters"][key] |= {"value": value, "low": low, "high": high}
-    alike = {"value": 0.384, "low": 0.352, "high": 0.419, "unit": "mm"}
-    return words.finding(made | {"amounts": {"equivalent_radius_mm": alike}}, EFFECTS[made["name"]])
-
-
 @pytest.mark.parametrize(
-    "radius, contrast, how, what",
-    [
-        ((9.5, 3.8, 23.8), (1.003, 0.998, 1.009), "better", "perfect conductor"),
-        ((5.6, 0.2, 180.0), (0.95, 0.93, 0.97), "worse", "hole"),
-    ],
+    "contrast, how, what", [(1.003, "better", "perfect conductor"), (0.95, "worse", "hole")]
 )
-def test_what_cannot_be_told_apart_is_said_together(radius, contrast, how, what):
-    text = patch(radius, contrast)
+def test_what_cannot_be_told_apart_is_said_together(contrast, how, what):
+    made = entry("conductivity-patch")
+    made["parameters"]["contrast"] |= {"value": contrast, "low": 0.9, "high": 1.1}
+    alike = {"value": 0.384, "low": 0.352, "high": 0.419, "unit": "mm"}
+    amounts = {"amounts": {"equivalent_radius_mm": alike}}
+    text = words.finding(made | amounts, EFFECTS["conductivity-patch"])
     assert text.startswith(f"The gel conducts {how} about the place x = 0.500 (")
     assert f"a {what} of radius 0.384 (90 %: 0.352 to 0.419)\xa0mm" in text
-    assert text.endswith("cannot be told apart.") and "radius_mm" not in text
-    assert "times as well within 9.50" in patch((9.5, 9.0, 10.0), (1.3, 1.2, 1.4))
+    assert text.endswith("cannot be told apart.")
+    assert "times as well within 0.500" in words.finding(made, EFFECTS["conductivity-patch"])
 
 
 def test_two_sites_in_their_order():

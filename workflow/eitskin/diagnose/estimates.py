@@ -13,6 +13,7 @@ from eitskin.diagnose.fit import Problem
 NORMAL_90 = 1.6449
 NUDGE = 1e-4
 UNTOLD = 100.0  # the end of a 90 % interval over its beginning, from which on it tells no size
+TOLD = 4.0  # the same, up to which what several parameters come to is told
 
 
 class Fitted(Protocol):
@@ -94,23 +95,43 @@ def estimates(fit: Fitted, index: int) -> dict[str, dict]:
     return found
 
 
-def amounts(fit: Fitted, index: int) -> dict[str, dict]:
-    """What the parameters of effect `index` that may not be told apart come to: value, low, high,
-    unit. By linear propagation of the logarithm."""
+def amounts(fit: Fitted, index: int, given: dict[str, dict]) -> dict[str, dict]:
+    """What the parameters `apart` of effect `index` come to, value, low, high and unit, where that
+    is told and they are not by their estimates `given`: one may be as well where its effect does
+    nothing, or its interval is wider than TOLD; none where one ended at a bound. By linear
+    propagation of the logarithm."""
     effect, place = fit.effects[index], fit.place(index)
     theta = fit.theta[place]
+    apart = {key: given[key] for key in effect.effect.apart if key in given}
+    vague = [_vague(each, effect.effect.parameters[key].neutral) for key, each in apart.items()]
+    if not any(vague) or any("at_bound" in each for each in apart.values()):
+        return {}
+    widest = max(_ratio(each) for each in apart.values())
 
-    def logarithms(theta: np.ndarray) -> np.ndarray:
-        told = effect.effect.amounts(effect.setting(theta).values)
-        return np.log([max(value, np.finfo(float).tiny) for value, _ in told.values()])
+    def of(theta: np.ndarray) -> dict[str, tuple[float, str]]:
+        return effect.effect.amounts(effect.setting(theta).values)
 
-    units = NUDGE * np.eye(effect.size)
-    pairs = [(logarithms(theta + unit), logarithms(theta - unit)) for unit in units]
-    slope = np.array([(up - down) / (2 * NUDGE) for up, down in pairs])
-    variance = np.einsum("pk,pq,qk->k", slope, fit.covariance[place, place], slope)
-    factor = np.exp(NORMAL_90 * np.sqrt(np.maximum(variance, 0.0)))
-    told = effect.effect.amounts(effect.setting(theta).values)
-    return {
-        key: {"value": value, "low": value / by, "high": value * by, "unit": unit}
-        for (key, (value, unit)), by in zip(told.items(), factor.tolist(), strict=True)
-    }
+    found = {}
+    moved = [(of(theta + unit), of(theta - unit)) for unit in NUDGE * np.eye(effect.size)]
+    for key, (value, unit) in of(theta).items():
+        sides = np.array([[up[key][0], down[key][0]] for up, down in moved])
+        # What is less than both its neighbours is at a turn, where it may be nothing.
+        if value <= 0.0 or (sides <= 0.0).any() or (sides.min(axis=1) > value).any():
+            continue
+        slope = np.log(sides[:, 0] / sides[:, 1]) / (2 * NUDGE)
+        half = NORMAL_90 * float(np.sqrt(max(slope @ fit.covariance[place, place] @ slope, 0.0)))
+        if 2.0 * half < np.log(min(TOLD, widest)):
+            low, high = value * np.exp(-half), value * np.exp(half)
+            found[key] = {"value": value, "low": float(low), "high": float(high), "unit": unit}
+    return found
+
+
+def _vague(estimate: dict, neutral: float | None) -> bool:
+    """Whether one value may be that at which its effect does nothing, or is not TOLD."""
+    nothing = neutral is not None and estimate["low"] <= neutral <= estimate["high"]
+    return nothing or _ratio(estimate) > TOLD
+
+
+def _ratio(estimate: dict) -> float:
+    """The end of the interval of one value above 0 over its beginning."""
+    return estimate["high"] / estimate["low"] if estimate["low"] > 0.0 else np.inf

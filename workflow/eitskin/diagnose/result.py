@@ -119,8 +119,8 @@ def _entry(found: Diagnosis, index: int, certain: bool) -> dict:
         "gap": named[0].gap if named else None,
         "certain": certain,
     }
-    if candidate.effect.apart:
-        entry["amounts"] = amounts(state.fit, index)
+    if told := amounts(state.fit, index, entry["parameters"]):
+        entry["amounts"] = told
     if candidate.kind is not None and candidate.scope != "common":
         entry[candidate.kind] = [int(site) for site in candidate.own_sites]
     said = words.finding(entry, EFFECTS[candidate.name])

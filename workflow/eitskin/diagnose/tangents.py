@@ -15,6 +15,7 @@ import numpy as np
 from eitskin import cores
 from eitskin.diagnose.candidates import Candidate, own_channels
 from eitskin.diagnose.fit import STEP, Fit
+from eitskin.diagnose.whitening import TOGETHER
 from eitskin.effects.contact_impedance import ContactImpedance
 from eitskin.effects.effect import Setting, SkinEffect
 from eitskin.errors import InputError
@@ -24,7 +25,6 @@ from eitskin.physics.solver import forward_model
 from eitskin.simulate.readings import apply_skin
 
 NEAR = 0.03  # of the readings, by which two fits may differ and share their derivatives
-AT_ONCE = 8  # columns that are whitened together
 LEAST = 1e-12  # of a column's squared length: with less left it is a fitted one
 SCALED = ("contact_impedivity_ohm_m2", "conductivity_S_per_m")
 
@@ -122,9 +122,9 @@ class Tangents:
         self._apart_of(singles)
 
     def _find(self, singles: list[tuple[Candidate, int]]) -> None:
-        """Columns as of `_raw`, in as many processes as cores use, about as many columns in each;
-        those of an effect in one, and of all effects that vary from frame to frame: they share
-        derivatives."""
+        """Columns as of `_raw`, in cores.AT_ONCE shares of about as many, each in a process of its
+        own. An effect's columns stay together, and so do those of all effects that vary from frame
+        to frame, which share derivatives."""
         parts: dict[str, list[tuple[Candidate, int]]] = {}
         for candidate, index in singles:
             if (*candidate.key, index) not in self._columns:
@@ -203,7 +203,7 @@ class Tangents:
             left = zip(self.away(white), lengths, strict=True)
             return [_kept(own if own @ own > LEAST * length else None) for own, length in left]
 
-        groups = [new[start : start + AT_ONCE] for start in range(0, len(new), AT_ONCE)]
+        groups = [new[start : start + TOGETHER] for start in range(0, len(new), TOGETHER)]
         for keys, columns in zip(groups, cores.each(apart, groups), strict=True):
             self._apart.update(zip(keys, columns, strict=True))
         return [self._apart.get(key) for key in raw]

@@ -70,7 +70,10 @@ def _values(effect: Effect) -> dict:
         parameters["minProperties"] = len(needed) + 1
         parameters["maxProperties"] = len(rules) - len(effect.either) + 1
     driver = {"const": effect.driver, "description": effect.driver}
-    return {"properties": {"driver": driver, "parameters": parameters}}
+    found = {"driver": driver, "parameters": parameters}
+    if not effect.apart:
+        found["amounts"] = {"maxProperties": 0, "description": "none"}
+    return {"properties": found}
 
 
 def validate(result: dict, schema_path: str | Path, file: str | Path) -> None:

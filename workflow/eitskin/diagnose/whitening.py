@@ -48,7 +48,8 @@ TOGETHER = 8  # columns that are whitened at once
 ORDER = ("frame", "press", "linked", "channel", "whole")  # in which errors are taken out
 TINY = 1e-9  # squared length of a linked error, below which it is none
 # Single precision is used from so many frames and channels on, while the squared length of every
-# error is below LONGEST_IN_SINGLE, and none is linked.
+# error is below LONGEST_IN_SINGLE, none is linked and no constant free: a large one would leave
+# more than nothing.
 LEAST_IN_SINGLE, LONGEST_IN_SINGLE = 30, 1e7
 
 
@@ -398,10 +399,10 @@ class Whitening:
     @property
     def in_single(self) -> "Whitening":
         """The same in single precision; itself where that would not do."""
-        finite = [part.length[np.isfinite(part.length)] for part in self.parts]
-        longest = max((float(one.max(initial=0.0)) for one in finite), default=0.0)
+        longest = max((float(part.length.max(initial=0.0)) for part in self.parts), default=0.0)
         linked = any(part.each == "linked" for part in self.parts)
-        if linked or min(self.mask.shape) < LEAST_IN_SINGLE or longest > LONGEST_IN_SINGLE:
+        few = min(self.mask.shape) < LEAST_IN_SINGLE
+        if linked or self._free or few or longest > LONGEST_IN_SINGLE:
             return self
         found = replace(self, sd=self.sd.astype(np.float32))
         vars(found)["parts"] = [part.in_single for part in self.parts]

@@ -6,7 +6,7 @@ import numpy as np
 
 from eitskin.diagnose.estimates import UNTOLD
 from eitskin.effects import EFFECTS
-from eitskin.effects.effect import Effect, Parameter, site_of
+from eitskin.effects.effect import Effect, site_of
 from eitskin.quantities import alike, interval, listed, number, quantity
 
 MOST_LISTED = 6  # sites; more are counted
@@ -133,11 +133,11 @@ def of_parts(diagnosis: dict) -> list[tuple[str, list[str]]]:
 def finding(entry: dict, effect: Effect) -> str:
     """An effect of diagnosis.json in a sentence: its `finding`, sites and values filled in; of a
     candidate, with a perhaps. Values that might be anything, where the sentence does without them,
-    are said to be untold; of those that cannot be told apart, what they come to."""
+    are said to be untold; `amounts` stand for the values that come to them."""
     given = entry["parameters"]
     values = {key: estimate["value"] for key, estimate in given.items()}
     text = effect.finding_at(values)
-    if "amounts" in entry and any(_vague(given[k], effect.parameters[k]) for k in effect.apart):
+    if "amounts" in entry:
         text, given = effect.finding_together(values), given | entry["amounts"]
     optional = {key.partition(":")[0] for p in PART.findall(text) for key in GAP.findall(p)}
     untold = [key for key in given if key in optional and _untold(given[key])]
@@ -173,13 +173,6 @@ def _untold(estimate: dict) -> bool:
     """Whether the one value of a size above 0 might be anything, by its interval."""
     value, low, high = (estimate[key] for key in ("value", "low", "high"))
     return np.ndim(value) == 0 and low > 0.0 and high > UNTOLD * low
-
-
-def _vague(estimate: dict, parameter: Parameter) -> bool:
-    """Whether a value might be anything, or as well be the one at which its effect does nothing."""
-    neutral = parameter.neutral
-    nothing = neutral is not None and estimate["low"] <= neutral <= estimate["high"]
-    return nothing or _untold(estimate)
 
 
 def mend(effect: dict, channels: np.ndarray) -> str:

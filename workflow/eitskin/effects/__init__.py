@@ -53,9 +53,11 @@ def _wrong(kind: type[Effect]) -> Iterator[tuple[str, str, str]]:
         if parameter.low >= parameter.high:
             found = f"low {parameter.low:g}, high {parameter.high:g}"
             yield f"parameters: {key}", found, "low below high"
-    for key in kind.apart:
-        if key not in kind.parameters:
-            yield "apart", repr(key), f"one of {', '.join(kind.parameters)}"
+    if not isinstance(kind.apart, tuple) or not set(kind.apart) <= set(kind.parameters):
+        yield "apart", repr(kind.apart), f"a tuple of {', '.join(kind.parameters)}"
+    for method in ("amounts", "finding_together") if kind.apart else ():
+        if getattr(kind, method) is getattr(Effect, method):
+            yield "apart", f"no {method}", "what they come to, and a sentence of it"
     known = ["site", *kind.parameters, *(f"{key}:%" for key in kind.parameters)]
     for gap in re.findall(r"\{([^{}|]*)\}", kind.finding):
         if gap not in known:

@@ -117,12 +117,13 @@ class Effect:
         return self.finding
 
     def amounts(self, values: dict) -> dict[str, tuple[float, str]]:
-        """What the parameters `apart` come to at these values, above 0, and its unit, by name."""
+        """What the parameters `apart` come to at these values, 0 where they do nothing, and its
+        unit, by name."""
         return {}
 
     def finding_together(self, values: dict) -> str:
         """The sentence where readings tell `amounts` alone, which are placeholders too."""
-        raise NotImplementedError(f"{self.name} has no parameters apart")
+        raise NotImplementedError(f"{self.name}: {', '.join(self.apart)}")
 
 
 @dataclass(frozen=True)

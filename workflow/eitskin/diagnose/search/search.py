@@ -546,8 +546,8 @@ class Search:
 
     def _tried(self, tangents: Tangents, candidates: list[Candidate]) -> list[Score]:
         """Candidates without tangents, by trying them; the calibrations follow to first order. One
-        with coordinates counts at the size at which it fits best: a fit finds it. None of those
-        that change nothing, or far too much."""
+        with coordinates counts at the size at which it fits best: a fit finds it. Left out are
+        those that change nothing, or far too much."""
 
         def tried(some: list[Candidate]) -> list[tuple[float, float] | None]:
             changes = [tangents.tried(candidate) for candidate in some]
