@@ -106,7 +106,7 @@ def linear(search: Search, fitted: Fit, recorded: Recording, query: Recording) -
             if column is not None and not (i and np.array_equal(column, found[0])):
                 place.append(len(columns))
                 columns.append((candidate, i))
-                own.append(column.astype(np.float32))
+                own.append(column)
                 asked.append(np.zeros(there.residual.size) if far[i] is None else far[i])
         if place:
             groups.append((candidate, np.array(place)))

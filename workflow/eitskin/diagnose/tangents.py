@@ -192,21 +192,24 @@ class Tangents:
     def _apart_of(self, singles: list[tuple[Candidate, int]]) -> list[np.ndarray | None]:
         """Whitened columns, the fitted projected out, kept; None of those that change nothing."""
         raw = {(*c.key, i): self.source._raw(c, i) for c, i in singles}
-        new = [key for key, column in raw.items() if column is not None and key not in self._apart]
-        whitening = self.problem.whitening.in_single if new else None
+        new = {k: own for k, own in raw.items() if own is not None and k not in self._apart}
+        if new:
+            self._apart.update(zip(new, self._whitened([*new.values()]), strict=True))
+        return [self._apart.get(key) for key in raw]
 
-        def apart(keys: list[tuple]) -> list[np.ndarray | None]:
-            assert whitening is not None
-            change = np.array([raw[key] for key in keys]).reshape(-1, *self.voltage.shape)
-            white = whitening(change).reshape(len(keys), -1).astype(float)
+    def _whitened(self, raw: list[np.ndarray]) -> list[np.ndarray | None]:
+        """Columns whitened, the fitted projected out; None of those that are fitted ones."""
+        whitening = self.problem.whitening.in_single
+
+        def apart(group: list[np.ndarray]) -> list[np.ndarray | None]:
+            white = whitening(np.array(group).reshape(-1, *self.voltage.shape))
+            white = white.reshape(len(group), -1).astype(float)
             lengths = [float(column @ column) for column in white]
             left = zip(self.away(white), lengths, strict=True)
             return [_kept(own if own @ own > LEAST * length else None) for own, length in left]
 
-        groups = [new[start : start + TOGETHER] for start in range(0, len(new), TOGETHER)]
-        for keys, columns in zip(groups, cores.each(apart, groups), strict=True):
-            self._apart.update(zip(keys, columns, strict=True))
-        return [self._apart.get(key) for key in raw]
+        groups = [raw[start : start + TOGETHER] for start in range(0, len(raw), TOGETHER)]
+        return [column for group in cores.each(apart, groups) for column in group]
 
     def _raw_of(self, singles: list[tuple[Candidate, int]]) -> list[np.ndarray | None]:
         return [self._raw(candidate, index) for candidate, index in singles]
