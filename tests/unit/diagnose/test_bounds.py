@@ -223,7 +223,7 @@ def test_what_parameters_come_to_is_known_better_than_each():
     [
         (THETA, opposed(THETA, 0.003)),  # each is told
         (THETA, np.diag([1.0, 1.0, 25.0, 25.0])),  # neither, nor what they come to
-        (np.array([0.1, -0.2, 0.01, 0.3]), np.diag([0.1, 0.1, 1e-4, 0.2])),  # the radius is
+        (np.array([0.1, -0.2, 0.01, 0.3]), np.diag([0.1, 0.1, 1e-4, 0.04])),  # the radius is
         (np.array([0.1, -0.2, 0.3, 0.0]), np.diag([0.1, 0.1, 1.0, 1.0])),  # there may be none
         (np.array([0.1, -0.2, -60.0, 0.4]), np.diag([0.1, 0.1, 25.0, 0.01])),  # a bound
     ],

@@ -48,8 +48,7 @@ TOGETHER = 8  # columns that are whitened at once
 ORDER = ("frame", "press", "linked", "channel", "whole")  # in which errors are taken out
 TINY = 1e-9  # squared length of a linked error, below which it is none
 # Single precision is used from so many frames and channels on, while the squared length of every
-# error is below LONGEST_IN_SINGLE, none is linked and no constant free: a large one would leave
-# more than nothing.
+# error is below LONGEST_IN_SINGLE, and none is linked; a constant that is free has no end to it.
 LEAST_IN_SINGLE, LONGEST_IN_SINGLE = 30, 1e7
 
 
@@ -402,7 +401,7 @@ class Whitening:
         longest = max((float(part.length.max(initial=0.0)) for part in self.parts), default=0.0)
         linked = any(part.each == "linked" for part in self.parts)
         few = min(self.mask.shape) < LEAST_IN_SINGLE
-        if linked or self._free or few or longest > LONGEST_IN_SINGLE:
+        if linked or few or longest > LONGEST_IN_SINGLE:
             return self
         found = replace(self, sd=self.sd.astype(np.float32))
         vars(found)["parts"] = [part.in_single for part in self.parts]
