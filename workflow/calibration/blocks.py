@@ -18,7 +18,7 @@ FIRST_SEED = {
     "queries-development": 1,
     "queries-report": 600_001,
     "owners-development": 1,
-    "owners-report": 200_001,
+    "owners-report": 600_001,
 }
 SIZES = {
     "quick": {"null": 60, "single": 4, "pair": 24, "triple": 16, "outside": 36},

@@ -24,7 +24,7 @@ from eitskin.physics.forward import Forward, channel_values
 from eitskin.physics.geometry import Geometry, even_angles
 from eitskin.physics.protocol import channel_table
 
-DEVELOPMENT, REPORT, SECOND = "development", "report", "second-report"
+DEVELOPMENT, REPORT, SECOND, THIRD = "development", "report", "second-report", "third-report"
 SIMULATED = "simulated"
 STRETCHES = ("hydrogel-skin-16", "hydrogel-skin-8")
 REPEATS, ROD = "lct-tank", "iirc-tank"

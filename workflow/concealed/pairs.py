@@ -1,7 +1,7 @@
 """`python -m concealed.pairs BLOCK OUT`: faults between two sessions of one skin, found or not.
 
-BLOCK is development, report, or second-report, of other seeds: on the first two, thresholds were
-set. A run goes on where an earlier one of the same folder was stopped.
+BLOCK is development, report, or second-report and third-report, of other seeds: on the first two,
+thresholds were set. A run goes on where an earlier one of the same folder was stopped.
 
 A control recording and a later one of the same skin (`pair_skins`) are compared as `eitskin
 compare` does, with one of ten faults of the instrument planted in the later one, in a third of all
@@ -22,7 +22,7 @@ import pandas as pd
 from calibration.intervals import wilson
 from calibration.judge import site_kind
 from concealed import pair_skins, planted
-from concealed.pair_skins import DEVELOPMENT, REPORT, SECOND, SIMULATED, Sessions
+from concealed.pair_skins import DEVELOPMENT, REPORT, SECOND, SIMULATED, THIRD, Sessions
 from eitskin.atomic import atomic_path
 from eitskin.data.recording import Recording
 from eitskin.diagnose.comparison.difference import Difference, difference
@@ -44,7 +44,7 @@ NUMBERS = {
         SIMULATED: (6, 30),
     },
 }
-NUMBERS[REPORT] = NUMBERS[SECOND] = {
+NUMBERS[REPORT] = NUMBERS[SECOND] = NUMBERS[THIRD] = {
     "hydrogel-skin-16": (3, 12),
     "hydrogel-skin-8": (2, 8),
     "iirc-tank": (2, 8),

@@ -62,6 +62,15 @@ def at_once() -> int:
     return 1 if getattr(_here, "busy", False) else min(allowed(), AT_ONCE)
 
 
+def shares(groups: Iterable[Sequence[Part]]) -> list[list[Part]]:
+    """Parts in as many shares as `forked` may have processes, of about as many each; what stands in
+    one group stays together."""
+    found: list[list[Part]] = [[] for _ in range(AT_ONCE)]
+    for group in sorted(groups, key=len, reverse=True):
+        min(found, key=len).extend(group)
+    return [share for share in found if share]
+
+
 def forked(
     of: Callable[[Part], Result], parts: Iterable[Part], shared: Sequence[Any] = ()
 ) -> list[Result]:

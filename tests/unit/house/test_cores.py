@@ -60,6 +60,16 @@ def test_a_process_forked_from_one_with_threads_has_its_own(monkeypatch):
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
+def test_shares_are_even_and_keep_groups_together():
+    groups = ["aaaa", "b", "cc", "ddd", "e"]
+    shares = cores.shares(groups)
+    assert sorted("".join("".join(share) for share in shares)) == sorted("".join(groups))
+    assert sorted(map(len, shares)) == [5, 6]
+    for group in groups:
+        assert sum(group[0] in share for share in shares) == 1
+    assert cores.shares(["abc"]) == [["a", "b", "c"]] and cores.shares([]) == []
+
+
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_results_of_forked_parts_are_in_their_order(monkeypatch, count):
     on(monkeypatch, count)

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from eitskin.physics import solver
 from eitskin.physics.depth import DepthForward, span
 from eitskin.physics.geometry import Geometry, Patch
-from eitskin.physics.solver import SolvedSkins, Spent, forward_model
+from eitskin.physics.solver import SolvedSkins, Spent, forward_model, kept
 
 SHEET = Geometry(80.0, 3.0, 0.5, 22.5 * np.arange(16), 5.0, 2e-3)
 BODY = SHEET.with_values(thickness_mm=20.0, deep=True, electrode_height_mm=8.0)
@@ -44,6 +45,22 @@ def test_bodies_that_differ_otherwise_share_nothing(values):
     assert found.electrodes.interaction is not first.electrodes.interaction
     assert np.array_equal(found.transfer_impedance(), alone.transfer_impedance())
     assert found.effort == alone.effort
+
+
+def test_of_large_bodies_fewer_are_kept(monkeypatch):
+    body = forward_model(BODY, "train")
+    sheet = forward_model(SHEET, "train")
+    matrices = body.electrodes.interaction.nbytes + 8 * len(body._inner) ** 2
+    assert body.nbytes == matrices > sheet.nbytes
+    assert kept(sheet.nbytes) == kept(body.nbytes) == solver.KEPT
+    monkeypatch.setattr(solver, "KEPT_BYTES", 2 * body.nbytes)
+    near = SolvedSkins()
+    for turn in range(4):
+        near.solve(BODY.with_values(electrode_deg=22.5 * np.arange(16) + turn), "train")
+        assert len(near._solved) == min(turn + 1, 2)
+    monkeypatch.setattr(solver, "KEPT_BYTES", 0)
+    near.solve(BODY, "train")
+    assert len(near._solved) == 1
 
 
 def test_a_body_counts_for_many_sheets_and_the_larger_for_more():

@@ -25,13 +25,14 @@ from eitskin.physics.accuracy import MODES
 from eitskin.physics.depth import DEPTH_ACCURACIES, MOST_MODES, span
 from eitskin.physics.forward import ACCURACIES
 from eitskin.physics.geometry import Geometry
+from eitskin.physics.solver import kept
 
 LEAST_FRAMES = 20  # an excerpt of fewer is not worth a diagnosis
 GIB, NUMBER = 1 << 30, 8  # bytes
 PROGRAM = 320 << 20  # interpreter and libraries, and what the allocator holds back
 # How many there are at once ...
 SHEET = 5  # of the matrix of the finest sheet's nodes, of which an electrode has two a mode
-BODY = 11  # of the matrix of a body's modes
+KEPT_BODY, SOLVED_BODY = 2, 3  # of the matrix of a body's modes
 TRIED = 600  # of columns of trials, sets and rig errors
 GAINS = 5  # of the columns of a gain for every channel
 MAPPED = 6  # of columns that are mapped at once
@@ -87,7 +88,10 @@ def foretold(counts: Counts, frames: int | np.ndarray) -> np.ndarray:
     searched = (derivatives + TRIED) * column + GAINS * gains + MAPPED * mapped + LINKED * linked
     sheets = SHEET * NUMBER * (2 * MODES[-1] * n) ** 2
     places = OUTLINES * kept_touches.KEPT_BYTES * counts.touched
-    bodies = BODY * NUMBER * counts.modes**2 + (sheets if counts.modes else 0)
+    matrix = NUMBER * counts.modes**2
+    bodies = (SOLVED_BODY + KEPT_BODY * kept(KEPT_BODY * matrix)) * matrix + (
+        sheets if counts.modes else 0
+    )
     return PROGRAM + places + np.maximum(searched + max(states, bodies), sheets)
 
 

@@ -122,20 +122,16 @@ class Tangents:
         self._apart_of(singles)
 
     def _find(self, singles: list[tuple[Candidate, int]]) -> None:
-        """Columns as of `_raw`, in cores.AT_ONCE shares of about as many, each in a process of its
-        own. An effect's columns stay together, and so do those of all effects that vary from frame
-        to frame, which share derivatives."""
-        parts: dict[str, list[tuple[Candidate, int]]] = {}
+        """Columns as of `_raw`, shared out among processes. An effect's columns stay together, and
+        so do those of all effects that vary from frame to frame, which share derivatives."""
+        groups: dict[str, list[tuple[Candidate, int]]] = {}
         for candidate, index in singles:
             if (*candidate.key, index) not in self._columns:
                 effect = candidate.effect
                 varies = isinstance(effect, SkinEffect) and effect.driver != "static"
                 name = "varies" if varies else candidate.name
-                parts.setdefault(name, []).append((candidate, index))
-        shares: list[list[tuple[Candidate, int]]] = [[] for _ in range(cores.AT_ONCE)]
-        for part in sorted(parts.values(), key=len, reverse=True):
-            min(shares, key=len).extend(part)
-        shares = [share for share in shares if share]
+                groups.setdefault(name, []).append((candidate, index))
+        shares = cores.shares(groups.values())
         found = self.problem.model.near.forked(self._raw_of, shares)
         for share, own in zip(shares, found, strict=True):
             for (candidate, index), column in zip(share, own, strict=True):

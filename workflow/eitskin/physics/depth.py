@@ -361,6 +361,12 @@ class DepthForward(Forward):
         self.effort = operations / SHEET
         self.touch_effort = type(self).touch_effort + unknowns**2 / TOUCHED_SHEET
 
+    @property
+    def nbytes(self) -> int:
+        """As Forward's, with a body's interaction of modes."""
+        own = 0 if self.heights is None else self.electrodes.interaction.nbytes
+        return super().nbytes + own
+
     def matches(self, geometry: Geometry, accuracy: Accuracy, modes: int) -> bool:
         """As Forward's; a body shares nothing with a sheet."""
         return self.heights is None and super().matches(geometry, accuracy, modes)

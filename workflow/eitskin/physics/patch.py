@@ -285,6 +285,11 @@ class PatchForward(Forward):
         self.change = change
         self._relax_electrodes(bare.electrodes.matrix + change)
 
+    @property
+    def nbytes(self) -> int:
+        """As Forward's, with the skin without its patch and what the patch changes."""
+        return super().nbytes + self.bare.nbytes + self.change.nbytes
+
     def bare_touch(self, touch: Touch) -> BareTouch:
         """A touch as it is without the patch, but for its nodes; kept with the bare skin where
         these are even: graded ones serve this patch alone."""

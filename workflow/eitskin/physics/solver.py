@@ -12,7 +12,7 @@ from eitskin.physics.forward import Accuracy, Forward
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.patch import PatchForward
 
-KEPT = 4
+KEPT, KEPT_BYTES = 4, 5 << 28  # of skins; of large bodies fewer are kept
 
 Part = TypeVar("Part")
 Result = TypeVar("Result")
@@ -33,6 +33,11 @@ def forward_model(
     if heights is None:
         return Forward(geometry, accuracy, near)
     return DepthForward(geometry, heights, accuracy, near=near)
+
+
+def kept(nbytes: int) -> int:
+    """How many solved skins of so many bytes are kept at once."""
+    return max(min(KEPT, KEPT_BYTES // max(nbytes, 1)), 1)
 
 
 class Spent(Exception):
@@ -84,5 +89,5 @@ class SolvedSkins:
         self.spent += found.effort
         if like is not None:
             self._solved.remove(like)
-        self._solved = [*self._solved, found][-KEPT:]
+        self._solved = [*self._solved, found][-kept(found.nbytes) :]
         return found

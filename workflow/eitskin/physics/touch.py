@@ -196,9 +196,8 @@ class TouchEdge(Circle):
         if self.held_off:
             self.radius *= 1.0 + gap - accuracy.rim_gap
             gap = accuracy.rim_gap
-        digits = -np.log(accuracy.tolerance)
-        self.for_rim = digits / np.log1p(gap) if gap > 0 else np.inf
-        for_touch = min(digits / np.log1p(apart), NODE_COUNTS[-1])
+        self.for_rim = self._across(gap)
+        for_touch = min(self._across(apart), NODE_COUNTS[-1])
         longest, self.even = 2.0 * apart, self.for_rim <= MOST_EVEN_NODES
         if beside:
             for_touch = self._for_circle(beside)
@@ -223,7 +222,12 @@ class TouchEdge(Circle):
     def _for_circle(self, beside: Circle) -> float:
         """Nodes that resolve what is between the edge and a circle beside it."""
         gap = max(self.gap(beside) / self.radius, self.accuracy.rim_gap)
-        return min(-np.log(self.accuracy.tolerance) / np.log1p(gap), NODE_COUNTS[-1])
+        return min(self._across(gap), NODE_COUNTS[-1])
+
+    def _across(self, gap: float) -> float:
+        """Nodes that resolve what is across a gap, in radii; infinitely many where there is
+        none."""
+        return float(-np.log(self.accuracy.tolerance) / np.log1p(gap)) if gap > 0 else np.inf
 
     def _resolution(self, for_touch: float) -> tuple[int, int]:
         """Multipoles, and nodes where they are even, for what the rim and another circle ask."""

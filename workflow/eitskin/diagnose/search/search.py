@@ -15,6 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from eitskin import cores
 from eitskin.diagnose import touches
 from eitskin.diagnose.candidates import Candidate, without_site
 from eitskin.diagnose.fit import (
@@ -549,21 +550,25 @@ class Search:
         with coordinates counts at the size at which it fits best: a fit finds it. Left out are
         those that change nothing, or far too much."""
 
-        def tried(some: list[Candidate]) -> list[tuple[float, float] | None]:
-            changes = [tangents.tried(candidate) for candidate in some]
-            pairs = [None if c is None else (c @ c, c @ tangents.residual) for c in changes]
-            return [None if pair is None else (float(pair[0]), float(pair[1])) for pair in pairs]
+        def tried(some: list[Candidate]) -> dict[tuple, tuple[float, float]]:
+            changes = [(candidate.key, tangents.tried(candidate)) for candidate in some]
+            return {
+                key: (float(c @ c), float(c @ tangents.residual))
+                for key, c in changes
+                if c is not None
+            }
 
         far = FAR * tangents.fit.chi2
         near = [c for c in candidates if self.lengths.get(c.key, 0.0) <= far]
-        half = (len(near) + 1) // 2
-        shares = [share for share in (near[:half], near[half:]) if share]
-        told = self.problem.model.near.forked(tried, shares)
+        known: dict[tuple, tuple[float, float]] = {}
+        shares = cores.shares([candidate] for candidate in near)
+        for own in self.problem.model.near.forked(tried, shares):
+            known |= own
         found = []
-        for candidate, one in zip(near, [one for share in told for one in share], strict=True):
-            if one is None:
+        for candidate in near:
+            if candidate.key not in known:
                 continue
-            length, along = one
+            length, along = known[candidate.key]
             self.lengths[candidate.key] = length
             if length == 0.0:
                 continue
