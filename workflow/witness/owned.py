@@ -1,6 +1,6 @@
 """Recordings as owners of tanks and skins have them, with what is concealed in each.
 
-    draw("owner:static-body", 3), draw("owner:step", 200001)
+    draw("owner:static-body", 3), draw("owner:step", 600001)
 
 Bodies with electrodes over part of their height that nobody touches, outlines pressed out of round,
 clipped channels, steps in time, many electrodes and drives, wrong tables, beliefs missing. Solved
