@@ -20,7 +20,7 @@ from eitskin.diagnose.estimates import NORMAL_90
 from eitskin.diagnose.noise import Noise
 from eitskin.diagnose.rig import COMPONENTS, SLOW_WALKS, WALKS
 from eitskin.diagnose.rig_sizes import findings
-from eitskin.diagnose.search.search import State
+from eitskin.diagnose.search.state import State
 from witness import cases, rig_errors
 from witness.rig_errors import USUAL, RigError
 

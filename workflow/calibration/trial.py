@@ -17,12 +17,13 @@ from eitskin.atomic import atomic_path
 from eitskin.data import check, importers, recording
 from eitskin.data.recording import Recording
 from eitskin.diagnose import apart, diagnosis, result
-from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.candidates import Candidate, gross
 from eitskin.diagnose.estimates import NORMAL_90
 from eitskin.diagnose.fit import Fit, fit
 from eitskin.diagnose.gaps import Gap, gaps
 from eitskin.diagnose.harm import harm
-from eitskin.diagnose.search.search import Search, State, gross
+from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.search.state import State
 from eitskin.effects import catalogue_names, modules
 from eitskin.errors import InputError
 from eitskin.fingerprint import fingerprint

@@ -25,7 +25,7 @@ from concealed.verdicts import FINAL, refuse_sealed
 from eitskin.atomic import atomic_path
 from eitskin.data import recording
 from eitskin.data.recording import Recording, presses
-from eitskin.diagnose.candidates import Candidate, log_ways
+from eitskin.diagnose.candidates import Candidate, discrete, log_ways
 from eitskin.diagnose.diagnosis import begun, simulator
 from eitskin.diagnose.excerpt import excerpt
 from eitskin.diagnose.fit import Fit, Problem, difference, fit
@@ -33,13 +33,7 @@ from eitskin.diagnose.jacobian import Jacobian
 from eitskin.diagnose.result import read_query
 from eitskin.diagnose.search import tones
 from eitskin.diagnose.search.screen import log_evidence
-from eitskin.diagnose.search.search import (
-    LEAST_EVIDENCE,
-    MOST_EFFECTS,
-    SIGNIFICANT,
-    Search,
-    discrete,
-)
+from eitskin.diagnose.search.search import LEAST_EVIDENCE, MOST_EFFECTS, SIGNIFICANT, Search
 from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.tangents import Tangents
 from eitskin.diagnose.whitening import Whitening

@@ -22,7 +22,8 @@ from eitskin.diagnose.diagnosis import begun, simulator
 from eitskin.diagnose.estimates import estimates
 from eitskin.diagnose.excerpt import excerpt
 from eitskin.diagnose.result import read_query
-from eitskin.diagnose.search.search import Search, State
+from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.search.state import State
 from eitskin.effects.effect import SITES
 from eitskin.physics.solver import Spent
 

@@ -327,6 +327,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     from eitskin.diagnose.report import page
 
     recorded = _source(arguments)
+    recording.voltages(recorded, arguments.file)
     if arguments.query is not None:
         result.read_query(arguments.query, recorded)
     name = answers.name(arguments.file)

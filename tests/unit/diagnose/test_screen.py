@@ -7,6 +7,7 @@ import pytest
 from scipy.special import chdtrc
 from scipy.stats import binom, kstest
 
+from eitskin.diagnose.candidates import discrete
 from eitskin.diagnose.search import channels
 from eitskin.diagnose.search.screen import (
     Null,
@@ -18,7 +19,6 @@ from eitskin.diagnose.search.screen import (
     sparse,
     subset,
 )
-from eitskin.diagnose.search.search import discrete
 from eitskin.diagnose.tangents import Tangents
 from small_skin import calibrated, candidates_of, problem_of, small_recording
 

@@ -19,7 +19,8 @@ from eitskin.diagnose.rig import COMPONENTS
 from eitskin.diagnose.rig_sizes import SETTLED
 from eitskin.diagnose.search import search
 from eitskin.diagnose.search.screen import NULL_DRAWS, score
-from eitskin.diagnose.search.search import Search, State
+from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.search.state import State
 from eitskin.diagnose.tangents import Tangents
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError

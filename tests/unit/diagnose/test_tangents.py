@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from eitskin.diagnose.candidates import discrete
 from eitskin.diagnose.fit import fit
-from eitskin.diagnose.search.search import discrete
 from eitskin.diagnose.tangents import Tangents
 from small_skin import calibrated, candidates_of, kinds_of, problem_of, small_recording
 

@@ -15,8 +15,8 @@ from eitskin import effects
 from eitskin.configuration import validate
 from eitskin.data import recording
 from eitskin.diagnose import diagnosis, result
+from eitskin.diagnose.candidates import discrete
 from eitskin.diagnose.report import page
-from eitskin.diagnose.search.search import discrete
 from eitskin.diagnose.tangents import Tangents
 from eitskin.effects.effect import Moment
 from eitskin.effects.settings import settings, site_counts

@@ -103,6 +103,25 @@ def test_diagnose_writes_everything_and_says_what_it_found(tmp_path, capsys):
     assert np.sqrt(np.mean((values - truth) ** 2)) < 1e-3 * np.median(np.abs(truth))
 
 
+@pytest.mark.parametrize("command", ["diagnose", "compare"])
+def test_a_query_in_a_recording_s_place_is_refused_before_anything_is_lost(
+    tmp_path, capsys, command
+):
+    query, out = tmp_path / "query.parquet", tmp_path / "out"
+    asked = small_recording(places=1)
+    asked.voltage = None
+    recording.write(asked, query)
+    out.mkdir()
+    (out / "report.html").write_text("of another recording", encoding="utf-8")
+    files = [str(query)] * (2 if command == "compare" else 1)
+    assert cli.main([command, *files, "--out", str(out)]) == 1
+    printed = capsys.readouterr().err
+    said = "column voltage_V: found nothing, expected voltages; this is a query\n"
+    assert printed.endswith(said) and printed.count("\n") == 1 and "query" in printed.split(":")[0]
+    if command == "diagnose":
+        assert (out / "report.html").is_file()
+
+
 def test_a_query_of_other_electrodes_is_refused(make_recording, path, tmp_path, capsys):
     query, out = tmp_path / "query.parquet", tmp_path / "out"
     asked = small_recording(places=1)

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from eitskin.data.recording import Recording
+from eitskin.data.recording import Recording, voltages
 from eitskin.errors import InputError
 
 
@@ -19,19 +19,18 @@ def changes(recording: Recording, name: str) -> np.ndarray:
 
     Raises InputError for a query and for a session without an untouched frame.
     """
-    if recording.voltage is None:
-        raise InputError(name, "column voltage_V", "nothing", "voltages; this is a query")
+    recorded = voltages(recording, name)
     if recording.metadata["values"] == "difference":
-        return recording.voltage
+        return recorded
     touched = recording.frames["touch"].to_numpy(bool)
-    difference = np.full(recording.voltage.shape, np.nan)
+    difference = np.full(recorded.shape, np.nan)
     session_of = sessions(recording.frames)
     for session in np.unique(session_of):
         frames = np.flatnonzero(session_of == session)
         free = ~touched[frames]
         if not free.any():
             raise InputError(name, f"session {session}", "no untouched frame", "at least one")
-        voltage = recording.voltage[frames]
+        voltage = recorded[frames]
         first = free & ~np.concatenate([[False], free[:-1]])
         run = np.cumsum(first) - 1  # of an untouched frame its own, of a touched one the last
         count, total = np.zeros((2, run[-1] + 1, voltage.shape[1]))

@@ -140,6 +140,13 @@ def frames_table(
     return pd.DataFrame(table)
 
 
+def voltages(recording: Recording, name: str | Path) -> np.ndarray:
+    """(N, M): a recording's `voltage`. Raises InputError, with `name` as its place, for a query."""
+    if recording.voltage is None:
+        raise InputError(name, "column voltage_V", "nothing", "voltages; this is a query")
+    return recording.voltage
+
+
 def presses(recording: Recording) -> np.ndarray:
     """(N,) int: the press that each touched frame belongs to, 0, 1, 2, ... ; -1 where untouched.
 

@@ -247,3 +247,24 @@ def _sites(
         yield kind, everywhere, "dense"
         if effect.common:
             yield kind, everywhere, "common"
+
+
+def discrete(candidate: Candidate) -> bool:
+    """Whether a candidate is there or not: it has no coordinate about which it starts."""
+    return not candidate.linear.any() and not candidate.effect.tone
+
+
+def gross(candidate: Candidate) -> bool:
+    """Whether a candidate is a fault of the wiring that is there or not, far from any tangent."""
+    of_wiring = candidate.effect.stage == "wiring" and not candidate.effect.last_resort
+    return of_wiring and discrete(candidate)
+
+
+def of_channels(candidate: Candidate) -> bool:
+    """Whether a candidate has values of channels."""
+    return candidate.kind == "channels"
+
+
+def of_tangents(candidate: Candidate) -> bool:
+    """Whether a candidate is scored by its tangents, and by nothing else."""
+    return not (of_channels(candidate) or discrete(candidate) or candidate.effect.tone)

@@ -10,7 +10,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from eitskin.data.check import named
-from eitskin.data.recording import Recording
+from eitskin.data.recording import Recording, voltages
 from eitskin.data.subset import of_frames
 from eitskin.diagnose.atlas import atlas
 from eitskin.diagnose.candidates import Scales, catalogue
@@ -27,7 +27,8 @@ from eitskin.diagnose.rig import Rig
 from eitskin.diagnose.rig_sizes import findings
 from eitskin.diagnose.rivals import Rival, rivals
 from eitskin.diagnose.search.resorts import foreign
-from eitskin.diagnose.search.search import GROSS, STANDARD_ERRORS, UNEXPLAINED, Search, State
+from eitskin.diagnose.search.search import GROSS, STANDARD_ERRORS, UNEXPLAINED, Search
+from eitskin.diagnose.search.state import State
 from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.steadiness import refine
 from eitskin.diagnose.verdict import acceptable
@@ -101,6 +102,7 @@ def diagnose(
 
 
 def _diagnosed(recorded: Recording, seed: int, progress: bool, memory_GiB: float) -> Diagnosis:
+    voltages(recorded, "recording")
     outline.refuse(recorded.skin, "recording")
 
     def report(line: str) -> None:

@@ -9,13 +9,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.candidates import Candidate, discrete, gross
 from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.fit import Fit, Problem, fit, whitened_anew
 from eitskin.diagnose.identities import TWO_SIDED, declared
 from eitskin.diagnose.search import afar
 from eitskin.diagnose.search.screen import explained, sparse
-from eitskin.diagnose.search.search import Search, State, discrete, gross
+from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.search.state import State
 from eitskin.diagnose.tangents import Tangents
 from eitskin.errors import InputError
 

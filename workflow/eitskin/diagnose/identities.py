@@ -19,7 +19,8 @@ from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.estimates import estimates
 from eitskin.diagnose.fit import fit
 from eitskin.diagnose.search.screen import explained, sparse
-from eitskin.diagnose.search.search import Search, State
+from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.search.state import State
 from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.tangents import Tangents
 from eitskin.effects.anisotropy import Anisotropy

@@ -21,7 +21,7 @@ from eitskin.diagnose.experiment import propose
 from eitskin.diagnose.fit import whitened_anew
 from eitskin.diagnose.gaps import OBSERVABLE
 from eitskin.diagnose.held_out import HeldOut, held_out
-from eitskin.diagnose.search.search import State
+from eitskin.diagnose.search.state import State
 from eitskin.diagnose.verdict import acceptable, verdict
 from eitskin.effects import EFFECTS, catalogue_names
 from eitskin.errors import InputError

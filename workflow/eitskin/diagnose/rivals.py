@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from eitskin.diagnose.search.search import Search, State, added
+from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.search.state import State, added
 
 
 @dataclass(frozen=True)

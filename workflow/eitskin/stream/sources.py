@@ -11,7 +11,7 @@ import numpy as np
 from eitskin.capture.wire import BOARDS, Board, Reject, measured
 from eitskin.data import importers
 from eitskin.data.dataset import fits
-from eitskin.data.recording import Recording
+from eitskin.data.recording import Recording, voltages
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
 from eitskin.stream.frames import Event, Frame, Trouble
@@ -160,8 +160,7 @@ def recorded(path: str, trained_on: dict, fast: bool, stop: Stop) -> Source:
     """
     found = as_recording(path, whole=True) if is_kept(path) else importers.load(path)
     lost = fits(found, trained_on, path)
-    if found.voltage is None:
-        raise InputError(path, "column voltage_V", "nothing", "voltages; this is a query")
+    voltages(found, path)
     difference = found.metadata["values"] == "difference"
     touched = found.frames["touch"].to_numpy(bool)
     first = int(touched.argmax()) if touched.any() else len(touched)

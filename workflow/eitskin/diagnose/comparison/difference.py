@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import f
 
-from eitskin.data.recording import Recording
+from eitskin.data.recording import Recording, voltages
 from eitskin.diagnose.comparison import faults
 from eitskin.diagnose.comparison.evidence import Evidence, Explained
 from eitskin.diagnose.comparison.faults import Control, Signature
@@ -161,10 +161,9 @@ def pair(control: Recording, later: Recording, names: tuple[str, str]) -> Pair:
 
 def _untouched(recording: Recording, name: str) -> np.ndarray:
     """Rows of untouched frames with readings."""
-    if recording.voltage is None:
-        raise InputError(name, "column voltage_V", "nothing", "readings to compare")
+    voltage = voltages(recording, name)
     still = ~recording.frames["touch"].to_numpy(bool)
-    rows = np.flatnonzero(still & np.isfinite(recording.voltage).any(axis=1))
+    rows = np.flatnonzero(still & np.isfinite(voltage).any(axis=1))
     if not len(rows):
         raise InputError(name, "column touch", "no untouched frame", "some to compare")
     return rows

@@ -7,17 +7,22 @@ predicted by more than two standard errors. After every step each effect must st
 own absence; at the end against every other name in its place.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
 
 from eitskin import cores
 from eitskin.diagnose import touches
-from eitskin.diagnose.candidates import Candidate, without_site
+from eitskin.diagnose.candidates import (
+    Candidate,
+    discrete,
+    gross,
+    of_channels,
+    of_tangents,
+    without_site,
+)
 from eitskin.diagnose.fit import (
     MOST_ROUNDS,
     RENEWALS,
@@ -34,7 +39,6 @@ from eitskin.diagnose.rig import COMPONENTS, Rig
 from eitskin.diagnose.rig_sizes import SETTLED, KeptScoring, learned
 from eitskin.diagnose.search import afar, channels, resorts, tones
 from eitskin.diagnose.search.screen import (
-    AMPLITUDES,
     Null,
     Score,
     best_few,
@@ -43,6 +47,8 @@ from eitskin.diagnose.search.screen import (
     null,
     score,
 )
+from eitskin.diagnose.search.shortlist import shortlist
+from eitskin.diagnose.search.state import State, added, likelihood, occam, per_dof
 from eitskin.diagnose.tangents import Tangents
 from eitskin.diagnose.whitening import Whitening
 from eitskin.effects import EFFECTS
@@ -61,9 +67,6 @@ MOST_EFFECTS = 5
 LEARNED = 4  # times at most that sizes of rig errors and a fit follow each other
 LEAST_EVIDENCE = 3.0  # nats by which an effect, or a further site of one, must raise the evidence
 LEAD = 1.0  # nats by which another name in an effect's place must be better
-WITHIN = 20.0  # nats of linear evidence below the best, or this share of its gain ...
-SHARE = 0.3
-MOST_NAMES = 12
 MOST_SOLVED = 16_000  # sheets, of one diagnosis
 UNEXPLAINED = "static-discrepancy"  # the component of a value a channel
 START = "start"  # the step on the path of an effect that was found on fewer frames
@@ -77,7 +80,6 @@ MOST_JOINED = 8  # sites of an effect that is still called sparse
 AFAR, COARSE = 0.05, 3e-4
 STARTS = 3  # of a name, no two of one depth or height, from which it is fitted from afar
 FAR = 16.0  # times chi squared: a change of so great a squared length cannot lower it
-FEW = 6  # coordinates; candidates with more are fitted after the others
 GROSS = 30.0  # chi squared over its degrees of freedom above which gross faults are tried first
 PLAIN = 0.5  # of the misfit without it, that a gross fault may leave
 RACE = 10.0  # nats behind the best trial at which another is given up
@@ -86,42 +88,6 @@ RACE = 10.0  # nats behind the best trial at which another is given up
 FORLORN = 150.0
 LOST = 100.0  # nats behind the state that it began from: a fit that went astray
 TOGETHER = 4  # fits in processes of their own, of which none knows what the others solve
-
-
-@dataclass
-class State:
-    """A set of effects fitted, with the rig's errors beside it and their sizes, and what it
-    predicts for frames left out. log_likelihood: marginal, in nats, the same constant for all sets;
-    score: of the effect that came last, where it is a trial."""
-
-    fit: Fit
-    fold: np.ndarray
-    log_likelihood: float
-    log_evidence: float
-    p_values: dict[tuple, float] = field(default_factory=dict)
-    sizes: dict[str, float] = field(default_factory=dict)
-    rig: Rig | None = field(default=None, repr=False)
-    score: Score | None = None
-
-    @cached_property
-    def held_out(self) -> HeldOut:
-        """What it predicts for frames left out."""
-        return held_out(self.fit, self.fold)
-
-    def p_value(self, candidate: Candidate) -> float:
-        """Global p-value with which an effect, or the first of its sites, came in."""
-        own = [p for key, p in self.p_values.items() if key[:2] == candidate.key[:2]]
-        return self.p_values.get(candidate.key, min(own, default=1.0))
-
-    @property
-    def effects(self) -> list[Candidate]:
-        """The effects, in the order in which they came in."""
-        return self.fit.effects
-
-    @property
-    def key(self) -> tuple:
-        """What its set of effects is known by."""
-        return tuple(c.key for c in self.effects)
 
 
 @dataclass
@@ -445,7 +411,7 @@ class Search:
         tangents = Tangents(self.named(state, here.fit), [here])
         hopeful = []
         for candidate in self.candidates:
-            if _of_channels(candidate):
+            if of_channels(candidate):
                 free = channels.scores(tangents, candidate)[-1]
                 p = self.global_p(free.p_value)
                 if free.log_evidence > max(plain, LEAST_EVIDENCE) and p < SIGNIFICANT:
@@ -505,11 +471,11 @@ class Search:
         hopeless = bool(state.effects) and not self.untouched and self._misfit(state) > GROSS
         found: list[Score | None] = []
         open_to = [c for c in self.candidates if c.key not in taken and not self.starts_afar(c)]
-        tangents.whiten(c for c in open_to if _of_tangents(c))
-        there = [c for c in open_to if discrete(c) and not _of_channels(c)]
+        tangents.whiten(c for c in open_to if of_tangents(c))
+        there = [c for c in open_to if discrete(c) and not of_channels(c)]
         found += self._tried(tangents, there)
         for candidate in open_to:
-            if _of_channels(candidate):
+            if of_channels(candidate):
                 scored = channels.scores(tangents, candidate)
                 found += [s for s in scored if s.candidate.scope == "sparse" or hopeless]
             elif candidate.effect.tone:
@@ -530,11 +496,11 @@ class Search:
             return
         linear, free = [], 0
         for candidate in self.candidates:
-            if _of_tangents(candidate):
+            if of_tangents(candidate):
                 linear.append(candidate)
                 free += candidate.scope == "dense"
             else:
-                free += channels.looks(candidate) if _of_channels(candidate) else 1
+                free += channels.looks(candidate) if of_channels(candidate) else 1
         self.report("drawing recordings in which nothing is missing")
         tangents.whiten(linear)
         self.null = null(tangents, linear, free, self.seed)
@@ -1057,30 +1023,6 @@ class Search:
         )
 
 
-def discrete(candidate: Candidate) -> bool:
-    """Whether a candidate is there or not: it has no coordinate about which it starts."""
-    return not candidate.linear.any() and not candidate.effect.tone
-
-
-def gross(candidate: Candidate) -> bool:
-    """Whether a candidate is a fault of the wiring that is there or not, far from any tangent."""
-    of_wiring = candidate.effect.stage == "wiring" and not candidate.effect.last_resort
-    return of_wiring and discrete(candidate)
-
-
-def _of_channels(candidate: Candidate) -> bool:
-    return candidate.kind == "channels"
-
-
-def _of_tangents(candidate: Candidate) -> bool:
-    """Whether a candidate is scored by its tangents, and by nothing else."""
-    return not (_of_channels(candidate) or discrete(candidate) or candidate.effect.tone)
-
-
-def per_dof(state: State) -> float:
-    return state.fit.chi2 / max(state.fit.problem.whitening.size - len(state.fit.theta), 1)
-
-
 def _choices(effect: Candidate) -> int:
     """Among how many an effect that is there was chosen, as of `Score`."""
     if effect.effect.tone:
@@ -1123,73 +1065,3 @@ def _joined(a: Candidate, b: Candidate) -> Candidate | None:
     return Candidate(
         a.effect, a.kind, sites, "sparse", a.start, a.skin, a.scales, a.looks * b.looks
     )
-
-
-def added(state: State, trial: State) -> Candidate:
-    """What a trial has that the state it came from has not."""
-    (new,) = (c for c in trial.effects if c.key not in {own.key for own in state.effects})
-    return new
-
-
-def shortlist(scores: list[Score]) -> list[Score]:
-    """Scores of candidates worth a nonlinear fit: of every name the best of each form, of slow ones
-    the best alone, names in order of evidence; those far from the best only while little else
-    explains as much."""
-    if not scores:
-        return []
-    top, gain = scores[0].log_evidence, max(s.gain for s in scores)
-    names: dict[str, list[Score]] = {}
-    for s in scores:
-        own = names.setdefault(s.candidate.name, [])
-        if not own or (
-            _form(s.candidate) not in {_form(o.candidate) for o in own} and not _slow(s.candidate)
-        ):
-            own.append(s)
-    chosen = []
-    for name, own in list(names.items())[:MOST_NAMES]:
-        for s in own:
-            near = s.log_evidence > top - WITHIN or s.gain > SHARE * gain
-            # What shows at large readings alone weighs little in a tangent.
-            tried = EFFECTS[name].driver == "amplitude" and s.gain > 0
-            if near or tried:
-                chosen.append(s)
-    return sorted(chosen, key=lambda s: s.candidate.size > FEW)
-
-
-def _slow(candidate: Candidate) -> bool:
-    """Whether every frame has a skin of its own to be solved."""
-    return candidate.effect.stage == "skin" and candidate.effect.driver != "static"
-
-
-def _form(candidate: Candidate) -> tuple[str, bool, tuple[str, ...]]:
-    few = candidate.scope == "sparse" and len(candidate.own_sites) > 1
-    return candidate.scope, few, tuple(candidate.start)
-
-
-def likelihood(fitted: Fit, sizes: dict[str, float], rig: Rig | None) -> float:
-    """Marginal log likelihood of a fit, with the prior of the sizes of the rig's errors."""
-    prior = 0.0 if rig is None else rig.log_prior(sizes)
-    return prior - 0.5 * (fitted.chi2 + fitted.problem.whitening.log_determinant)
-
-
-def occam(fitted: Fit) -> float:
-    """What Laplace's log evidence of a set has beyond its log likelihood: Occam factors, prior over
-    names and sites. Each effect's coordinates have a normal prior about 0 with the best sd of
-    AMPLITUDES.
-    """
-    covariance = fitted.covariance
-    total = 0.0
-    for index, effect in enumerate(fitted.effects):
-        place = fitted.place(index)
-        total -= math.log(effect.looks) + math.log(len(EFFECTS))
-        if effect.size:
-            information = np.linalg.inv(covariance[place, place])
-            value = fitted.theta[place]
-            total += max(_one_occam(value, information, a) for a in AMPLITUDES)
-            total -= np.log(len(AMPLITUDES))
-    return float(total)
-
-
-def _one_occam(value: np.ndarray, information: np.ndarray, amplitude: float) -> float:
-    spread = np.eye(len(value)) + amplitude**2 * information
-    return float(-0.5 * (value @ value) / amplitude**2 - 0.5 * np.linalg.slogdet(spread)[1])
