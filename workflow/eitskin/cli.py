@@ -27,6 +27,7 @@ from eitskin.quantities import listed, plain
 from eitskin.stream import cli as streaming
 
 REFUSED, UNUSABLE, INTERRUPTED = 1, 2, 130
+OF_TABLE = ("order", "polarity", "numbering")  # topics of the check: slips of a file, not faults
 SCHEMA = Path(__file__).parent / "diagnose" / "diagnosis.schema.yaml"
 EXIT_CODES = """\
 exit codes:
@@ -75,11 +76,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     What is refused is one line on stderr; with --json an object on stdout says it as well. Wrong
     usage leaves through argparse, with its own message.
     """
-    parsed = _parser().parse_args(arguments)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")  # a file's name need be no text
+    parsed = None
     try:
+        parsed = _parsed(arguments)
         # Products are small: shared out among cores by BLAS they take twice as long.
         with threadpool_limits(limits=1, user_api="blas"):
             code = parsed.run(parsed)
@@ -101,10 +103,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("eitskin: interrupted", file=sys.stderr)
         return INTERRUPTED
     print(refusal, file=sys.stderr)
-    if getattr(parsed, "json", False):
+    if parsed is not None and getattr(parsed, "json", False):
         with contextlib.suppress(OSError):
             answers.write(answers.refusal(refusal), parsed.run is streaming.stream)
     return REFUSED
+
+
+def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """What is asked for. What argparse prints itself, before it exits, is out when this ends."""
+    try:
+        return _parser().parse_args(arguments)
+    finally:
+        sys.stdout.flush()
 
 
 def _let_go_of_stdout() -> None:
@@ -162,6 +172,7 @@ def _parser() -> argparse.ArgumentParser:
     part = "of LATER, frames otherwise left out: target (pyeidors-tank), v_rotate:K (iirc-tank)"
     comparing.add_argument("--part", help=part)
     _add_path(comparing, "--out", "the folder to write, by default comparison-A-vs-B", shtab.DIR)
+    _add_anyway(comparing)
     words = "say of every frame whether the skin is touched, where and how hard"
     following = command("stream", streaming.stream, words)
     _add_path(following, "source", "a board's serial port, or a recording in any known format")
@@ -238,16 +249,24 @@ def _source(arguments: argparse.Namespace) -> Recording:
     return subset.stretch(loaded, first, last, arguments.file)
 
 
-def _checked(recorded: Recording, arguments: argparse.Namespace) -> check.Check | None:
-    """The check of a recording that one may go on with; else None, and its reasons on stderr."""
+def _checked(
+    recorded: Recording,
+    arguments: argparse.Namespace,
+    file: str | None = None,
+    topics: Sequence[str] | None = None,
+) -> check.Check | None:
+    """The check of a recording that one may go on with; else None, and its reasons on stderr. Of
+    topics alone, where these are given."""
+    file = arguments.file if file is None else file
     result = check.check(recorded, progress=True)
-    if result.ok or arguments.anyway:
+    wrong = [one for one in result.of(check.ERROR) if topics is None or one.topic in topics]
+    if not wrong or arguments.anyway:
         return result
-    for finding in result.of(check.ERROR):
-        _say(f"{arguments.file}: {finding.topic}: {finding.sentence}", sys.stderr)
+    for finding in wrong:
+        _say(f"{file}: {finding.topic}: {finding.sentence}", sys.stderr)
     print("Not usable as it stands; --anyway goes on all the same.", file=sys.stderr)
     if arguments.json:
-        answers.write(answers.checked(result, arguments.file))
+        answers.write(answers.checked(result, file))
     return None
 
 
@@ -386,6 +405,10 @@ def _compare(arguments: argparse.Namespace) -> int:
     with named(" and ".join(files)):
         control = _load(arguments.control, arguments)
         later = _load(arguments.later, arguments, arguments.part)
+        for file, recorded in zip(files, (control, later), strict=True):
+            recording.voltages(recorded, file)
+            if _checked(recorded, arguments, file, OF_TABLE) is None:
+                return UNUSABLE
         sentences, difference = difference_words.compared(control, later, names)
     said = result.of_difference(list(names), sentences, difference)
     stems = "-vs-".join(map(answers.name, files))

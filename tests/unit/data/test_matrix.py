@@ -197,7 +197,9 @@ def test_pairs_may_come_from_the_caller(write):
     path = write(frames(), {"electrodes": 8, "unit": "V"}, "skin.npy")
     assert importers.load(path, **given).metadata["unit"] == "V"
     path = write(frames(), ADJACENT, "skin.npy")
-    refused(path, r"skin\.yaml: key drive: found 'adjacent' from outside as well", **given)
+    refused(
+        path, r"skin\.yaml: key drive: found 'adjacent', and 'adjacent' given beside it", **given
+    )
 
 
 # --- without a description

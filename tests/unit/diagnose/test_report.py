@@ -161,7 +161,7 @@ def test_the_rig_is_told_where_it_was_found(written, rig):
 
 def test_candidates_are_not_told_as_findings(written, rig):
     text = Page((rig / "report.html").read_text(encoding="utf-8")).text
-    assert "what is named below are candidates" in text
+    assert "what is named below with a perhaps are candidates" in text
     assert "1. Perhaps electrode 7 touches" in text
     assert "contact-impedance, a candidate, electrode 7" in text
     assert "perhaps contact-impedance: electrode 7" in (

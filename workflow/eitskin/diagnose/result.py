@@ -42,7 +42,7 @@ def result(found: Diagnosis, name: str) -> dict:
         "format": "eit-diagnosis",
         "version": 1,
         "recording": name,
-        "verdict": verdict(entries, p, left.probability),
+        "verdict": verdict([e["certain"] for e in entries], p, left.probability),
         "calibration": calibration(found.after.fit),
         "noise_V": float(np.median(noise.sd)),
         "noise": {
@@ -94,8 +94,9 @@ def unobservable(found: Diagnosis) -> list[str]:
     )
 
 
-def _entry(found: Diagnosis, index: int, certain: bool) -> dict:
-    """One effect of diagnosis.json."""
+def _entry(found: Diagnosis, index: int, accepted: bool) -> dict:
+    """One effect of diagnosis.json; accepted: whether the fit is as a whole. One that does not
+    stand out from what has no name is no more than a candidate either."""
     state, search = found.after, found.search
     candidate = state.effects[index]
     rivals = found.rivals[index]
@@ -117,7 +118,7 @@ def _entry(found: Diagnosis, index: int, certain: bool) -> dict:
         "share": float(np.clip(share, 0.0, 1.0)),
         "evidence": {"elpd_gain": gain, "elpd_se": error, "p_value": state.p_value(candidate)},
         "gap": named[0].gap if named else None,
-        "certain": certain,
+        "certain": accepted and (not named or named[0].snr >= CONFUSED),
     }
     if told := amounts(state.fit, index, entry["parameters"]):
         entry["amounts"] = told

@@ -11,12 +11,12 @@ def acceptable(held_out_p: float) -> bool:
     return held_out_p > ACCEPTABLE_P
 
 
-def verdict(effects: Sequence, held_out_p: float, other_probability: float) -> str:
+def verdict(effects: Sequence[bool], held_out_p: float, other_probability: float) -> str:
     """consistent, explained, partly-explained or unexplained.
 
-    effects: those found; held_out_p: probability of a held-out chi2 at least as large as the one
-    after the fit, if the corrected simulator is right; other_probability: that something outside
-    the catalogue is present. Raises ValueError for what is no probability.
+    effects: of those found, whether each is certain; held_out_p: probability of a held-out chi2 at
+    least as large as the one after the fit, if the corrected simulator is right; other_probability:
+    that something outside the catalogue is present. Raises ValueError for what is no probability.
     """
     for value in (held_out_p, other_probability):
         if not 0.0 <= value <= 1.0:
@@ -24,6 +24,6 @@ def verdict(effects: Sequence, held_out_p: float, other_probability: float) -> s
     likely = other_probability >= LIKELY
     if not effects:
         return "unexplained" if likely else "consistent"
-    if likely or not acceptable(held_out_p):
+    if likely or not acceptable(held_out_p) or not all(effects):
         return "partly-explained"
     return "explained"

@@ -39,9 +39,10 @@ VERDICTS = {
     " of it.",
     "unexplained": "The simulation leaves something out for which there is no name here.",
 }
+MOST_LISTED, NEAREST = 6, 3  # names that an effect cannot be told from; of more, so many are said
 CANDIDATES = (
-    "The simulation leaves something out; what is named below are candidates, for the fit as a"
-    " whole is not acceptable."
+    "The simulation leaves something out; what is named below with a perhaps are candidates: the"
+    " fit as a whole is not acceptable, or they do not stand out from what has no name."
 )
 CALIBRATIONS = {
     "conductivity_S_per_m": "the gel's conductivity",
@@ -87,8 +88,7 @@ def where(effect: dict) -> str:
 
 
 def certain(entry: dict) -> bool:
-    """Whether an effect of diagnosis.json is a finding; else it is a candidate, for the fit as a
-    whole is not acceptable."""
+    """Whether an effect of diagnosis.json is a finding; else it is a candidate."""
     return entry.get("certain", True)
 
 
@@ -164,9 +164,12 @@ def finding(entry: dict, effect: Effect) -> str:
 
 
 def confused(effect: dict) -> str:
-    """The names that an effect of diagnosis.json cannot be told from, a sentence; "" for none."""
-    names = listed(effect["alternatives"])
-    return f"This recording cannot tell it from {names}." if names else ""
+    """The names that an effect of diagnosis.json cannot be told from, a sentence; of many the
+    nearest; "" for none."""
+    names = effect["alternatives"]
+    if len(names) > MOST_LISTED:
+        names = [*names[:NEAREST], f"{len(names) - NEAREST} further names"]
+    return f"This recording cannot tell it from {listed(names)}." if names else ""
 
 
 def _untold(estimate: dict) -> bool:

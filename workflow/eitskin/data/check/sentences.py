@@ -395,10 +395,15 @@ def numbering(recording: Recording) -> list[Finding]:
     if lit.severity == ERROR and lit.mirrored:
         sentence = (
             "wrong electrode numbering: touches light up mirrored; numbers run the other way round."
+            " State skin.electrode_deg clockwise, or mirror the labelled places."
         )
     elif lit.severity == ERROR:
         off = f"{lit.turn / lit.pitch:+.1f} electrodes"
-        sentence = f"wrong electrode numbering, off by {off}: {sentence}"
+        sentence = (
+            f"wrong electrode numbering, off by {off}: {sentence} State skin.electrode_deg with "
+            f"about {abs(lit.turn):.0f} degrees {'less' if lit.turn > 0 else 'more'} each, or turn "
+            "the labelled places."
+        )
     return [Finding("numbering", lit.severity, sentence, lit.turn)]
 
 

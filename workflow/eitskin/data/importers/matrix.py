@@ -3,7 +3,8 @@
 CSV with commas, semicolons, tabs or spaces, NumPy `.npy` and `.npz`. The keys of the description:
 `electrodes` (how many), `drive` and `measurement` (adjacent, opposite, skip-<n>; of a measurement
 also with -reversed; or as `measurement` the channels themselves, [source, sink, plus, minus] a
-column), `order` (as `check` names them); `voltage`, `unit`, `values`, `position_frame`, `frame_s`,
+column), `order` (as `check` names them); `voltage` (without it signed where a reading is negative,
+else magnitude), `unit`, `values`, `position_frame`, `frame_s`,
 `clock` and `skin` as in the recording format; `rate_Hz`, frames a second; `source`; `labels`, the
 columns touch, x_mm, y_mm, force_N, probe_mm, depth_mm, contact, session, temperature_C, time_s and
 note_... (anything else, carried and ignored): a file beside it with those names, or which column of
@@ -87,8 +88,8 @@ def load(
     given = {key: value for key, value in given.items() if value is not None}
     said = described(path) if beside(path).is_file() else {}
     for key in (key for key in given if key in said and key != "order"):
-        found = f"{given[key]!r} from outside as well"
-        raise InputError(beside(path), f"key {key}", found, "it once")
+        found, expected = f"{said[key]!r}, and {given[key]!r} given beside it", "one of both"
+        raise InputError(beside(path), f"key {key}", found, f"{expected}: change it here")
     said = said | given
     table = matrix_table.read(path, said)
     n_frames, width = table.readings.shape
@@ -144,14 +145,16 @@ def _recording(path: Path, said: dict, table: Table, layout: Layout) -> Recordin
     readings = table.readings[:, layout.columns]
     told = "touch" in labels or {"x_mm", "y_mm"} <= labels.keys()
     nobody = "" if told else bare_vectors.UNTOUCHED
-    parts = bare_vectors.said(f"matrix {path.name}", layout.left_out, nobody)
+    kind = said.get("voltage", bare_vectors.voltage_kind(readings))
+    guessed = "no reading is negative: taken for magnitudes, as `voltage` is not stated"
+    guessed = guessed if kind == "magnitude" and "voltage" not in said else ""
+    parts = bare_vectors.said(f"matrix {path.name}", layout.left_out, nobody, guessed)
     skin = said.get("skin", {})
     angles = skin.get("electrode_deg", even_angles(layout.n_electrodes).tolist())
     if isinstance(angles, list) and len(angles) < layout.n_electrodes:
         found = f"{len(angles)} angles"
         expected = f"{layout.n_electrodes}, one an electrode"
         raise InputError(beside(path), "skin.electrode_deg", found, expected)
-    kind = said.get("voltage", bare_vectors.voltage_kind(readings))
     timed = "rate_Hz" in said or "time_s" in labels
     metadata = describe(
         layout.channels,

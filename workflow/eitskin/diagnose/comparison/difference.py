@@ -38,6 +38,7 @@ FEWEST_A_QUARTER = 3  # frames
 DEAD = 0.05  # of a reading that a dead channel has at most
 CLIPPED, MAINS = "adc-nonlinearity", "mains-interference"
 ALIKE = ("voltage", "values", "unit")
+UNITS, OF_UNIT = (1e-6, 1e-3, 1e3, 1e6), 0.1  # of each other, as V and mV; to within so much of it
 
 
 @dataclass(frozen=True)
@@ -149,6 +150,7 @@ def pair(control: Recording, later: Recording, names: tuple[str, str]) -> Pair:
     n = max(control.n_electrodes, later.n_electrodes)
     signed = control.metadata["voltage"] == "signed"
     before, after = (r.readings[rows] for r, rows in zip((control, later), still, strict=True))
+    _refuse_other_unit(before, after, names)
     skin = control.metadata["skin"]
     angle = skin.get("electrode_deg")
     # Objects are looked for on a disc.
@@ -157,6 +159,18 @@ def pair(control: Recording, later: Recording, names: tuple[str, str]) -> Pair:
     radius = skin.get("radius_mm")
     table = control.channels
     return Pair(names, table, n, signed, moment_s, before, after, still[1], angle, radius)
+
+
+def _refuse_other_unit(before: np.ndarray, after: np.ndarray, names: tuple[str, str]) -> None:
+    """InputError where the later readings are as many times the earlier ones as units are."""
+    there = np.isfinite(before).any(axis=0) & np.isfinite(after).any(axis=0)
+    sizes = [np.abs(np.nanmean(rows[:, there], axis=0)) for rows in (before, after)]
+    known = sizes[0] > 0.0
+    times = float(np.median(sizes[1][known] / sizes[0][known])) if known.any() else 1.0
+    for unit in UNITS:
+        if abs(times / unit - 1.0) < OF_UNIT:
+            found = f"readings {times:.4g} times those of {names[0]}"
+            raise InputError(names[1], "column voltage_V", found, "both in one unit")
 
 
 def _untouched(recording: Recording, name: str) -> np.ndarray:

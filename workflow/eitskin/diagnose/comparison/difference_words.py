@@ -169,10 +169,11 @@ def _sentence(one: Found, found: Difference) -> str:
             left = percent(1.0 - one.inside.explained)
             why = f"it leaves {left} of the change's square unexplained"
         if one.rival is not None and one.margin < MARGIN:
-            why = f"{_short(one.rival)} explains it as well ({one.rival.evidence:.0f} nats)"
+            how = "better" if one.margin < 0.0 else "as well"
+            why = f"{_short(one.rival)} explains it {how} ({one.rival.evidence:.0f} nats)"
         return (
             f"{when} something changed, and what it is cannot be told: {_short(one.explained)}"
-            f" explains most ({nats}), but {why}."
+            f" explains much of it ({nats}), but {why}."
         )
     text = f"{when}, {_what(one, found)} ({nats}"
     if one.rival is not None:
