@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -267,10 +269,15 @@ def test_electrodes_numbered_the_other_way_or_from_another_are_an_error(make_rec
     made.frames["y_mm"] *= -1.0
     (finding,) = check.check(made).about("numbering")
     assert finding.severity == ERROR and "the other way round" in finding.sentence
+    assert "clockwise, or mirror" in finding.sentence
     made.frames["y_mm"] *= -1.0
     made.metadata["skin"]["electrode_deg"] = [22.5 * (k + 1) for k in range(16)]
     (finding,) = check.check(made).about("numbering")
     assert finding.severity == ERROR and "off by +1.0 electrodes" in finding.sentence
+    told = re.search(r"with about (\d+) degrees less each", finding.sentence)
+    assert told is not None
+    made.metadata["skin"]["electrode_deg"] = [22.5 * (k + 1) - int(told[1]) for k in range(16)]
+    assert abs(value(made, "numbering")) < 2.0
 
 
 def test_what_a_full_recording_can_tell_is_not_listed(make_recording):

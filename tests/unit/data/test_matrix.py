@@ -189,6 +189,17 @@ def test_a_mistake_in_the_description_is_one_line(write, said, name):
     refused(write(content, said, name), MISTAKES[said])
 
 
+def test_what_is_taken_for_magnitudes_is_said(write):
+    guessed = "taken for magnitudes, as `voltage` is not stated"
+    made = importers.load(write(np.abs(frames()), ADJACENT, "skin.npy"), "matrix")
+    assert made.metadata["voltage"] == "magnitude" and guessed in made.metadata["source"]
+    made = importers.load(write(-np.abs(frames()), ADJACENT, "skin.npy"), "matrix")
+    assert made.metadata["voltage"] == "signed" and guessed not in made.metadata["source"]
+    signed = ADJACENT | {"voltage": "signed"}
+    made = importers.load(write(np.abs(frames()), signed, "skin.npy"), "matrix")
+    assert made.metadata["voltage"] == "signed" and guessed not in made.metadata["source"]
+
+
 def test_pairs_may_come_from_the_caller(write):
     path = write(frames(), None, "skin.npy")
     given = {"drive": "adjacent", "measure": "adjacent"}

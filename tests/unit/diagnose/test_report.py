@@ -170,6 +170,19 @@ def test_candidates_are_not_told_as_findings(written, rig):
     assert "andidate" not in Page(page_of(written, "partly-explained")).text
 
 
+def test_which_frames_took_no_part_is_told(written):
+    found = evidence.read(written["explained"], *_rest(written["explained"]))
+    assert page._took_part(found) == []
+    few = found.frames.copy()
+    few.loc[few.index[few["touch"]][:2], "force_N"] = np.nan
+    few = few.iloc[:-1]
+    count, touched = len(few), few["touch"].sum()
+    assert page._took_part(replace(found, frames=few)) == [
+        f"An excerpt was diagnosed: {count} of {count + 1} frames.",
+        f"Of {touched} touched frames 2 took no part: their place, force or probe is not known.",
+    ]
+
+
 def test_what_was_put_aside_is_told(written, rig):
     frames = evidence.read(written["explained"], *_rest(written["explained"])).frames
     count = frames["held_out"].sum()

@@ -96,6 +96,29 @@ def test_compare_answers(path, capsys):
     assert Path(said["report"]).is_file()
 
 
+def test_compare_checks_the_tables_of_both_first(path, capsys):
+    made = recording.read(path)
+    made.metadata["channels"] = made.channels[:, [0, 1, 3, 2]].tolist()
+    recording.write(made, "turned.parquet")
+    for files in ([str(path), "turned.parquet"], ["turned.parquet", str(path)]):
+        code, said, err = answer(["compare", *files, "--out", "out"], capsys)
+        assert code == cli.UNUSABLE and said["usable"] is False
+        assert err.startswith("turned.parquet: polarity: wrong channel table")
+    same = ["turned.parquet", "turned.parquet", "--out", "out", "--anyway"]
+    assert answer(["compare", *same], capsys)[0] == 0
+
+
+def test_compare_refuses_other_units(path, capsys):
+    made = recording.read(path)
+    made.voltage = 1e3 * made.voltage
+    recording.write(made, "mV.parquet")
+    code, _, err = answer(["compare", str(path), "mV.parquet", "--out", "out"], capsys)
+    assert code == cli.REFUSED and "found readings 1000 times those of" in err
+    made.voltage = 1.5e-3 * made.voltage
+    recording.write(made, "more.parquet")
+    assert answer(["compare", str(path), "more.parquet", "--out", "out"], capsys)[0] == 0
+
+
 def test_what_is_unusable_answers_and_is_2(path, capsys):
     made = recording.read(path)
     made.voltage = 0.0 * made.voltage
@@ -130,10 +153,11 @@ def run(words, **streams):
     )
 
 
-def test_nobody_reads_the_output(path):
+@pytest.mark.parametrize("words", [["check", "SKIN"], ["--print-completion", "bash"]])
+def test_nobody_reads_the_output(path, words):
     reader = subprocess.Popen(["true"], stdin=subprocess.PIPE)
     reader.wait()
-    checking = run(["check", str(path)], stdout=reader.stdin)
+    checking = run([str(path) if one == "SKIN" else one for one in words], stdout=reader.stdin)
     reader.stdin.close()
     _, err = checking.communicate()
     assert checking.returncode == 141 and err == ""

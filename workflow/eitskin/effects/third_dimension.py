@@ -40,7 +40,7 @@ class ThirdDimension(SkinEffect):
     finding = (
         "Current spreads in depth too[, through {depth_mm}]"
         "[, from electrodes {electrode_height_mm} high]"
-        "[, their middle {electrode_z_mm} above its bottom or below its top]."
+        "[, the electrodes' middle {electrode_z_mm} above its bottom or below its top]."
     )
     shown_by = "absolute values, with electrodes of known height"
     confusable = ("electrode-width",)

@@ -289,7 +289,7 @@ def misfit_place(evidence: Evidence) -> Figure | str:
     chi2 = _chi2(evidence)
     touch = (evidence.frames["touch"] & known).to_numpy() & np.isfinite(chi2).all(axis=0)
     if not touch.any():
-        return "No touch at a known place could be simulated: there is no map of the misfit."
+        return "No touch of known place, force and probe: there is no map of the misfit."
     angle, radius = layout(evidence)
     table = evidence.frames.loc[touch, ["x_mm", "y_mm"]]
     table = table.assign(**{t: c[touch] for (t, _), c in zip(TITLES, chi2, strict=True)})

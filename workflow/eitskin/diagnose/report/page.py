@@ -48,6 +48,7 @@ from eitskin.quantities import (
 MISFIT = 1.05  # chi squared per degree of freedom from which shares of it are told
 SIGNIFICANT = 0.05  # false discovery rate below which a row of the atlas counts
 MOST_ROWS = 25
+NEEDED = ["x_mm", "y_mm", "force_N", "probe_mm"]  # of a touch, to be simulated
 LEAST_STRENGTH = 0.01  # noise units: smaller ones are not told apart
 PACKAGES = ("eitskin", "numpy", "scipy", "pandas", "matplotlib")
 CAPTIONS = {
@@ -250,6 +251,7 @@ def _answer(found: Evidence, changes: list[str]) -> str:
         f"<p>On {_put_aside(found)} held out, the misfit (χ² per degree of freedom) {course};"
         f" {_expected(found)}.</p>"
     )
+    parts += [f"<p>{sentence}</p>" for sentence in _took_part(found)]
     if diagnosis["other"]["probability"] >= LIKELY:
         parts.append(f"<p>What has no name: {escape(diagnosis['other']['sentence'])}</p>")
     elif diagnosis["verdict"] == "partly-explained":
@@ -318,9 +320,9 @@ def _effect(k: int, effect: dict, found: Evidence, change: str) -> str:
     evidence_ = effect["evidence"]
     error = float(f"{evidence_['elpd_se']:.2g}")
     gain = f"gains {number(evidence_['elpd_gain'])} ± {number(error, 2)} nats"
-    text = f"On frames held out it {gain}"
+    text = f"On what was held out it {gain}"
     if found.diagnosis["fit"]["held_out"]["chi2_per_dof_before"] > MISFIT:
-        share = f"It explains {number(100 * effect['share'])} % of the misfit on frames held out"
+        share = f"It explains {number(100 * effect['share'])} % of the misfit on what was held out"
         text = f"{share}, {gain} there"
     chance_ = chance(evidence_["p_value"])
     lines.append(f"<p>{_kept(f'{text}; p = {chance_}.')}</p>")
@@ -405,6 +407,22 @@ def _put_aside(found: Evidence) -> str:
     if channels.any():
         return f"{channels.sum()} of {len(channels)} channels"
     return f"{found.diagnosis['fit']['held_out']['frames']} frames"
+
+
+def _took_part(found: Evidence) -> list[str]:
+    """Which frames took no part in the diagnosis, a sentence each."""
+    said = []
+    count, whole = len(found.frames), len(found.recording.frames)
+    if count < whole:
+        said.append(f"An excerpt was diagnosed: {count} of {whole} frames.")
+    touched = found.frames[found.frames["touch"]]
+    unknown = touched[NEEDED].isna().any(axis=1).sum()
+    if unknown:
+        said.append(
+            f"Of {len(touched)} touched frames {unknown} took no part: their place, force or probe"
+            " is not known."
+        )
+    return said
 
 
 def _held_out(found: Evidence) -> str:
