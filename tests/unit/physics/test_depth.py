@@ -342,6 +342,21 @@ def test_the_third_dimension_as_an_effect():
     assert np.abs(found - sheet).max() > 0.05 * np.abs(sheet).max()
 
 
+def test_a_body_of_many_electrodes_has_fewer_modes_up_not_none(monkeypatch):
+    geometry, heights = body(z=1e-3, n=8), Span(10.0, 30.0)
+    whole = DepthForward(geometry, heights, "train")
+    across, up = whole.electrodes.across, whole.electrodes.up
+    assert up > 5
+    monkeypatch.setattr("eitskin.physics.depth.MOST_MODES", 5 * 8 * across)
+    fewer = DepthForward(geometry, heights, "train")
+    assert fewer.electrodes.up == 5
+    channels = channel_table(8)
+    assert 0.0 < relative(fewer.transfer_impedance(), whole.transfer_impedance(), channels) < 2e-3
+    monkeypatch.setattr("eitskin.physics.depth.MOST_MODES", 3 * 8 * across)
+    with pytest.raises(InputError, match="modes in all"):
+        DepthForward(geometry, heights, "train")
+
+
 def test_contacts_that_would_take_all_memory_are_refused():
     skin = replace(TANK, electrode_height_mm=20.0, contact_impedivity_ohm_m2=2.5e-5)
     geometry = Geometry.from_skin(skin).with_values(deep=True, conductivity_S_per_m=0.1)

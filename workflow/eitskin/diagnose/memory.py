@@ -70,7 +70,7 @@ def _modes(recorded: Recording) -> int:
     across = ACCURACIES["diagnose"].modes(body)
     heights = span(body)
     assert heights is not None
-    up = DEPTH_ACCURACIES["diagnose"].modes(body, heights)
+    up = DEPTH_ACCURACIES["diagnose"].modes(body, heights, across)
     return min(recorded.n_electrodes * across * up, MOST_MODES)
 
 

@@ -102,6 +102,10 @@ def _entry(found: Diagnosis, index: int, accepted: bool) -> dict:
     rivals = found.rivals[index]
     named = found.gaps[index]
     alternatives = [g.rival for g in named if g.gap < CONFUSED]
+    stands_out = not named or named[0].snr >= CONFUSED
+    if not stands_out:  # gaps as small as it is tell nothing: those first that were fitted in place
+        ahead = {rival.name: rival.gain for rival in rivals}
+        alternatives.sort(key=lambda name: ahead.get(name, np.inf))
     judged = found.judged
     before, after = judged.by(found.before.fit), judged.by(state.fit)
     left = judged.by(search.less(state, index).fit)
@@ -118,7 +122,7 @@ def _entry(found: Diagnosis, index: int, accepted: bool) -> dict:
         "share": float(np.clip(share, 0.0, 1.0)),
         "evidence": {"elpd_gain": gain, "elpd_se": error, "p_value": state.p_value(candidate)},
         "gap": named[0].gap if named else None,
-        "certain": accepted and (not named or named[0].snr >= CONFUSED),
+        "certain": accepted and stands_out,
     }
     if told := amounts(state.fit, index, entry["parameters"]):
         entry["amounts"] = told

@@ -46,7 +46,7 @@ class DepthAccuracy:
 
     height_order: modes where the contact's length z sigma is KNEE of the height or more; a better
     contact crowds the current at the edges and gets sqrt(KNEE height / (z sigma)) times as many, up
-    to most_modes.
+    to most_modes; with many electrodes as far as MOST_MODES go, which is less exact.
     split: the near half ends at eta r = split, the series no sooner than at rho = 2 eta split.
     cut: the series goes on to rho = cut over the smaller of half width and half height.
     touch_tolerance: share of what a touch changes, below which a multipole in depth is left out.
@@ -62,12 +62,14 @@ class DepthAccuracy:
     most_modes: int
     touch_tolerance: float
 
-    def modes(self, geometry: Geometry, heights: "Span") -> int:
-        """Modes up an electrode."""
+    def modes(self, geometry: Geometry, heights: "Span", across: int) -> int:
+        """Modes up an electrode that has so many across: as many as its contact asks for, but for
+        MOST_MODES in all, and height_order at least."""
         length_mm = 1e3 * geometry.contact_impedivity_ohm_m2 * geometry.conductivity_S_per_m
         contact = float(length_mm.min()) / heights.height_mm
         wanted = self.height_order * max(1.0, np.sqrt(KNEE / contact))
-        return min(int(np.ceil(wanted)), self.most_modes)
+        room = MOST_MODES // (len(geometry.electrode_deg) * across)
+        return max(min(int(np.ceil(wanted)), self.most_modes, room), self.height_order)
 
 
 KNEE = 0.15
@@ -114,7 +116,8 @@ class BodyElectrodes:
         self.sheet, self.heights = sheet, heights
         g = self.geometry = sheet.geometry
         _check(g, heights)
-        self.n, self.across, self.up = sheet.n, sheet.order, accuracy.modes(g, heights)
+        self.n, self.across = sheet.n, sheet.order
+        self.up = accuracy.modes(g, heights, self.across)
         size = self.n * self.across * self.up
         if size > MOST_MODES:
             found = f"{g.contact_impedivity_ohm_m2.min():.1e}: {size} modes in all"
@@ -346,7 +349,7 @@ class DepthForward(Forward):
             and near.depth_accuracy == accuracy
             and near.electrodes.agrees(self.geometry, heights)
             and near.electrodes.across == sheet.order
-            and near.electrodes.up == accuracy.modes(self.geometry, heights)
+            and near.electrodes.up == accuracy.modes(self.geometry, heights, sheet.order)
         )
         if shared:
             assert isinstance(near, DepthForward)
