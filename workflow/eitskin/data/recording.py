@@ -532,7 +532,7 @@ def _check_on_skin(file: str | Path, recording: Recording) -> None:
     if len(wrong):
         place = f"columns x_mm, y_mm, row {int(at['row'].iloc[wrong[0]])}"
         found = f"a touch {distance[wrong[0]]:.6g} mm from the centre"
-        expected = f"at most {reach[wrong[0]]:.6g} mm: probe and skin must meet"
+        expected = f"at most {reach[wrong[0]]:.6g} mm: probe and skin, radius {radius:g}, must meet"
         raise InputError(file, place, found, expected)
 
 
