@@ -81,7 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")  # a file's name need be no text
     parsed = None
     try:
-        parsed = _parsed(arguments)
+        parsed = _parser().parse_args(arguments)
         # Products are small: shared out among cores by BLAS they take twice as long.
         with threadpool_limits(limits=1, user_api="blas"):
             code = parsed.run(parsed)
@@ -107,14 +107,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with contextlib.suppress(OSError):
             answers.write(answers.refusal(refusal), parsed.run is streaming.stream)
     return REFUSED
-
-
-def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
-    """What is asked for. What argparse prints itself, before it exits, is out when this ends."""
-    try:
-        return _parser().parse_args(arguments)
-    finally:
-        sys.stdout.flush()
 
 
 def _let_go_of_stdout() -> None:
