@@ -81,7 +81,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")  # a file's name need be no text
     parsed = None
     try:
-        parsed = _parser().parse_args(arguments)
+        parsed, unknown = _parser().parse_known_args(arguments)
+        if unknown:
+            parsed.usage.error(f"unrecognized arguments: {' '.join(unknown)}")
         # Products are small: shared out among cores by BLAS they take twice as long.
         with threadpool_limits(limits=1, user_api="blas"):
             code = parsed.run(parsed)
@@ -136,7 +138,7 @@ def _parser() -> argparse.ArgumentParser:
         )
         document = "a JSON object a line" if name == "stream" else "the answer as one JSON document"
         added.add_argument("--json", action="store_true", help=document)
-        added.set_defaults(run=run)
+        added.set_defaults(run=run, usage=added)
         return added
 
     checking = command("check", _check, "say what a recording holds and cannot tell")
@@ -171,6 +173,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_path(following, "--model", "an exported predictor").required = True
     _add_path(following, "--out", "the recording to write, its states as estimated")
     streaming.add(following)
+    parser.set_defaults(usage=parser)
     rig.add(commands)
     return parser
 
@@ -329,6 +332,11 @@ def _import(arguments: argparse.Namespace) -> int:
     recording.write(recorded, arguments.out)
     if arguments.json:
         answers.write(answers.checked(result, arguments.file) | {"out": arguments.out})
+        return 0
+    held = (*result.about("frames"), *result.about("channels"))
+    for finding in (*held, *result.of(check.WARNING), *result.of(check.ERROR)):
+        _say(f"{finding.topic}: {finding.sentence}")
+    print(arguments.out)
     return 0
 
 

@@ -2,14 +2,21 @@
 
 from dataclasses import replace
 
+import pytest
+
 from eitskin.diagnose import diagnosis, result, words
 from eitskin.diagnose.classes import CONFUSED
+from eitskin.diagnose.verdict import LIKELY
 from small_skin import small_recording
 
 
-def test_what_does_not_stand_out_from_what_has_no_name_is_a_candidate():
+@pytest.fixture(scope="module")
+def found():
     gain = {"name": "measurement-gain", "measures": [2], "parameters": {"gain": 1.05}}
-    found = diagnosis.diagnose(small_recording(gain, places=1))
+    return diagnosis.diagnose(small_recording(gain, places=1))
+
+
+def test_what_does_not_stand_out_from_what_has_no_name_is_a_candidate(found):
     said = result.result(found, "skin")
     (effect,) = said["effects"]
     assert effect["certain"] and said["verdict"] == "explained"
@@ -22,6 +29,25 @@ def test_what_does_not_stand_out_from_what_has_no_name_is_a_candidate():
         assert said["verdict"] == ("explained" if certain else "partly-explained")
         assert effect["sentence"].startswith("Perhaps") != certain
         assert ("candidates" in words.headline(said)) != certain
+
+
+def test_what_something_without_a_name_might_tell_from_another_is_a_candidate(found):
+    """Beside something left that is likely, a name's gap to those outside its class is to be no
+    less than that is long."""
+    (gaps,) = found.gaps
+    nearest = min(gap.gap for gap in gaps if gap.gap >= CONFUSED)
+    alike = [replace(gaps[0], rival="offset", gap=0.5 * CONFUSED), *gaps]
+    for probability, snr, certain in (
+        (LIKELY, 1.01 * nearest, False),
+        (LIKELY, nearest, True),
+        (0.99 * LIKELY, 1.01 * nearest, True),
+    ):
+        left = replace(found.other, probability=probability, snr=snr)
+        for gaps_ in (gaps, alike):
+            said = result.result(replace(found, other=left, gaps=[gaps_]), "skin")
+            (effect,) = said["effects"]
+            assert effect["certain"] == certain
+            assert effect["sentence"].startswith("Perhaps") != certain
 
 
 def test_of_many_names_that_it_cannot_be_told_from_the_nearest_are_said():

@@ -1,11 +1,21 @@
 """What is left that no name accounts for: how probable it is that there is something."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eitskin.diagnose.remainder import MOST, PRIOR, WEIGHT, log_bayes_factor, probability, unlike
+from eitskin.diagnose.atlas import COLUMNS
+from eitskin.diagnose.remainder import (
+    MOST,
+    PRIOR,
+    WEIGHT,
+    log_bayes_factor,
+    other,
+    probability,
+    unlike,
+)
 
 
 @pytest.mark.parametrize("p", [0.3, 1e-2, 1e-6])
@@ -24,9 +34,25 @@ def test_no_p_value_makes_it_certain():
     assert probability(1.0) == pytest.approx(PRIOR)
 
 
+@pytest.mark.parametrize("catalogue_p", [1e-9, 1.0])
+def test_what_is_left_is_as_long_as_the_row_that_has_most(catalogue_p):
+    """Of which its own directions' share of chance, a unit each, is none; whatever its p."""
+    rows = [("constant: electrode", "3", 10.0, 1), ("press: any channel", "all", 61.0, 36)]
+    told = pd.DataFrame(
+        [(*row, 1.0, 1.0, "A sentence.") for row in [*rows, ("everything", "all", 900.0, 500)]],
+        columns=COLUMNS,
+    )
+    assert other(told, catalogue_p).snr == 5.0
+    assert other(told[told["statistic"] == "constant: electrode"], catalogue_p).snr == 3.0
+    assert other(told[told["statistic"] == "everything"], catalogue_p).snr == 0.0
+    quiet = told.assign(value=told["dof"] / 2.0)
+    assert other(quiet, catalogue_p).snr == 0.0
+
+
 def test_readings_of_no_such_skin_are_said_to_be_none():
     found = unlike(0.22)
     assert (
         found.probability == probability(0.0)
+        and found.snr == np.inf
         and "correlation with the simulation is 0.22" in found.sentence
     )

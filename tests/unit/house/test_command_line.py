@@ -73,6 +73,16 @@ def test_wrong_usage_is_2(words, capsys):
     assert code == 2 and printed.out == "" and printed.err.startswith("usage: eitskin")
 
 
+@pytest.mark.parametrize(
+    "words", [["check", "a", "--oops"], ["check", "a", "b"], ["rig", "check", "a", "--oops"]]
+)
+def test_what_a_command_does_not_know_shows_its_own_usage(words, capsys):
+    own = " ".join(words[: words.index("a")])
+    code, printed = left_with(words, capsys)
+    assert code == 2 and printed.err.startswith(f"usage: eitskin {own} [-h]")
+    assert f"eitskin {own}: error: unrecognized arguments: {words[-1]}" in printed.err
+
+
 def test_check_answers(path, capsys):
     code, said, err = answer(["check", str(path)], capsys)
     assert code == 0 and err == ""
@@ -86,6 +96,16 @@ def test_check_answers(path, capsys):
 def test_import_answers(path, capsys):
     code, said, err = answer(["import", str(path), "out.parquet"], capsys)
     assert code == 0 and err == "" and said["usable"] and said["out"] == "out.parquet"
+
+
+def test_import_says_what_it_took_and_where_it_went(path, capsys):
+    assert cli.main(["import", str(path), "out.parquet"]) == 0
+    printed = capsys.readouterr()
+    frames, channels, *warnings, out = printed.out.splitlines()
+    assert frames.startswith("frames: a recording of 165 frames: 45 untouched, 120 touched")
+    assert channels.startswith("channels: 208 of 16 electrodes")
+    warned = check(recording.read(path)).of("warning")
+    assert (len(warnings), out, printed.err) == (len(warned), "out.parquet", "")
 
 
 def test_compare_answers(path, capsys):

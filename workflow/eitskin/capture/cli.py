@@ -16,7 +16,7 @@ def add(commands: argparse._SubParsersAction) -> None:
     doing = rig.add_subparsers(required=True, metavar="COMMAND")
     checking = doing.add_parser("check", help="look at every device; nothing moves")
     checking.add_argument("config", help="YAML with the mapping rig")
-    checking.set_defaults(run=_check)
+    checking.set_defaults(run=_check, usage=checking)
     for name, what in (
         ("run", "capture everything that the configuration plans"),
         ("resume", "go on at the first contact that is not finished"),
@@ -26,7 +26,7 @@ def add(commands: argparse._SubParsersAction) -> None:
         capturing.add_argument("--journal", help=f"by default {FOLDER}/NAME.jsonl")
         capturing.add_argument("--out", help=f"the recording, by default {FOLDER}/NAME.parquet")
         capturing.add_argument("--probe", type=float, help="diameter of the mounted probe in mm")
-        capturing.set_defaults(run=_capture, resume=name == "resume")
+        capturing.set_defaults(run=_capture, resume=name == "resume", usage=capturing)
 
 
 def _check(arguments: argparse.Namespace) -> int:

@@ -33,7 +33,8 @@ LAWS = {
 @dataclass(frozen=True)
 class Other:
     """What is left over: probability that it is more than chance; electrodes, drives, measures
-    where it sits; driver and law; a sentence, None below one half."""
+    where it sits; driver and law; a sentence, None below one half; its length in noise units, as
+    the row of the atlas has it that has most."""
 
     probability: float
     p_value: float
@@ -43,6 +44,7 @@ class Other:
     driver: str | None
     law: str | None
     sentence: str | None
+    snr: float
 
 
 def log_bayes_factor(p_value: float) -> float:
@@ -66,7 +68,7 @@ def unlike(likeness: float) -> Other:
         f" is {abs(likeness):.2f}{against}. Order and polarity of the channels, drive and"
         " electrodes are to be checked before anything can be named."
     )
-    return Other(probability(0.0), 0.0, [], [], [], None, None, said)
+    return Other(probability(0.0), 0.0, [], [], [], None, None, said, np.inf)
 
 
 def other(atlas: pd.DataFrame, catalogue_p: float) -> Other:
@@ -78,11 +80,12 @@ def other(atlas: pd.DataFrame, catalogue_p: float) -> Other:
     p = float(-np.expm1(count * np.log1p(-min(least, 1.0 - 1e-16))))
     p = min(1.0, 2.0 * min(p, catalogue_p))
     chance = probability(p)
+    snr = float(np.sqrt(max((rows["value"] - rows["dof"]).max(), 0.0))) if len(rows) else 0.0
     if chance < 0.5:
-        return Other(chance, p, [], [], [], None, None, None)
+        return Other(chance, p, [], [], [], None, None, None, snr)
     if not len(rows):
         said = "More is left than chance leaves, without a pattern that a test knows."
-        return Other(chance, p, [], [], [], None, None, said)
+        return Other(chance, p, [], [], [], None, None, said, snr)
     top = rows.iloc[0]
     statistic, _, where = top["statistic"].partition(": ")
     driver = LAWS.get(statistic, "static")
@@ -105,4 +108,4 @@ def other(atlas: pd.DataFrame, catalogue_p: float) -> Other:
         "amplitude": f"{where} of the reading",
         "static": "constant",
     }[driver]
-    return Other(chance, p, **sites, driver=driver, law=law, sentence=str(top["sentence"]))
+    return Other(chance, p, **sites, driver=driver, law=law, sentence=top["sentence"], snr=snr)

@@ -22,7 +22,7 @@ from eitskin.diagnose.fit import whitened_anew
 from eitskin.diagnose.gaps import OBSERVABLE
 from eitskin.diagnose.held_out import HeldOut, held_out
 from eitskin.diagnose.search.state import State
-from eitskin.diagnose.verdict import acceptable, verdict
+from eitskin.diagnose.verdict import LIKELY, acceptable, verdict
 from eitskin.effects import EFFECTS, catalogue_names
 from eitskin.errors import InputError
 
@@ -96,22 +96,26 @@ def unobservable(found: Diagnosis) -> list[str]:
 
 def _entry(found: Diagnosis, index: int, accepted: bool) -> dict:
     """One effect of diagnosis.json; accepted: whether the fit is as a whole. One that does not
-    stand out from what has no name is no more than a candidate either."""
+    stand out from what has no name is no more than a candidate either, nor is one that what is
+    left, where there probably is something, might tell from another name."""
     state, search = found.after, found.search
     candidate = state.effects[index]
     rivals = found.rivals[index]
     named = found.gaps[index]
     alternatives = [g.rival for g in named if g.gap < CONFUSED]
     stands_out = not named or named[0].snr >= CONFUSED
+    left = found.other
+    nearest = min((g.gap for g in named if g.gap >= CONFUSED), default=np.inf)
+    told_apart = left.probability < LIKELY or nearest >= left.snr
     if not stands_out:  # gaps as small as it is tell nothing: those first that were fitted in place
         ahead = {rival.name: rival.gain for rival in rivals}
         alternatives.sort(key=lambda name: ahead.get(name, np.inf))
     judged = found.judged
     before, after = judged.by(found.before.fit), judged.by(state.fit)
-    left = judged.by(search.less(state, index).fit)
+    without = judged.by(search.less(state, index).fit)
     gain, error = min((rival.gain, rival.error) for rival in rivals)
     beyond = before.chi2.sum() - before.readings
-    share = (left.chi2.sum() - after.chi2.sum()) / beyond if beyond > 0.0 else 0.0
+    share = (without.chi2.sum() - after.chi2.sum()) / beyond if beyond > 0.0 else 0.0
     entry: dict[str, Any] = {
         "name": candidate.name,
         "alternatives": alternatives,
@@ -122,7 +126,7 @@ def _entry(found: Diagnosis, index: int, accepted: bool) -> dict:
         "share": float(np.clip(share, 0.0, 1.0)),
         "evidence": {"elpd_gain": gain, "elpd_se": error, "p_value": state.p_value(candidate)},
         "gap": named[0].gap if named else None,
-        "certain": accepted and stands_out,
+        "certain": accepted and stands_out and told_apart,
     }
     if told := amounts(state.fit, index, entry["parameters"]):
         entry["amounts"] = told

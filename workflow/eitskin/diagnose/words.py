@@ -42,7 +42,8 @@ VERDICTS = {
 MOST_LISTED, NEAREST = 6, 3  # names that an effect cannot be told from; of more, so many are said
 CANDIDATES = (
     "The simulation leaves something out; what is named below with a perhaps are candidates: the"
-    " fit as a whole is not acceptable, or they do not stand out from what has no name."
+    " fit as a whole is not acceptable, they do not stand out from what has no name, or that may be"
+    " all that tells them from another name."
 )
 CALIBRATIONS = {
     "conductivity_S_per_m": "the gel's conductivity",

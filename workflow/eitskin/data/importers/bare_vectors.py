@@ -88,7 +88,8 @@ def stepped(
         tables = [every, every[undriven(every)]]
         if n_electrodes is not None or n in ONCE_GUESSED:
             tables.append(_once(tables[1]))
-        sizes.append(f"{' or '.join(str(len(one)) for one in tables[::-1])} of {n} electrodes")
+        counts = dict.fromkeys(str(len(one)) for one in tables[::-1])
+        sizes.append(f"{' or '.join(counts)} of {n} electrodes")
         for channels in tables:
             if width == len(channels) and undriven(channels).any():
                 return _kept(n, in_order(file, order, channels, n) if order else channels)

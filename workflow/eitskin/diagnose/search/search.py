@@ -592,7 +592,7 @@ class Search:
         self.catalogue_of = state.key
         self.report(
             f"{len(state.effects)} effects, chi2/dof {per_dof(state):.3f}: best score "
-            f"{scores[0].candidate.name}, p = {p_value:.2g}"
+            f"{scores[0].candidate.name}, of which p = {p_value:.2g}"
         )
         if self.spent:
             return None
