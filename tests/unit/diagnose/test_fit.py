@@ -11,6 +11,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.optimize import least_squares
 
 from eitskin.data.recording import presses
+from eitskin.diagnose import fit as diagnose_fit
 from eitskin.diagnose.estimates import NORMAL_90, calibration, estimates
 from eitskin.diagnose.fit import ENOUGH, Fit, derivative, fit, inverse_root, stepped, whitened_anew
 from eitskin.diagnose.held_out import FOLDS, folds, held_out
@@ -76,6 +77,13 @@ def test_a_fit_that_cannot_be_good_enough_is_given_up(planted):
     here = problem.residual(np.zeros(1), [])
     found = fit(problem, [], np.zeros(1), enough=0.0)
     assert found.chi2 == (here**2).sum()
+
+
+def test_a_fit_that_its_rounds_alone_end_says_so(planted, monkeypatch):
+    problem, effects = planted
+    assert fit(problem, effects, np.zeros(4)).ended
+    monkeypatch.setattr(diagnose_fit, "MOST_ROUNDS", 1)
+    assert not fit(problem, effects, np.zeros(4)).ended
 
 
 def test_a_step_that_promises_little_is_not_taken(planted):

@@ -527,6 +527,52 @@ def test_a_fit_that_went_astray_is_no_trial(monkeypatch):
     assert one.with_effect(state, contrast) is None
 
 
+@pytest.mark.parametrize("again", [True, False])
+def test_a_fit_that_did_not_end_is_begun_again_from_the_beliefs(again, monkeypatch):
+    """What it reached so far stands where that is the better of the two."""
+    recorded = small_recording(CONTACT, noise=NOISE, places=2)
+    problem, scales = problem_of(recorded, NOISE)
+    every = candidates_of(recorded, problem, scales)
+    lines = []
+    one = Search(problem, every, np.zeros(len(recorded.frames), int), 1, lines.append)
+    state = one.calibrated()
+    loose = next(c for c in every if c.name == "contact-impedance" and c.sites == (3,))
+    here, starts = search.fit, []
+
+    def unending(problem, effects, start, *rest, **more):
+        starts.append(np.array(start))
+        first = len(starts) == 1
+        fitted = here(problem, effects, start, *rest, **more)
+        if first != again:
+            return replace(fitted, ended=not first)
+        theta = 0.5 * fitted.theta
+        return replace(
+            fitted, theta=theta, residual=problem.residual(theta, effects), ended=not first
+        )
+
+    whole = one.with_effect(state, loose)
+    monkeypatch.setattr(search, "fit", unending)
+    found = one.with_effect(state, loose)
+    knobs = len(problem.model.calibrations)
+    assert (starts[1] == 0.0).all() and (starts[0][:knobs] != 0.0).any()
+    assert np.allclose(found.fit.theta, whole.fit.theta, atol=0.02)
+
+
+def test_a_trial_whose_fit_did_not_end_is_told(contact, monkeypatch):
+    _, found = contact
+    lines = []
+    one = replace(found.search, report=lines.append, trials={}, scored={}, met={}, lesser={})
+    fitted = Search._fitted
+
+    def unended(self, *rest):
+        trial = fitted(self, *rest)
+        return trial and replace(trial, fit=replace(trial.fit, ended=False))
+
+    monkeypatch.setattr(Search, "_fitted", unended)
+    one.tried(found.before, one.scores(found.before))
+    assert any("contact-impedance: its fit did not come to an end" in line for line in lines)
+
+
 def free_gains(found):
     """A gain of its own for every channel, in place of what was found."""
     search = found.search

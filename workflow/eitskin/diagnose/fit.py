@@ -1,7 +1,7 @@
 """Calibrations and effects fitted together: nonlinear least squares on whitened residuals."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from scipy.special import erf
@@ -62,13 +62,15 @@ class Problem:
 @dataclass(frozen=True)
 class Fit:
     """A set of effects fitted: theta (P,) the calibrations' coordinates, then each effect's;
-    residual (N, M) whitened; slopes, minus the residual's derivative."""
+    residual (N, M) whitened; slopes, minus the residual's derivative; ended: whether not for the
+    number of rounds alone."""
 
     problem: Problem
     effects: list[Candidate]
     theta: np.ndarray
     residual: np.ndarray
     slopes: Jacobian
+    ended: bool = True
     chi2: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -198,6 +200,7 @@ def fit(
     damping, failed = 1e-6, 0
     if renewals is None:
         renewals = MOST_ROUNDS if polish else RENEWALS
+    ended = True
     for _ in range(MOST_ROUNDS):
         information = slopes.gram() + np.diag(prior)
         slope = slopes.against(residual) - prior * theta
@@ -233,9 +236,11 @@ def fit(
             else:
                 slopes = _slopes(problem, theta, effects, residual)
                 fresh, renewals = True, renewals - 1
+    else:
+        ended = False
     if polish and not fresh:
         slopes = _slopes(problem, theta, effects, residual)
-    return Fit(problem, list(effects), theta, residual, slopes)
+    return Fit(problem, list(effects), theta, residual, slopes, ended)
 
 
 def stepped(fitted: Fit, least: float = 0.0) -> Fit:
@@ -250,7 +255,7 @@ def stepped(fitted: Fit, least: float = 0.0) -> Fit:
         residual = problem.residual(fitted.theta + step, fitted.effects)
     except InputError:
         return fitted
-    moved = Fit(problem, fitted.effects, fitted.theta + step, residual, fitted.slopes)
+    moved = replace(fitted, theta=fitted.theta + step, residual=residual)
     return moved if moved.cost < fitted.cost else fitted
 
 
@@ -269,9 +274,8 @@ def _along(fitted: Fit) -> tuple[np.ndarray, np.ndarray]:
 
 def refreshed(fitted: Fit) -> Fit:
     """A fit with its slopes found anew where it is."""
-    problem, effects = fitted.problem, fitted.effects
-    slopes = _slopes(problem, fitted.theta, effects, fitted.residual)
-    return Fit(problem, effects, fitted.theta, fitted.residual, slopes)
+    slopes = _slopes(fitted.problem, fitted.theta, fitted.effects, fitted.residual)
+    return replace(fitted, slopes=slopes)
 
 
 def whitened_anew(fitted: Fit, problem: Problem) -> Fit:
@@ -283,7 +287,7 @@ def whitened_anew(fitted: Fit, problem: Problem) -> Fit:
     old, new = fitted.problem.whitening, problem.whitening
     residual = problem.residual(fitted.theta, fitted.effects)
     slopes = fitted.slopes.mapped(lambda columns: new(old.undone(columns)), new.by_channel)
-    return Fit(problem, fitted.effects, fitted.theta, residual, slopes)
+    return replace(fitted, problem=problem, residual=residual, slopes=slopes)
 
 
 def _slopes(

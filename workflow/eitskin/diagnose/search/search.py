@@ -700,8 +700,11 @@ class Search:
             for s, trial in zip(open_to, trials, strict=True):
                 if trial is not None:
                     trial.score = s
-                    trial.p_values[added(state, trial).key] = self._own_p(s, state, trial)
+                    new = added(state, trial)
+                    trial.p_values[new.key] = self._own_p(s, state, trial)
                     found.append(trial)
+                    if not trial.fit.ended:
+                        self.report(f"{new.name}: its fit did not come to an end")
             found.sort(key=lambda s: -s.log_evidence)
             self.trials[key] = found
         return self.trials[key]
@@ -813,7 +816,9 @@ class Search:
             with self.problem.model.near.within(self.most_solved):
                 problem = state.fit.problem
                 fitted = fit(problem, effects, start, jacobian, enough=enough)
-                if discrete(effects[-1]) or (jacobian is not None and self._misfit(state) > GROSS):
+                far = jacobian is not None and self._misfit(state) > GROSS
+                # Calibrations that took what an effect is may lie far off along a narrow valley.
+                if discrete(effects[-1]) or far or not fitted.ended:
                     knobs = len(self.problem.model.calibrations)
                     afresh = np.r_[np.zeros(knobs), start[knobs:]]
                     again = fit(problem, effects, afresh, enough=enough)
