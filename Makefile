@@ -36,6 +36,7 @@ run: .venv/installed
 	@echo "eitskin: simulating, training and diagnosing on $(CORES) cores; Ctrl-C stops it, make again goes on"
 	@$(RUN)
 	@echo "eitskin: results/tables/table_1.md, results/concealed/demo/score/score.md"
+	@echo "eitskin: the paper's tables and figures: $(SNAKEMAKE) table_1 table_2 figure_1 figure_2 figure_3 figure_4"
 
 small: .venv/installed
 	@echo "eitskin: every row of Table I from 6,000 samples on $(CORES) cores"

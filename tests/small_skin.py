@@ -62,9 +62,11 @@ def candidates_of(
     recorded: Recording, problem: Problem, scales: Scales, timed: bool = True
 ) -> list[Candidate]:
     """The catalogue of this skin."""
-    counts = site_counts(CHANNELS)
-    skin = recorded.skin
-    return catalogue(skin, problem.model.believed, recorded.voltage, counts, scales, True, timed)
+    counts, model = site_counts(CHANNELS), problem.model
+    floating = not model.sink_grounded
+    return catalogue(
+        recorded.skin, model.believed, recorded.voltage, counts, scales, floating, timed
+    )
 
 
 def kinds_of(candidates: list[Candidate]) -> list[Candidate]:

@@ -141,13 +141,6 @@ def test_comments_and_docstrings_rerun_nothing(house):
     assert house.pending() == set()
 
 
-def test_an_effect_that_nothing_uses_reruns_nothing(house):
-    effects = house.folder / "workflow" / "eitskin" / "effects"
-    code = (effects / "ellipse.py").read_text(encoding="utf-8").replace('"ellipse"', '"unused"')
-    (effects / "unused.py").write_text(code)
-    assert house.pending() == set()
-
-
 @pytest.mark.parametrize("kept", ["results and records", "results alone"])
 def test_a_fresh_clone_beside_kept_results_plans_nothing(house, kept):
     for file in (house.folder / "workflow").rglob("*"):
@@ -170,6 +163,18 @@ LEARNING = {"train_autoencoder", "train_regressor", "train_predictor"}
 TABLE = {"evaluate", "table_1"}
 DIAGNOSIS = {"diagnose", "diagnosis_report"}
 SCORE = {"concealed_score", "concealed_figures", "concealed_case"}  # of a block that is sealed
+
+
+@pytest.mark.parametrize(
+    ("like", "rules"),
+    [("crosstalk", {*DIAGNOSIS, *SCORE}), ("ellipse", set())],
+    ids=["one that a diagnosis may name", "one composed of others"],
+)
+def test_a_new_effect_reruns_what_a_diagnosis_may_name(house, like, rules):
+    effects = house.folder / "workflow" / "eitskin" / "effects"
+    code = (effects / f"{like}.py").read_text(encoding="utf-8").replace(f'"{like}"', '"new"')
+    (effects / "new.py").write_text(code, encoding="utf-8")
+    assert house.jobs() == rules
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from scipy.stats import norm
 
 from calibration import figures as calibrated
-from eitskin.plotting import AFTER, BEFORE, COLUMN_MM, QUIET, sheet, style
+from eitskin.plotting import AFTER, BEFORE, COLUMN_MM, PLAIN, QUIET, sheet, style
 
 COLOURS = {
     "eitskin": AFTER,
@@ -17,7 +17,7 @@ COLOURS = {
     "everything": "#cc79a7",
 }
 MARKERS = dict(zip(COLOURS, "os^D", strict=True))
-LEAST_CLOSED = -1.0  # of the figure; what is less stands at its edge
+LEAST_CLOSED = -1.0  # of the figure; what is less stands at its edge, as an arrow
 
 
 def accuracy(table: pd.DataFrame) -> Figure:
@@ -55,7 +55,8 @@ def accuracy(table: pd.DataFrame) -> Figure:
 
 
 def misfit_closed(table: pd.DataFrame) -> Figure:
-    """How much of the misfit on hidden frames each method closes: every case, and the median."""
+    """How much of the misfit on hidden frames each method closes: every case, and the median, a
+    bar, or where it lies off the figure an arrow with its number."""
     methods = list(reversed(dict.fromkeys(table["method"])))
     rng = np.random.default_rng(1)
     with style():
@@ -72,8 +73,19 @@ def misfit_closed(table: pd.DataFrame) -> Figure:
             axes.plot(shown[~off], lift[~off], ".", color=colour, markersize=3, alpha=0.5, mew=0)
             axes.plot(shown[off], lift[off], "<", color=colour, markersize=3, alpha=0.5, mew=0)
             if len(values):
-                middle = max(float(np.median(values)), LEAST_CLOSED)
-                axes.plot([middle, middle], [y - 0.34, y + 0.34], color=colour, linewidth=2)
+                middle = float(np.median(values))
+                if middle >= LEAST_CLOSED:
+                    axes.plot([middle, middle], [y - 0.34, y + 0.34], color=colour, linewidth=2)
+                else:
+                    axes.annotate(
+                        f"median {middle:.3g}",
+                        (LEAST_CLOSED - 0.05, y),
+                        (LEAST_CLOSED + 0.2, y),
+                        color=colour,
+                        va="center",
+                        bbox=PLAIN,
+                        arrowprops={"arrowstyle": "->", "color": colour, "linewidth": 1.5},
+                    )
         axes.set_yticks(range(len(methods)), methods)
         axes.set_xticks([-1, -0.5, 0, 0.5, 1])
         axes.set(xlim=(LEAST_CLOSED - 0.05, 1.15), ylim=(-0.6, len(methods) - 0.4))

@@ -12,7 +12,7 @@ from concealed.baselines import NAMING
 from eitskin.atomic import atomic_path
 from eitskin.paper.similarity import MEASURES
 
-FEW = 10  # recordings, of which what was not reached tells little
+FEW = 10  # recordings, of which what was reached or not tells little
 STRATA = {  # columns of the page's second table: what they are called there, and their line
     "detected": "something noticed",
     "named ≥ 8": "right name or declared class, gap ≥ 8",
@@ -21,6 +21,8 @@ STRATA = {  # columns of the page's second table: what they are called there, an
     "closed": "misfit closed",
     "χ²/dof": "χ²/dof",
     "false alarms": "false alarm",
+    "flagged": "flagged",
+    "falsely flagged": "falsely flagged",
 }
 
 
@@ -153,9 +155,10 @@ def markdown(rows: list[dict], lines: pd.DataFrame, methods: pd.DataFrame, comma
             ],
         ),
         "",
-        "By generator, kind and gap wanted (number of recordings in brackets):",
+        "By generator, kind and gap wanted (in brackets, of how many recordings); flagged: as"
+        " physics outside the catalogue, of those that have it:",
         "",
-        *_table(("recordings", *STRATA), _strata(lines)),
+        *_table(("recordings", "number", *STRATA), _strata(rows, lines)),
         "",
         "The same recordings by other methods; misfit closed and RMSE on hidden frames, medians"
         " over recordings with an effect:",
@@ -191,17 +194,21 @@ def _share(line: dict) -> bool:
 
 
 def _met(met: bool | None, count: int) -> str:
-    missed = f"not reached, of {count}" if count < FEW else "**missed**"
-    return {True: "reached", False: missed}.get(met, "no recording")
+    if met is None:
+        return "no recording"
+    if count < FEW:
+        return f"{'reached' if met else 'not reached'}, of {count}"
+    return "reached" if met else "**missed**"
 
 
 def _number(value: float, share: bool) -> str:
     return "" if value is None else score.number(float(value), share)
 
 
-def _strata(lines: pd.DataFrame) -> list[tuple]:
+def _strata(rows: list[dict], lines: pd.DataFrame) -> list[tuple]:
     made = []
-    for name, own in lines[lines["rows"] != "all"].groupby("rows", sort=False):
+    for name, members in scoring.strata(rows).items():
+        own = lines[lines["rows"] == name]
         cells = []
         for start in STRATA.values():
             found = own[own["what"].str.startswith(start)].to_dict("records")
@@ -210,7 +217,7 @@ def _strata(lines: pd.DataFrame) -> list[tuple]:
                 continue
             line = found[0]
             cells.append(f"{_number(line['value'], _share(line))} ({line['n']})")
-        made.append((name, *cells))
+        made.append((name, len(members), *cells))
     return made
 
 

@@ -3,9 +3,15 @@
 import contextlib
 import os
 import sys
+import traceback
 from collections.abc import Iterator
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 
+# What code that is only half written raises where it is imported.
+UNFINISHED = (AttributeError, ImportError, LookupError, NameError, TypeError, ValueError)
 UNNAMED = ("recording", "skin", "states", "touch", "protocol", "patch", "effects")
 
 
@@ -38,6 +44,31 @@ def refused(
     else:
         reason = os.strerror(error.errno)
     return InputError(file or error.filename or "eitskin", place, reason, expected)
+
+
+def imported(module: str) -> ModuleType:
+    """A module that somebody may have added to the house, by its whole name.
+
+    Raises InputError, with file and line, where it cannot be imported.
+    """
+    try:
+        return import_module(module)
+    except SyntaxError as error:
+        raise InputError(
+            error.filename or module, _line(error.lineno), error.msg, "Python"
+        ) from error
+    except UNFINISHED as error:
+        spec = find_spec(module)
+        file = spec.origin if spec and spec.origin else module
+        calls = traceback.extract_tb(error.__traceback__)
+        lines = [call.lineno for call in calls if call.filename == file]
+        found = f"{type(error).__name__}: {error}".partition("\n")[0]
+        place = _line(lines[-1] if lines else None)
+        raise InputError(file, place, found, "code that can be imported") from error
+
+
+def _line(number: int | None) -> str:
+    return f"line {number}" if number else "file"
 
 
 @contextlib.contextmanager

@@ -25,6 +25,7 @@ WIDTH_IN = 85 / 25.4
 DPI = 220
 COLUMN_MM, FULL_MM = 88.0, 180.0
 ABOVE = 0.05  # of a logarithmic axis is free above the largest value, so that no marker is cut
+ROOM = 1.05  # of a disc's radius
 RIM, ELECTRODE = "#404040", "#202020"
 LOST = "#c8c8c8"  # channels that are not read
 PLAIN = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}  # behind a text on a line
@@ -123,6 +124,12 @@ def disc(axes: Axes, radius_mm: float, electrode_deg: np.ndarray) -> None:
     rim = radius_mm * np.exp(1j * np.radians(np.asarray(electrode_deg)))
     axes.plot(rim.real, rim.imag, "s", color=ELECTRODE, markersize=1.6)
     axes.set_aspect("equal")
+
+
+def leave_room(axes: Axes, radius_mm: float) -> None:
+    """Limits round a disc that an image fills, at which no electrode is cut."""
+    reach = ROOM * radius_mm
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
 
 
 def matrix(channels: np.ndarray, value: np.ndarray) -> np.ndarray:

@@ -52,7 +52,7 @@ def explained(error: ValidationError) -> tuple[list, str, str]:
     if error.validator == "required":
         key = next(key for key in wanted if key not in value)
         meaning = error.schema.get("properties", {}).get(key, {})
-        return [*place, key], "nothing", meaning.get("description", "a value")
+        return [*place, key], "no such key", meaning.get("description", "a value")
     sayings: dict[str, Callable[[], str]] = {
         "type": lambda: _noun(wanted),
         "enum": lambda: one_of(map(str, wanted), value),

@@ -1,4 +1,4 @@
-from eitskin.paper.rows import rows
+from eitskin.paper.rows import repeated, rows
 
 PRINTED_1 = own("workflow/eitskin/paper/printed_table_1.csv")
 
@@ -119,6 +119,7 @@ rule table_1:
         mem_mb=500,
         runtime=5,
     params:
+        repeated=repeated(config),
         code=fingerprint("table_1", [], files=[PRINTED_1]),
     message:
         "Collecting Table I"

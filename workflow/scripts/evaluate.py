@@ -8,7 +8,8 @@ with reported(snakemake.log[0]):
     files, names = snakemake.input, snakemake.wildcards
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)
-    found = predict.predict_part(model_file.read_seeds(files.models), data, part)
-    table = metrics.evaluate(found, data, names.split, names.model, names.budget)
+    model = model_file.read_seeds(files.models)
+    found = predict.predict_part(model, data, part)
+    table = metrics.evaluate(found, data, names.split, names.budget, model.header)
     predict.write(found, snakemake.output.predictions)
     metrics.write(table, snakemake.output.metrics)

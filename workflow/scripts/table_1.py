@@ -5,4 +5,5 @@ from eitskin.paper import table_1
 
 with reported(snakemake.log[0]):
     files, tables = snakemake.input, snakemake.output
-    table_1.write(files.metrics, files.paper, files.limits, tables.csv, tables.markdown)
+    repeated = snakemake.params.repeated
+    table_1.write(files.metrics, files.paper, repeated, files.limits, tables.csv, tables.markdown)

@@ -109,7 +109,7 @@ def test_a_rig_that_cannot_be_driven_safely_is_one_message(path, to, message):
 def test_no_limit_may_be_left_out(key):
     rig = copy.deepcopy(RIG)
     del rig["limits"][key]
-    with pytest.raises(InputError, match=f"rig.limits.{key}: found nothing"):
+    with pytest.raises(InputError, match=f"rig.limits.{key}: found no such key"):
         configuration.validate(rig, "rig.yaml")
 
 

@@ -3,6 +3,7 @@
 import copy
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import norm
 
@@ -323,7 +324,25 @@ def test_a_name_that_is_wrong_is_put_down_to_what_the_evidence_says():
 
 def test_what_few_recordings_do_not_reach_is_not_called_missed():
     assert page._met(False, 2) == "not reached, of 2" and page._met(False, 10) == "**missed**"
-    assert page._met(np.True_, 2) == "reached" and page._met(None, 0) == "no recording"
+    assert page._met(np.True_, 10) == "reached" and page._met(None, 0) == "no recording"
+
+
+def test_what_few_recordings_reach_is_said_to_be_of_few():
+    assert page._met(np.True_, 1) == "reached, of 1" and page._met(True, 9) == "reached, of 9"
+
+
+def test_physics_from_outside_has_a_line_by_kind_and_generator_with_its_count():
+    rows = [row for row in a_block() if row["kind"] in ("null", "outside")]
+    for row in rows:
+        row["generator"] = "elements" if row["kind"] == "outside" else "boundary"
+    rows[0]["said"]["other"]["probability"] = 0.99
+    text = page.markdown(rows, scoring.whole(rows), scoring.by_method(rows), "snakemake concealed")
+    told = {line.split(" | ")[0]: line.split(" | ")[1:] for line in text.splitlines()}
+    assert told["| recordings"][-2:] == ["flagged", "falsely flagged |"]
+    for name in ("kind: outside", "generator: elements"):
+        assert told[f"| {name}"][0] == "6" and told[f"| {name}"][-2] == "100.0 % (6)"
+    null = told["| kind: null"]
+    assert null[0] == "8" and null[-2:] == ["", "12.5 % (8) |"]
 
 
 def test_what_is_missed_is_faint_only_below_the_gap_from_which_it_must_be_named():
@@ -365,6 +384,18 @@ def test_lost_channels_are_concealed_and_borne_where_the_same_is_named_without()
     told = page.cases([borne, harmed])
     assert told["concealed"].tolist() == ["lost-channels (channels 3 8)"] * 2
     assert told["right"].tolist() == [True, False]
+
+
+def test_a_median_off_the_figure_is_an_arrow_with_its_number():
+    closed = {"everything": (-3.48, -0.78), "lasso": (0.2, 0.4)}
+    table = pd.DataFrame(
+        [(name, value) for name, values in closed.items() for value in values],
+        columns=["method", "misfit_closed"],
+    )
+    (axes,) = figures.misfit_closed(table).get_axes()
+    assert [text.get_text() for text in axes.texts] == ["median -2.13"]
+    bars = [line for line in axes.lines if line.get_linewidth() == 2]
+    assert [line.get_xdata()[0] for line in bars] == pytest.approx([0.3])
 
 
 def test_figures_are_drawn_also_of_nothing(tmp_path):

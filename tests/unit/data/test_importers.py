@@ -1,5 +1,8 @@
 """Every format from a small file written here, and from the publishers' files where they are."""
 
+import re
+import sys
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,6 +14,7 @@ from eitskin.data.check import sentences
 from eitskin.data.importers import lct_tank, logger_csv, pyeidors_tank
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
+from eitskin.pins import ROOT
 from shared_data import shared_data
 
 
@@ -122,6 +126,20 @@ def test_an_odd_file_is_refused_in_one_line_by_every_format(tmp_path, name, form
     refused(path, f"{tmp_path}.*: found .*, expected ", format)
 
 
+def test_an_odd_file_is_refused_in_one_line_by_the_tutorial_s_importer(tmp_path, monkeypatch):
+    page = (ROOT / "docs" / "tutorials" / "a_new_board.md").read_text(encoding="utf-8")
+    module = re.search(r"^# workflow/\S+/bench_8.py\n(.*?)^```", page, re.DOTALL | re.MULTILINE)[1]
+    (tmp_path / "bench_8.py").write_text(module, encoding="utf-8")
+    monkeypatch.setattr(importers, "__path__", [*importers.__path__, str(tmp_path)])
+    monkeypatch.setattr(importers, "FORMATS", (*importers.FORMATS, "bench-8"))
+    for name, make in ODD_FILES.items():
+        path = tmp_path / f"of {name}" / name
+        path.parent.mkdir()
+        make(path)
+        refused(path, f"{tmp_path}.*: found .*, expected ", "bench-8")
+    del sys.modules["eitskin.data.importers.bench_8"]
+
+
 # --- the paper's logger
 
 
@@ -191,7 +209,7 @@ def test_the_loggers_channels_are_picked_by_index_even_where_a_reading_is_zero(l
 
 def test_the_loggers_driven_pairs_must_be_constant_but_need_not_be_zero(logger):
     assert importers.load(logger([0.0, 1.0], eit_0=[0.3, 0.3])).voltage.shape == (2, 208)
-    refused(logger([0.0, 1.0], eit_17=[0.0, 0.2]), "column eit_17, row 1: .*touches drive 1")
+    refused(logger([0.0, 1.0], eit_17=[0.0, 0.2]), "line 3, column eit_17: .*touches drive 1")
 
 
 def test_what_the_logger_lost_is_lost_or_left_out(logger):
@@ -202,10 +220,20 @@ def test_what_the_logger_lost_is_lost_or_left_out(logger):
     assert np.isnan(made.voltage).sum() == 1
 
 
+def test_the_logger_s_line_is_the_file_s(logger):
+    path = logger([0.0, 1.0], eit_0=[None, 0.3], eit_9=["0.1", "0.1.2"])
+    path.write_text(path.read_text().replace("\n", "\n\n \n", 1))
+    refused(path, "line 5, column eit_9: found '0.1.2'")
+    path = logger([0.0, 1.0, 1.0], eit_0=[None, 0.3, 0.2])
+    refused(path, r"line 4, column eit_0: found 0.2, expected 0.3 throughout")
+    path = logger([0.0, 1.0], t=["a\nday", "b"])
+    refused(path, "file: found a row of several lines")
+
+
 def test_a_bad_logger_file_is_refused(logger):
-    refused(logger([0.0, 1.0, 1.0], t_eit=[9.0, 8.0, 10.0]), "column t_eit, row 1: found 8.0")
-    refused(logger([0.0, 0.2, 0.3, 1.0], t_eit=[9.0, 9.5, 9.7, 3.0]), "column t_eit, row 3")
-    refused(logger([0.0, 1.0], eit_9=["0.1", "0.1.2"]), "column eit_9, row 1: found '0.1.2'")
+    refused(logger([0.0, 1.0, 1.0], t_eit=[9.0, 8.0, 10.0]), "line 3, column t_eit: found 8.0")
+    refused(logger([0.0, 0.2, 0.3, 1.0], t_eit=[9.0, 9.5, 9.7, 3.0]), "line 5, column t_eit")
+    refused(logger([0.0, 1.0], eit_9=["0.1", "0.1.2"]), "line 3, column eit_9: found '0.1.2'")
     refused(logger([0.1, 0.2]), "rows: found none of use")
     refused(logger([1.0, 2.0]), "untouched frame among absolute values")
     path = logger([0.0, 1.0])

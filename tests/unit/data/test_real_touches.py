@@ -29,7 +29,7 @@ def test_a_real_skin_is_learned_from(tmp_path, path, targets, unit, kind):
     train.train_predictor(data, part, "mlp", out, RECIPE, 1, 1)
     model = model_file.read(out)
     found = predict.predict_part(model, data, part)
-    table = metrics.evaluate(found, data, kind, "mlp", "small")
+    table = metrics.evaluate(found, data, kind, "small", model.header)
     assert (table["mean"][table["metric"] == "r2"] > 0.85).all()
     assert found["abstain"].mean() < 0.1
     test = data.delta_V[part == "test"]

@@ -1,11 +1,11 @@
 """One file and one line are a format."""
 
-import importlib
+import sys
 
 import pytest
 
 from eitskin.configuration import schema
-from eitskin.data import importers
+from eitskin.data import importers, recording
 from eitskin.errors import InputError
 from eitskin.pins import ROOT
 
@@ -29,11 +29,14 @@ def matches(path):
 def load(path):
     """The frames, whose times nobody wrote down."""
     channels = channel_table(8)
-    voltage = numbers(path, path.read_text().splitlines()[1:], len(channels))
+    voltage = numbers(path, path.read_text().splitlines(), len(channels), 1)
     frames = frames_table(np.arange(len(voltage)), np.zeros(len(voltage), bool))
     metadata = describe(channels, even_angles(8), "a toy", "signed")
     return Recording(frames, voltage, None, None, metadata)
 '''
+
+
+MODULE = "eitskin.data.importers.toy_bench"
 
 
 @pytest.fixture
@@ -41,11 +44,11 @@ def toy(tmp_path, monkeypatch):
     """A file of the format, which is known by its module and its line."""
     (tmp_path / "toy_bench.py").write_text(TOY, encoding="utf-8")
     monkeypatch.setattr(importers, "__path__", [*importers.__path__, str(tmp_path)])
-    module = importlib.import_module("eitskin.data.importers.toy_bench")
-    monkeypatch.setitem(importers.FORMATS, "toy-bench", module)
+    monkeypatch.setattr(importers, "FORMATS", (*importers.FORMATS, "toy-bench"))
     path = tmp_path / "bench.txt"
     path.write_text("TOY\n" + "\n".join([" ".join(["0.5"] * 40)] * 3), encoding="utf-8")
-    return path
+    yield path
+    sys.modules.pop(MODULE, None)
 
 
 def test_it_is_told_by_its_content_and_by_its_name(toy):
@@ -56,7 +59,10 @@ def test_it_is_told_by_its_content_and_by_its_name(toy):
 
 def test_what_is_wrong_in_it_is_refused(toy):
     toy.write_text("TOY\n1 2 3\n", encoding="utf-8")
-    with pytest.raises(InputError, match="row 0: found 3 numbers, expected 40"):
+    with pytest.raises(InputError, match="line 2: found 3 numbers, expected 40"):
+        importers.load(toy)
+    toy.write_bytes(b"TOY\n1 2 \xff\n")
+    with pytest.raises(InputError, match="file: found byte 0xff, no utf-8, expected text of the f"):
         importers.load(toy)
 
 
@@ -64,3 +70,36 @@ def test_the_configuration_knows_it(toy):
     found = schema(ROOT / "workflow" / "schemas" / "config.schema.yaml")
     recordings = found["properties"]["recordings"]["additionalProperties"]["properties"]
     assert recordings["format"]["enum"][-1] == "toy-bench"
+
+
+@pytest.mark.parametrize(
+    ("said", "instead", "told"),
+    [
+        ("def load(", "def load((", r"toy_bench\.py: line \d+: found .*, expected Python"),
+        ("def load(", "def read(", "toy_bench: functions: found no load, expected matches, load"),
+    ],
+)
+def test_one_that_is_broken_is_one_line_and_keeps_no_other_from_being_read(
+    toy, make_recording, said, instead, told
+):
+    (toy.parent / "toy_bench.py").write_text(TOY.replace(said, instead), encoding="utf-8")
+    for format in (None, "toy-bench"):
+        with pytest.raises(InputError, match=told) as caught:
+            importers.load(toy, format)
+        assert "\n" not in str(caught.value)
+    recording.write(make_recording(), toy.with_name("skin.parquet"))
+    assert importers.load(toy.with_name("skin.parquet")).metadata["source"] == "simulation"
+
+
+def test_one_that_takes_every_file_for_text_keeps_no_other_from_being_told(toy, monkeypatch):
+    text = TOY.replace("first_line(path)", 'path.read_text(encoding="utf-8")')
+    (toy.parent / "toy_bench.py").write_text(text, encoding="utf-8")
+    toy.write_bytes(bytes(range(128, 256)))
+    with pytest.raises(InputError, match="format: found bytes that begin"):
+        importers.load(toy)
+
+
+def test_one_without_a_line_is_told(toy, monkeypatch):
+    monkeypatch.setattr(importers, "FORMATS", importers.FORMATS[:-1])
+    with pytest.raises(InputError, match=f"draeger-get; {MODULE} has no line in FORMATS$"):
+        importers.load(toy)

@@ -243,7 +243,7 @@ def test_the_rig_may_be_told(additional):
     for key in RIG["components"][0]:
         missing = copy.deepcopy(additional)
         del missing["noise"]["components"][0][key]
-        refused(missing, rf"noise\.components\[0\]\.{key}: found nothing")
+        refused(missing, rf"noise\.components\[0\]\.{key}: found no such key")
     refused(changed(additional, at, correlation | {"high": 1.1}), "high: found 1.1, expected 1 or")
 
 

@@ -8,18 +8,35 @@ import pytest
 from eitskin.diagnose.candidates import discrete
 from eitskin.diagnose.fit import fit
 from eitskin.diagnose.tangents import Tangents
+from eitskin.effects.effect import LeakEffect
 from small_skin import calibrated, candidates_of, kinds_of, problem_of, small_recording
 
 RECORDED = small_recording(places=2)
 PROBLEM, SCALES = problem_of(RECORDED)
 STEP = 1e-3
 # A patch's tangent is that of a faint one in untouched frames: enough to find its place.
-ROUGH = ("conductivity-patch", "mains-interference", "indenter-grounding", "ground-leak")
-KINDS = [
-    c
-    for c in kinds_of(candidates_of(RECORDED, PROBLEM, SCALES))
-    if c.name not in ROUGH and c.kind != "channels" and not discrete(c) and c.scope != "dense"
-]
+ROUGH = ("conductivity-patch", "mains-interference")
+
+
+def single(problem, scales):
+    """Candidates whose coordinates have a tangent each."""
+    return [
+        c
+        for c in kinds_of(candidates_of(RECORDED, problem, scales))
+        if c.name not in ROUGH and c.kind != "channels" and not discrete(c) and c.scope != "dense"
+    ]
+
+
+# Under a floating source no leak acts alone.
+KINDS = [c for c in single(PROBLEM, SCALES) if not isinstance(c.effect, LeakEffect)]
+GROUNDED, _ = problem_of(
+    replace(RECORDED, metadata={**RECORDED.metadata, "source_reference": "sink-grounded"})
+)
+LEAKS = [c for c in single(GROUNDED, SCALES) if isinstance(c.effect, LeakEffect)]
+
+
+def of_candidate(candidate):
+    return f"{candidate.name} {candidate.kind} {candidate.scope} {candidate.start}"
 
 
 @pytest.fixture(scope="module")
@@ -27,23 +44,46 @@ def tangents():
     return Tangents(calibrated(PROBLEM))
 
 
+@pytest.fixture(scope="module")
+def grounded():
+    return Tangents(calibrated(GROUNDED))
+
+
+def ends(candidate, key):
+    """Between how many steps of a parameter a difference is taken: none that its bounds cut."""
+    if candidate.name == "force-lag":
+        return 1, 0  # a press's beginning is a bend
+    neutral = candidate.start.get(key, candidate.effect.neutral(key, candidate.skin))
+    bound = candidate.at_bound(key, np.array(neutral)).item()
+    return {"low": (1, 0), "high": (0, -1)}.get(bound, (1, -1))
+
+
 def brute_force(tangents, candidate):
     """Differences of the readings, whitened, what is fitted projected out."""
     columns = []
     for i in np.flatnonzero(candidate.linear):
         unit = STEP * np.eye(candidate.size)[i]
-        one_sided = candidate.name == "force-lag"  # a press's beginning is a bend
+        sides = ends(candidate, candidate.names[i][0])
         up, down = (
-            PROBLEM.model.voltage(tangents.knobs, [candidate.setting(s * unit)])
-            for s in (1, 0 if one_sided else -1)
+            tangents.problem.model.voltage(tangents.knobs, [candidate.setting(side * unit)])
+            for side in sides
         )
-        change = (up - down) / (STEP if one_sided else 2 * STEP)
-        columns.append(tangents.away(PROBLEM.whitening(change).ravel()))
+        change = (up - down) / (STEP * (sides[0] - sides[1]))
+        columns.append(tangents.away(tangents.problem.whitening(change).ravel()))
     return np.array(columns)
 
 
-@pytest.mark.parametrize("candidate", KINDS, ids=lambda c: f"{c.name} {c.kind} {c.scope} {c.start}")
+@pytest.mark.parametrize("candidate", KINDS, ids=of_candidate)
 def test_tangents_are_differences(tangents, candidate):
+    assert_differences(tangents, candidate)
+
+
+@pytest.mark.parametrize("candidate", LEAKS, ids=of_candidate)
+def test_tangents_of_leaks_are_differences_where_the_sink_is_grounded(grounded, candidate):
+    assert_differences(grounded, candidate)
+
+
+def assert_differences(tangents, candidate):
     expected = brute_force(tangents, candidate)
     expected = expected[(expected**2).sum(axis=1) > 1e-9]
     found = tangents.of(candidate)

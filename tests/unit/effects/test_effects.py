@@ -5,8 +5,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from eitskin.diagnose.candidates import Candidate, Scales
 from eitskin.effects import EFFECTS, on_readings
-from eitskin.effects.effect import DRIVERS, ORDER, SITES, STAGES, START, Frames, Moment
+from eitskin.effects.effect import START, Frames, Moment
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.physics.forward import Forward
@@ -34,32 +35,7 @@ STATES = pd.DataFrame(
 )
 PRESS = np.array([-1, 0, 0, 0, -1, 1])
 VOLTAGE = np.random.default_rng(2).normal(1.0, 0.3, (3, 208))
-GIVEN = {
-    "domain-shape": {"harmonic": 2},
-    "conductivity-patch": {"x_mm": 25.0, "y_mm": 5.0, "radius_mm": 9.0},
-    "electrode-width": {"width_mm": 5.0},
-    "relaxation": {"tau_s": 3.0},
-    "mains-interference": {"frequency_Hz": 50.0},
-}
-FAULTS = ("electrode-open", "electrode-swap")
-THERE_OR_NOT = (*FAULTS, "ground-return")
-TYPICAL = {
-    "anisotropy": {"ratio": 1.05},
-    "conductivity-gradient": {"relative_across": 0.1},
-    "conductivity-patch": {"x_mm": 25.0, "y_mm": 5.0, "radius_mm": 9.0, "contrast": 1.3},
-    "third-dimension": {"depth_mm": 10.0},
-    "contact-impedance": {"ratio": 2.0},
-    "electrode-width": {"width_mm": 6.0},
-    "touch-contrast": {"ratio": 1.3},
-    "probe-radius": {"ratio": 1.1},
-    "registration": {"dx_mm": 1.0},
-    "relaxation": {"fraction": 0.1, "tau_s": 3.0},
-    "domain-shape": {"harmonic": 2, "amplitude": 0.02},
-    "ellipse": {"sx": 1.03},
-    "mains-interference": {"frequency_Hz": 50.0, "volt": 1e-4},
-    "adc-nonlinearity": {"cubic": 5.0},
-    "ground-return": {"siemens": 1e-5},
-}
+PATCH = {"x_mm": 25.0, "y_mm": 5.0, "radius_mm": 9.0, "contrast": 1.3}
 
 
 def one(name, draw=(0, 0), **item):
@@ -73,44 +49,49 @@ def readings(chosen):
 CLEAN = readings([])
 
 
-@pytest.mark.parametrize("name", [name for name in EFFECTS if name not in THERE_OR_NOT])
-def test_at_its_neutral_value_it_does_nothing(name):
-    found = readings(one(name, parameters=GIVEN.get(name, {})))
-    assert np.allclose(found, CLEAN, rtol=0, atol=1e-12 * np.abs(CLEAN).max())
+def candidates(name):
+    """The effect as fits of a diagnosis start it, at all the sites of its first kind: one
+    candidate of each set of parameters that starts give."""
+    effect = EFFECTS[name]
+    kind = effect.sites[0] if effect.sites else None
+    sites = tuple(range(effect.site_number or COUNTS[kind])) if kind else None
+    scales = Scales(float(np.median(np.abs(CLEAN))), SKIN.current_A)
+    starts = {tuple(start): start for start in effect.starts(SKIN, CLEAN)}
+    tone = {"frequency_Hz": 50.0} if effect.tone else {}
+    scope = "common" if kind else ""
+    return [
+        Candidate(effect, kind, sites, scope, start | tone, SKIN, scales)
+        for start in starts.values()
+    ]
+
+
+def at(candidate, coordinate):
+    """What it changes at that, what a start gives staying where it is."""
+    return readings([candidate.setting(coordinate * candidate.linear)]) - CLEAN
 
 
 @pytest.mark.parametrize("name", EFFECTS)
-def test_elsewhere_it_does_something(name):
+def test_at_its_neutral_value_it_does_nothing(name):
+    for candidate in candidates(name):
+        if candidate.linear.any():
+            assert np.abs(at(candidate, 0.0)).max() < 1e-12 * np.abs(CLEAN).max()
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_at_a_typical_change_it_does_something(name):
     """And nothing to frames that are not touched, where it is one on the touch."""
-    parameters = TYPICAL.get(name)
-    if parameters is None:
-        parameters = {
-            k: p.neutral + p.scale for k, p in EFFECTS[name].parameters.items() if p.dense
-        }
-        parameters = parameters or {
-            k: p.neutral + p.scale
-            for k, p in EFFECTS[name].parameters.items()
-            if p.neutral is not None
-        }
-    item = {"electrodes": [3, 7]} if name in FAULTS else {}
-    change = readings(one(name, parameters=parameters, **item)) - CLEAN
-    assert np.isfinite(change).all()
-    assert np.abs(change).max() > 1e-6 * np.abs(CLEAN).max()
-    if EFFECTS[name].stage in ("touch", "clock"):
-        assert np.abs(change[[0, 4]]).max() < 1e-12 * np.abs(CLEAN).max()
+    for candidate in candidates(name):
+        change = at(candidate, 1.0)
+        assert np.isfinite(change).all()
+        assert np.abs(change).max() > 1e-6 * np.abs(CLEAN).max()
+        if candidate.effect.stage in ("touch", "clock"):
+            assert np.abs(change[[0, 4]]).max() < 1e-12 * np.abs(CLEAN).max()
 
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_it_says_what_it_is(name):
     effect = EFFECTS[name]
-    assert effect.name == name and effect.stage in STAGES
     assert effect.source and effect.mend and type(effect).__doc__
-    assert effect.order in ORDER.get(effect.stage, (None,))
-    assert effect.driver in DRIVERS
-    assert set(effect.sites) <= set(SITES)
-    for parameter in effect.parameters.values():
-        assert parameter.low < parameter.high and parameter.scale > 0
-        assert parameter.neutral is None or parameter.low <= parameter.neutral <= parameter.high
     for other in effect.confusable:
         assert name in EFFECTS[other].confusable and other != name
 
@@ -328,7 +309,7 @@ def test_small_patches_of_one_equivalent_radius_look_alike(contrast):
 
 
 def test_one_patch():
-    patch = {"name": "conductivity-patch", "parameters": TYPICAL["conductivity-patch"]}
+    patch = {"name": "conductivity-patch", "parameters": PATCH}
     chosen = settings([patch], COUNTS, (0, 0))
     assert apply_skin(GEOMETRY, chosen, START).patch == Patch(25.0, 5.0, 9.0, 1.3)
     with pytest.raises(InputError, match="two of them, expected one patch"):

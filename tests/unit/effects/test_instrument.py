@@ -63,6 +63,19 @@ def test_offset_of_measures_or_channels():
     assert np.allclose(read(item("offset", volt=1e-3)), VOLTAGE + 1e-3, rtol=1e-12, atol=0)
 
 
+@pytest.mark.parametrize("name", [n for n, e in EFFECTS.items() if "channels" in e.sites])
+def test_a_slope_is_what_the_value_of_a_channel_changes_there(name):
+    effect, step = EFFECTS[name], 1e-6
+    ((key, parameter),) = effect.parameters.items()
+    for k in AT:
+        up, down = (
+            read(item(name, channels=[k], **{key: parameter.neutral + side}))
+            for side in (step, -step)
+        )
+        change = (up - down)[:, k] / (2.0 * step)
+        assert effect.slope(VOLTAGE)[:, k] == pytest.approx(change, rel=1e-6), k
+
+
 @given(st.floats(-0.9, 0.9))
 def test_memory_is_the_recursion_that_closes(mu):
     found = read(item("multiplexer-memory", mu=mu))

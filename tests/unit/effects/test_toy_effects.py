@@ -123,6 +123,7 @@ class Swelling(SkinEffect):
         return geometry.with_values(thickness_mm=geometry.thickness_mm * (1 + by))
 ''',
 }
+BLEEDING = TOYS["toy_bleeding"].replace("toy-bleeding", "toy-silent")
 ITEMS = {
     "toy-softening": {"parameters": {"per_N": 0.03}},
     "toy-bleeding": {"electrodes": [5], "parameters": {"share": 0.2}},
@@ -277,19 +278,25 @@ def test_a_name_is_one_effect_s(tmp_path, monkeypatch):
     del sys.modules["eitskin.effects.toy_again"]
 
 
+@pytest.fixture
+def silent(tmp_path, monkeypatch):
+    """The file of one more effect."""
+    monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
+    yield tmp_path / "toy_silent.py"
+    sys.modules.pop("eitskin.effects.toy_silent", None)
+
+
 @pytest.mark.parametrize("left_out", [["mend"], ["driver", "finding"]])
-def test_what_an_effect_leaves_out_is_told(tmp_path, monkeypatch, left_out):
-    text = TOYS["toy_bleeding"].replace("toy-bleeding", "toy-silent")
+def test_what_an_effect_leaves_out_is_told(silent, left_out):
+    text = BLEEDING
     for one in left_out:
         assert re.search(rf"^    {one} = ", text, re.MULTILINE)
         text = re.sub(rf"^    {one} = .*\n", "", text, flags=re.MULTILINE)
-    (tmp_path / "toy_silent.py").write_text(text, encoding="utf-8")
-    monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
+    silent.write_text(text, encoding="utf-8")
     found = " and ".join(f"no {one}" for one in left_out)
     with pytest.raises(InputError, match=rf"effects\.toy_silent: toy-silent: found {found}, "):
         effects.discover()
     assert "toy-silent" not in effects.EFFECTS
-    del sys.modules["eitskin.effects.toy_silent"]
 
 
 @pytest.mark.parametrize(
@@ -309,16 +316,67 @@ def test_what_an_effect_leaves_out_is_told(tmp_path, monkeypatch, left_out):
         ("driver = .*", 'driver = "static"\n    apart = "share",', "apart: found no amounts, "),
         ("    order = .*", '    stage = "wires"', "stage: found 'wires', expected a class of a"),
         ("-0.5, 0.5", "0.5, -0.5", "parameters: share: found low 0.5, high -0.5, expected low "),
+        ("0.0, -0.5", "0.7, -0.5", "parameters: share, neutral: found 0.7, expected one of -0.5 "),
+        ("0.0, -0.5", "None, -0.5", "parameters: share: found neutral None, expected one that do"),
+        ("scale=0.05", "scale=0.0", "parameters: share, scale: found 0, expected more than 0"),
+        ('"1", 0', '"", 0', "parameters: share, unit: found '', expected a unit"),
+        ('"1", 0', "None, 0", "parameters: share, unit: found None, expected a unit"),
+        ("scale=0.05", "of_reading=True", "parameters: share, unit: found '1', expected one of V"),
+        ('Parameter\\("1.*', "1.0}", "parameters: share: found 1.0, expected a Parameter"),
+        ("parameters = .*", "parameters = [1]", r"parameters: found \[1\], expected a dict of a P"),
+        ("        drives: .*\n", "", r"change: found change\(self, potential, setting, impedan"),
+        ("def change", "def changed", r"change: found nothing, expected change\(self, potential, "),
+        (
+            "    def change",
+            "    change = 3\n\n    def changed",
+            r"change: found 3, expected change\(",
+        ),
+        (
+            "driver = .*",
+            'driver = "static"\n    confusable = "gain",',
+            "confusable: found 'gain', ",
+        ),
     ],
 )
-def test_what_no_effect_can_say_is_told(tmp_path, monkeypatch, said, instead, told):
-    text = TOYS["toy_bleeding"].replace("toy-bleeding", "toy-silent")
-    text, count = re.subn(said, instead, text)
+def test_what_no_effect_can_say_is_told(silent, said, instead, told):
+    text, count = re.subn(said, instead, BLEEDING)
     assert count == 1
-    (tmp_path / "toy_silent.py").write_text(text, encoding="utf-8")
-    monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
-    monkeypatch.delitem(sys.modules, "eitskin.effects.toy_silent", raising=False)
+    silent.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=rf"effects\.toy_silent: toy-silent: {told}"):
         effects.discover()
     assert "toy-silent" not in effects.EFFECTS
-    del sys.modules["eitskin.effects.toy_silent"]
+
+
+def test_an_effect_of_channels_says_its_slope(silent):
+    silent.write_text(
+        (Path(effects.__path__[0]) / "offset.py")
+        .read_text(encoding="utf-8")
+        .replace('"offset"', '"toy-silent"', 1)
+        .replace("def slope", "def slopes"),
+        encoding="utf-8",
+    )
+    with pytest.raises(InputError, match=r"slope: found nothing, expected slope\(self, voltage\)"):
+        effects.discover()
+
+
+def test_an_effect_without_a_name_is_told(silent):
+    silent.write_text(re.sub("    name = .*\n", "", BLEEDING), encoding="utf-8")
+    with pytest.raises(InputError, match=r"effects\.toy_silent: Bleeding: found no name, expec"):
+        effects.discover()
+
+
+@pytest.mark.parametrize(
+    ("said", "instead", "told"),
+    [
+        (r"def change\(", "def change((", "line 22: found .*, expected Python"),
+        ('"1", 0.0, ', "0.0, ", "line 16: found TypeError: .*'high', expected code that can be "),
+        ("import Parameter", "import Parameters", "line 6: found ImportError: .*, expected code"),
+    ],
+)
+def test_a_file_that_cannot_be_imported_is_one_line(silent, said, instead, told):
+    text, count = re.subn(said, instead, BLEEDING)
+    assert count == 1
+    silent.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=f"^{re.escape(str(silent))}: {told}") as caught:
+        effects.discover()
+    assert "\n" not in str(caught.value)

@@ -3,6 +3,7 @@
 import copy
 import functools
 import json
+import re
 from pathlib import Path
 
 import jsonschema
@@ -15,6 +16,7 @@ from eitskin.data.channel_order import ORDERS
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from eitskin.learn import models
+from eitskin.paper.rows import rows
 from eitskin.schema import Validator, one_of
 from shared_data import shared_data
 
@@ -100,7 +102,7 @@ def test_the_paper_s_configuration_is_accepted():
         (
             ("configurations", "authors", "effects", 4, "parameters", {}),
             "config.yaml: configurations.authors.effects[4].parameters.epsilon: "
-            "found nothing, expected a value",
+            "found no such key, expected a value",
         ),
         (
             ("configurations", "authors", "effects", 4, "parameters", "gain", 1.0),
@@ -378,10 +380,30 @@ def test_a_number_that_a_command_line_makes_text_says_so(refusal):
     )
 
 
+def test_the_example_that_trains_on_ones_own_recording_is_valid(tmp_path, monkeypatch):
+    page = (ROOT / "docs" / "learning.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"^```yaml\n(recordings:.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    mine = yaml.safe_load(example)
+    (tmp_path / "mine.yaml").write_text(example, encoding="utf-8")
+    recording = tmp_path / mine["recordings"]["mine"]["path"]
+    recording.parent.mkdir()
+    recording.touch()
+    monkeypatch.chdir(tmp_path)
+    config = copy.deepcopy(CONFIG)
+    config["recordings"] |= mine["recordings"]
+    for kind in ("configurations", "recordings"):
+        config["table_1"][kind] |= mine["table_1"][kind]
+    validate(config, SCHEMA, [ROOT / "config.yaml", "mine.yaml"])
+    assert {(dataset, split) for dataset, split, _ in rows(config)} == {
+        ("mine", "place"),
+        ("mine", "session"),
+    }
+
+
 def test_a_missing_key_is_named_with_its_meaning(refusal):
     config = copy.deepcopy(CONFIG)
     del config["forces"]["mean_N"]
-    expected = "forces.mean_N: found nothing, expected mean of the normal distribution in N"
+    expected = "forces.mean_N: found no such key, expected mean of the normal distribution in N"
     assert refusal(config) == f"config.yaml: {expected}"
 
 

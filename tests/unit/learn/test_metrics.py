@@ -38,6 +38,9 @@ def test_interval_covers_the_mean_as_often_as_it_says():
     assert np.mean(hits) == pytest.approx(0.95, abs=0.012)
 
 
+HEADER = {"model": "mlp", "trained_samples": 128, "budget": {"epochs": 40}}
+
+
 def predictions(data, errors):
     """Test predictions by one seed for each error, wrong by it in every target."""
     tables = []
@@ -49,7 +52,7 @@ def predictions(data, errors):
 
 def test_evaluate_averages_over_seeds():
     data, errors = touches(200, seed=1), [0.1, 0.3, 0.2, 0.15, 0.25]
-    rows = metrics.evaluate(predictions(data, errors), data, "place", "mlp", "small")
+    rows = metrics.evaluate(predictions(data, errors), data, "place", "small", HEADER)
     assert list(rows.columns) == list(metrics.COLUMNS) and len(rows) == 9
     force = rows[(rows["target"] == "F") & (rows["metric"] == "mae")].iloc[0]
     assert force["mean"] == pytest.approx(0.2) and force["each"] == "0.1;0.3;0.2;0.15;0.25"
@@ -58,12 +61,13 @@ def test_evaluate_averages_over_seeds():
     assert (force["unit"], force["seeds"], force["split"]) == ("N", 5, "place")
     assert (force["configuration"], force["recording"]) == ("waves", "simulated")
     assert set(rows["unit"][rows["metric"] == "r2"]) == {"1"}
+    assert (force["trained_samples"], force["epochs"], force["tested_samples"]) == (128, 40, 200)
 
 
 def test_a_recording_stands_by_its_name():
     data = touches(200, seed=1)
     data.metadata |= {"configuration": "", "name": "bench-top", "origin": "a citation"}
-    rows = metrics.evaluate(predictions(data, [0.1]), data, "random", "mlp", "small")
+    rows = metrics.evaluate(predictions(data, [0.1]), data, "random", "small", HEADER)
     assert set(rows["recording"]) == {"bench-top"} and set(rows["configuration"]) == {""}
     assert rows["low"].isna().all() and rows["high"].isna().all()
 
@@ -71,13 +75,13 @@ def test_a_recording_stands_by_its_name():
 def test_prediction_is_matched_by_sample_not_by_row():
     data = touches(200, seed=1)
     shuffled = predictions(data, [0.0]).sample(frac=0.5, random_state=1)
-    rows = metrics.evaluate(shuffled, data, "random", "mlp", "small")
+    rows = metrics.evaluate(shuffled, data, "random", "small", HEADER)
     np.testing.assert_allclose(rows["mean"][rows["metric"] == "mae"], 0, atol=1e-12)
 
 
 def test_errors_of_seeds_that_cancel_are_none_of_the_ensemble():
     data = touches(200, seed=1)
-    rows = metrics.evaluate(predictions(data, [0.1, -0.1]), data, "place", "mlp", "small")
+    rows = metrics.evaluate(predictions(data, [0.1, -0.1]), data, "place", "small", HEADER)
     errors = rows[rows["metric"] == "mae"]
     assert errors["mean"].to_numpy() == pytest.approx(0.1)
     assert errors["ensemble"].to_numpy() == pytest.approx(0.0, abs=1e-12)

@@ -145,7 +145,10 @@ def test_where_nothing_is_validated_all_is_trained_on(tmp_path):
     material = train.prepare(DATA, PART, budget, 1)
     assert (len(material.train[0]), len(material.validation[0])) == (75, 15)
     assert len(material.apart) == 60
+    part = plain(tmp_path / "part.pt", replace(budget, validated=True))
+    assert part.header["trained_samples"] == 60
     trained = plain(tmp_path / "a.pt", budget)  # a frame of its own is no stranger to any model
+    assert trained.header["trained_samples"] == 75
     assert trained.header["familiar"]["limit_distance"] > 0.0
 
 

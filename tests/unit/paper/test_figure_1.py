@@ -68,6 +68,18 @@ def test_what_cannot_be_drawn_is_refused(make_recording, change, message):
         figure_1.press(made, "bench")
 
 
+def test_every_electrode_is_drawn_whole(make_recording):
+    figure = figure_1.draw(figure_1.press(make_recording(presses=3), "bench"))
+    figure.canvas.draw()
+    for axes in figure.axes:
+        for line in [line for line in axes.lines if line.get_marker() == "s"]:
+            half = 0.5 * line.get_markersize() / 72 * figure.dpi
+            at = line.get_transform().transform(line.get_xydata())
+            box = axes.get_window_extent()
+            assert (at >= [box.x0 + half, box.y0 + half]).all()
+            assert (at <= [box.x1 - half, box.y1 - half]).all()
+
+
 def test_files_are_the_same_for_the_same_recording(make_recording, tmp_path):
     made = make_recording(presses=3)
     found = []

@@ -7,6 +7,7 @@ from eitskin.errors import InputError
 from eitskin.learn import metrics
 from eitskin.paper import figure_4
 from eitskin.physics.geometry import even_angles
+from eitskin.pins import ROOT
 
 
 @pytest.fixture
@@ -23,7 +24,8 @@ def predicted(touches, error_N, seeds=(3, 4)):
         table.insert(1, "seed", seed)
         tables.append(table.assign(touch=True, abstain=False))
     predictions = pd.concat(tables, ignore_index=True)
-    return predictions, metrics.evaluate(predictions, touches, "random", "any", "small")
+    header = {"model": "any", "trained_samples": 9, "budget": {"epochs": 1}}
+    return predictions, metrics.evaluate(predictions, touches, "random", "small", header)
 
 
 def test_worst_and_best_are_by_the_mean_over_the_seeds(touches):
@@ -56,6 +58,26 @@ def test_truth_and_prediction_stand_side_by_side(touches):
     table = figure_4.joined(predictions, touches, "mlp")
     off = (table["predicted_N"] - table["force_N"]).groupby(table["seed"]).mean()
     np.testing.assert_allclose(off, [0.25, -0.75])
+
+
+def test_no_place_hides_another_and_the_largest_error_is_told():
+    """On the paper's grid, whose innermost places lie 2 mm apart."""
+    radius, angle = np.meshgrid(np.linspace(8.0, 72.0, 8), np.arange(24) * np.pi / 12)
+    at = (radius * np.exp(1j * angle)).ravel()
+    error = np.linspace(0.1, 1.0, len(at))
+    columns = {"x_mm": at.real, "y_mm": at.imag, "force_N": 5.0, "predicted_N": 5.0 + error}
+    table = pd.DataFrame({"model": "mlp", "seed": 1, "place": np.arange(len(at)), **columns})
+    axes = figure_4.draw(table, table, 80.0, even_angles(16)).axes
+    (mesh,) = [one for one in axes[2].collections if len(one.get_array().compressed()) > 1000]
+    value, pixels = np.unique(mesh.get_array().compressed(), return_counts=True)
+    np.testing.assert_allclose(value, error)
+    assert pixels.min() > 50
+    middle = mesh.get_array()[figure_4.ACROSS // 2, -figure_4.ACROSS // 20]
+    assert middle == pytest.approx(error[np.abs(at - 76.0).argmin()])
+    assert (error > mesh.norm.vmax).mean() == pytest.approx(1 - figure_4.SHOWN, abs=0.005)
+    assert any(one.get_xlabel().endswith("largest 1.00") for one in axes)
+    caption = (ROOT / "workflow" / "report" / "figure_4.rst").read_text(encoding="utf-8")
+    assert f"The {1 - figure_4.SHOWN:.0%} of places".replace("%", " %") in caption
 
 
 def test_files_are_written_and_the_numbers_beside_them(touches, tmp_path):

@@ -1,3 +1,8 @@
+import os
+import re
+import subprocess
+import sys
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,8 +15,10 @@ from eitskin.pins import ROOT
 
 PAPER = ROOT / "workflow" / "eitskin" / "paper" / "printed_table_1.csv"
 HEADER = (
-    "configuration,recording,split,model,target,metric,mean,low,high,unit,seeds,budget,limit,paper"
+    "configuration,recording,split,model,target,metric,mean,low,high,unit,seeds,budget,"
+    "trained_samples,epochs,tested_samples,limit,paper"
 )
+REPEATED = ["authors", "text"]
 
 
 def metric_file(folder, **given):
@@ -27,6 +34,9 @@ def metric_file(folder, **given):
         "high": 0.6,
         "seeds": 2,
         "budget": "small",
+        "trained_samples": 6000,
+        "epochs": 40,
+        "tested_samples": 9984,
         **given,
     }
     rows = [
@@ -54,8 +64,9 @@ def limit_file(folder):
     return path
 
 
-def write(folder, *paths, limits=()):
-    table_1.write(list(paths), PAPER, list(limits), folder / "table_1.csv", folder / "table_1.md")
+def write(folder, *paths, limits=(), repeated=REPEATED):
+    tables = folder / "table_1.csv", folder / "table_1.md"
+    table_1.write(list(paths), PAPER, repeated, list(limits), *tables)
     return pd.read_csv(folder / "table_1.csv", keep_default_na=False)
 
 
@@ -98,6 +109,28 @@ def test_no_number_of_the_papers_beside_another_experiment(tmp_path, given):
     assert set(write(tmp_path, metric_file(tmp_path, **given))["paper"]) == {""}
 
 
+def test_no_number_of_the_papers_beside_a_configuration_that_was_edited(tmp_path):
+    own = metric_file(tmp_path), metric_file(tmp_path, configuration="authors")
+    for repeated, beside in (([], set()), (["authors"], {"authors"})):
+        table = write(tmp_path, *own, repeated=repeated)
+        assert set(table["configuration"][table["paper"] != ""]) == beside
+
+
+def test_the_table_says_how_much_was_trained_and_tested(tmp_path):
+    table = write(
+        tmp_path,
+        metric_file(tmp_path, seeds=3),
+        metric_file(tmp_path, model="cnn", epochs=20),
+        metric_file(tmp_path, split="place", trained_samples=12, epochs=1, tested_samples=9),
+    )
+    own = table.set_index(["split", "model"])[["trained_samples", "epochs", "tested_samples"]]
+    assert own.loc["random", "cnn"].to_numpy()[0].tolist() == [6000, 20, 9984]
+    assert own.loc["place", "mlp"].to_numpy()[0].tolist() == [12, 1, 9]
+    text = (tmp_path / "table_1.md").read_text()
+    assert "trained on 6,000 samples · epochs 20/40 · seeds 2/3 · tested on 9,984" in text
+    assert "\ntrained on 12 samples · epochs 1 · seeds 2 · tested on 9\n" in text
+
+
 def test_order_of_the_files_does_not_matter(tmp_path):
     paths = [
         metric_file(tmp_path),
@@ -126,7 +159,7 @@ def test_markdown_has_interval_and_paper_and_labels_simulations(tmp_path):
     twin = metric_file(tmp_path, recording="twin", configuration="")
     write(tmp_path, metric_file(tmp_path), one_seed, twin)
     text = (tmp_path / "table_1.md").read_text()
-    assert "## simulated, text · split by random · budget small · seeds 2" in text
+    assert "## simulated, text · split by random · budget small\n" in text
     assert "## twin (simulated) · split by random" in text
     assert "0.500 [0.400, 0.600] (0.89)" in text
     two = {"each": "0.48;0.52", "low": None, "high": None}
@@ -188,9 +221,26 @@ def test_the_limit_stands_beside_its_own_split_alone(tmp_path):
     assert "| limit, skin and gains known | 0.950 |" in text[1]
 
 
+def test_a_figure_is_drawn_from_the_table_as_the_page_says(tmp_path):
+    page = (ROOT / "docs" / "learning.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"^```python\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    tables = tmp_path / "results" / "tables"
+    tables.mkdir(parents=True)
+    write(tables, metric_file(tmp_path), metric_file(tmp_path, model="my-own"))
+    command = [sys.executable, "-c", code]
+    subprocess.run(command, cwd=tmp_path, env=os.environ | {"MPLBACKEND": "agg"}, check=True)
+    assert (tmp_path / "my_figure.png").stat().st_size > 1000
+
+
+def test_every_column_has_a_line_of_its_own_on_the_page():
+    page = (ROOT / "results" / "README.md").read_text(encoding="utf-8")
+    told = re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (`.*?) \|", page, re.MULTILINE)))
+    assert {*metrics.COLUMNS, *table_1.TABLE} <= {*told}
+
+
 def test_other_files_are_refused(tmp_path):
     (tmp_path / "other.csv").write_text("a,b\n1,2\n")
     with pytest.raises(InputError, match=r"other\.csv: columns: found \['a', 'b'\]"):
-        table_1.collect([tmp_path / "other.csv"], PAPER)
+        table_1.collect([tmp_path / "other.csv"], PAPER, REPEATED)
     with pytest.raises(InputError, match="metrics files: found none"):
-        table_1.collect([], PAPER)
+        table_1.collect([], PAPER, REPEATED)

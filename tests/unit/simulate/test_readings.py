@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from eitskin.effects import EFFECTS
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.physics.forward import Forward, channel_values
@@ -185,6 +186,26 @@ def test_the_conductivity_stays_above_0():
 def test_sharing_a_solved_skin_changes_nothing():
     near = Forward(BASE, "train")
     assert np.array_equal(run(near=near), run())
+
+
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [
+        ("force-offset", "change"),
+        ("probe-radius", "change"),
+        ("conductivity-drift", "change"),
+        ("electrode-open", "change"),
+        ("ground-leak", "admittance"),
+        ("offset", "change"),
+        ("frame-skew", "force_shift"),
+    ],
+)
+@pytest.mark.parametrize("made", [None, np.zeros(2)])
+def test_an_effect_that_returns_something_else_is_refused(monkeypatch, name, method, made):
+    monkeypatch.setattr(type(EFFECTS[name]), method, lambda *_: made)
+    found = "NoneType" if made is None else r"ndarray\(2,\)"
+    with pytest.raises(InputError, match=f"effect {name}: what it returns: found {found}, expec"):
+        run(effect(name))
 
 
 @pytest.mark.parametrize("key", ["force_N", "probe_mm", "x_mm"])

@@ -791,22 +791,22 @@ LOGGER = [
     Broken(
         "a contact of 1.5",
         lines(sound.logger, put(4, 0, "1.5")),
-        "press.csv | column contact_idx, row 3 | 1.5 | a whole number",
+        "press.csv | line 5, column contact_idx | 1.5 | a whole number",
     ),
     Broken(
         "a contact of 1e30",
         lines(sound.logger, put(4, 0, "1e30")),
-        "press.csv | column contact_idx, row 3 | 1e+30 | a whole number",
+        "press.csv | line 5, column contact_idx | 1e+30 | a whole number",
     ),
     Broken(
         "a contact of -1",
         lines(sound.logger, put(4, 0, "-1")),
-        "press.csv | column contact_idx, row 3 | -1.0 | 0 to",
+        "press.csv | line 5, column contact_idx | -1.0 | 0 to",
     ),
     Broken(
         "a contact in words",
         lines(sound.logger, put(4, 0, "three")),
-        "press.csv | column contact_idx, row 3 | 'three' | a number",
+        "press.csv | line 5, column contact_idx | 'three' | a number",
     ),
     Broken(
         "a contact that was lost",
@@ -816,22 +816,22 @@ LOGGER = [
     Broken(
         "a force in words",
         lines(sound.logger, put(4, 4, "strong")),
-        "press.csv | column force_n, row 3 | 'strong' | a number",
+        "press.csv | line 5, column force_n | 'strong' | a number",
     ),
     Broken(
         "an infinite reading of the logger",
         lines(sound.logger, put(4, 10, "inf")),
-        "press.csv | column eit_4, row 3 | 'inf' | a number",
+        "press.csv | line 5, column eit_4 | 'inf' | a number",
     ),
     Broken(
         "a clock that goes back in the logger",
         lines(sound.logger, put(4, 5, "4000")),
-        "press.csv | column t_eit, row 3 | 4000 | each run of the logger by itself",
+        "press.csv | line 5, column t_eit | 4000 | each run of the logger by itself",
     ),
     Broken(
         "a live reading at a driven electrode",
         lines(sound.logger, put(4, 6, "0.3")),
-        "press.csv | column eit_0, row 3 | 0.3 | touches drive 0",
+        "press.csv | line 5, column eit_0 | 0.3 | touches drive 0",
     ),
     Broken(
         "a column of the logger missing",
@@ -861,7 +861,7 @@ LOGGER = [
                 line.replace(",", ";") for line in [*all[:4], "1.5" + all[4][1:], *all[5:]]
             ],
         ),
-        "press.csv | column contact_idx, row 3 | 1.5 | a whole number",
+        "press.csv | line 5, column contact_idx | 1.5 | a whole number",
     ),
     Broken(
         "a contact of 1.5 in UTF-16",
@@ -873,7 +873,7 @@ LOGGER = [
                 .encode("utf-16")
             ),
         ),
-        "press.csv | column contact_idx, row 3 | 1.5 | a whole number",
+        "press.csv | line 5, column contact_idx | 1.5 | a whole number",
     ),
     Broken(
         "Latin-1 in the logger",
@@ -1055,7 +1055,7 @@ OTHERS = [
     Broken(
         "a word among rows",
         lines(sound.lct, put(9, 1, "x", " ")),
-        "water_1.txt | row 6 | 'x' | numbers",
+        "water_1.txt | line 10 | 'x' | numbers",
     ),
     Broken(
         "a date of another order",

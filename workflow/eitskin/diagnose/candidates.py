@@ -12,11 +12,10 @@ from itertools import combinations
 import numpy as np
 
 from eitskin.effects import EFFECTS
-from eitskin.effects.effect import ORDER, Effect, Parameter, Setting, site_of
+from eitskin.effects.effect import ORDER, VOLTS, Effect, Parameter, Setting, site_of
 from eitskin.physics.skin import Skin
 
 SLIVER = 1e-3  # of a typical change: so near a bound, a parameter has ended at it
-OF_READINGS = {"V": 1.0, "1/V²": -2.0}
 
 
 @dataclass(frozen=True)
@@ -30,10 +29,12 @@ class Scales:
 
     def of(self, parameter: Parameter) -> float:
         """A typical change of the parameter, in its unit; of its logarithm where low > 0."""
-        if parameter.unit in ("S", "S/N") and not _logarithmic(parameter):
-            return self.times * parameter.scale * self.current_A / self.reading_V
-        power = OF_READINGS.get(parameter.unit, 0.0)
-        return self.times * parameter.scale * self.reading_V**power
+        scale = self.times * parameter.scale
+        if not parameter.of_reading:
+            return scale
+        if parameter.unit in VOLTS:
+            return scale * self.reading_V ** VOLTS[parameter.unit]
+        return scale * self.current_A / self.reading_V
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,12 @@ class AdcNonlinearity(InstrumentEffect):
     driver = "amplitude"
     either = ("cubic", "limit_V")
     parameters = {
-        "cubic": Parameter("1/V²", 0.0, -1e6, 1e6, scale=0.02, dense=False, optional=True),
-        "limit_V": Parameter("V", None, 1e-9, 1e3, scale=0.1, dense=False, optional=True),
+        "cubic": Parameter(
+            "1/V²", 0.0, -1e6, 1e6, scale=0.02, dense=False, optional=True, of_reading=True
+        ),
+        "limit_V": Parameter(
+            "V", None, 1e-9, 1e3, scale=0.1, dense=False, optional=True, of_reading=True
+        ),
     }
     source = "third-order term and full scale of a converter's data sheet"
     mend = "lower the current until every channel stays within the converter's range"

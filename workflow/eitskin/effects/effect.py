@@ -13,6 +13,8 @@ from eitskin.physics.skin import Skin
 STAGES = ("touch", "skin", "wiring", "instrument", "clock")
 SITES = ("electrodes", "drives", "measures", "channels")
 DRIVERS = ("static", "force", "time", "load-direction", "position", "amplitude", "scan-order")
+VOLTS = {"V": 1.0, "1/V²": -2.0}  # units that are powers of a reading's
+OF_READING = (*VOLTS, "S", "S/N")  # and those that are a current over one
 ORDER = {
     "touch": ("force", "memory", "contact"),
     "wiring": ("leak", "open", "swap"),
@@ -25,9 +27,10 @@ class Parameter:
     """One parameter: its unit, the value at which the effect does nothing, and its bounds.
 
     neutral None: there is no such value and one must be given, unless `optional`: it may be left
-    out. dense: one value a site rather than one for all. scale: the size of a typical change, the
-    prior's sd; relative where `low` is above 0, of the readings where the unit holds V or S.
-    whole: a whole number, which no fit can move.
+    out. scale: the size of a typical change, the prior's sd, in the unit; of the logarithm where
+    `low` is above 0. of_reading: it is that of a recording whose readings are 1 V at 1 A, and any
+    other's goes with its median reading and its current; the unit is one of OF_READING. dense: one
+    value a site rather than one for all. whole: a whole number, which no fit can move.
     """
 
     unit: str
@@ -38,6 +41,7 @@ class Parameter:
     dense: bool = True
     optional: bool = False
     whole: bool = False
+    of_reading: bool = False
 
 
 class Effect:

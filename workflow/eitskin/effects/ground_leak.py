@@ -12,7 +12,7 @@ class GroundLeak(LeakEffect):
     name = "ground-leak"
     driver = "static"
     sites = ("electrodes",)
-    parameters = {"siemens": Parameter("S", 0.0, 0.0, 1.0, scale=0.02)}
+    parameters = {"siemens": Parameter("S", 0.0, 0.0, 1.0, scale=0.02, of_reading=True)}
     source = "Zhang, Li 2014"
     mend = "dry and insulate the lead of electrode {site}"
     finding = "{site} {leaks|leak} to ground through {siemens}."

@@ -15,7 +15,9 @@ class IndenterGrounding(LeakEffect):
     name = "indenter-grounding"
     driver = "force"
     on_contact = True
-    parameters = {"siemens_per_N": Parameter("S/N", 0.0, 0.0, 1.0, scale=5e-3, dense=False)}
+    parameters = {
+        "siemens_per_N": Parameter("S/N", 0.0, 0.0, 1.0, scale=5e-3, dense=False, of_reading=True)
+    }
     source = "Zimmerman, Smith, Paradiso, Allport, Gershenfeld 1995"
     mend = "insulate the probe's tip, or let it float"
     finding = "The probe takes current out of the skin: it leaks to ground through {siemens_per_N}."

@@ -15,7 +15,7 @@ class MainsInterference(InstrumentEffect):
     tone = True
     parameters = {
         "frequency_Hz": Parameter("Hz", None, 1e-3, 1e6, scale=1e-3, dense=False),
-        "volt": Parameter("V", 0.0, 0.0, 10.0, scale=0.02, dense=False),
+        "volt": Parameter("V", 0.0, 0.0, 10.0, scale=0.02, dense=False, of_reading=True),
         "phase_deg": Parameter("°", 0.0, -360.0, 360.0, scale=90.0, dense=False, optional=True),
     }
     polar = ("volt", "phase_deg", 1)

@@ -14,7 +14,7 @@ class Offset(InstrumentEffect):
     driver = "static"
     sites = ("measures", "channels")
     common = False
-    parameters = {"volt": Parameter("V", 0.0, -10.0, 10.0, scale=0.02)}
+    parameters = {"volt": Parameter("V", 0.0, -10.0, 10.0, scale=0.02, of_reading=True)}
     source = "Hahn, Just, Dittmar, Hellige 2008"
     mend = "zero the amplifier at {site} with its inputs shorted"
     finding = "{site} {reads|read} {volt} too much."

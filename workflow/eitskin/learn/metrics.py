@@ -25,6 +25,9 @@ COLUMNS = (
     "unit",
     "seeds",
     "budget",
+    "trained_samples",
+    "epochs",
+    "tested_samples",
 )
 ENSEMBLE = "-ensemble"  # after a model's name: the mean of its seeds' estimates, as `predict` gives
 LEAST_SEEDS = 5  # of which an interval is told; of fewer each seed's value speaks for itself
@@ -105,10 +108,12 @@ def of_ensemble(predictions: pd.DataFrame, dataset: Dataset) -> pd.DataFrame:
 
 
 def evaluate(
-    predictions: pd.DataFrame, dataset: Dataset, split: str, model: str, budget: str
+    predictions: pd.DataFrame, dataset: Dataset, split: str, budget: str, header: dict
 ) -> pd.DataFrame:
     """Rows (COLUMNS) of each target and metric: `summary` of the seeds of `by_seed`, and
     `of_ensemble`. An interval tells what the seed does, not what another recording would.
+
+    `header`: of the model's file, which says what it was trained on, and for how many epochs.
     """
     metadata = dataset.metadata
     simulated = bool(metadata["configuration"])
@@ -123,13 +128,16 @@ def evaluate(
                 "recording": "simulated" if simulated else metadata["name"],
                 "origin": metadata["origin"],
                 "split": split,
-                "model": model,
+                "model": header["model"],
                 "target": target,
                 "metric": name,
                 **summary(one["value"].to_numpy(), name),
                 "ensemble": together[target, name],
                 "unit": unit(name, target),
                 "budget": budget,
+                "trained_samples": header["trained_samples"],
+                "epochs": header["budget"]["epochs"],
+                "tested_samples": predictions["sample"].nunique(),
             }
         )
     return pd.DataFrame(rows, columns=list(COLUMNS))

@@ -477,4 +477,5 @@ def _write(
 ) -> None:
     weights = {f"{seed}/{key}": value for key, value in module.state_dict().items()}
     run = {"seed": seed, "device": device_name(), "history": history}
-    model_file.write(Trained({**header, "runs": [run]}, material.scalers | weights), output)
+    header = {**header, "trained_samples": len(material.train[0]), "runs": [run]}
+    model_file.write(Trained(header, material.scalers | weights), output)

@@ -186,6 +186,7 @@ def _draw_image(axes: Axes, press: Press, image: np.ndarray, limit: float) -> Qu
     )
     plotting.disc(axes, press.radius_mm, press.electrode_deg)
     axes.plot(press.place.real, press.place.imag, "+", color=CULPRIT, markersize=5, mew=0.9)
+    plotting.leave_room(axes, press.radius_mm)
     axes.set_axis_off()
     return drawn
 

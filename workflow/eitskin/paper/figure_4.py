@@ -12,6 +12,7 @@ from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, MaxNLocator
+from scipy.spatial import cKDTree
 
 from eitskin import figure_files, plotting
 from eitskin.data import parquet
@@ -22,6 +23,7 @@ from eitskin.plotting import BEFORE, SEQUENTIAL, STEPS, style
 
 BINS = 50  # of force, each way
 SHOWN = 0.98  # of the places lie within the colours of panel c
+ACROSS = 320  # pixels over the disc of panel c
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ def draw(
     worst: pd.DataFrame, best: pd.DataFrame, radius_mm: float, electrode_deg: np.ndarray
 ) -> Figure:
     """Panels a, b: counts of test samples, of the first seed, by true and predicted force; c: the
-    best model's error by place."""
+    best model's error, each spot of the skin in the colour of the tested place nearest to it."""
     first = [table[table["seed"] == table["seed"].min()] for table in (worst, best)]
     values = pd.concat(first)[["force_N", "predicted_N"]].to_numpy()
     low, high = min(0.0, values.min()), values.max()
@@ -123,22 +125,26 @@ def _draw_places(
     places = by_place(best)
     largest = float(places["mae_N"].quantile(SHOWN))
     plotting.disc(axes, radius_mm, electrode_deg)
-    drawn = axes.scatter(
-        places["x_mm"],
-        places["y_mm"],
-        s=float(np.clip(3000 / len(places), 3, 30)),
-        c=places["mae_N"],
+    at = places[["x_mm", "y_mm"]].to_numpy()
+    edge = radius_mm * np.linspace(-1.0, 1.0, ACROSS + 1)
+    spot = np.stack(np.meshgrid(0.5 * (edge[1:] + edge[:-1]), 0.5 * (edge[1:] + edge[:-1])), -1)
+    shown = places["mae_N"].to_numpy()[cKDTree(at).query(spot)[1]]
+    drawn = axes.pcolormesh(
+        edge,
+        edge,
+        np.ma.masked_where(np.linalg.norm(spot, axis=-1) > radius_mm, shown),
         norm=Normalize(0.0, largest),
         cmap=matplotlib.colormaps[SEQUENTIAL].resampled(STEPS),
-        linewidths=0.2,
-        edgecolors=plotting.RIM,
-        rasterized=len(places) > 1000,
+        rasterized=True,
     )
+    axes.plot(*at.T, ".", color="white", mew=0, markersize=min(2.0, 20 / np.sqrt(len(at))))
+    plotting.leave_room(axes, radius_mm)
     axes.set_title(f"(c) {best['model'].iloc[0]}, by place")
     axes.set_xlabel("x, mm")
     axes.set_ylabel("y, mm")
     extend = "max" if places["mae_N"].max() > largest else "neither"
-    _bar(figure, drawn, axes, "mean |error of force|, N", extend)
+    label = f"mean |error of force|, N; largest {places['mae_N'].max():.2f}"
+    _bar(figure, drawn, axes, label, extend)
 
 
 def _bar(

@@ -14,7 +14,6 @@ from eitskin.learn.models import PHYSICS_INFORMED
 
 KEPT = ("origin", "each")  # of the metrics' columns, for the Markdown alone
 TABLE = (*(column for column in COLUMNS if column not in (*KEPT, "ensemble")), "limit", "paper")
-REPEATED = ("authors", "text")  # configurations of the paper's experiment, by code and by text
 GROUP = ["configuration", "recording", "origin", "split", "budget"]
 SYMBOLS = {"r2": "R²", "mae": "MAE"}  # what the Markdown table shows, as the paper's does
 
@@ -25,15 +24,18 @@ def paper(path: str | Path) -> pd.DataFrame:
 
 
 def collect(
-    paths: list[str | Path], published: str | Path, limits: Sequence[str | Path] = ()
+    paths: list[str | Path],
+    published: str | Path,
+    repeated: Sequence[str],
+    limits: Sequence[str | Path] = (),
 ) -> pd.DataFrame:
     """Rows (TABLE and KEPT) of the metrics files and of ensembles, in a fixed order; raises
     InputError.
 
     `paper`, from the file `published`, is filled where the row repeats the paper's experiment:
-    simulated with the authors' or the text's strengths, split by random frame (another baseline,
-    crossed sessions, a place or session split make another experiment). Its real recording was
-    never published, so that no recording has a number of the paper's. `limit`, from files of
+    simulated by one of the configurations `repeated` (of `rows.repeated`), split by random frame
+    (a place or session split makes another experiment). Its real recording was never published,
+    so that no recording has a number of the paper's. `limit`, from files of
     `limit.score`: what an estimator that knows the distributions alone can reach, where that was
     computed.
     """
@@ -56,7 +58,8 @@ def collect(
     )
     numbers = paper(published)
     beside = numbers[numbers["recording"] == "simulated"].rename(columns={"value": "paper"})
-    beside = beside.assign(split="random").merge(pd.DataFrame({"configuration": REPEATED}), "cross")
+    own = pd.DataFrame({"configuration": list(repeated)}, dtype=str)
+    beside = beside.assign(split="random").merge(own, "cross")
     keys = ["configuration", "recording", "split", "model", "target", "metric"]
     rows = rows.merge(beside, on=keys, how="left", validate="many_to_one")
     order = {
@@ -94,14 +97,16 @@ def _limits(paths: Sequence[str | Path], estimate: str) -> pd.DataFrame:
 def write(
     paths: list[str | Path],
     published: str | Path,
+    repeated: Sequence[str],
     limits: Sequence[str | Path],
     csv: str | Path,
     markdown: str | Path,
 ) -> None:
     """Collect metrics files into `csv` (columns TABLE) and a `markdown` table for reading; the
-    paper's numbers are those of `published`, the limits those of files of `limit.score`.
+    paper's numbers are those of `published`, beside configurations `repeated`, the limits those of
+    files of `limit.score`.
     """
-    rows = collect(paths, published, limits)
+    rows = collect(paths, published, repeated, limits)
     with atomic_path(csv) as temporary:
         rows[list(TABLE)].to_csv(temporary, index=False, float_format="%.6g")
     with atomic_path(markdown) as temporary:
@@ -131,12 +136,17 @@ def to_markdown(rows: pd.DataFrame, known: pd.DataFrame) -> str:
         GROUP, sort=False
     ):
         title = f"{recording}, {configuration}" if configuration else f"{recording} ({origin})"
-        seeds = "/".join(map(str, sorted(group["seeds"].unique())))
+        trained, epochs, seeds, tested = (
+            "/".join(f"{value:,}" for value in sorted(group[column].unique()))
+            for column in ("trained_samples", "epochs", "seeds", "tested_samples")
+        )
         columns = group[["target", "metric"]].drop_duplicates().itertuples(index=False)
         columns = [tuple(column) for column in columns]
         lines += [
             "",
-            f"## {title} · split by {split} · budget {budget} · seeds {seeds}",
+            f"## {title} · split by {split} · budget {budget}",
+            "",
+            f"trained on {trained} samples · epochs {epochs} · seeds {seeds} · tested on {tested}",
             "",
             "| model | " + " | ".join(f"{SYMBOLS[m]} {t}" for t, m in columns) + " |",
             "|---" * (len(columns) + 1) + "|",

@@ -38,6 +38,7 @@ from eitskin.simulate.interpolation import enough_nodes, lagrange
 from eitskin.simulate.leaks import leaking
 
 Kind = TypeVar("Kind", bound=Effect)
+Made = TypeVar("Made")
 
 LEAST_CONDUCTIVITY = 1e-3  # of the background's, inside a touch
 KEPT_SKINS = 16
@@ -60,6 +61,16 @@ def of_kind(chosen: list[Setting], kind: type[Kind]) -> list[tuple[Kind, Setting
     return [(s.effect, s) for s in of_stage(chosen, kind.stage) if isinstance(s.effect, kind)]
 
 
+def made(effect: Effect, value: Made, like: Made) -> Made:
+    """What an effect makes, which is of the type and shape of `like`; InputError for anything
+    else."""
+    of_value, of_like = (getattr(one, "shape", "") for one in (value, like))
+    if not isinstance(value, type(like)) or of_value != of_like:
+        found, expected = f"{type(value).__name__}{of_value}", f"{type(like).__name__}{of_like}"
+        raise InputError(f"effect {effect.name}", "what it returns", found, expected)
+    return value
+
+
 def apply_force(frames: Frames, chosen: list[Setting]) -> Frames:
     """`frames` with the true force, by every effect on the force reported."""
     effects = of_kind(chosen, ForceEffect)
@@ -68,14 +79,14 @@ def apply_force(frames: Frames, chosen: list[Setting]) -> Frames:
     assert frames.history is not None
     history = frames.history
     for effect, setting in effects:
-        history = effect.change(history, setting)
+        history = made(effect, effect.change(history, setting), history)
     return replace(frames, force_N=history.force_N(), history=history)
 
 
 def apply_touch(touches: pd.DataFrame, chosen: list[Setting], frames: Frames) -> pd.DataFrame:
     """Touches with every effect of `chosen` on what a touch is, once the true force is known."""
     for effect, setting in of_kind(chosen, TouchEffect):
-        touches = effect.change(touches, setting, frames)
+        touches = made(effect, effect.change(touches, setting, frames), touches)
     return touches
 
 
@@ -88,7 +99,7 @@ def apply_skin(geometry: Geometry, chosen: list[Setting], moment: Moment) -> Geo
         if effect.on_contacts and geometry.points:
             place = f"effect {effect.name}"
             raise InputError(place, "name", "point electrodes", "electrodes with a width")
-        geometry = effect.change(geometry, setting, moment)
+        geometry = made(effect, effect.change(geometry, setting, moment), geometry)
     return geometry
 
 
@@ -121,7 +132,8 @@ def apply_wiring(
         admittance = np.zeros((frames, terminals))
         for leak, setting in leaks:
             own = electrodes + leak.on_contact
-            admittance[:, :own] += leak.admittance(setting, force_N, own)
+            taken = leak.admittance(setting, force_N, own)
+            admittance[:, :own] += made(leak, taken, admittance[:, :own])
         if on_contact(chosen):
             admittance[impedance[:, -1, -1] == 0.0, -1] = 0.0
         sink_grounded = sink_grounded or any(leak.grounds_sink for leak, _ in leaks)
@@ -129,14 +141,15 @@ def apply_wiring(
     if on_contact(chosen):
         potential, impedance = potential[:, :, :-1], impedance[:, :-1, :-1]
     for effect, setting in wires:
-        potential = effect.change(potential, setting, drives, impedance, sink_grounded)
+        seen = effect.change(potential, setting, drives, impedance, sink_grounded)
+        potential = made(effect, seen, potential)
     return potential
 
 
 def apply_instrument(voltage: np.ndarray, chosen: list[Setting], frames: Frames) -> np.ndarray:
     """Readings (N, M) V of `voltage` (N, M) V with every instrument effect of `chosen`."""
     for effect, setting in of_kind(chosen, InstrumentEffect):
-        voltage = effect.change(voltage, setting, frames)
+        voltage = made(effect, effect.change(voltage, setting, frames), voltage)
     return voltage
 
 
@@ -274,7 +287,8 @@ def _skewed(frames: Frames, chosen: list[Setting]) -> tuple[Frames, np.ndarray, 
     moment = np.linspace(-0.5, 0.5, len(frames.channels))
     seen = np.repeat(frames.force_N[:, None], len(moment), axis=1)
     for effect, setting in of_kind(chosen, ClockEffect):
-        seen += effect.force_shift(setting, frames)[:, None] * moment
+        shift = made(effect, effect.force_shift(setting, frames), frames.force_N)
+        seen += shift[:, None] * moment
     seen = np.maximum(seen, 0.0)
     first, last = seen[:, 0], seen[:, -1]
     return replace(frames, seen_N=seen), 0.5 * (first + last), 0.5 * (last - first)

@@ -1,7 +1,8 @@
 """Other laboratories' files as recordings; one module a format.
 
 A format is a module of its name with `matches(path) -> bool`, by content, `load(path) -> Recording`
-and, where that reads more than one file, `files(path) -> list[Path]`; FORMATS has a line for each.
+and, where that reads more than one file, `files(path) -> list[Path]`; FORMATS has a line for each,
+which is loaded when it is asked for.
 `LEFT_OPEN` names the settings that its files do not state and `load` takes (`order`, `drive`,
 `measure`); `PARTS` the names of frames that it leaves out unless `load` is given one as `part`, of
 several frames with a number, `NAME:3`; `refusal(path) -> InputError | None` says what a file lacks
@@ -9,34 +10,32 @@ to be one of the format.
 """
 
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from types import ModuleType
 
 from eitskin.data import recording
 from eitskin.data.channel_order import in_order
 from eitskin.data.importers.tables import first_line
 from eitskin.data.recording import Recording
-from eitskin.errors import InputError, refused
+from eitskin.errors import InputError, imported, refused
 
 OWN_FORMAT = "eit-recording"
 HEAD = 32  # of an unknown file, that its refusal repeats
-FORMATS = {
-    name: import_module(f"{__name__}.{name.replace('-', '_')}")
-    for name in (  # in the order in which a file's content is tried
-        "matrix",  # by a description beside the file, whatever that is
-        "logger-csv",
-        "hydrogel-skin",
-        "iirc-tank",
-        "ktc-mat",
-        "eidors-mat",  # any other of MATLAB
-        "pyeidors-tank",
-        "lct-tank",
-        "patterned-skin",
-        "sciospec-eit",
-        "draeger-get",
-    )
-}
+NEEDED = "matches", "load"
+FORMATS = (  # in the order in which a file's content is tried
+    "matrix",  # by a description beside the file, whatever that is
+    "logger-csv",
+    "hydrogel-skin",
+    "iirc-tank",
+    "ktc-mat",
+    "eidors-mat",  # any other of MATLAB
+    "pyeidors-tank",
+    "lct-tank",
+    "patterned-skin",
+    "sciospec-eit",
+    "draeger-get",
+)
 
 
 def known() -> list[str]:
@@ -46,7 +45,29 @@ def known() -> list[str]:
 
 def modules() -> list[str]:
     """The modules of all formats."""
-    return [module.__name__ for module in FORMATS.values()]
+    return [_module(name) for name in FORMATS]
+
+
+def _module(format: str) -> str:
+    return f"{__name__}.{format.replace('-', '_')}"
+
+
+def _loaded(format: str) -> ModuleType:
+    """The module of a format; InputError where it cannot be imported or lacks a function."""
+    module = imported(_module(format))
+    missing = [one for one in NEEDED if not hasattr(module, one)]
+    if missing:
+        without = f"no {' and no '.join(missing)}"
+        raise InputError(module.__name__, "functions", without, ", ".join(NEEDED))
+    return module
+
+
+def _unlisted() -> list[str]:
+    """Modules that could be formats, and have no line in FORMATS."""
+    names = {_module(format) for format in FORMATS}
+    others = [f"{__name__}.{found.name}" for found in iter_modules(__path__)]
+    modules = [imported(name) for name in others if name not in names]
+    return [one.__name__ for one in modules if all(hasattr(one, needed) for needed in NEEDED)]
 
 
 def files(path: str | Path, format: str | None = None) -> list[Path]:
@@ -68,7 +89,8 @@ def readers(path: str | Path, format: str | None = None) -> list[str]:
 def _reader(path: Path, format: str | None) -> ModuleType | None:
     """The module of the format of a path; None of our own, and where it has none."""
     try:
-        return FORMATS.get(format or _detect(path))
+        format = format or _detect(path)
+        return None if format == OWN_FORMAT else _loaded(format)
     except (InputError, OSError, ValueError):
         return None
 
@@ -96,13 +118,12 @@ def load(
         raise InputError(path, "file", "no such file", f"a recording: {', '.join(known())}")
     if format is None:
         format = _detect(path)
+    module = None if format == OWN_FORMAT else _loaded(format)
     settings = {"order": order, "drive": drive, "measure": measure}
     given = {key: value for key, value in settings.items() if value is not None}
-    taken = {
-        key: given[key] for key in getattr(FORMATS.get(format), "LEFT_OPEN", ()) if key in given
-    }
+    taken = {key: given[key] for key in getattr(module, "LEFT_OPEN", ()) if key in given}
     if part is not None:
-        parts = getattr(FORMATS.get(format), "PARTS", ())
+        parts = getattr(module, "PARTS", ())
         if part.partition(":")[0] not in parts:
             expected = f"one of {', '.join(parts)}" if parts else f"none: {format} has no parts"
             raise InputError(path, "part", repr(part), expected)
@@ -110,23 +131,26 @@ def load(
     for key in (key for key in given if key not in taken and key != "order"):
         expected = f"none: the format {format} states its own"
         raise InputError(path, f"setting {key}", repr(given[key]), expected)
-    imported = recording.read(path) if format == OWN_FORMAT else _imported(path, format, taken)
+    found = recording.read(path) if module is None else _read(path, module, format, taken)
     if order is not None and "order" not in taken:
-        imported = _in_order(path, imported, order)
+        found = _in_order(path, found, order)
     if given:
         told = ", ".join(f"{key} {value}" for key, value in given.items())
-        imported.metadata["source"] += f" (as told: {told})"
-    return imported
+        found.metadata["source"] += f" (as told: {told})"
+    return found
 
 
-def _imported(path: Path, format: str, taken: dict[str, str]) -> Recording:
+def _read(path: Path, module: ModuleType, format: str, taken: dict[str, str]) -> Recording:
     try:
-        imported = FORMATS[format].load(path, **taken)
+        found = module.load(path, **taken)
     except OSError as error:
         file = error.filename or path
         raise refused(error, file, expected=f"one of the format {format}") from error
-    recording.validate(imported, path)
-    return imported
+    except UnicodeDecodeError as error:
+        byte = f"byte 0x{error.object[error.start]:02x}, no {error.encoding}"
+        raise InputError(path, "file", byte, f"text of the format {format}") from error
+    recording.validate(found, path)
+    return found
 
 
 def _in_order(path: Path, imported: Recording, order: str) -> Recording:
@@ -141,14 +165,22 @@ def _detect(path: Path) -> str:
         with path.open("rb") as stream:
             if stream.read(4) == b"PAR1":
                 return OWN_FORMAT
-    for name, module in FORMATS.items():
-        if module.matches(path):
+    for name in FORMATS:
+        if _matches(name, path):
             return name
-    for module in FORMATS.values():
+    for module in map(_loaded, FORMATS):
         refusal = module.refusal(path) if hasattr(module, "refusal") else None
         if refusal is not None:
             raise refusal
-    raise InputError(path, "format", _said_of(path), f"one of {', '.join(known())}")
+    unlisted = "".join(f"; {name} has no line in FORMATS" for name in _unlisted())
+    raise InputError(path, "format", _said_of(path), f"one of {', '.join(known())}{unlisted}")
+
+
+def _matches(format: str, path: Path) -> bool:
+    try:
+        return _loaded(format).matches(path)
+    except UnicodeDecodeError:  # whoever takes every file for text
+        return False
 
 
 def _said_of(path: Path) -> str:

@@ -72,7 +72,7 @@ def _read(path: Path) -> tuple[datetime, np.ndarray]:
         date = datetime.strptime(dates[0], "%d/%m/%Y %H:%M:%S") if dates else datetime.min
     except ValueError as error:
         raise InputError(path, "header, #Date", dates[0], "dd/mm/yyyy hh:mm:ss") from error
-    table = numbers(path, lines[start + 1 :], COLUMNS)
+    table = numbers(path, lines, COLUMNS, start + 1)
     n_channels = len(channel_table(N_ELECTRODES))
     if len(table) != n_channels + 1:
         raise InputError(

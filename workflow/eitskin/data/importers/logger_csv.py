@@ -48,7 +48,7 @@ def load(path: Path) -> Recording:
     values = table[readings].to_numpy()
     channels = channel_table(N_ELECTRODES)
     measured = N_ELECTRODES * channels[:, 0] + channels[:, 2]
-    _refuse_live(path, values, np.setdiff1d(np.arange(N_ELECTRODES**2), measured))
+    _refuse_live(path, table, np.setdiff1d(np.arange(N_ELECTRODES**2), measured))
     force = table["force_n"].to_numpy()
     empty = np.isnan(force) | table["t_eit"].isna().to_numpy() | np.isnan(values).all(axis=1)
     between = ~empty & (force >= UNTOUCHED_BELOW_N) & (force < TOUCHED_FROM_N)
@@ -59,9 +59,9 @@ def load(path: Path) -> Recording:
     time = kept["t_eit"].to_numpy()
     backwards = np.flatnonzero(np.diff(time) <= 0)
     if len(backwards):
-        row = int(kept.index[backwards[0] + 1])
+        line = kept.index[backwards[0] + 1]
         expected = f"more than {time[backwards[0]]}; import each run of the logger by itself"
-        raise InputError(path, f"column t_eit, row {row}", table["t_eit"][row], expected)
+        raise InputError(path, f"line {line}, column t_eit", table["t_eit"][line], expected)
     touch = kept["force_n"].to_numpy() >= TOUCHED_FROM_N
     frames = frames_table(
         time - time[0],
@@ -93,10 +93,12 @@ def load(path: Path) -> Recording:
 
 
 def _read(path: Path, names: list[str]) -> pd.DataFrame:
-    """The named columns as float64, NaN where a cell is empty; cells stand between commas, or
-    between semicolons or tabs, then perhaps with decimal commas."""
+    """The named columns as float64, NaN where a cell is empty, by the file's lines, from 1; cells
+    stand between commas, or between semicolons or tabs, then perhaps with decimal commas."""
     text = text_file.read(path)
     separator = separator_of(text.partition("\n")[0])
+    blank = " \t".replace(separator, "")
+    lines = [k for k, line in enumerate(text.split("\n"), 1) if line.strip(blank)]
     try:
         table = pd.read_csv(StringIO(text), sep=separator, dtype=str, keep_default_na=False)
     except ValueError as error:
@@ -104,7 +106,10 @@ def _read(path: Path, names: list[str]) -> pd.DataFrame:
         raise InputError(path, "file", reason, "the logger's CSV") from error
     if not isinstance(table.index, pd.RangeIndex):
         # pandas has taken the first cells for names of rows.
-        raise InputError(path, "row 0", "more cells than the header has", "as many")
+        raise InputError(path, f"line {lines[1]}", "more cells than the header has", "as many")
+    if len(lines) != 1 + len(table):
+        raise InputError(path, "file", "a row of several lines", "a line a row")
+    table.index = lines[1:]
     columns = {}
     for name in names:
         if name not in table:
@@ -118,29 +123,28 @@ def _read(path: Path, names: list[str]) -> pd.DataFrame:
         words = columns[name].isna() & ~written.str.lower().isin(["", "nan", "none"])
         bad = words | np.isinf(columns[name])
         if bad.any():
-            row = int(np.flatnonzero(bad)[0])
-            raise InputError(path, f"column {name}, row {row}", repr(written.iloc[row]), "a number")
+            line = bad.idxmax()
+            raise InputError(path, f"line {line}, column {name}", repr(written[line]), "a number")
     return pd.DataFrame(columns)
 
 
 def _contacts(path: Path, numbers: pd.Series) -> pd.Series:
-    """The presses' numbers as whole ones, from row 0; raises InputError where one is none."""
+    """The presses' numbers as whole ones, a frame each; raises InputError where one is none."""
     wrong = numbers[numbers.notna() & ~((numbers >= 0) & (numbers < MOST) & (numbers % 1 == 0))]
     if len(wrong):
-        row = int(wrong.index[0])
+        line, found = next(wrong.items())
         expected = f"a whole number, 0 to {MOST - 1}"
-        raise InputError(path, f"column contact_idx, row {row}", wrong[row], expected)
+        raise InputError(path, f"line {line}, column contact_idx", found, expected)
     return numbers.reset_index(drop=True).astype("Int64")
 
 
-def _refuse_live(path: Path, values: np.ndarray, driven: np.ndarray) -> None:
+def _refuse_live(path: Path, table: pd.DataFrame, driven: np.ndarray) -> None:
     """Readings at driven electrodes must not change: else the file's order is another one."""
     for index in driven:
-        cells = values[:, index]
-        cells = cells[~np.isnan(cells)]
-        changed = np.flatnonzero(cells != cells[:1])
+        cells = table[f"eit_{index}"].dropna()
+        changed = cells[cells != cells.iloc[0]] if len(cells) else cells
         if len(changed):
-            place = f"column eit_{index}, row {int(changed[0])}"
+            line, found = next(changed.items())
             drive, pair = divmod(int(index), N_ELECTRODES)
-            expected = f"{cells[0]} throughout: pair {pair} touches drive {drive}"
-            raise InputError(path, place, cells[changed[0]], expected)
+            expected = f"{cells.iloc[0]} throughout: pair {pair} touches drive {drive}"
+            raise InputError(path, f"line {line}, column eit_{index}", found, expected)

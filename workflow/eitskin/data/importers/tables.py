@@ -1,7 +1,7 @@
 """Reading the tables of numbers that other laboratories' files hold."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -46,17 +46,18 @@ def _is_number(cell: str) -> bool:
     return re.fullmatch(r"[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?|nan", cell.lower()) is not None
 
 
-def numbers(path: Path, lines: Iterable[str], columns: int) -> np.ndarray:
-    """(rows, columns) float64 from lines of numbers between spaces; empty lines are passed over.
+def numbers(path: Path, lines: Sequence[str], columns: int, head: int) -> np.ndarray:
+    """(rows, columns) float64 from a file's lines after the first `head`: numbers between spaces;
+    empty lines are passed over.
 
-    Raises InputError naming the row (from 0) for another number of cells or what is no number.
+    Raises InputError naming the line for another number of cells or what is no number.
     """
     rows: list[list[float]] = []
-    for line in lines:
+    for k, line in enumerate(lines[head:], head + 1):
         found = line.split()
         if not found:
             continue
-        place = f"row {len(rows)}"
+        place = f"line {k}"
         if len(found) != columns:
             raise InputError(path, place, f"{len(found)} numbers", f"{columns}")
         try:

@@ -257,7 +257,8 @@ def _answer(found: Evidence, changes: list[str]) -> str:
     elif diagnosis["verdict"] == "partly-explained":
         parts.append("<p>What is left there is more than the noise.</p>")
     if diagnosis["effects"]:
-        parts.append(f"<p class='quiet'>Gains are told in nats: {NATS}</p>")
+        over = "A gain is over the best set without the effect, with another name in its place too."
+        parts.append(f"<p class='quiet'>Gains are told in nats: {NATS} {over}</p>")
     for k, effect in enumerate(diagnosis["effects"]):
         change = _changed(k, changes[k], found) if any(changes[k : k + 1]) else ""
         parts.append(_effect(k + 1, effect, found, change))
