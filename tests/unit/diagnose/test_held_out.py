@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import ttest_1samp
 
 from eitskin.data.recording import Recording, presses
 from eitskin.data.subset import of_frames
@@ -166,6 +167,19 @@ def test_harm_is_asked_of_predictions_as_each_fit_would_make_them(monkeypatch):
     assert not np.allclose(folds[1].plain, search.held_out(less, state).plain)
 
 
+@pytest.mark.parametrize(("in_common", "stays"), [(0.1, True), (-0.1, False)])
+def test_a_gain_that_presses_do_not_have_in_common_is_not_earned(monkeypatch, in_common, stays):
+    recorded = small_recording(CONTRAST, noise=NOISE, places=6)
+    search, state, noise, kept = searched(recorded, CONTRAST)
+    there, asked = diagnosis._put_aside(search.problem, recorded, noise, kept), []
+    monkeypatch.setattr(Judged, "in_common", lambda self, *of: asked.append(of) or in_common)
+    left, _ = diagnosis._earned(search, state, there, recorded, noise)
+    assert bool(left.effects) == stays
+    after, before, folds = asked[0]
+    assert after is state.fit and before is search.less(state, 0).fit
+    assert folds[0] is state.held_out
+
+
 @pytest.fixture(scope="module")
 def judging():
     """A toy: a fit whose residual in what is put aside is known, white and with rig errors."""
@@ -283,6 +297,33 @@ def test_one_unit_a_little_worse_is_no_harm(judging):
     )
     judged = judge(found, readings, white, sizes, np.zeros_like(unit))
     assert not judged.harms(found, found, (there, here))
+
+
+@pytest.mark.parametrize("gains", [(9.0, 9.0, 9.0), (40.0, 0.0, 0.0), (40.0, -12.0, -9.0)])
+def test_a_gain_is_in_common_beyond_its_scatter_over_presses(judging, gains):
+    """Student's t of the presses' own gains, times their scatter; 1 where one press gains alone."""
+    found, white, sizes, unit = judging
+    readings = np.where(white.mask, found.voltage(), np.nan)
+    judged = judge(found, readings, white, sizes, unit)
+    seen = replace(found.problem.whitening, mask=np.ones_like(white.mask))
+    other = replace(found, problem=replace(found.problem, whitening=seen))
+    label, frames = np.unique(unit[:, 0], return_counts=True)
+    gain = np.resize(gains, len(label))
+    density = (gain / frames)[np.searchsorted(label, unit[:, 0])]
+    nothing = np.zeros_like(white.mask, float)
+    here, there = (
+        HeldOut(nothing[:, 0], found_density, nothing, nothing, nothing.size)
+        for found_density in (density, np.zeros_like(density))
+    )
+    t = ttest_1samp(gain, 0.0).statistic
+    told = judged.in_common(other, other, (here, there))
+    assert np.isclose(told, gain.sum() - gain.sum() / t if np.ptp(gain) else gain.sum())
+    assert (told < 0.0) == (t < 1.0)
+    alone = np.where(np.arange(len(label)) == 3, 40.0, 0.0)
+    alone = (alone / frames)[np.searchsorted(label, unit[:, 0])]
+    assert abs(judged.in_common(other, other, (replace(here, density=alone), there))) < 1e-6
+    one = judge(found, readings, white, sizes, np.zeros_like(unit))
+    assert one.in_common(other, other, (here, there)) == np.inf
 
 
 def test_put_aside_leaves_out_what_was_lost(judging):

@@ -293,9 +293,10 @@ def _earned(
     search: Search, state: State, put_aside: Problem, recorded: Recording, noise: Noise
 ) -> tuple[State, Judged]:
     """A state less the effects that do not earn their place: on folds of what the search saw by two
-    standard errors; on readings that were put aside one value by any gain, many of their own
-    by two standard errors. Where the misfit of these is more than their covariance allows, an
-    effect must not do harm either, as of `Judged.harms`."""
+    standard errors; on readings that were put aside one value by any gain, many of their own by two
+    standard errors; on both by more than the gain scatters over presses. Where the misfit of what
+    was put aside is more than its covariance allows, an effect must not do harm either, as of
+    `Judged.harms`."""
     while True:
         judged = Judged(put_aside, state.sizes, search.converter_step, units(recorded))
         believed = acceptable(judged.p_value(search.named(state, state.fit), noise.dof))
@@ -306,7 +307,8 @@ def _earned(
             free = STANDARD_ERRORS * error if effect.scope == "dense" else 0.0
             folds = state.held_out, search.held_out(less, state)
             folds_gain, folds_error = folds[0].gain(folds[1])
-            worth = min(gain - free, folds_gain - STANDARD_ERRORS * folds_error)
+            in_common = judged.in_common(state.fit, less.fit, folds)
+            worth = min(gain - free, folds_gain - STANDARD_ERRORS * folds_error, in_common)
             # Each as it would predict, in a covariance of its own: another one moves its fit.
             own = state.held_out, less.held_out
             if not believed and judged.harms(state.fit, less.fit, own):

@@ -82,6 +82,21 @@ class Judged:
         """Log density of a fit above another's, and its standard error."""
         return self.by(fit).gain(self.by(other))
 
+    def in_common(self, after: Fit, before: Fit, folds: tuple[HeldOut, HeldOut]) -> float:
+        """A fit's gain of log density above another's less its standard error by the scatter over
+        presses, those put aside and those of folds: negative where presses lose much of what others
+        gain, so that the next may go either way. What one press gains alone, others nothing, is as
+        large as its scatter. Infinite where readings are not parted by presses."""
+        aside, seen = self.white.mask.any(axis=1), after.problem.whitening.mask.any(axis=1)
+        label = self.unit[:, 0]
+        presses = np.unique(label[aside | seen])
+        if len(presses) < 2:
+            return np.inf
+        own = np.where(aside, self.by(after).density - self.by(before).density, 0.0)
+        own += np.where(seen, folds[0].density - folds[1].density, 0.0)
+        gain = np.array([own[label == one].sum() for one in presses])
+        return float(gain.sum() - np.sqrt(len(gain) * gain.var(ddof=1)))
+
     def harms(self, after: Fit, before: Fit, folds: tuple[HeldOut, HeldOut]) -> bool:
         """Whether a fit predicts readings plainly worse than another: in the recording's unit,
         those put aside and, of folds, those of the frames that the search saw. Of one unit, which
