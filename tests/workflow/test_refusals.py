@@ -45,6 +45,17 @@ def test_a_wrong_configuration(fresh, tmp_path, config, message):
     assert not (house.folder / "results").exists()
 
 
+def test_a_broken_effect_is_told_by_file_and_line(fresh, tmp_path):
+    house = fresh.copy(tmp_path / "house")
+    file = house.folder / "workflow" / "eitskin" / "effects" / "mine.py"
+    file.write_text("import numpy as np\n\n\ndef voltage(:\n")
+    run = house.snakemake()
+    assert run.returncode != 0
+    assert run.stderr.splitlines()[-1] == f"{file}: line 4: found invalid syntax, expected Python"
+    assert "Traceback" not in run.stderr and "File " not in run.stderr
+    assert not (house.folder / "results").exists()
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

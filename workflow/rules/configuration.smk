@@ -3,10 +3,13 @@ from pathlib import Path
 
 from snakemake.utils import update_config
 
-from eitskin.capture.attached import attach
-from eitskin.configuration import GIVEN, read, validate, with_continuous
 from eitskin.errors import reported
-from eitskin.fingerprint import fingerprint
+
+# Whoever adds an effect or a format may leave it broken: read with them, it is told in one line.
+with reported("logs/configuration.log"):
+    from eitskin.capture.attached import attach
+    from eitskin.configuration import GIVEN, read, validate, with_continuous
+    from eitskin.fingerprint import fingerprint
 
 ROOT = Path(workflow.current_basedir.get_path_or_uri(secret_free=False)).resolve().parents[1]
 
