@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from eitskin.exported.channels import STRENGTHS, Channels, edges_of, precisions, strength
+from eitskin.exported.channels import (
+    STRENGTHS,
+    Channels,
+    edges_of,
+    mean_there,
+    precisions,
+    strength,
+)
 from eitskin.exported.electrodes import Electrodes
 from eitskin.physics.protocol import channel_table
 
@@ -23,6 +30,19 @@ def drawn():
 def channels(drawn):
     edges = edges_of(drawn)
     return Channels(precisions(drawn, edges), edges)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("shape", [(208,), (1, 208), (40, 208)])
+@pytest.mark.parametrize("keep", [False, True])
+def test_the_mean_of_what_is_there_is_numpy_s_to_the_bit(dtype, shape, keep):
+    rng = np.random.default_rng(5)
+    x = rng.normal(size=shape).astype(dtype)
+    for share in (0.0, 0.1):
+        x[rng.random(shape) < share] = np.nan
+        found, theirs = mean_there(x, (-1,), keep), np.nanmean(x, axis=-1, keepdims=keep)
+        assert found.dtype == theirs.dtype and np.array_equal(found, theirs)
+    assert np.isnan(mean_there(np.full(3, np.nan), -1))
 
 
 def test_the_classes_of_strength_are_equally_large(drawn):

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from eitskin.exported.channels import mean_there
+
 Array = np.ndarray
 
 
@@ -126,7 +128,7 @@ def _sum(x: Array, axes: list, keep: bool = False) -> Array:
 
 
 def _nanmean(x: Array, axes: list, keep: bool = False) -> Array:
-    return np.nanmean(x, axis=tuple(axes), keepdims=keep)
+    return mean_there(x, tuple(axes), keep)
 
 
 def _least(x: Array, axis: int, keep: bool = False) -> tuple[Array, None]:

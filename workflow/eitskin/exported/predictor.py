@@ -50,7 +50,11 @@ class Predictor:
 
     def touched(self, change: np.ndarray, noise: float = 1.0) -> bool:
         """Whether a change is larger than those of untouched frames, of `noise` times the noise."""
-        return self.activity(change) > noise * self.header["touch"]["threshold"]
+        return self.exceeds(self.activity(change), noise)
+
+    def exceeds(self, size: float, noise: float) -> bool:
+        """Whether a change of such a size is larger than those of untouched frames."""
+        return bool(size > noise * self.header["touch"]["threshold"])
 
     def beyond(self, estimate: Estimate) -> str:
         """Which targets lie outside the range trained on, in words; nothing where none does."""

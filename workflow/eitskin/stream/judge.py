@@ -111,7 +111,8 @@ class Judge:
     def _judged(self, change: np.ndarray, gain: float, news: tuple[str, ...]) -> Verdict:
         """gain: what moved all readings together beyond what a drift does meanwhile."""
         predictor, left_out = self.predictor, self._left_out(change)
-        if self._still(change):
+        size = predictor.activity(change)
+        if self._at_rest(size):
             self._suspected = -1, 0
             return Verdict(NO_TOUCH, lost=self.lost, left_out=left_out, news=news)
         if self._untouched is not None and self._still(change - gain * self._untouched.level):
@@ -122,7 +123,7 @@ class Judge:
         filled = predictor.filled(change)
         if predictor.familiar(filled[0]):
             self._suspected = -1, 0
-            return self._touch(change, filled, self.lost, news)
+            return self._touch(change, size, filled, self.lost, news)
         rest, electrode = self._explained(change)
         if rest is None:
             found = predictor.estimate(*filled, self.lost)
@@ -131,21 +132,24 @@ class Judge:
             news += self._suspect(electrode)
         else:
             self._suspected = -1, 0
-        if self._still(rest):
+        size = predictor.activity(rest)
+        if self._at_rest(size):
             return Verdict(NO_TOUCH, None, self.lost, self._left_out(rest), "", news)
         lost = self.lost if electrode is None else tuple(sorted({*self.lost, electrode}))
-        return self._touch(rest, predictor.filled(rest), lost, news)
+        return self._touch(rest, size, predictor.filled(rest), lost, news)
 
     def _touch(
         self,
         change: np.ndarray,
+        size: float,
         filled: tuple[np.ndarray, Missing],
         lost: tuple[int, ...],
         news: tuple[str, ...],
     ) -> Verdict:
-        """Of a change that looks like a touch: a touch, where it is among those trained on."""
+        """Of a change of such a size that looks like a touch: a touch, where it is among those
+        trained on."""
         found, why = self.predictor.estimate(*filled, lost), ""
-        if self.predictor.activity(change) < self.predictor.weakest:
+        if size < self.predictor.weakest:
             why = "weaker than what was trained on, or the untouched frame has moved"
         elif beyond := self.predictor.beyond(found):
             why = f"stronger, weaker or farther out than what was trained on: {beyond}"
@@ -157,7 +161,11 @@ class Judge:
 
     def _still(self, change: np.ndarray) -> bool:
         """Whether a change is no larger than an untouched frame's."""
-        return not self.predictor.touched(change, self._noise)
+        return self._at_rest(self.predictor.activity(change))
+
+    def _at_rest(self, size: float) -> bool:
+        """Whether an untouched frame's change may be of such a size."""
+        return not self.predictor.exceeds(size, self._noise)
 
     def _explained(self, change: np.ndarray) -> tuple[np.ndarray | None, int | None]:
         """A change without the few readings that make it strange, or without the electrode that
