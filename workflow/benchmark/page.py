@@ -41,7 +41,14 @@ clock, and in this thread's processor time; the state alone beside PyTorch; the 
 electrode, and the whole loop.""",
 }
 REASONS = (  # of rows that fall short, the first that fits
-    (r"streamed, cnn\b", "the network alone takes most of it, as `state alone, cnn` shows"),
+    (
+        r"streamed, (cnn|transformer)\b",
+        "the network alone takes half of it or more, as its `state alone` shows",
+    ),
+    (
+        r"state alone, (cnn|transformer)\b",
+        "a convolution or attention is several NumPy calls here, and one kernel in PyTorch",
+    ),
     (r"streamed, (?!.*processor time)", "by the clock, what else the machine does counts in"),
     (r"diagnosed", "the rig's errors are learned anew for every set of effects that is tried"),
 )
