@@ -25,6 +25,7 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from copy import deepcopy
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -44,6 +45,7 @@ from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table
 from eitskin.progress import patient
 from eitskin.simulate import chain, layout, sets
+from eitskin.simulate.stages import Stage
 from witness import cases
 
 N = 16
@@ -59,6 +61,7 @@ PLACES = np.array(
 )
 CONTRASTS = 9.0 * np.linspace(0.0, 1.0, 261)[1:]
 AGREEMENT = 1e-10
+TIMES = {"radii": 5, "angles": 4}  # of the grid's: 20 times the places
 LIMIT_S, LIMIT_MIB = 120.0, 2048.0
 FRAMES = 500
 DRAWN = (
@@ -288,7 +291,7 @@ def perturb(config: dict, name: str) -> tuple[int, float, float]:
         dataset = Path(folder) / "dataset.parquet"
         noise, baseline = chosen["noise"], chosen["baseline"]
         sets.write_dataset(stage, dataset, name, config["seed"], noise, baseline)
-        samples = len(sets.read_stage(stage)[0])
+        samples = sum(len(part.table) for part in Stage(stage))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     return samples, time.process_time() - start, peak
 
@@ -298,19 +301,31 @@ def perturbed(runs: int) -> list[dict]:
     take.
 
     One process on one core, a fresh one each run; a new geometry every `session_frames` samples.
+    The set of the authors also with TIMES the samples, once: its memory beside that of one.
     """
     config = yaml.safe_load(Path("config.yaml").read_text(encoding="utf-8"))
-    told = []
-    for name in patient(["authors", "crossed"], "perturbed, sets"):
+    larger = deepcopy(config)
+    for key, factor in TIMES.items():
+        larger["touch_grid"][key] *= factor
+    told: list[dict] = []
+    sizes: dict[str, tuple] = {}
+    for name in patient(["larger", "authors", "crossed"], "perturbed, sets"):
         found = []
-        for _ in range(runs):
+        for _ in range(1 if name == "larger" else runs):
+            given = (larger, "authors") if name == "larger" else (config, name)
             with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-                found.append(pool.submit(perturb, config, name).result())
+                found.append(pool.submit(perturb, *given).result())
         samples, seconds, peaks = zip(*found, strict=True)
+        sizes[name] = samples[0], peaks
+        if name == "larger":
+            continue
         label = "perturbed" if name == "authors" else f"perturbed, {name}"
         title = f"limit for {samples[0]} samples"
         told.append(rows.row(label, "s", seconds, title, [LIMIT_S]))
         told.append(rows.row(f"{label}, memory", "MiB", peaks, title, [LIMIT_MIB]))
+    (many, peak), (few, one) = sizes["larger"], sizes["authors"]
+    label = f"perturbed, memory of {many} samples"
+    told.append(rows.row(label, "MiB", peak, f"of {few} samples", one))
     return told
 
 

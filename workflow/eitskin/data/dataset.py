@@ -1,15 +1,14 @@
 """Training sets: what a touch changes in the voltages, and the contact state that belongs to it."""
 
 import json
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from eitskin.atomic import atomic_path
 from eitskin.data import parquet
 from eitskin.data.baseline import changes, sessions, untouched_noise
 from eitskin.data.places import places
@@ -93,12 +92,25 @@ def validate(dataset: Dataset, file: str | Path) -> None:
 
 def write(dataset: Dataset, path: str | Path) -> None:
     """Write a valid dataset to `path`, atomically; equal datasets give equal bytes."""
-    validate(dataset, path)
-    table = pa.Table.from_pandas(dataset.table, preserve_index=False)
-    table = table.append_column("delta_V", parquet.lists(dataset.delta_V))
-    header = json.dumps(dataset.metadata, sort_keys=True, allow_nan=False)
-    with atomic_path(path) as temporary:
-        pq.write_table(table.replace_schema_metadata({SCHEMA_KEY: header}), temporary)
+    write_parts([(dataset.table, dataset.delta_V)], dataset.metadata, path)
+
+
+def write_parts(
+    parts: Iterable[tuple[pd.DataFrame, np.ndarray]], metadata: dict, path: str | Path
+) -> None:
+    """As `write`, of a dataset that comes part by part, table and delta_V of each: a row group of
+    the file each. `metadata` is taken as it is when the last part was made."""
+
+    def tables() -> Iterator[pa.Table]:
+        for table, delta_V in parts:
+            validate(Dataset(table, delta_V, metadata), path)
+            stored = pa.Table.from_pandas(table, preserve_index=False)
+            yield stored.append_column("delta_V", parquet.lists(delta_V))
+
+    def header() -> dict[bytes, str]:
+        return {SCHEMA_KEY: json.dumps(metadata, sort_keys=True, allow_nan=False)}
+
+    parquet.write_groups(path, tables(), header)
 
 
 def read(path: str | Path) -> Dataset:

@@ -1,6 +1,8 @@
-"""Tables of Parquet files: read whole or refused in one line; columns that hold a list a row."""
+"""Tables of Parquet files: read whole, or a row group at a time, or refused in one line; columns
+that hold a list a row."""
 
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from eitskin.atomic import atomic_path
 from eitskin.errors import InputError
 
 
@@ -21,10 +24,54 @@ def read(path: str | Path, columns: Sequence[str] | None = None) -> pa.Table:
     """The table of a Parquet file; where `columns` are given these alone, in their order.
 
     Raises InputError for what is no Parquet file, for a damaged one and for a column that is not
-    there. The calling thread alone reads, nothing ahead of time (`pre_buffer`): a process that ends
-    while Arrow's threads still start is aborted (github.com/apache/arrow/issues/34314), its output
-    with it.
+    there.
     """
+    with _opened(path) as file:
+        for name in columns or ():
+            if name not in file.schema_arrow.names:
+                raise InputError(path, f"column {name}", "nothing", "it in the table")
+        return file.read(columns, use_threads=False).replace_schema_metadata(_told(file))
+
+
+def layout(path: str | Path) -> tuple[dict[bytes, bytes], int]:
+    """Metadata and number of row groups of a Parquet file; raises InputError as `read`."""
+    with _opened(path) as file:
+        return _told(file), file.num_row_groups
+
+
+def groups(path: str | Path) -> Iterator[pa.Table]:
+    """The row groups of a Parquet file, one after another; raises InputError as `read`."""
+    with _opened(path) as file:
+        for number in range(file.num_row_groups):
+            yield file.read_row_group(number, use_threads=False)
+
+
+def write_groups(
+    path: str | Path, tables: Iterable[pa.Table], metadata: Callable[[], dict[bytes, str]]
+) -> None:
+    """Write tables of one schema, one at least, as a row group each, atomically; the file's
+    metadata is asked for when the last was made."""
+    following = iter(tables)
+    first = next(following).replace_schema_metadata(None)
+    with atomic_path(path) as temporary, pq.ParquetWriter(temporary, first.schema) as writer:
+        writer.write_table(first, row_group_size=len(first))
+        del first
+        for table in following:
+            writer.write_table(table.replace_schema_metadata(None), row_group_size=len(table))
+        writer.add_key_value_metadata(metadata())
+
+
+def _told(file: pq.ParquetFile) -> dict[bytes, bytes]:
+    """What stands beside the tables; Arrow's own schema has what was known when writing began."""
+    told = file.metadata.metadata or {}
+    return {key: value for key, value in told.items() if key != b"ARROW:schema"}
+
+
+@contextlib.contextmanager
+def _opened(path: str | Path) -> Iterator[pq.ParquetFile]:
+    """The calling thread alone reads, nothing ahead of time (`pre_buffer`): a process that ends
+    while Arrow's threads still start is aborted (github.com/apache/arrow/issues/34314), its output
+    with it."""
     path = Path(path)
     if not path.is_file():
         found = "a folder" if path.is_dir() else "no such file"
@@ -43,10 +90,7 @@ def read(path: str | Path, columns: Sequence[str] | None = None) -> pa.Table:
             path.open("rb") as stream,
             pq.ParquetFile(stream, page_checksum_verification=True, pre_buffer=False) as file,
         ):
-            for name in columns or ():
-                if name not in file.schema_arrow.names:
-                    raise InputError(path, f"column {name}", "nothing", "it in the table")
-            return file.read(columns, use_threads=False)
+            yield file
     except (OSError, pa.ArrowException) as error:
         reason = str(error).splitlines()[0]
         raise InputError(

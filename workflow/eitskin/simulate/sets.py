@@ -1,34 +1,28 @@
-"""The simulated sets: clean physics, then effects stage by stage, then noise.
+"""The simulated sets: clean physics, then effects stage by stage, then noise, session by session.
 
-A stage is a Parquet file with one row a sample: sample, session, place, x_mm, y_mm, force_N,
-probe_mm and, as float32 V, the touched frame and the untouched frame that belongs to it. As in the
-paper's code, the untouched frame carries the instrument of its touched frame's force.
+As in the paper's code, the untouched frame carries the instrument of its touched frame's force.
 """
 
-import json
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 
-from eitskin.atomic import atomic_path
-from eitskin.data import dataset, parquet
+from eitskin.data import dataset
 from eitskin.data.baseline import untouched_noise
 from eitskin.effects.effect import Frames, Setting
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.physics.skin import Skin
 from eitskin.progress import patient
-from eitskin.simulate import state_priors
+from eitskin.simulate import stages, state_priors
 from eitskin.simulate.readings import apply_instrument, simulate
+from eitskin.simulate.stages import Part, Stage
 
-STAGE_KEY = b"eitskin-stage"
-READINGS = ("untouched_V", "touched_V")
 NOISE = zlib.crc32(b"noise")
+NOISE_SAMPLES = 65_536  # from which the noise of an untouched frame's change is told
 CONTINUOUS = "-continuous"  # so ends the name of a set whose touches lie everywhere
 
 
@@ -118,30 +112,34 @@ def _laid_out(
         return laid["channels"], laid["force_N"], pd.read_csv(touch_grid)
 
 
-def _simulate_sessions(
+def _write_sessions(
+    out: str | Path,
     table: pd.DataFrame,
     channels: np.ndarray,
     skin: dict,
     accuracy: str,
     chosen_of: Callable[[int, np.ndarray], list[Setting]],
-) -> tuple[pd.DataFrame, np.ndarray, np.ndarray, np.ndarray]:
+) -> None:
     believed = Skin.from_metadata(skin, "config.yaml")
-    untouched = np.empty((len(table), len(channels)), dtype=np.float32)
-    touched = np.empty_like(untouched)
     still = pd.DataFrame({"touch": [False], "force_N": [0.0]})
-    for session, rows in patient(table.groupby("session").indices.items(), "sessions"):
-        frames = pd.concat([still, table.iloc[rows].assign(touch=True)], ignore_index=True)
-        voltage = simulate(
-            frames.assign(time_s=0.0),
-            np.arange(-1, len(rows)),
-            believed,
-            channels,
-            chosen_of(int(session), channels),
-            accuracy,
-            force_max_N=table["force_N"].max(),
-        )
-        untouched[rows], touched[rows] = voltage[0], voltage[1:]
-    return table, untouched, touched, channels
+    force_max_N = table["force_N"].max()
+
+    def parts() -> Iterator[Part]:
+        for session, rows in patient(list(stages.sessions(table)), "sessions"):
+            own = table.iloc[rows]
+            frames = pd.concat([still, own.assign(touch=True)], ignore_index=True)
+            voltage = simulate(
+                frames.assign(time_s=0.0),
+                np.arange(-1, len(own)),
+                believed,
+                channels,
+                chosen_of(session, channels),
+                accuracy,
+                force_max_N=force_max_N,
+            ).astype(np.float32)
+            yield Part(own, np.repeat(voltage[:1], len(own), axis=0), voltage[1:])
+
+    stages.write(out, parts(), channels, force_max_N)
 
 
 def write_clean(
@@ -156,7 +154,7 @@ def write_clean(
         return []
 
     table = _grid_samples(grid, force_N, *layout)
-    _write_stage(out, *_simulate_sessions(table, channels, skin, accuracy, nothing))
+    _write_sessions(out, table, channels, skin, accuracy, nothing)
 
 
 def write_skin_stage(
@@ -190,20 +188,26 @@ def write_skin_stage(
     def chosen_of(session: int, channels: np.ndarray) -> list[Setting]:
         return sample_settings(effects, site_counts(channels), (seed, session, 0))
 
-    _write_stage(out, *_simulate_sessions(table, channels, skin, accuracy, chosen_of))
+    _write_sessions(out, table, channels, skin, accuracy, chosen_of)
 
 
 def write_stage(stage: str | Path, out: str | Path, seed: int, effect: dict, position: int) -> None:
     """One instrument effect, drawn anew for each session, applied to a stage."""
-    table, untouched, touched, channels = read_stage(stage)
-    force = table["force_N"].to_numpy()
-    for session, rows in patient(table.groupby("session").indices.items(), "sessions"):
-        draw = (seed, int(session), position)
-        chosen = sample_settings([effect], site_counts(channels), draw)
-        frames = Frames(np.zeros(len(rows)), force[rows], channels, force_max_N=force.max())
-        for voltage in (untouched, touched):
-            voltage[rows] = apply_instrument(voltage[rows].astype(float), chosen, frames)
-    _write_stage(out, table, untouched, touched, channels)
+    before = Stage(stage)
+    channels, most = before.channels, before.force_max_N
+
+    def parts() -> Iterator[Part]:
+        for part in patient(before, "parts"):
+            force = part.table["force_N"].to_numpy()
+            for session, rows in stages.sessions(part.table):
+                chosen = sample_settings([effect], site_counts(channels), (seed, session, position))
+                own = force[rows]
+                frames = Frames(np.zeros(len(own)), own, channels, force_max_N=most)
+                for voltage in part[1:]:
+                    voltage[rows] = apply_instrument(voltage[rows].astype(float), chosen, frames)
+            yield part
+
+    stages.write(out, parts(), channels, most)
 
 
 def write_dataset(
@@ -220,22 +224,7 @@ def write_dataset(
     baseline "paired": each sample its own untouched frame; "averaged": the noise of the untouched
     frames averaged over the session, as by a lab that averages its baseline.
     """
-    table, untouched, touched, channels = read_stage(stage)
-    change = np.empty(touched.shape, dtype=np.float32)
-    still = np.empty(touched.shape, dtype=np.float32)
-    for session, rows in table.groupby("session").indices.items():
-        rng = np.random.default_rng((seed, int(session), NOISE))
-        noisy = []
-        for voltage in (untouched, touched):
-            values = voltage[rows].astype(float)
-            scale = noise * np.median(np.abs(values), axis=1, keepdims=True)
-            noisy.append((values, scale * rng.standard_normal(values.shape)))
-        (base, base_noise), (touch, touch_noise) = noisy
-        if baseline == "averaged":
-            base_noise = base_noise.mean(axis=0)
-        change[rows] = touch + touch_noise - base - base_noise
-        still[rows] = scale * rng.standard_normal(base.shape) - base_noise
-    table["depth_mm"] = np.nan
+    before, still = Stage(stage), []
     metadata = {
         "format": "eitskin-dataset",
         "version": 1,
@@ -246,34 +235,38 @@ def write_dataset(
         "unit": "V",
         "voltage": "signed",
         "position_frame": "skin",
-        "channels": channels.tolist(),
+        "channels": before.channels.tolist(),
         "noise": noise,
         "baseline": baseline,
-        "untouched": untouched_noise(still.astype(float)),
     }
-    dataset.write(dataset.Dataset(table, change, metadata), out)
+
+    def parts() -> Iterator[tuple[pd.DataFrame, np.ndarray]]:
+        told = 0
+        for part in before:
+            change = np.empty(part.touched.shape, dtype=np.float32)
+            for session, rows in stages.sessions(part.table):
+                change[rows], apart = _noisy(part, rows, (seed, session, NOISE), noise, baseline)
+                if told < NOISE_SAMPLES:
+                    still.append(apart)
+                    told += len(apart)
+            yield part.table.assign(depth_mm=np.nan), change
+        metadata["untouched"] = untouched_noise(np.concatenate(still).astype(float))
+
+    dataset.write_parts(parts(), metadata, out)
 
 
-def read_stage(path: str | Path) -> tuple[pd.DataFrame, np.ndarray, np.ndarray, np.ndarray]:
-    """Samples (N rows), untouched and touched frames (N, M) float32 V, channels (M, 4)."""
-    stored = parquet.read(path)
-    channels = np.array(json.loads(stored.schema.metadata[STAGE_KEY])["channels"])
-    untouched, touched = (parquet.listed(stored[name]).copy() for name in READINGS)
-    samples = stored.drop_columns(list(READINGS))
-    table = parquet.frame(samples, ignore_metadata=True)
-    return table, untouched, touched, channels
-
-
-def _write_stage(
-    path: str | Path,
-    table: pd.DataFrame,
-    untouched: np.ndarray,
-    touched: np.ndarray,
-    channels: np.ndarray,
-) -> None:
-    stored = pa.Table.from_pandas(table, preserve_index=False)
-    for name, values in zip(READINGS, (untouched, touched), strict=True):
-        stored = stored.append_column(name, parquet.lists(np.asarray(values, np.float32)))
-    header = json.dumps({"channels": channels.tolist(), "origin": "simulated"})
-    with atomic_path(path) as temporary:
-        pq.write_table(stored.replace_schema_metadata({STAGE_KEY: header}), temporary)
+def _noisy(
+    part: Part, rows: slice, draw: tuple[int, ...], noise: float, baseline: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """The changes (n, M) of a session's samples, and float32 changes of an untouched frame."""
+    rng = np.random.default_rng(draw)
+    noisy = []
+    for voltage in part[1:]:
+        values = voltage[rows].astype(float)
+        scale = noise * np.median(np.abs(values), axis=1, keepdims=True)
+        noisy.append((values, scale * rng.standard_normal(values.shape)))
+    (base, base_noise), (touch, touch_noise) = noisy
+    if baseline == "averaged":
+        base_noise = base_noise.mean(axis=0)
+    still = scale * rng.standard_normal(base.shape) - base_noise
+    return touch + touch_noise - base - base_noise, still.astype(np.float32)
