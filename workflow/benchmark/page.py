@@ -27,9 +27,8 @@ mesh, beside pyEIT and SciPy on that mesh. Mesh and element matrices are there b
 peer is what a careful user would write; the fourth keeps what eitskin's own eigenproblem keeps.""",
     "perturbed": """\
 Processor seconds of the perturbed sets of `config.yaml`, from nothing to the data set, in one
-process, beside what they may take. `crossed` presses every skin at all places. The set of the authors with 20 times
-the places is beside it for its memory: sessions are simulated, perturbed and written one by one.
-""",
+process, beside what they may take. `crossed` presses every skin at all places. The authors' set
+with 20 times the places is there for its memory: sets are made a group of sessions at a time.""",
     "trained": """\
 Samples a processor second of the training loop of a perceptron of 512, 256, 128, as it is, and with
 numbers under the least normal one computed with.""",
