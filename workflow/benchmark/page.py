@@ -42,6 +42,7 @@ clock, and in this thread's processor time; the state alone beside PyTorch; the 
 electrode, and the whole loop.""",
 }
 REASONS = (  # of rows that fall short, the first that fits
+    (r"perturbed, memory of", "the states of all samples are drawn at once, 56 bytes each"),
     (
         r"streamed, (cnn|transformer)\b",
         "the network alone takes half of it or more, as its `state alone` shows",
