@@ -45,7 +45,7 @@ REASONS = (  # of rows that fall short, the first that fits
     (r"perturbed, memory of", "the states of all samples are drawn at once, 56 bytes each"),
     (
         r"streamed, (cnn|transformer)\b",
-        "the network alone takes half of it or more, as its `state alone` shows",
+        "the network alone takes a third of it or more, as its `state alone` shows",
     ),
     (
         r"state alone, (cnn|transformer)\b",

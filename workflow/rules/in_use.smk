@@ -21,8 +21,8 @@ def of_model(script):
 
 
 def memory_MB(wildcards):
-    """What the frames of a set take, of which a stage holds several."""
+    """What making a set takes: of its samples the states, of the frames a few groups of sessions."""
     grid = config["touch_grid"]["radii"] * config["touch_grid"]["angles"]
     own = config["configurations"][wildcards.configuration]
     samples = (own["continuous"] or {}).get("samples", grid * config["forces"]["levels"])
-    return 1000 + samples // 50
+    return 1000 + samples // 5000

@@ -324,6 +324,26 @@ def test_a_gain_is_in_common_beyond_its_scatter_over_presses(judging, gains):
     assert abs(judged.in_common(other, other, (replace(here, density=alone), there))) < 1e-6
     one = judge(found, readings, white, sizes, np.zeros_like(unit))
     assert one.in_common(other, other, (here, there)) == np.inf
+    # Presses that were put aside have a gain of their own.
+    off = replace(other, theta=found.theta + 0.3)
+    aside = white.mask.any(axis=1)
+    own = np.where(aside, judged.by(other).density - judged.by(off).density, 0.0) + density
+    total = np.array([own[unit[:, 0] == one].sum() for one in label])
+    wanted = total.sum() * (1.0 - 1.0 / ttest_1samp(total, 0.0).statistic)
+    assert np.isclose(judged.in_common(other, off, (here, there)), wanted)
+    # Where nothing could be put aside these are the same readings, which count once.
+    same = judge(found, found.voltage(), seen, sizes, unit)
+    assert np.isclose(same.in_common(other, off, (here, there)), told)
+
+
+def test_touches_of_unknown_force_are_no_presses_to_have_in_common():
+    """Folds are of channels then."""
+    gain = {"name": "drive-gain", "drives": [3], "parameters": {"gain": 1.05}}
+    recorded = small_recording(gain, noise=NOISE, places=6)
+    touched = recorded.frames["touch"].to_numpy(bool)
+    recorded.frames.loc[touched, "force_N"] = np.nan
+    found = diagnosis.diagnose(recorded)
+    assert [effect.name for effect in found.after.effects] == ["drive-gain"]
 
 
 def test_put_aside_leaves_out_what_was_lost(judging):

@@ -4,10 +4,11 @@ import tracemalloc
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from eitskin.data import dataset
+from eitskin.data import dataset, parquet
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
 from eitskin.simulate import sets, stages
@@ -70,6 +71,7 @@ def test_a_set_is_the_same_in_one_group_and_in_many(tmp_path, monkeypatch):
 
 
 def test_the_noise_is_told_from_the_first_samples(tmp_path, monkeypatch):
+    monkeypatch.setattr(stages, "ROWS", FRAMES)
     monkeypatch.setattr(sets, "NOISE_SAMPLES", 3 * FRAMES)
     assert dataset.read(made(tmp_path, 6)[-1]).metadata["untouched"]["frames"] == 3 * FRAMES
 
@@ -80,11 +82,34 @@ def test_memory_does_not_grow_with_the_samples(tmp_path, monkeypatch):
     made(tmp_path, 4)  # what is read in at first does not count
     peaks = []
     for sessions in (8, 80):
+        largest, written = [], parquet.pq.ParquetWriter.write_table
+
+        def noted(*given, largest=largest, written=written, **options):
+            largest.append(pa.total_allocated_bytes())
+            return written(*given, **options)
+
+        monkeypatch.setattr(parquet.pq.ParquetWriter, "write_table", noted)
         tracemalloc.start()
         made(tmp_path, sessions)
-        peaks.append(tracemalloc.get_traced_memory()[1])
+        peaks.append((tracemalloc.get_traced_memory()[1], max(largest)))
         tracemalloc.stop()
-    assert peaks[1] < 1.3 * peaks[0]
+        monkeypatch.setattr(parquet.pq.ParquetWriter, "write_table", written)
+    (few, few_of_arrow), (many, many_of_arrow) = peaks
+    assert many < 1.3 * few and many_of_arrow < 1.3 * few_of_arrow
+
+
+def test_any_reader_finds_what_stands_beside_a_set(tmp_path):
+    for file, key in zip(made(tmp_path, 2)[1:], (stages.KEY, dataset.SCHEMA_KEY), strict=True):
+        assert key in pq.read_schema(file).metadata and key in pq.read_table(file).schema.metadata
+
+
+def test_samples_fall_in_no_set(tmp_path):
+    first, second = ((one.table.assign(depth_mm=np.nan), one.touched) for one in parts(2))
+    metadata = dataset.read(made(tmp_path, 1)[-1]).metadata
+    for given, found in (((second, first), "a fall"), ((), "none")):
+        with pytest.raises(InputError, match=f"found {found}, expected"):
+            dataset.write_parts(given, metadata, tmp_path / "other.parquet")
+    assert not (tmp_path / "other.parquet").exists()
 
 
 def test_another_parquet_file_is_no_stage(tmp_path):

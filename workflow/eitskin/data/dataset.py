@@ -99,18 +99,20 @@ def write_parts(
     parts: Iterable[tuple[pd.DataFrame, np.ndarray]], metadata: dict, path: str | Path
 ) -> None:
     """As `write`, of a dataset that comes part by part, table and delta_V of each: a row group of
-    the file each. `metadata` is taken as it is when the last part was made."""
+    the file each."""
 
     def tables() -> Iterator[pa.Table]:
+        last = -1
         for table, delta_V in parts:
             validate(Dataset(table, delta_V, metadata), path)
+            if table["sample"].iloc[0] <= last:
+                raise InputError(path, "column sample", "a fall", "numbers that increase")
+            last = table["sample"].iloc[-1]
             stored = pa.Table.from_pandas(table, preserve_index=False)
             yield stored.append_column("delta_V", parquet.lists(delta_V))
 
-    def header() -> dict[bytes, str]:
-        return {SCHEMA_KEY: json.dumps(metadata, sort_keys=True, allow_nan=False)}
-
-    parquet.write_groups(path, tables(), header)
+    header = json.dumps(metadata, sort_keys=True, allow_nan=False)
+    parquet.write_groups(path, tables(), {SCHEMA_KEY: header})
 
 
 def read(path: str | Path) -> Dataset:

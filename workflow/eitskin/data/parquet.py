@@ -2,7 +2,8 @@
 that hold a list a row."""
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +31,13 @@ def read(path: str | Path, columns: Sequence[str] | None = None) -> pa.Table:
         for name in columns or ():
             if name not in file.schema_arrow.names:
                 raise InputError(path, f"column {name}", "nothing", "it in the table")
-        return file.read(columns, use_threads=False).replace_schema_metadata(_told(file))
+        return file.read(columns, use_threads=False)
 
 
-def layout(path: str | Path) -> tuple[dict[bytes, bytes], int]:
-    """Metadata and number of row groups of a Parquet file; raises InputError as `read`."""
+def layout(path: str | Path) -> tuple[pa.Schema, int]:
+    """Schema and number of row groups of a Parquet file; raises InputError as `read`."""
     with _opened(path) as file:
-        return _told(file), file.num_row_groups
+        return file.schema_arrow, file.num_row_groups
 
 
 def groups(path: str | Path) -> Iterator[pa.Table]:
@@ -46,25 +47,17 @@ def groups(path: str | Path) -> Iterator[pa.Table]:
             yield file.read_row_group(number, use_threads=False)
 
 
-def write_groups(
-    path: str | Path, tables: Iterable[pa.Table], metadata: Callable[[], dict[bytes, str]]
-) -> None:
-    """Write tables of one schema, one at least, as a row group each, atomically; the file's
-    metadata is asked for when the last was made."""
+def write_groups(path: str | Path, tables: Iterable[pa.Table], metadata: dict[bytes, str]) -> None:
+    """Write tables of one schema as a row group each, atomically; raises InputError for none."""
     following = iter(tables)
-    first = next(following).replace_schema_metadata(None)
-    with atomic_path(path) as temporary, pq.ParquetWriter(temporary, first.schema) as writer:
-        writer.write_table(first, row_group_size=len(first))
-        del first
-        for table in following:
-            writer.write_table(table.replace_schema_metadata(None), row_group_size=len(table))
-        writer.add_key_value_metadata(metadata())
-
-
-def _told(file: pq.ParquetFile) -> dict[bytes, bytes]:
-    """What stands beside the tables; Arrow's own schema has what was known when writing began."""
-    told = file.metadata.metadata or {}
-    return {key: value for key, value in told.items() if key != b"ARROW:schema"}
+    first = next(following, None)
+    if first is None:
+        raise InputError(path, "rows", "none", "at least one")
+    schema = first.replace_schema_metadata(metadata).schema
+    with atomic_path(path) as temporary, pq.ParquetWriter(temporary, schema) as writer:
+        for table in chain([first], following):
+            writer.write_table(table.cast(schema), row_group_size=len(table))
+            first = None
 
 
 @contextlib.contextmanager

@@ -86,14 +86,17 @@ class Judged:
         """A fit's gain of log density above another's less its standard error by the scatter over
         presses, those put aside and those of folds: negative where presses lose much of what others
         gain, so that the next may go either way. What one press gains alone, others nothing, is as
-        large as its scatter. Infinite where readings are not parted by presses."""
+        large as its scatter. Infinite where fewer than two presses are known whole: folds are of
+        channels or of stretches of time then."""
+        model = self.problem.model
         aside, seen = self.white.mask.any(axis=1), after.problem.whitening.mask.any(axis=1)
         label = self.unit[:, 0]
-        presses = np.unique(label[aside | seen])
+        presses = np.unique(label[model.touched & model.known & (aside | seen)])
         if len(presses) < 2:
             return np.inf
-        own = np.where(aside, self.by(after).density - self.by(before).density, 0.0)
-        own += np.where(seen, folds[0].density - folds[1].density, 0.0)
+        own = np.where(seen, folds[0].density - folds[1].density, 0.0)
+        if not np.array_equal(self.white.mask, after.problem.whitening.mask):
+            own += np.where(aside, self.by(after).density - self.by(before).density, 0.0)
         gain = np.array([own[label == one].sum() for one in presses])
         return float(gain.sum() - np.sqrt(len(gain) * gain.var(ddof=1)))
 

@@ -22,7 +22,7 @@ from eitskin.simulate.readings import apply_instrument, simulate
 from eitskin.simulate.stages import Part, Stage
 
 NOISE = zlib.crc32(b"noise")
-NOISE_SAMPLES = 65_536  # from which the noise of an untouched frame's change is told
+NOISE_SAMPLES = 65_536  # from which the noise of an untouched frame's change is told, or a few more
 CONTINUOUS = "-continuous"  # so ends the name of a set whose touches lie everywhere
 
 
@@ -224,7 +224,17 @@ def write_dataset(
     baseline "paired": each sample its own untouched frame; "averaged": the noise of the untouched
     frames averaged over the session, as by a lab that averages its baseline.
     """
-    before, still = Stage(stage), []
+    before = Stage(stage)
+
+    def noisy(part: Part) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+        for session, rows in stages.sessions(part.table):
+            yield rows, *_noisy(part, rows, (seed, session, NOISE), noise, baseline)
+
+    still: list[np.ndarray] = []
+    for part in before:
+        if sum(map(len, still)) >= NOISE_SAMPLES:
+            break
+        still += [apart for _, _, apart in noisy(part)]
     metadata = {
         "format": "eitskin-dataset",
         "version": 1,
@@ -238,19 +248,16 @@ def write_dataset(
         "channels": before.channels.tolist(),
         "noise": noise,
         "baseline": baseline,
+        "untouched": untouched_noise(np.concatenate(still).astype(float)),
     }
+    still.clear()
 
     def parts() -> Iterator[tuple[pd.DataFrame, np.ndarray]]:
-        told = 0
         for part in before:
             change = np.empty(part.touched.shape, dtype=np.float32)
-            for session, rows in stages.sessions(part.table):
-                change[rows], apart = _noisy(part, rows, (seed, session, NOISE), noise, baseline)
-                if told < NOISE_SAMPLES:
-                    still.append(apart)
-                    told += len(apart)
+            for rows, own, _ in noisy(part):
+                change[rows] = own
             yield part.table.assign(depth_mm=np.nan), change
-        metadata["untouched"] = untouched_noise(np.concatenate(still).astype(float))
 
     dataset.write_parts(parts(), metadata, out)
 

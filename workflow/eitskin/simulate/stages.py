@@ -1,5 +1,5 @@
-"""The file of a stage of the simulated sets: Parquet, one row a sample, in row groups of whole
-sessions, so that a set of any size is read and written a group at a time.
+"""Files of the stages of a simulated set: Parquet, one row a sample, in row groups of whole
+sessions. A set of any size is read and written a group at a time.
 
 A row has sample, session, place, x_mm, y_mm, force_N, probe_mm and, as float32 V, the touched frame
 and the untouched frame that belongs to it.
@@ -36,15 +36,15 @@ class Stage:
     """A stage that lies in a file: channels (M, 4), the largest force_N of all its samples, and its
     parts, a row group each, which are read when they are asked for.
 
-    Raises InputError for a file that is none.
+    Raises InputError for a file that is no stage.
     """
 
     def __init__(self, path: str | Path):
         self._path = path
-        metadata, self._groups = parquet.layout(path)
-        header = metadata.get(KEY)
+        schema, self._groups = parquet.layout(path)
+        header = (schema.metadata or {}).get(KEY)
         if header is None:
-            raise InputError(path, "metadata", f"no key {KEY.decode()}", "a stage's metadata")
+            raise InputError(path, "schema", f"no key {KEY.decode()}", "a stage's metadata")
         told = json.loads(header)
         self.channels, self.force_max_N = np.array(told["channels"]), told["force_max_N"]
 
@@ -66,7 +66,7 @@ def write(
     header = {"channels": channels.tolist(), "force_max_N": float(force_max_N)}
     header["origin"] = "simulated"
     tables = (_stored(Part(*map(_joined, zip(*some, strict=True)))) for some in _grouped(parts))
-    parquet.write_groups(path, tables, lambda: {KEY: json.dumps(header)})
+    parquet.write_groups(path, tables, {KEY: json.dumps(header)})
 
 
 def sessions(table: pd.DataFrame) -> Iterator[tuple[int, slice]]:
