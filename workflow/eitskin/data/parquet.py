@@ -56,8 +56,7 @@ def write_groups(path: str | Path, tables: Iterable[pa.Table], metadata: dict[by
     schema = first.replace_schema_metadata(metadata).schema
     with atomic_path(path) as temporary, pq.ParquetWriter(temporary, schema) as writer:
         for table in chain([first], following):
-            writer.write_table(table.cast(schema), row_group_size=len(table))
-            first = None
+            writer.write_table(table, row_group_size=len(table))
 
 
 @contextlib.contextmanager

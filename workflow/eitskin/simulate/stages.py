@@ -65,7 +65,7 @@ def write(
     """Write the parts to `path`, atomically, as a stage of `channels` (M, 4)."""
     header = {"channels": channels.tolist(), "force_max_N": float(force_max_N)}
     header["origin"] = "simulated"
-    tables = (_stored(Part(*map(_joined, zip(*some, strict=True)))) for some in _grouped(parts))
+    tables = (_stored(part) for part in _grouped(parts))
     parquet.write_groups(path, tables, {KEY: json.dumps(header)})
 
 
@@ -77,21 +77,21 @@ def sessions(table: pd.DataFrame) -> Iterator[tuple[int, slice]]:
         yield int(own[first]), slice(first, after)
 
 
-def _grouped(parts: Iterable[Part]) -> Iterator[list[Part]]:
+def _grouped(parts: Iterable[Part]) -> Iterator[Part]:
     held: list[Part] = []
     for part in parts:
         held.append(part)
         if sum(len(one.table) for one in held) >= ROWS:
-            yield held
+            yield _joined(held)
             held = []
     if held:
-        yield held
+        yield _joined(held)
 
 
-def _joined(values: tuple) -> pd.DataFrame | np.ndarray:
-    if isinstance(values[0], pd.DataFrame):
-        return pd.concat(values, ignore_index=True)
-    return np.concatenate(values)
+def _joined(parts: list[Part]) -> Part:
+    tables, untouched, touched = zip(*parts, strict=True)
+    table = pd.concat(tables, ignore_index=True)
+    return Part(table, np.concatenate(untouched), np.concatenate(touched))
 
 
 def _stored(part: Part) -> pa.Table:
