@@ -30,6 +30,7 @@ class Judged:
     converter_step: float
     unit: np.ndarray
     _about: dict[int, tuple[Fit, Fit]] = field(default_factory=dict, repr=False)
+    _by: dict[int, tuple[Fit, HeldOut]] = field(default_factory=dict, repr=False)
 
     @property
     def white(self) -> Whitening:
@@ -56,7 +57,10 @@ class Judged:
     def by(self, fit: Fit) -> HeldOut:
         """What a fit predicts for them, with noise and rig errors in their covariance; plain: where
         touches are said to be."""
-        return replace(put_aside(self.about(fit)), plain=self.by_white(fit).plain)
+        if id(fit) not in self._by:
+            found = replace(put_aside(self.about(fit)), plain=self.by_white(fit).plain)
+            self._by[id(fit)] = fit, found
+        return self._by[id(fit)][1]
 
     def by_white(self, fit: Fit) -> HeldOut:
         """What a fit predicts for them, against noise alone."""
