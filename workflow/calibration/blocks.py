@@ -16,7 +16,7 @@ FIRST_SEED = {
     "p-values-development": 1,
     "p-values-report": 600_001,
     "queries-development": 1,
-    "queries-report": 700_001,
+    "queries-report": 800_001,
     "owners-development": 1,
     "owners-report": 600_001,
 }

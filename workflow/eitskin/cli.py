@@ -60,6 +60,7 @@ examples:
 examples:
   eitskin compare monday.parquet friday.parquet
   eitskin compare tank.csv tank.csv --part target --out objects
+  eitskin compare day.csv day.csv --control-frames 0:99 --later-frames 100:240
 """,
     "stream": """\
 examples:
@@ -165,6 +166,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_reading(comparing)
     part = "of LATER, frames otherwise left out: target (pyeidors-tank), v_rotate:K (iirc-tank)"
     comparing.add_argument("--part", help=part)
+    _add_frames(comparing, "--control-frames", "of CONTROL, these frames alone")
+    _add_frames(comparing, "--later-frames", "of LATER, these frames alone")
     _add_path(comparing, "--out", "the folder to write, by default comparison-A-vs-B", shtab.DIR)
     _add_anyway(comparing)
     words = "say of every frame whether the skin is touched, where and how hard"
@@ -194,12 +197,13 @@ def _add_source(command: argparse.ArgumentParser) -> None:
     """The recording that a command reads."""
     _add_path(command, "file", "a recording in any known format")
     _add_reading(command)
-    command.add_argument(
-        "--frames",
-        type=_stretch,
-        metavar="FIRST:LAST",
-        help="of these frames alone, numbered from 0 as in the file, both counted",
-    )
+    _add_frames(command, "--frames", "of these frames alone")
+
+
+def _add_frames(command: argparse.ArgumentParser, name: str, what: str) -> None:
+    """A stretch of a recording."""
+    what += ", numbered from 0 as in the file, both counted"
+    command.add_argument(name, type=_stretch, metavar="FIRST:LAST", help=what)
 
 
 def _add_reading(command: argparse.ArgumentParser) -> None:
@@ -219,12 +223,24 @@ def _add_anyway(command: argparse.ArgumentParser) -> None:
     )
 
 
-def _load(file: str, arguments: argparse.Namespace, part: str | None = None) -> Recording:
-    """A recording, with what its owner states of its channels and of the skin."""
+def _load(
+    file: str,
+    arguments: argparse.Namespace,
+    frames: tuple[int, int] | None,
+    part: str | None = None,
+) -> Recording:
+    """A recording, or a stretch of it, with what its owner states of its channels and the skin."""
     protocol = arguments.order, arguments.drive, arguments.measure
     said = {} if arguments.skin is None else stated.read(arguments.skin)
     loaded = importers.load(file, arguments.format, *protocol, part)
-    return stated.apply(said, loaded, arguments.skin)
+    loaded = stated.apply(said, loaded, arguments.skin)
+    return loaded if frames is None else subset.stretch(loaded, *frames, file)
+
+
+def _stem(file: str, frames: tuple[int, int] | None) -> str:
+    """What a folder is called that tells of a recording or of a stretch of it."""
+    name = answers.name(file)
+    return name if frames is None else "{}-frames-{}-{}".format(name, *frames)
 
 
 def _stretch(text: str) -> tuple[int, int]:
@@ -237,11 +253,7 @@ def _stretch(text: str) -> tuple[int, int]:
 
 def _source(arguments: argparse.Namespace) -> Recording:
     """The recording that a command reads, or the stretch of it that is asked for."""
-    loaded = _load(arguments.file, arguments)
-    if arguments.frames is None:
-        return loaded
-    first, last = arguments.frames
-    return subset.stretch(loaded, first, last, arguments.file)
+    return _load(arguments.file, arguments, arguments.frames)
 
 
 def _checked(
@@ -349,9 +361,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     recording.voltages(recorded, arguments.file)
     if arguments.query is not None:
         result.read_query(arguments.query, recorded)
-    name = answers.name(arguments.file)
-    if arguments.frames is not None:
-        name += "-frames-{}-{}".format(*arguments.frames)
+    name = _stem(arguments.file, arguments.frames)
     out = Path(arguments.out or f"diagnosis-{name}")
     report, predicted = out / "report.html", out / "predicted.parquet"
     answer = report, out / "diagnosis.json", predicted
@@ -392,26 +402,37 @@ def _forget(answer: Sequence[Path]) -> None:
         earlier.unlink(missing_ok=True)
 
 
+def _told_apart(
+    files: tuple[str, str], stretches: tuple[tuple[int, int] | None, ...], part: str | None
+) -> list[str]:
+    """Names of two recordings, that of the files by what is read of them."""
+    of_files = list(map(answers.name, files))
+    names = [
+        name if stretch is None else "{}, frames {} to {}".format(name, *stretch)
+        for name, stretch in zip(of_files, stretches, strict=True)
+    ]
+    if part is not None:
+        names[1] += f", {part}"
+    return list(files) if names[0] == names[1] else names
+
+
 def _compare(arguments: argparse.Namespace) -> int:
     from eitskin.diagnose.comparison import difference_words, result
     from eitskin.diagnose.report import comparison_page
 
     files = (arguments.control, arguments.later)
-    names = answers.name(arguments.control), answers.name(arguments.later)
-    if arguments.part is not None:
-        names = (names[0], f"{names[1]}, {arguments.part}")
-    elif names[0] == names[1]:
-        names = files
+    stretches = (arguments.control_frames, arguments.later_frames)
+    names = _told_apart(files, stretches, arguments.part)
     with named(" and ".join(files)):
-        control = _load(arguments.control, arguments)
-        later = _load(arguments.later, arguments, arguments.part)
+        control = _load(files[0], arguments, stretches[0])
+        later = _load(files[1], arguments, stretches[1], arguments.part)
         for file, recorded in zip(files, (control, later), strict=True):
             recording.voltages(recorded, file)
             if _checked(recorded, arguments, file, OF_TABLE) is None:
                 return UNUSABLE
         sentences, difference = difference_words.compared(control, later, names)
-    said = result.of_difference(list(names), sentences, difference)
-    stems = "-vs-".join(map(answers.name, files))
+    said = result.of_difference(names, sentences, difference)
+    stems = "-vs-".join(map(_stem, files, stretches))
     with held_folder(arguments.out or f"comparison-{stems}") as folder:
         report = folder / "comparison.html"
         report.unlink(missing_ok=True)

@@ -283,9 +283,24 @@ def test_what_predicts_plainly_worse_does_harm(judging, common):
     here, there = (
         HeldOut(np.zeros(1), np.zeros(1), left, left, left.size) for left in (noise, noise + plain)
     )
-    assert judged.harms(off, found, (there, here))
-    assert not judged.harms(found, off, (here, there))
-    assert not judged.harms(found, found, (here, here))
+    for believed in (False, True):
+        assert judged.harms(off, found, (there, here), believed)
+        assert not judged.harms(found, off, (here, there), believed)
+        assert not judged.harms(found, found, (here, here), believed)
+
+
+def test_a_little_harm_is_allowed_where_the_covariance_accepts_what_is_left(judging):
+    found, white, sizes, unit = judging
+    noise = white.sd * np.random.default_rng(3).normal(size=white.mask.shape)
+    readings = np.where(white.mask, found.voltage() + noise, np.nan)
+    judged = judge(found, readings, white, sizes, unit)
+    here, little, much = (
+        HeldOut(np.zeros(1), np.zeros(1), left, left, left.size)
+        for left in (noise, 1.02 * noise, 1.2 * noise)
+    )
+    assert judged.harms(found, found, (little, here), False)
+    assert not judged.harms(found, found, (little, here), True)
+    assert judged.harms(found, found, (much, here), True)
 
 
 def test_one_unit_a_little_worse_is_no_harm(judging):
@@ -296,7 +311,7 @@ def test_one_unit_a_little_worse_is_no_harm(judging):
         HeldOut(np.zeros(1), np.zeros(1), left, left, left.size) for left in (noise, 1.001 * noise)
     )
     judged = judge(found, readings, white, sizes, np.zeros_like(unit))
-    assert not judged.harms(found, found, (there, here))
+    assert not judged.harms(found, found, (there, here), False)
 
 
 @pytest.mark.parametrize("gains", [(9.0, 9.0, 9.0), (40.0, 0.0, 0.0), (40.0, -12.0, -9.0)])

@@ -116,6 +116,21 @@ def test_compare_answers(path, capsys):
     assert Path(said["report"]).is_file()
 
 
+def test_compare_takes_stretches_of_one_recording(path, capsys):
+    made = recording.read(path)
+    drive = (made.channels[:, :2] == made.channels[0, :2]).all(axis=1)
+    made.voltage = made.voltage * np.where(drive & (np.arange(165) >= 80)[:, None], 1.05, 1.0)
+    recording.write(made, "stepped.parquet")
+    stretches = ["--control-frames", "0:79", "--later-frames", "80:164"]
+    code, said, _ = answer(["compare", "stepped.parquet", "stepped.parquet", *stretches], capsys)
+    assert code == 0
+    assert said["parts"] == ["stepped, frames 0 to 79", "stepped, frames 80 to 164"]
+    sentence = "In stepped, frames 80 to 164, what is driven from electrode 0 reads 4.99 % more"
+    assert said["sentences"][0].startswith(sentence)
+    folder = "comparison-stepped-frames-0-79-vs-stepped-frames-80-164"
+    assert said["report"] == f"{folder}/comparison.html"
+
+
 def test_compare_checks_the_tables_of_both_first(path, capsys):
     made = recording.read(path)
     made.metadata["channels"] = made.channels[:, [0, 1, 3, 2]].tolist()

@@ -294,9 +294,9 @@ def _earned(
 ) -> tuple[State, Judged]:
     """A state less the effects that do not earn their place: on folds of what the search saw by two
     standard errors; on readings that were put aside one value by any gain, many of their own by two
-    standard errors; on both by more than the gain scatters over presses. Where the misfit of what
-    was put aside is more than its covariance allows, an effect must not do harm either, as of
-    `Judged.harms`."""
+    standard errors; on both by more than the gain scatters over presses. It must not do harm either, as of
+    `Judged.harms`: less is allowed where the misfit of what was put aside is more than its
+    covariance allows."""
     while True:
         judged = Judged(put_aside, state.sizes, search.converter_step, units(recorded))
         believed = acceptable(judged.p_value(search.named(state, state.fit), noise.dof))
@@ -311,7 +311,7 @@ def _earned(
             worth = min(gain - free, folds_gain - STANDARD_ERRORS * folds_error, in_common)
             # Each as it would predict, in a covariance of its own: another one moves its fit.
             own = state.held_out, less.held_out
-            if not believed and judged.harms(state.fit, less.fit, own):
+            if judged.harms(state.fit, less.fit, own, believed):
                 worth = -np.inf
             if worth < least:
                 weakest, least = index, worth

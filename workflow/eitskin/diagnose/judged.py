@@ -104,10 +104,14 @@ class Judged:
         gain = np.array([own[label == one].sum() for one in presses])
         return float(gain.sum() - np.sqrt(len(gain) * gain.var(ddof=1)))
 
-    def harms(self, after: Fit, before: Fit, folds: tuple[HeldOut, HeldOut]) -> bool:
+    def harms(
+        self, after: Fit, before: Fit, folds: tuple[HeldOut, HeldOut], believed: bool
+    ) -> bool:
         """Whether a fit predicts readings plainly worse than another: in the recording's unit,
-        those put aside and, of folds, those of the frames that the search saw. Of one unit, which
-        has no standard error, by what it is worse alone."""
+        those put aside and, of folds, those of the frames that the search saw. By either, the
+        ratio of the errors or what they scatter; by both, where the covariance accepts what is
+        left and says that places and forces are off by so much (`believed`). Of one unit, which
+        has no standard error, by the ratio alone, and never where it is believed."""
         aside, seen = self.white.mask, after.problem.whitening.mask
         left, left_before = (
             np.where(aside, self.by_white(fit).plain, np.where(seen, fold.plain, np.nan))
@@ -115,7 +119,8 @@ class Judged:
         )
         found = harm(left, left_before, np.where(aside | seen, 0.0, np.nan), self.unit)
         larger = found["rmse_V"] > MOST_RATIO * found["rmse_before_V"]
-        return larger or found["standard_errors"] > STANDARD_ERRORS
+        clear = found["standard_errors"] > STANDARD_ERRORS
+        return larger and clear if believed else larger or clear
 
 
 def _open(fit: Fit) -> np.ndarray:
