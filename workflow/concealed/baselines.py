@@ -32,8 +32,9 @@ from eitskin.diagnose.fit import Fit, Problem, difference, fit
 from eitskin.diagnose.jacobian import Jacobian
 from eitskin.diagnose.result import read_query
 from eitskin.diagnose.search import tones
+from eitskin.diagnose.search.proposals import SIGNIFICANT
 from eitskin.diagnose.search.screen import log_evidence
-from eitskin.diagnose.search.search import LEAST_EVIDENCE, MOST_EFFECTS, SIGNIFICANT, Search
+from eitskin.diagnose.search.search import LEAST_EVIDENCE, MOST_EFFECTS, Search
 from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.tangents import Tangents
 from eitskin.diagnose.whitening import Whitening

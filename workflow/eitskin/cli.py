@@ -404,16 +404,16 @@ def _forget(answer: Sequence[Path]) -> None:
 
 def _told_apart(
     files: tuple[str, str], stretches: tuple[tuple[int, int] | None, ...], part: str | None
-) -> list[str]:
-    """Names of two recordings, that of the files by what is read of them."""
-    of_files = list(map(answers.name, files))
-    names = [
+) -> tuple[str, str]:
+    """What two recordings are called: as their files and what is read of them, unless that is the
+    same."""
+    control, later = (
         name if stretch is None else "{}, frames {} to {}".format(name, *stretch)
-        for name, stretch in zip(of_files, stretches, strict=True)
-    ]
+        for name, stretch in zip(map(answers.name, files), stretches, strict=True)
+    )
     if part is not None:
-        names[1] += f", {part}"
-    return list(files) if names[0] == names[1] else names
+        later += f", {part}"
+    return files if control == later else (control, later)
 
 
 def _compare(arguments: argparse.Namespace) -> int:
@@ -431,7 +431,7 @@ def _compare(arguments: argparse.Namespace) -> int:
             if _checked(recorded, arguments, file, OF_TABLE) is None:
                 return UNUSABLE
         sentences, difference = difference_words.compared(control, later, names)
-    said = result.of_difference(names, sentences, difference)
+    said = result.of_difference(list(names), sentences, difference)
     stems = "-vs-".join(map(_stem, files, stretches))
     with held_folder(arguments.out or f"comparison-{stems}") as folder:
         report = folder / "comparison.html"

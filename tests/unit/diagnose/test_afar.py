@@ -46,7 +46,7 @@ def search_of(recorded: Recording) -> Search:
     )
     model = problem.model
     fold = folds(model.touched, model.press, CHANNELS, 1)
-    return Search(problem, every, fold, 1, lambda line: None, rigged=True)
+    return Search(problem, every, fold, seed=1, report=lambda line: None, rigged=True)
 
 
 def test_a_body_is_fitted_from_the_nearest_of_its_starts():

@@ -39,7 +39,7 @@ def named(recording: Recording, *wanted: tuple[str, tuple[int, ...] | None, str]
         SKIN, problem.model.believed, recording.voltage, counts, scales, True, True
     )
     fold = folds(problem.model.touched, problem.model.press, CHANNELS, 1)
-    search = Search(problem, candidates, fold, 1, lambda line: None)
+    search = Search(problem, candidates, fold, seed=1, report=lambda line: None)
     found = [
         next(
             c

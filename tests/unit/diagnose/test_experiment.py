@@ -69,7 +69,9 @@ def diagnosed(item: dict, rivals: list[str], forces: list[float], noise: float, 
         if c.name == item["name"] and (sites is None or c.sites == tuple(sites))
     )
     candidates = [c for c in candidates if c.name in (effect.name, *rivals)]
-    search = Search(problem, candidates, np.arange(len(model.press)) % 5, 1, lambda line: None)
+    search = Search(
+        problem, candidates, np.arange(len(model.press)) % 5, seed=1, report=lambda line: None
+    )
     start = np.zeros(len(model.calibrations) + effect.size)
     after = search.state(fit(problem, [effect], start, polish=True))
     return SimpleNamespace(
@@ -105,7 +107,7 @@ def test_the_gap_proposed_is_reached_with_noise(item, rival, forces, noise, word
     for seed in range(6):
         draw = np.random.default_rng(seed).normal(size=clean.shape)
         noisy = replace(problem, recorded=clean + recipe.whitening.sd * draw)
-        search = Search(noisy, found.search.candidates, rows, 1, lambda line: None)
+        search = Search(noisy, found.search.candidates, rows, seed=1, report=lambda line: None)
         true = search.state(fit(noisy, effects, theta, polish=True))
         less = search.less(true, 0)
         others = [c for c in found.search.candidates if c.name == rival]
@@ -174,7 +176,7 @@ def test_a_body_too_low_for_a_finer_solution_is_tried_as_coarsely_as_it_was_fitt
     rows = np.arange(len(taken.frames))
     found = SimpleNamespace(
         recorded=taken,
-        search=Search(problem, [], rows % 5, 1, lambda line: None),
+        search=Search(problem, [], rows % 5, seed=1, report=lambda line: None),
         after=SimpleNamespace(effects=[body], fit=SimpleNamespace(theta=theta)),
     )
     monkeypatch.setattr(experiment, "gaps", lambda *_: [Gap("electrode-width", 5.0, 9.0)])

@@ -124,7 +124,7 @@ def searched(recorded, item):
     candidates = candidates_of(seen, problem, scales)
     effect = next(c for c in candidates if c.name == item["name"])
     fold = np.arange(len(recorded.frames)) % 5
-    search = Search(problem, [effect], fold, 1, print)
+    search = Search(problem, [effect], fold, seed=1, report=print)
     state = search.state(fit(problem, [effect], np.zeros(2), polish=True))
     return search, state, noise, kept
 

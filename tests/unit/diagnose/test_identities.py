@@ -87,7 +87,7 @@ def fitted(recorded: Recording, *items: dict, scopes: tuple = (), noise: float =
     problem, scales = problem_of(recorded, noise)
     candidates = candidates_of(recorded, problem, scales)
     fold = np.zeros(len(problem.recorded), int)
-    search = Search(problem, candidates, fold, 1, lambda line: None)
+    search = Search(problem, candidates, fold, seed=1, report=lambda line: None)
     state = search.state(calibrated(problem))
     for k, item in enumerate(items):
         sites = item.get("drives") or item.get("measures")

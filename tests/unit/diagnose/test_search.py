@@ -17,7 +17,7 @@ from eitskin.diagnose.corrected import items
 from eitskin.diagnose.fit import fit, promised, stepped, whitened_anew
 from eitskin.diagnose.rig import COMPONENTS
 from eitskin.diagnose.rig_sizes import SETTLED
-from eitskin.diagnose.search import search
+from eitskin.diagnose.search import fitting, proposals, search
 from eitskin.diagnose.search.screen import NULL_DRAWS, score
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.search.state import State
@@ -241,7 +241,9 @@ def test_chance_seldom_gives_a_small_global_p_value():
     recorded = small_recording(noise=NOISE, places=1)
     problem, scales = problem_of(recorded, NOISE)
     few = [c for c in candidates_of(recorded, problem, scales) if c.name in names]
-    one = Search(problem, few, np.zeros(len(recorded.frames), int), 1, lambda line: None)
+    one = Search(
+        problem, few, np.zeros(len(recorded.frames), int), seed=1, report=lambda line: None
+    )
     assert seldom(chance_p_values(one, 150))
 
 
@@ -301,14 +303,14 @@ def test_what_trials_solve_counts_for_those_that_follow(contact, monkeypatch):
     found = contact[1]
     held, state, near = found.search, found.before, found.search.problem.model.near
     begun, seen = near.spent, []
-    monkeypatch.setattr(search, "TOGETHER", 2)
+    monkeypatch.setattr(fitting, "TOGETHER", 2)
 
     def solving(part):
         seen.append(near.spent - begun)
         near.spent += 10.0
         return near.spent - begun - 10.0
 
-    assert held._fits(state, solving, range(5)) == [0.0, 0.0, 20.0, 20.0, 40.0]
+    assert held.fits(state, solving, range(5)) == [0.0, 0.0, 20.0, 20.0, 40.0]
     assert near.spent == begun + 50.0 and not seen
     near.spent = begun
 
@@ -328,7 +330,7 @@ def test_names_that_a_rig_error_holds_are_found_as_if_all_were_scored_without_it
     _, held, _ = diagnosis.begun(off_in_force(0.05, STIFF), 1)
     state = held.calibrated()
     assert state.sizes["force-per-press"] > 0.0
-    monkeypatch.setattr(search, "COMPETING", 100)
+    monkeypatch.setattr(proposals, "COMPETING", 100)
     found = {s.candidate.key: s for s in held._without_component(state, "force-per-press", set())}
     without = {**state.sizes, "force-per-press": 0.0}
     here = held.linearised(state).fit
@@ -373,8 +375,8 @@ def test_shuffled_channels_take_the_evidence_of_a_contact(contact):
 
 def test_a_broken_wire_is_no_name_where_the_readings_are_of_no_such_skin(monkeypatch):
     recorded = small_recording(SWAP, noise=NOISE, places=2)
-    monkeypatch.setattr(search, "ALIKE", 1.1)
-    monkeypatch.setattr(search, "GROSS", 0.1)
+    monkeypatch.setattr(fitting, "ALIKE", 1.1)
+    monkeypatch.setattr(fitting, "GROSS", 0.1)
     found = diagnosis.diagnose(recorded)
     assert found.after.effects == [] and found.other.sentence.startswith("The readings are not")
 
@@ -426,7 +428,9 @@ def test_an_effect_is_taken_out_where_no_skin_has_the_rest_alone():
     alone = both.theta[:2]
     with pytest.raises(InputError, match="z sigma / width"):
         problem.residual(alone, effects[:1])
-    search = Search(problem, every, np.zeros(len(recorded.frames), int), 1, lambda line: None)
+    search = Search(
+        problem, every, np.zeros(len(recorded.frames), int), seed=1, report=lambda line: None
+    )
     less = search.without(State(both, search.fold, 0.0, 0.0), 1)
     assert (
         less.effects == effects[:1]
@@ -447,7 +451,9 @@ def test_a_body_is_found_from_beliefs_where_a_sheet_took_the_calibrations_astray
     recorded = replace(recorded, metadata={**recorded.metadata, "skin": skin})
     problem, scales = problem_of(recorded, NOISE)
     every = candidates_of(recorded, problem, scales)
-    search = Search(problem, every, np.zeros(len(recorded.frames), int), 1, lambda line: None)
+    search = Search(
+        problem, every, np.zeros(len(recorded.frames), int), seed=1, report=lambda line: None
+    )
     sheet = search.calibrated()
     assert sheet.fit.chi2 > 2.0 * problem.whitening.size and sheet.fit.theta.max() > 5.0
     shallow = next(c for c in every if c.name == "third-dimension")
@@ -495,8 +501,8 @@ def test_a_discrepancy_that_explains_far_more_is_not_taken_out(
     kept = {k: s for k, s in found.sizes.items() if not COMPONENTS[k].discrepancy}
     density = -0.5 * (moved.chi2 + moved.problem.whitening.log_determinant)
     behind = found.log_likelihood - density - found.rig.log_prior(kept) - 0.5 * promised(moved)
-    monkeypatch.setattr(search, "FORLORN", behind - nearer)
-    monkeypatch.setattr(search, "GROSS", gross)
+    monkeypatch.setattr(fitting, "FORLORN", behind - nearer)
+    monkeypatch.setattr(fitting, "GROSS", gross)
     tried = []
     monkeypatch.setattr(
         Search, "_learned_state", lambda self, *a: tried.append(a) or learned_state(self, *a)
@@ -511,7 +517,9 @@ def test_a_fit_that_went_astray_is_no_trial(monkeypatch):
     )
     problem, scales = problem_of(recorded, NOISE)
     every = candidates_of(recorded, problem, scales)
-    one = Search(problem, every, np.zeros(len(recorded.frames), int), 1, lambda line: None)
+    one = Search(
+        problem, every, np.zeros(len(recorded.frames), int), seed=1, report=lambda line: None
+    )
     state = one.calibrated()
     contrast = next(c for c in every if c.name == "touch-contrast")
     found = one.with_effect(state, contrast)
@@ -523,7 +531,7 @@ def test_a_fit_that_went_astray_is_no_trial(monkeypatch):
         theta = fitted.theta + 0.3
         return replace(fitted, theta=theta, residual=problem.residual(theta, effects))
 
-    monkeypatch.setattr(search, "fit", astray)
+    monkeypatch.setattr(fitting, "fit", astray)
     assert one.with_effect(state, contrast) is None
 
 
@@ -534,7 +542,7 @@ def test_a_fit_that_did_not_end_is_begun_again_from_the_beliefs(again, monkeypat
     problem, scales = problem_of(recorded, NOISE)
     every = candidates_of(recorded, problem, scales)
     lines = []
-    one = Search(problem, every, np.zeros(len(recorded.frames), int), 1, lines.append)
+    one = Search(problem, every, np.zeros(len(recorded.frames), int), seed=1, report=lines.append)
     state = one.calibrated()
     loose = next(c for c in every if c.name == "contact-impedance" and c.sites == (3,))
     here, starts = search.fit, []
@@ -551,7 +559,7 @@ def test_a_fit_that_did_not_end_is_begun_again_from_the_beliefs(again, monkeypat
         )
 
     whole = one.with_effect(state, loose)
-    monkeypatch.setattr(search, "fit", unending)
+    monkeypatch.setattr(fitting, "fit", unending)
     found = one.with_effect(state, loose)
     knobs = len(problem.model.calibrations)
     assert (starts[1] == 0.0).all() and (starts[0][:knobs] != 0.0).any()
@@ -605,7 +613,7 @@ def test_what_is_injected_is_what_was_planted(contact):
 
 
 def test_a_search_that_has_spent_its_skins_ends_with_what_it_has(contact, monkeypatch):
-    monkeypatch.setattr(search, "MOST_SOLVED", 0)
+    monkeypatch.setattr(fitting, "MOST_SOLVED", 0)
     found = diagnosis.diagnose(contact[0])
     assert found.search.path[-1]["action"] == "cut short"
     assert contact[1].search.path[-1]["action"] != "cut short"
@@ -615,7 +623,7 @@ def test_a_search_that_has_spent_its_skins_ends_with_what_it_has(contact, monkey
 
 
 def test_what_a_search_cut_short_missed_has_its_gaps_all_the_same(contact, monkeypatch):
-    monkeypatch.setattr(search, "MOST_SOLVED", 1)
+    monkeypatch.setattr(fitting, "MOST_SOLVED", 1)
     found = diagnosis.diagnose(contact[0])
     assert found.after.effects == []
     (listed,) = true_gaps(found, [CONTACT], ["sparse"])
@@ -665,7 +673,7 @@ def test_a_harmonic_of_the_rim_is_one_entry_drawn_wrongly_or_pressed():
     problem, scales = problem_of(recorded, NOISE)
     every = candidates_of(recorded, problem, scales)
     fold = np.arange(len(recorded.frames)) % 5
-    one = Search(problem, every, fold, 1, print)
+    one = Search(problem, every, fold, seed=1, report=print)
     shapes = {
         (c.start["harmonic"], c.start.get("carried", 0)): c
         for c in one.candidates

@@ -26,8 +26,9 @@ from eitskin.diagnose.remainder import Other, other, unlike
 from eitskin.diagnose.rig import Rig
 from eitskin.diagnose.rig_sizes import findings
 from eitskin.diagnose.rivals import Rival, rivals
+from eitskin.diagnose.search.fitting import GROSS, STANDARD_ERRORS, UNEXPLAINED
 from eitskin.diagnose.search.resorts import foreign
-from eitskin.diagnose.search.search import GROSS, STANDARD_ERRORS, UNEXPLAINED, Search
+from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.search.state import State
 from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.steadiness import refine
@@ -219,12 +220,12 @@ def _search(
         problem,
         ordinary,
         fold,
-        seed,
-        report,
         share,
-        resorts,
         rigged=True,
         converter_step=converter_step,
+        seed=seed,
+        report=report,
+        resorts=resorts,
     )
 
 
@@ -294,9 +295,9 @@ def _earned(
 ) -> tuple[State, Judged]:
     """A state less the effects that do not earn their place: on folds of what the search saw by two
     standard errors; on readings that were put aside one value by any gain, many of their own by two
-    standard errors; on both by more than the gain scatters over presses. It must not do harm either, as of
-    `Judged.harms`: less is allowed where the misfit of what was put aside is more than its
-    covariance allows."""
+    standard errors; on both by more than the gain scatters over presses. It must not do harm
+    either, as of `Judged.harms`: less is allowed where the misfit of what was put aside is more
+    than its covariance allows."""
     while True:
         judged = Judged(put_aside, state.sizes, search.converter_step, units(recorded))
         believed = acceptable(judged.p_value(search.named(state, state.fit), noise.dof))

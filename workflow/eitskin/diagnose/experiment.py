@@ -97,7 +97,8 @@ class Recipe:
             with model.near.within(budget.left):
                 problem = replace(problem, recorded=model.voltage(*problem.split(theta, effects)))
                 fold = np.zeros(len(problem.recorded), int)
-                search = Search(problem, candidates, fold, found.search.seed, lambda line: None)
+                seed, report = found.search.seed, lambda line: None
+                search = Search(problem, candidates, fold, seed=seed, report=report)
                 state = search.state(fit(problem, effects, theta))
                 named = gaps(search, state, index, within)
         except (InputError, np.linalg.LinAlgError, Spent):

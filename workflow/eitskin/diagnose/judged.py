@@ -11,8 +11,8 @@ from eitskin.diagnose.fit import Fit, Problem, difference
 from eitskin.diagnose.harm import harm
 from eitskin.diagnose.held_out import HeldOut, put_aside
 from eitskin.diagnose.rig import Rig
+from eitskin.diagnose.search.fitting import STANDARD_ERRORS
 from eitskin.diagnose.search.resorts import foreign
-from eitskin.diagnose.search.search import STANDARD_ERRORS
 from eitskin.diagnose.whitening import Whitening
 
 MOST_RATIO = 1.05  # of the rms errors with and without an effect

@@ -70,7 +70,7 @@ class Effect:
     the values from which their fits start; either: parameters that are laws of their own, of which
     a diagnosis names one; tone: whether it is a steady tone, whose `frequency_Hz` a periodogram
     finds; disc: whether it multiplies the conductivity by `contrast` within a disc at `x_mm`,
-    `y_mm` of `radius_mm`.
+    `y_mm` of `radius_mm`; body: whether it makes a body of the sheet, which takes far more memory.
     """
 
     name: str
@@ -96,6 +96,7 @@ class Effect:
     either: tuple[str, ...] = ()
     tone = False
     disc = False
+    body = False
 
     def neutral(self, key: str, skin: Skin) -> float | None:
         """A parameter's value at which the effect does nothing to `skin`, None: there is none."""

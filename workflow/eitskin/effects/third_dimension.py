@@ -35,6 +35,7 @@ class ThirdDimension(SkinEffect):
         ),
     }
     far = (0.0,)
+    body = True
     source = "Vauhkonen, Vauhkonen, Savolainen, Kaipio 1999"
     mend = "use electrodes that reach through the whole depth"
     finding = (
