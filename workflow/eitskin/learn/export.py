@@ -88,58 +88,34 @@ def export(
     dataset, a budget that trains on the validation part as well, too few samples in a class of
     strength, and a network that cannot be traced.
     """
+    _refuse(model, dataset, part)
     told = model.header["dataset"]
-    if told["name"] != dataset.metadata["name"] or "channels" not in told:
-        found = dataset.metadata["name"] if "channels" in told else "no table of channels"
-        raise InputError("export", "dataset", found, f"{told['name']}, with its channels")
-    if not model.header["budget"]["validated"]:
-        expected = "true, as intervals are calibrated on what was not trained on"
-        raise InputError(told["name"], "budget, validated", "false", expected)
-    scale = model.tensors["voltage_scale"].numpy()
-    z = dataset.delta_V.astype(float) / scale
-    least = STRENGTHS * LEAST
-    for name in ("train", "validation"):
-        if (found := int((part == name).sum())) < least:
-            raise InputError(told["name"], f"part {name}", found, f"{least} samples or more")
-    graphs: dict[str, Graph] = {}
-    arrays: dict[str, np.ndarray] = {}
-    example = torch.from_numpy(dataset.delta_V[:FRAMES].astype(float))
-    for name, module, frames in (
-        ("activity", Activity(model), example),
-        ("strangeness", Strangeness(model), example[:1]),
-        ("states", States(model), example),
-    ):
-        graphs[name], held = traced(module, frames, f"{name}/")
-        arrays |= held
-    edges = edges_of(z[part == "train"])
-    arrays |= {
-        "scale": scale,
-        "touch_scale": model.tensors["touch_scale"].numpy(),
-        "precision": precisions(z[part == "train"], edges),
-    }
-    if untouched is not None:
-        arrays["untouched"] = untouched
-    channels, table = Channels(arrays["precision"], edges), np.array(told["channels"])
-    trained_on = part == "train"
+    trained_on, tested = part == "train", np.flatnonzero(part == "validation")
+    scale, table = model.tensors["voltage_scale"].numpy(), np.array(told["channels"])
+    change, states = dataset.delta_V.astype(float), dataset.states()
+    z = change / scale
+    edges = edges_of(z[trained_on])
+    channels = Channels(precisions(z[trained_on], edges), edges)
     without = without_electrodes.train(
-        dataset.delta_V[trained_on].astype(float),
-        dataset.states()[trained_on],
+        change[trained_on],
+        states[trained_on],
         channels,
         table,
         {key: value for key, value in model.tensors.items() if "/" not in key},
         epochs,
         model.seeds()[0],
     )
-    which = torch.zeros(FRAMES, int(table.max()) + 1, dtype=torch.float64)
-    graphs["without"], held = traced(without, torch.cat([example, which], dim=1), "without/")
-    arrays |= held
-    tested = np.flatnonzero(part == "validation")
+    graphs, arrays = _graphs(model, without, change[:FRAMES], int(table.max()) + 1)
+    arrays |= {
+        "scale": scale,
+        "touch_scale": model.tensors["touch_scale"].numpy(),
+        "precision": channels.precision,
+    }
+    if untouched is not None:
+        arrays["untouched"] = untouched
     strong = np.searchsorted(edges, strength(z[tested]))
     predicted = predict.predict_seeds(model, dataset.delta_V[tested]).mean(axis=0)
-    error = np.abs(predicted - dataset.states()[tested])
-    states = dataset.states()[trained_on]
-    change = torch.from_numpy(dataset.delta_V[trained_on])
-    active = gates.activity(change, model.tensors["touch_scale"]).numpy()
+    half = _by_strength(np.abs(predicted - states[tested]), strong)
     header = {
         "format": "eitskin-predictor",
         "version": 1,
@@ -152,15 +128,12 @@ def export(
         "intervals": {
             "level": LEVEL,
             "edges": edges.tolist(),
-            "half": _by_strength(error, strong).tolist(),
-            "half_without": [[[0.0] * len(error[0])] * STRENGTHS] * 2,
-            "widening": [0.0] * len(error[0]),
+            "half": half.tolist(),
+            "half_without": np.zeros((2, *half.shape)).tolist(),
+            "widening": np.zeros(half.shape[1]).tolist(),
         },
         "lost": _lost(channels, table, z[tested], strong),
-        "trained": {
-            "weakest": -upper_limit(-active, WEAKEST),
-            "range": [states.min(axis=0).tolist(), states.max(axis=0).tolist()],
-        },
+        "trained": _trained(model, dataset.delta_V[trained_on], states[trained_on]),
     }
     made = Exported(header, graphs, arrays)
     predictor = Predictor(made)
@@ -169,6 +142,51 @@ def export(
         "widening": _widening(predictor, dataset, tested).tolist(),
     }
     return made
+
+
+def _refuse(model: Trained, dataset: Dataset, part: np.ndarray) -> None:
+    """Raises InputError where a model is of another dataset, or its parts do not serve."""
+    told = model.header["dataset"]
+    if told["name"] != dataset.metadata["name"] or "channels" not in told:
+        found = dataset.metadata["name"] if "channels" in told else "no table of channels"
+        raise InputError("export", "dataset", found, f"{told['name']}, with its channels")
+    if not model.header["budget"]["validated"]:
+        expected = "true, as intervals are calibrated on what was not trained on"
+        raise InputError(told["name"], "budget, validated", "false", expected)
+    least = STRENGTHS * LEAST
+    for name in ("train", "validation"):
+        if (found := int((part == name).sum())) < least:
+            raise InputError(told["name"], f"part {name}", found, f"{least} samples or more")
+
+
+def _graphs(
+    model: Trained, without: nn.Module, change: np.ndarray, electrodes: int
+) -> tuple[dict[str, Graph], dict[str, np.ndarray]]:
+    """A predictor's gates and networks as traced on a few changes (FRAMES, M), and what they
+    hold."""
+    example = torch.from_numpy(change)
+    which = torch.zeros(FRAMES, electrodes, dtype=torch.float64)
+    graphs: dict[str, Graph] = {}
+    arrays: dict[str, np.ndarray] = {}
+    for name, module, frames in (
+        ("activity", Activity(model), example),
+        ("strangeness", Strangeness(model), example[:1]),
+        ("states", States(model), example),
+        ("without", without, torch.cat([example, which], dim=1)),
+    ):
+        graphs[name], held = traced(module, frames, f"{name}/")
+        arrays |= held
+    return graphs, arrays
+
+
+def _trained(model: Trained, change: np.ndarray, states: np.ndarray) -> dict:
+    """What a predictor was trained on, changes (n, M) and states (n, T): the weakest of them, as of
+    `gates.activity`, and the states' range."""
+    active = gates.activity(torch.from_numpy(change), model.tensors["touch_scale"]).numpy()
+    return {
+        "weakest": -upper_limit(-active, WEAKEST),
+        "range": [states.min(axis=0).tolist(), states.max(axis=0).tolist()],
+    }
 
 
 def _by_strength(error: np.ndarray, strong: np.ndarray) -> np.ndarray:
