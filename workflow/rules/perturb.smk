@@ -15,7 +15,7 @@ rule skin_effects:
         "data"
     conda:
         "../../envs/simulation.yaml"
-    threads: 1
+    threads: 2
     resources:
         mem_mb=memory_MB,
         runtime=30,

@@ -55,6 +55,16 @@ def test_the_papers_grid():
     assert (grid.radius_mm == 8.0).all()
 
 
+@pytest.mark.parametrize("crossed", [False, True])
+def test_as_many_cores_as_there_are_give_the_same_bytes(tmp_path, monkeypatch, crossed):
+    written = []
+    for allowed in ("1", "2"):
+        monkeypatch.setenv("OMP_NUM_THREADS", allowed)
+        (tmp_path / allowed).mkdir()
+        written.append(chain(tmp_path / allowed, crossed).read_bytes())
+    assert written[0] == written[1]
+
+
 def test_force_levels():
     levels = layout.force_levels(1, 5.0, 2.0, 10.0, 260, 2)
     assert len(np.unique(levels)) == 260 and (np.diff(levels) > 0).all()

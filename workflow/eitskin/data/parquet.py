@@ -54,7 +54,12 @@ def write_groups(path: str | Path, tables: Iterable[pa.Table], metadata: dict[by
     if first is None:
         raise InputError(path, "rows", "none", "at least one")
     schema = first.replace_schema_metadata(metadata).schema
-    with atomic_path(path) as temporary, pq.ParquetWriter(temporary, schema) as writer:
+    # A dictionary of readings takes longer than they do, and more room.
+    repeated = [f.name for f in schema if not pa.types.is_fixed_size_list(f.type)]
+    with (
+        atomic_path(path) as temporary,
+        pq.ParquetWriter(temporary, schema, use_dictionary=repeated) as writer,
+    ):
         for table in chain([first], following):
             writer.write_table(table, row_group_size=len(table))
 

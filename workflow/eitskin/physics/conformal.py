@@ -10,6 +10,7 @@ import numpy as np
 from numpy.polynomial import polynomial
 
 DEGREE = 48
+MOST_ORDER = 3  # of a derivative
 ROUNDING = 3e-15  # what is under it in a coefficient is the rounding of its linear system
 
 
@@ -28,17 +29,18 @@ class DiscMap:
         whole = _to_complex(self._matrix @ -np.log(np.abs(rim)))
         kept = np.flatnonzero(np.abs(whole[1:]) > ROUNDING)
         self._coefficients = whole[: kept.max(initial=-1) + 2]
+        self._derived = [polynomial.polyder(self._coefficients, k) for k in range(MOST_ORDER + 1)]
         self.defect = float(np.abs(np.abs(self(rim)) - 1.0).max())
         if self.defect > 1e-7:
             raise ValueError(f"rim too rough for a conformal map: | |f| - 1 | = {self.defect:.1e}")
 
     def __call__(self, z: np.ndarray) -> np.ndarray:
         """f(z)."""
-        return z * np.exp(self._polynomial(self._coefficients, z, 0))
+        return z * np.exp(self._polynomial(self._derived, z, 0))
 
     def derivatives(self, z: np.ndarray, order: int) -> list[np.ndarray]:
         """[f, f', ... up to `order` <= 3] at z."""
-        g = [self._polynomial(self._coefficients, z, k) for k in range(order + 1)]
+        g = [self._polynomial(self._derived, z, k) for k in range(order + 1)]
         exp = np.exp(g[0])
         f = [z * exp]
         if order >= 1:
@@ -51,25 +53,25 @@ class DiscMap:
 
     def velocity(self, rim_velocity: np.ndarray) -> "MapVelocity":
         """How f changes when the rim points move with `rim_velocity` (P,) complex."""
-        slope = self._polynomial(self._coefficients, self._rim, 1)
+        slope = self._polynomial(self._derived, self._rim, 1)
         change = -np.real(rim_velocity / self._rim) - np.real(slope * rim_velocity)
         return MapVelocity(self, _to_complex(self._matrix @ change))
 
-    def _polynomial(self, coefficients: np.ndarray, z: np.ndarray, order: int) -> np.ndarray:
-        derived = polynomial.polyder(coefficients, order)
-        return polynomial.polyval(z / self.scale, derived, tensor=False) / self.scale**order
+    def _polynomial(self, derived: list[np.ndarray], z: np.ndarray, order: int) -> np.ndarray:
+        return polynomial.polyval(z / self.scale, derived[order], tensor=False) / self.scale**order
 
 
 class MapVelocity:
     """The derivative of a DiscMap, as a function of the place: f_dot = f F_dot."""
 
     def __init__(self, disc_map: DiscMap, coefficients: np.ndarray):
-        self._map, self._coefficients = disc_map, coefficients
+        self._map = disc_map
+        self._derived = [polynomial.polyder(coefficients, k) for k in range(MOST_ORDER)]
 
     def derivatives(self, z: np.ndarray, order: int) -> list[np.ndarray]:
         """[f_dot, f_dot', ... up to `order` <= 2] at z (Leibniz)."""
         f = self._map.derivatives(z, order)
-        g = [self._map._polynomial(self._coefficients, z, k) for k in range(order + 1)]
+        g = [self._map._polynomial(self._derived, z, k) for k in range(order + 1)]
         binomial = [[1], [1, 1], [1, 2, 1]]
         return [
             sum(binomial[n][k] * f[n - k] * g[k] for k in range(n + 1)) for n in range(order + 1)

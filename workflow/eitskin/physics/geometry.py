@@ -146,6 +146,8 @@ class Geometry:
 
     def unfold(self, z: np.ndarray) -> np.ndarray:
         """Coordinates, equal in area, in which the conductivity is the same in all directions."""
+        if self.anisotropy_ratio == 1.0:
+            return np.asarray(z, complex)
         squeeze = self.anisotropy_ratio**-0.25
         turn = np.exp(1j * np.radians(self.anisotropy_deg))
         return turn * _axis_stretch(z / turn, squeeze, 1.0 / squeeze)

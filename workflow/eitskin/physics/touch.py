@@ -7,9 +7,11 @@ reaches beyond the rim is clipped by it.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
+from scipy.optimize import brentq
 
 from eitskin.errors import InputError
 from eitskin.physics import neumann
@@ -25,6 +27,7 @@ CROSSED_NODES = 6
 FLATTEST = 1e-6  # shortest panel, however flat the crossing
 TOUCHING = 1e-5  # squared sine of a crossing so flat that the circles touch
 MOST_PANELS = 150  # from one crossing to the next
+ROUND = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)  # where an edge is looked for the rim
 
 Clearance = Callable[[np.ndarray], np.ndarray | float]
 Panels = tuple[float, float, int]  # longest, shortest, nodes
@@ -186,7 +189,7 @@ class TouchEdge(Circle):
     def _place_nodes(self, apart: float, beside: Circle | None) -> int:
         """Choose the nodes; returns the multipoles needed."""
         accuracy = self.accuracy
-        t = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)
+        t = ROUND
         zeta = self.mapped(t, 0)[0]
         if not np.abs(zeta).min() < 1:
             place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm"
@@ -272,14 +275,7 @@ class TouchEdge(Circle):
         )
 
     def _crossing(self, low: float, high: float) -> float:
-        sign = np.sign(np.abs(self.mapped(np.array([low]), 0)[0][0]) - 1.0)
-        for _ in range(50):
-            middle = 0.5 * (low + high)
-            if np.sign(np.abs(self.mapped(np.array([middle]), 0)[0][0]) - 1.0) == sign:
-                low = middle
-            else:
-                high = middle
-        return 0.5 * (low + high)
+        return brentq(lambda t: np.abs(self.mapped(t, 0)[0]) - 1.0, low, high, xtol=1e-15)
 
     def _build_modes(self, degree: int) -> None:
         dzeta = self.tangent * self.weight
@@ -559,9 +555,14 @@ def graded_panels(
         if not coarse.any() or len(edges) > most:
             break
         edges = np.sort(np.concatenate([edges, middle[coarse]]))
-    node, weight = np.polynomial.legendre.leggauss(panel_nodes)
+    node, weight = _gauss(panel_nodes)
     half = 0.5 * np.diff(edges)[:, None]
     return (edges[:-1, None] + half * (1.0 + node)).ravel(), (half * weight).ravel()
+
+
+@cache
+def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.polynomial.legendre.leggauss(count)
 
 
 def _eye(zeta: np.ndarray) -> np.ndarray:

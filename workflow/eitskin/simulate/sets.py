@@ -5,11 +5,13 @@ As in the paper's code, the untouched frame carries the instrument of its touche
 
 import zlib
 from collections.abc import Callable, Iterator
+from itertools import starmap
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from eitskin import cores
 from eitskin.data import dataset
 from eitskin.data.baseline import untouched_noise
 from eitskin.effects.effect import Frames, Setting
@@ -21,6 +23,7 @@ from eitskin.simulate import stages, state_priors
 from eitskin.simulate.readings import apply_instrument, simulate
 from eitskin.simulate.stages import Part, Stage
 
+SESSIONS = 8  # that a process simulates at a time
 NOISE = zlib.crc32(b"noise")
 NOISE_SAMPLES = 65_536  # from which the noise of an untouched frame's change is told, or a few more
 CONTINUOUS = "-continuous"  # so ends the name of a set whose touches lie everywhere
@@ -124,22 +127,40 @@ def _write_sessions(
     still = pd.DataFrame({"touch": [False], "force_N": [0.0]})
     force_max_N = table["force_N"].max()
 
+    def simulated(session: int, rows: slice) -> np.ndarray:
+        frames = pd.concat([still, table.iloc[rows].assign(touch=True)], ignore_index=True)
+        return simulate(
+            frames.assign(time_s=0.0),
+            np.arange(-1, len(frames) - 1),
+            believed,
+            channels,
+            chosen_of(session, channels),
+            accuracy,
+            force_max_N=force_max_N,
+        ).astype(np.float32)
+
     def parts() -> Iterator[Part]:
-        for session, rows in patient(list(stages.sessions(table)), "sessions"):
-            own = table.iloc[rows]
-            frames = pd.concat([still, own.assign(touch=True)], ignore_index=True)
-            voltage = simulate(
-                frames.assign(time_s=0.0),
-                np.arange(-1, len(own)),
-                believed,
-                channels,
-                chosen_of(session, channels),
-                accuracy,
-                force_max_N=force_max_N,
-            ).astype(np.float32)
-            yield Part(own, np.repeat(voltage[:1], len(own), axis=0), voltage[1:])
+        every = list(stages.sessions(table))
+        several = SESSIONS * cores.at_once()
+        for start in patient(range(0, len(every), several), f"{several} sessions at a time"):
+            some = every[start : start + several]
+            for (_, rows), voltage in zip(some, _on_cores(simulated, some), strict=True):
+                own = table.iloc[rows]
+                yield Part(own, np.repeat(voltage[:1], len(own), axis=0), voltage[1:])
 
     stages.write(out, parts(), channels, force_max_N)
+
+
+def _on_cores(
+    simulated: Callable[[int, slice], np.ndarray], sessions: list[tuple[int, slice]]
+) -> Iterator[np.ndarray]:
+    """The readings of every session, in their order."""
+    count = min(cores.at_once(), len(sessions))
+    if count < 2:
+        return starmap(simulated, sessions)
+    shares = [sessions[first::count] for first in range(count)]
+    found = cores.forked(lambda share: list(starmap(simulated, share)), shares)
+    return (found[number % count][number // count] for number in range(len(sessions)))
 
 
 def write_clean(
