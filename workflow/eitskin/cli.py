@@ -167,7 +167,7 @@ def _parser() -> argparse.ArgumentParser:
     part = "of LATER, frames otherwise left out: target (pyeidors-tank), v_rotate:K (iirc-tank)"
     comparing.add_argument("--part", help=part)
     _add_frames(comparing, "--control-frames", "of CONTROL, these frames alone")
-    _add_frames(comparing, "--later-frames", "of LATER, these frames alone")
+    _add_frames(comparing, "--later-frames", "of LATER, or its part, these alone")
     _add_path(comparing, "--out", "the folder to write, by default comparison-A-vs-B", shtab.DIR)
     _add_anyway(comparing)
     words = "say of every frame whether the skin is touched, where and how hard"
@@ -405,15 +405,18 @@ def _forget(answer: Sequence[Path]) -> None:
 def _told_apart(
     files: tuple[str, str], stretches: tuple[tuple[int, int] | None, ...], part: str | None
 ) -> tuple[str, str]:
-    """What two recordings are called: as their files and what is read of them, unless that is the
-    same."""
-    control, later = (
-        name if stretch is None else "{}, frames {} to {}".format(name, *stretch)
-        for name, stretch in zip(map(answers.name, files), stretches, strict=True)
-    )
-    if part is not None:
-        later += f", {part}"
-    return files if control == later else (control, later)
+    """What two recordings are called: as their files, and what is read of them; by their paths
+    where that would be the same."""
+
+    def called(control: str, later: str) -> tuple[str, str]:
+        first, second = (
+            name if stretch is None else "{}, frames {} to {}".format(name, *stretch)
+            for name, stretch in zip((control, later), stretches, strict=True)
+        )
+        return first, second if part is None else f"{second}, {part}"
+
+    names = called(answers.name(files[0]), answers.name(files[1]))
+    return called(*files) if names[0] == names[1] else names
 
 
 def _compare(arguments: argparse.Namespace) -> int:

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -52,6 +53,15 @@ def test_what_cannot_be_read_is_refused(written, change, columns, place, found):
     with pytest.raises(InputError) as refused:
         parquet.read(written, columns)
     assert (refused.value.place, refused.value.found) == (place, found)
+
+
+def test_readings_have_no_dictionary(tmp_path):
+    table = pa.table({"session": [1, 1, 1], "voltage_V": parquet.lists(np.eye(3))})
+    parquet.write_groups(tmp_path / "set.parquet", [table], {})
+    columns = pq.ParquetFile(tmp_path / "set.parquet").metadata.row_group(0)
+    kept = [columns.column(k).has_dictionary_page for k in range(2)]
+    assert kept == [True, False]
+    assert parquet.read(tmp_path / "set.parquet").equals(table)
 
 
 def test_a_folder_and_nothing_are_refused(tmp_path):

@@ -303,6 +303,18 @@ def test_a_little_harm_is_allowed_where_the_covariance_accepts_what_is_left(judg
     assert judged.harms(found, found, (much, here), True)
 
 
+def test_harm_to_one_press_alone_is_allowed_where_the_covariance_accepts_what_is_left(judging):
+    found, white, sizes, unit = judging
+    noise = white.sd * np.random.default_rng(3).normal(size=white.mask.shape)
+    readings = np.where(white.mask, found.voltage() + noise, np.nan)
+    judged = judge(found, readings, white, sizes, unit)
+    here = HeldOut(np.zeros(1), np.zeros(1), noise, noise, noise.size)
+    left = np.where(unit == unit[~white.mask].max(), 2.0, 1.0) * noise
+    there = HeldOut(np.zeros(1), np.zeros(1), left, left, left.size)
+    assert judged.harms(found, found, (there, here), False)
+    assert not judged.harms(found, found, (there, here), True)
+
+
 def test_one_unit_a_little_worse_is_no_harm(judging):
     found, white, sizes, unit = judging
     noise = white.sd * np.random.default_rng(3).normal(size=white.mask.shape)
@@ -311,7 +323,8 @@ def test_one_unit_a_little_worse_is_no_harm(judging):
         HeldOut(np.zeros(1), np.zeros(1), left, left, left.size) for left in (noise, 1.001 * noise)
     )
     judged = judge(found, readings, white, sizes, np.zeros_like(unit))
-    assert not judged.harms(found, found, (there, here), False)
+    for believed in (False, True):
+        assert not judged.harms(found, found, (there, here), believed)
 
 
 @pytest.mark.parametrize("gains", [(9.0, 9.0, 9.0), (40.0, 0.0, 0.0), (40.0, -12.0, -9.0)])

@@ -373,10 +373,30 @@ def test_shuffled_channels_take_the_evidence_of_a_contact(contact):
     assert before < 1e-10 and after > 1e-3
 
 
+@pytest.mark.parametrize("wins", [False, True])
+def test_a_second_growth_that_loses_leaves_no_trace(contact, monkeypatch, wins):
+    held, state = replace(contact[1].search, trials={}), contact[1].before
+    held.met, held.tangents = dict(held.met), dict(held.tangents)
+    held.linearised(state)
+    held.trials[state.key] = state.fit, [contact[1].after]
+    other = replace(state, fit=replace(state.fit))
+
+    def grown(self, _state):
+        self.linearised(other)
+        return replace(other, log_evidence=np.inf if wins else -np.inf)
+
+    monkeypatch.setattr(Search, "_explained", grown)
+    found = held._rival(state, state, held.candidates)
+    assert (held.met[state.key] is other) == wins == (found.fit is other.fit)
+    if not wins:
+        assert held.tried_beside(held.met[state.key]) == [contact[1].after]
+
+
 def test_a_broken_wire_is_no_name_where_the_readings_are_of_no_such_skin(monkeypatch):
     recorded = small_recording(SWAP, noise=NOISE, places=2)
     monkeypatch.setattr(fitting, "ALIKE", 1.1)
-    monkeypatch.setattr(fitting, "GROSS", 0.1)
+    for module in (fitting, proposals, search):
+        monkeypatch.setattr(module, "GROSS", 0.1)
     found = diagnosis.diagnose(recorded)
     assert found.after.effects == [] and found.other.sentence.startswith("The readings are not")
 

@@ -96,6 +96,15 @@ def test_it_says_what_it_is(name):
         assert name in EFFECTS[other].confusable and other != name
 
 
+@pytest.mark.parametrize("name", [n for n, e in EFFECTS.items() if e.stage == "skin"])
+def test_a_body_is_made_where_it_says_so(name):
+    moment = Moment(1.0, 2.0, 30.0, 10.0)
+    for candidate in candidates(name):
+        chosen = [candidate.setting(candidate.linear)]
+        made = apply_skin(Geometry.from_skin(SKIN), chosen, moment)
+        assert made.deep == candidate.effect.body
+
+
 def test_what_acts_on_readings_alone():
     assert on_readings("channel-gain") and on_readings("multiplexer-memory")
     for name in ("common-mode", "contact-impedance", "frame-skew", "ground-leak", "relaxation"):

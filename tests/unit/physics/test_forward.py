@@ -148,6 +148,19 @@ def test_touches_that_reach_the_rim_or_are_clipped_by_it(accuracy, bound, radius
     assert np.linalg.norm(found - finer) < bound * np.linalg.norm(finer)
 
 
+@pytest.mark.parametrize("node", [144, 488])
+def test_a_touch_that_the_rim_crosses_where_it_is_looked_for(node):
+    """Its centre and its radius are legs of a right triangle whose third side is the rim's radius:
+    node 0 of its edge or a neighbour lies on the rim to rounding."""
+    small = Geometry(25.0, 3.0, 0.5, ELECTRODES, 0.0, 0.0)
+    centre = 24.0 * np.exp(2j * np.pi * node / 512)
+    found, near = (
+        Forward(small).place(turned.real, turned.imag, 7.0).channel_change(CHANNELS, [0.5])
+        for turned in (centre, centre * np.exp(1e-7j))
+    )
+    assert np.allclose(found, near, rtol=1e-5, atol=1e-6 * np.abs(found).max())
+
+
 @pytest.mark.parametrize("angle", [0.0, 11.25])
 def test_a_touch_whose_centre_is_off_the_skin(angle):
     place = 83.0 * np.exp(1j * np.radians(angle))

@@ -58,11 +58,22 @@ def test_the_papers_grid():
 @pytest.mark.parametrize("crossed", [False, True])
 def test_as_many_cores_as_there_are_give_the_same_bytes(tmp_path, monkeypatch, crossed):
     written = []
+    monkeypatch.setattr(sets, "SESSIONS", 1)
     for allowed in ("1", "2"):
         monkeypatch.setenv("OMP_NUM_THREADS", allowed)
         (tmp_path / allowed).mkdir()
         written.append(chain(tmp_path / allowed, crossed).read_bytes())
     assert written[0] == written[1]
+
+
+def test_a_session_is_refused_from_any_process(tmp_path, monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
+    chain(tmp_path)
+    laid, grid, out = (tmp_path / name for name in ("mesh.npz", "grid.csv", "rough.parquet"))
+    rough = {"name": "domain-shape", "parameters": {"harmonic": 3, "amplitude": 0.9}}
+    with pytest.raises(InputError, match="expected 0 to 0.3"):
+        sets.write_skin_stage(laid, grid, out, 1, SKIN, "train", [rough], 12, False)
+    assert not out.exists()
 
 
 def test_force_levels():

@@ -54,7 +54,7 @@ def write_groups(path: str | Path, tables: Iterable[pa.Table], metadata: dict[by
     if first is None:
         raise InputError(path, "rows", "none", "at least one")
     schema = first.replace_schema_metadata(metadata).schema
-    # A dictionary of readings takes longer than they do, and more room.
+    # Readings hardly repeat: a dictionary of them takes time and room.
     repeated = [f.name for f in schema if not pa.types.is_fixed_size_list(f.type)]
     with (
         atomic_path(path) as temporary,

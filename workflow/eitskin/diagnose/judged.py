@@ -108,10 +108,10 @@ class Judged:
         self, after: Fit, before: Fit, folds: tuple[HeldOut, HeldOut], believed: bool
     ) -> bool:
         """Whether a fit predicts readings plainly worse than another: in the recording's unit,
-        those put aside and, of folds, those of the frames that the search saw. By either, the
-        ratio of the errors or what they scatter; by both, where the covariance accepts what is
-        left and says that places and forces are off by so much (`believed`). Of one unit, which
-        has no standard error, by the ratio alone, and never where it is believed."""
+        those put aside and, of folds, those of the frames that the search saw. Worse is a ratio
+        of the errors over MOST_RATIO, or a growth of more than STANDARD_ERRORS; both at once where
+        the covariance accepts what is left, as it says that places and forces are off by so much
+        (`believed`). One unit has no standard error."""
         aside, seen = self.white.mask, after.problem.whitening.mask
         left, left_before = (
             np.where(aside, self.by_white(fit).plain, np.where(seen, fold.plain, np.nan))

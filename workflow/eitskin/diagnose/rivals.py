@@ -21,7 +21,8 @@ def rivals(search: Search, state: State, index: int) -> list[Rival]:
     """Nothing, and the likeliest of every other name that was fitted, in place of effect `index` of
     the state that a search found."""
     less = search.less(state, index)
-    best = {added(less, trial).name: trial for trial in reversed(search.tried_beside(less))}
+    trials = search.tried_beside(less) or []
+    best = {added(less, trial).name: trial for trial in reversed(trials)}
     best.pop(state.effects[index].name, None)
     named = [(None, less), *best.items()]
     held_out, near = state.held_out, search.problem.model.near

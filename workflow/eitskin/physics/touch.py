@@ -275,7 +275,13 @@ class TouchEdge(Circle):
         )
 
     def _crossing(self, low: float, high: float) -> float:
-        return brentq(lambda t: np.abs(self.mapped(t, 0)[0]) - 1.0, low, high, xtol=1e-15)
+        def beyond(t: float) -> float:
+            return float(np.abs(self.mapped(np.array([t]), 0)[0][0]) - 1.0)
+
+        inside, outside = beyond(low), beyond(high)
+        if inside * outside > 0.0:  # one of them lies on the rim, but for rounding
+            return low if abs(inside) < abs(outside) else high
+        return brentq(beyond, low, high, xtol=1e-15)
 
     def _build_modes(self, degree: int) -> None:
         dzeta = self.tangent * self.weight

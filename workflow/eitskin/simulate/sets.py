@@ -142,7 +142,7 @@ def _write_sessions(
     def parts() -> Iterator[Part]:
         every = list(stages.sessions(table))
         several = SESSIONS * cores.at_once()
-        for start in patient(range(0, len(every), several), f"{several} sessions at a time"):
+        for start in patient(range(0, len(every), several), f"groups of {several} sessions"):
             some = every[start : start + several]
             for (_, rows), voltage in zip(some, _on_cores(simulated, some), strict=True):
                 own = table.iloc[rows]
@@ -155,10 +155,11 @@ def _on_cores(
     simulated: Callable[[int, slice], np.ndarray], sessions: list[tuple[int, slice]]
 ) -> Iterator[np.ndarray]:
     """The readings of every session, in their order."""
-    count = min(cores.at_once(), len(sessions))
+    count = cores.at_once()
     if count < 2:
         return starmap(simulated, sessions)
-    shares = [sessions[first::count] for first in range(count)]
+    shares = [sessions[first::count] for first in range(min(count, len(sessions)))]
+    count = len(shares)
     found = cores.forked(lambda share: list(starmap(simulated, share)), shares)
     return (found[number % count][number // count] for number in range(len(sessions)))
 

@@ -164,7 +164,7 @@ class Proposals(Fitting):
         found = [s for s in least if s is not None and self.global_p(s.p_value) < SIGNIFICANT]
         return sorted(found, key=lambda s: -s.log_evidence)[:COMPETING]
 
-    def _own_p(self, score: Score, state: State, trial: State) -> float:
+    def own_p(self, score: Score, state: State, trial: State) -> float:
         """Global p-value of what a trial has beyond a state: its likelihood ratio's (Wilks 1938),
         the sizes of the rig's errors learned for both."""
         gain = 2.0 * (trial.log_likelihood - state.log_likelihood)
@@ -179,12 +179,12 @@ class Proposals(Fitting):
         best: float = -np.inf,
     ) -> list[State]:
         """States with one more effect, the best of every name fitted, each with the global p-value
-        of its likelihood ratio, as of `_own_p`, best first; but for one that is `known` to have the
+        of its likelihood ratio, as of `own_p`, best first; but for one that is `known` to have the
         log evidence `best`. The likeliest is fitted first; the others are given up where they fall
         RACE behind it, or behind `best`."""
-        whole, kept = self.trials.get(state.key, (None, []))
-        if whole is state.fit:
-            return kept
+        there = self.tried_beside(state)
+        if there is not None:
+            return there
         listed = shortlist(scores) if self._hopeful(scores) else []
         listed += self._afar(state, listed)
         competing = self._competing(state, {s.candidate.name for s in listed})
@@ -209,7 +209,7 @@ class Proposals(Fitting):
             if trial is not None:
                 trial.score = s
                 new = added(state, trial)
-                trial.p_values[new.key] = self._own_p(s, state, trial)
+                trial.p_values[new.key] = self.own_p(s, state, trial)
                 found.append(trial)
                 if not trial.fit.ended:
                     self.report(f"{new.name}: its fit did not come to an end")
@@ -217,11 +217,10 @@ class Proposals(Fitting):
         self.trials[state.key] = state.fit, found
         return found
 
-    def tried_beside(self, state: State) -> list[State]:
-        """What `tried` has found beside a set, as it was last linearised; else nothing."""
+    def tried_beside(self, state: State) -> list[State] | None:
+        """What `tried` has found beside a state; None where nothing was tried."""
         whole, found = self.trials.get(state.key, (None, []))
-        there = self.met.get(state.key)
-        return found if there is not None and there.fit is whole else []
+        return found if whole is state.fit else None
 
     def _afar(self, state: State, listed: list[Score]) -> list[Score]:
         """Scores of candidates that no tangent leads to, but for `listed` ones, where nobody

@@ -121,10 +121,20 @@ class Search(Proposals):
     def _rival(self, state: State, found: State, candidates: list[Candidate]) -> State:
         """`found`, or what grows from `state` out of other candidates, where that is better."""
         best = max(self.rival_evidence, found.log_evidence)
-        plain = replace(self, candidates=candidates, rival_evidence=best, scored={}, trials={})
+        plain = replace(
+            self,
+            candidates=candidates,
+            rival_evidence=best,
+            tangents=dict(self.tangents),
+            met=dict(self.met),
+            lesser=dict(self.lesser),
+            scored={},
+            trials={},
+        )
         rival = plain._explained(state)
         if rival.log_evidence <= found.log_evidence:
             return found
+        self.tangents, self.met, self.lesser = plain.tangents, plain.met, plain.lesser
         self.trials, self.catalogue_p = plain.trials, plain.catalogue_p
         self.catalogue_of = plain.catalogue_of
         return rival
@@ -296,7 +306,7 @@ class Search(Proposals):
             return True
         less = self.without(trial, trial.effects.index(new))
         assert trial.score is not None
-        p = self._own_p(trial.score, less, trial)
+        p = self.own_p(trial.score, less, trial)
         return p < SIGNIFICANT and trial.log_evidence > less.log_evidence + LEAST_EVIDENCE
 
     def renew_catalogue_p(self, state: State) -> None:
