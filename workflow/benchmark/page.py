@@ -25,6 +25,10 @@ Samples a processor second of the same 208 voltages, 192 places with 260 strengt
 eitskin's forward model at `train` accuracy, and its closed form in the strength on pyEIT's own
 mesh, beside pyEIT and SciPy on that mesh. Mesh and element matrices are there before. The third
 peer is what a careful user would write; the fourth keeps what eitskin's own eigenproblem keeps.""",
+    "skins": """\
+New skins a second by the clock, each with a rim and electrodes of its own, pressed at all 192
+places with five forces (`crossed` of `config.yaml`), written as a stage of a set: on two cores,
+beside one, and beside five times what was measured before sessions were shared among cores.""",
     "perturbed": """\
 Processor seconds of the perturbed sets of `config.yaml`, from nothing to the data set, in one
 process, beside what they may take. `crossed` presses every skin at all places. The authors' set

@@ -7,8 +7,8 @@ the machine and what others took of it; `benchmark.page` makes a page of them.
 for 192 places and 260 strengths of one circular touch. Slow peers are timed on a few samples,
 spread evenly over all. What a side prepares once counts in its time, but for what favours the
 peers: the mesh, the element matrices and the touched elements' stiffness are there before. Before
-timing, every solver on pyEIT's mesh must give the same voltages. `perturbed`, `trained`,
-`diagnosed`, `streamed`: see there.
+timing, every solver on pyEIT's mesh must give the same voltages. `skins`, `perturbed`,
+`trained`, `diagnosed`, `streamed`: see there.
 """
 
 import argparse
@@ -63,6 +63,7 @@ CONTRASTS = 9.0 * np.linspace(0.0, 1.0, 261)[1:]
 AGREEMENT = 1e-10
 TIMES = {"radii": 5, "angles": 4}  # of the grid's: 20 times the places
 LIMIT_S, LIMIT_MIB = 120.0, 2048.0
+SKINS_A_SECOND = 10.0  # five times what was measured before
 FRAMES = 500
 DRAWN = (
     "null+rig",
@@ -269,20 +270,7 @@ def perturb(config: dict, name: str) -> tuple[int, float, float]:
     start = time.process_time()
     chosen = config["configurations"][name]
     with TemporaryDirectory() as folder:
-        laid, places, stage = (Path(folder) / part for part in ("mesh.npz", "places.csv", "0"))
-        blocks = ("seed", "skin", "protocol", "touch_grid", "forces", "accuracy")
-        layout.write(laid, places, **{block: config[block] for block in blocks})
-        sets.write_skin_stage(
-            laid,
-            places,
-            stage,
-            config["seed"],
-            config["skin"],
-            config["accuracy"],
-            chain.skin_effects(chosen["effects"]),
-            chosen["session_frames"],
-            chosen["crossed"],
-        )
+        stage = _skin_stage(config, name, Path(folder))
         links = chain.instrument_effects(chosen["effects"])
         for position, effect in enumerate(links.values(), start=1):
             done = stage.with_name(str(position))
@@ -294,6 +282,50 @@ def perturb(config: dict, name: str) -> tuple[int, float, float]:
         samples = sum(len(part.table) for part in Stage(stage))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     return samples, time.process_time() - start, peak
+
+
+def _skin_stage(config: dict, name: str, folder: Path) -> Path:
+    """Every session's skin of configuration `name`, pressed, as a stage's file."""
+    chosen = config["configurations"][name]
+    laid, places, stage = (folder / part for part in ("mesh.npz", "places.csv", "0"))
+    blocks = ("seed", "skin", "protocol", "touch_grid", "forces", "accuracy")
+    layout.write(laid, places, **{block: config[block] for block in blocks})
+    sets.write_skin_stage(
+        laid,
+        places,
+        stage,
+        config["seed"],
+        config["skin"],
+        config["accuracy"],
+        chain.skin_effects(chosen["effects"]),
+        chosen["session_frames"],
+        chosen["crossed"],
+    )
+    return stage
+
+
+def skins_a_second(config: dict, threads: int) -> float:
+    """Skins that are solved and pressed at all places a second by the clock, on so many cores."""
+    os.environ["OMP_NUM_THREADS"] = str(threads)
+    with TemporaryDirectory() as folder:
+        start = time.perf_counter()
+        stage = _skin_stage(config, "crossed", Path(folder))
+        seconds = time.perf_counter() - start
+        count = sum(part.table["session"].nunique() for part in Stage(stage))
+    return count / seconds
+
+
+def skins(runs: int) -> list[dict]:
+    """New skins a second by the clock, each pressed at all places: on two cores, beside one and
+    beside a mark."""
+    config = yaml.safe_load(Path("config.yaml").read_text(encoding="utf-8"))
+    found: dict[int, list[float]] = {1: [], 2: []}
+    for _ in patient(range(runs), "skins, runs"):
+        for threads, own in found.items():
+            with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+                own.append(pool.submit(skins_a_second, config, threads).result())
+    peers = {"one core": found[1], "mark": [SKINS_A_SECOND]}
+    return [rows.row("skins", "skins/s", found[2], name, peer) for name, peer in peers.items()]
 
 
 def perturbed(runs: int) -> list[dict]:
@@ -418,6 +450,7 @@ def streamed(runs: int) -> list[dict]:
 
 BENCHES = {
     "clean": clean,
+    "skins": skins,
     "perturbed": perturbed,
     "trained": trained,
     "diagnosed": diagnosed,

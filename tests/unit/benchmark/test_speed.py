@@ -78,11 +78,22 @@ def test_the_loop_is_timed_as_it_is_and_with_subnormal_numbers(monkeypatch):
     assert min(row["ours_runs"]) > 0.0 and min(row["peer_runs"]) > 0.0
 
 
-def test_a_perturbed_set_runs_the_whole_chain():
+@pytest.fixture
+def small():
+    """The shipped configuration with few places and forces."""
     config = yaml.safe_load((Path(__file__).parents[3] / "config.yaml").read_text())
     config["touch_grid"] |= {"radii": 2, "angles": 3}
     config["forces"]["levels"] = 4
-    samples, seconds, peak = speed.perturb(config, "authors")
+    return config
+
+
+def test_new_skins_are_pressed_on_one_core_and_on_two(small, monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    assert min(speed.skins_a_second(small, threads) for threads in (1, 2)) > 0.0
+
+
+def test_a_perturbed_set_runs_the_whole_chain(small):
+    samples, seconds, peak = speed.perturb(small, "authors")
     assert samples == 24
     assert seconds > 0
     assert peak > 10
