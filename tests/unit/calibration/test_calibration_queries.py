@@ -8,7 +8,8 @@ from calibration.trial import query_trial
 # Frames out of order, of which a faint tone was named with calibrations that predict ten times
 # worse (docs/calibration/queries.md).
 # A contact that is lost now and then, of which an impedance that grows with the force was named.
-HARMED = [("query:shuffled", 200_012), ("query:foreign", 600_030)]
+# Electrodes twice as wide as stated, of which a contact that widens with the force was named.
+HARMED = [("query:shuffled", 200_012), ("query:foreign", 600_030), ("query:belief", 700_016)]
 
 
 @pytest.mark.long
