@@ -12,7 +12,7 @@ FIRST_SEED = {
     "development": 1,
     "report": 600_001,
     "ordinary-development": 1,
-    "ordinary-report": 600_001,
+    "ordinary-report": 700_001,
     "p-values-development": 1,
     "p-values-report": 600_001,
     "queries-development": 1,
