@@ -29,12 +29,13 @@ class ForceHistory:
         cls, time_s: np.ndarray, force_N: np.ndarray, press: np.ndarray
     ) -> "ForceHistory":
         """From frames (N,) each; press -1 where untouched."""
-        rows, knots = [], []
-        for label in np.unique(press[press >= 0]):
-            row = np.flatnonzero(press == label)
-            time, force = time_s[row], force_N[row]
-            rows.append(row)
-            knots.append((np.append(time[0] - RISE_S, time), np.append(0.0, force)))
+        own = np.argsort(press, kind="stable")[(press < 0).sum() :]
+        first = np.flatnonzero(np.diff(press[own], prepend=-1))
+        time = np.insert(time_s[own], first, time_s[own[first]] - RISE_S)
+        force = np.insert(force_N[own], first, 0.0)
+        cuts = first[1:] + np.arange(1, len(first))
+        rows = np.split(own, first[1:]) if len(first) else []
+        knots = zip(np.split(time, cuts), np.split(force, cuts), strict=True) if rows else ()
         return cls(time_s, tuple(rows), tuple(knots))
 
     def earlier(self, lag_s: float) -> "ForceHistory":
