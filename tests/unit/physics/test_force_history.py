@@ -36,6 +36,17 @@ def test_raised():
     assert np.allclose(HISTORY.raised(-1.5).force_N(), [0, 0.0, 2.5, 0.5, 0, 1.5, 0])
 
 
+def test_presses_that_take_turns_have_their_own_frames():
+    found = ForceHistory.of_frames(
+        np.arange(5.0), np.arange(10.0, 15.0), np.array([1, -1, 0, 1, 0])
+    )
+    assert [row.tolist() for row in found.rows] == [[2, 4], [0, 3]]
+    assert [force.tolist() for _, force in found.knots] == [[0, 12, 14], [0, 10, 13]]
+    assert [time[1:].tolist() for time, _ in found.knots] == [[2, 4], [0, 3]]
+    untouched = ForceHistory.of_frames(np.arange(2.0), np.zeros(2), np.array([-1, -1]))
+    assert untouched.rows == untouched.knots == ()
+
+
 def test_peak():
     assert np.array_equal(HISTORY.peak_N(), [0, 1, 4, 4, 0, 3, 0])
     assert np.allclose(HISTORY.earlier(1.5).peak_N()[1:4], [by_hand(3.5) + 0.5, 4, 4])
