@@ -46,7 +46,6 @@ clock, and in this thread's processor time; the state alone beside PyTorch; the 
 electrode, and the whole loop.""",
 }
 REASONS = (  # of rows that fall short, the first that fits
-    (r"skins", "the stage is written between two groups of sessions, while none is solved"),
     (r"perturbed, memory of", "the states of all samples are drawn at once, 56 bytes each"),
     (
         r"streamed, (cnn|transformer)\b",

@@ -71,6 +71,17 @@ def shares(groups: Iterable[Sequence[Part]]) -> list[list[Part]]:
     return [share for share in found if share]
 
 
+def spread(of: Callable[[Part], Result], parts: Iterable[Part]) -> list[Result]:
+    """A function of every part, in their order: shared among as many processes as `forked` has at
+    once, or in this one where that is one."""
+    parts, count = list(parts), at_once()
+    if count < 2:
+        return [of(part) for part in parts]
+    shares = [parts[first::count] for first in range(min(count, len(parts)))]
+    found = forked(lambda share: [of(part) for part in share], shares)
+    return [found[n % len(shares)][n // len(shares)] for n in range(len(parts))]
+
+
 def forked(
     of: Callable[[Part], Result], parts: Iterable[Part], shared: Sequence[Any] = ()
 ) -> list[Result]:

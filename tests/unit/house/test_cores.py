@@ -306,3 +306,13 @@ def test_bytes_do_not_depend_on_how_many_cores_there_are(monkeypatch):
         on(monkeypatch, count)
         found.append(white(values).tobytes())
     assert found[0] == found[1] == found[2]
+
+
+@pytest.mark.parametrize("allowed", ["1", "2"])
+@pytest.mark.parametrize("count", [0, 1, 2, 5])
+def test_parts_that_are_spread_keep_their_order(monkeypatch, allowed, count):
+    monkeypatch.setenv("OMP_NUM_THREADS", allowed)
+    here = os.getpid()
+    found = cores.spread(lambda part: (part, os.getpid()), range(count))
+    assert [part for part, _ in found] == list(range(count))
+    assert all((process == here) == (cores.at_once() < 2) for _, process in found)

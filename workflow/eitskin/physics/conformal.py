@@ -28,8 +28,8 @@ class DiscMap:
         self._matrix = np.linalg.pinv(_real_basis(rim / self.scale))
         whole = _to_complex(self._matrix @ -np.log(np.abs(rim)))
         kept = np.flatnonzero(np.abs(whole[1:]) > ROUNDING)
-        self._coefficients = whole[: kept.max(initial=-1) + 2]
-        self._derived = [polynomial.polyder(self._coefficients, k) for k in range(MOST_ORDER + 1)]
+        coefficients = whole[: kept.max(initial=-1) + 2]
+        self._derived = [polynomial.polyder(coefficients, k) for k in range(MOST_ORDER + 1)]
         self.defect = float(np.abs(np.abs(self(rim)) - 1.0).max())
         if self.defect > 1e-7:
             raise ValueError(f"rim too rough for a conformal map: | |f| - 1 | = {self.defect:.1e}")

@@ -33,10 +33,9 @@ class ForceHistory:
         first = np.flatnonzero(np.diff(press[own], prepend=-1))
         time = np.insert(time_s[own], first, time_s[own[first]] - RISE_S)
         force = np.insert(force_N[own], first, 0.0)
-        cuts = first[1:] + np.arange(1, len(first))
-        rows = np.split(own, first[1:]) if len(first) else []
-        knots = zip(np.split(time, cuts), np.split(force, cuts), strict=True) if rows else ()
-        return cls(time_s, tuple(rows), tuple(knots))
+        begin = first + np.arange(len(first))
+        knots = zip(np.split(time, begin)[1:], np.split(force, begin)[1:], strict=True)
+        return cls(time_s, tuple(np.split(own, first)[1:]), tuple(knots))
 
     def earlier(self, lag_s: float) -> "ForceHistory":
         """The same forces, each `lag_s` earlier."""

@@ -10,7 +10,6 @@ and every derivative from R's stationarity, dR = X^T dS X.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -252,16 +251,12 @@ class Forward:
         """What touches at new places are to the skin, found on several cores where that is worth
         it."""
         new = list(dict.fromkeys(place for place in places if place not in self._kept))
-        count = cores.at_once()
-        if count < 2 or len(new) * type(self).touch_effort < SHARED_OUT:
+        if cores.at_once() < 2 or len(new) * type(self).touch_effort < SHARED_OUT:
             return {}
-        parts = [new[start::count] for start in range(count)]
         try:
-            found = cores.forked(lambda part: [self._coupled(place) for place in part], parts)
+            return dict(zip(new, cores.spread(self._coupled, new), strict=True))
         except (InputError, MemoryError):
             return {}  # they are found one after the other, the first that cannot be is told
-        known = [zip(part, own, strict=True) for part, own in zip(parts, found, strict=True)]
-        return dict(chain.from_iterable(known))
 
     def _places(self, places: list[Place], known: dict[Place, Coupled]) -> list[TouchModes]:
         touched = [self._coupling(place, known=known.get(place)) for place in places]

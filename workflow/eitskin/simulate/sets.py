@@ -5,7 +5,6 @@ As in the paper's code, the untouched frame carries the instrument of its touche
 
 import zlib
 from collections.abc import Callable, Iterator
-from itertools import starmap
 from pathlib import Path
 
 import numpy as np
@@ -144,24 +143,12 @@ def _write_sessions(
         several = SESSIONS * cores.at_once()
         for start in patient(range(0, len(every), several), f"groups of {several} sessions"):
             some = every[start : start + several]
-            for (_, rows), voltage in zip(some, _on_cores(simulated, some), strict=True):
+            found = cores.spread(lambda one: simulated(*one), some)
+            for (_, rows), voltage in zip(some, found, strict=True):
                 own = table.iloc[rows]
                 yield Part(own, np.repeat(voltage[:1], len(own), axis=0), voltage[1:])
 
     stages.write(out, parts(), channels, force_max_N)
-
-
-def _on_cores(
-    simulated: Callable[[int, slice], np.ndarray], sessions: list[tuple[int, slice]]
-) -> Iterator[np.ndarray]:
-    """The readings of every session, in their order."""
-    count = cores.at_once()
-    if count < 2:
-        return starmap(simulated, sessions)
-    shares = [sessions[first::count] for first in range(min(count, len(sessions)))]
-    count = len(shares)
-    found = cores.forked(lambda share: list(starmap(simulated, share)), shares)
-    return (found[number % count][number // count] for number in range(len(sessions)))
 
 
 def write_clean(
