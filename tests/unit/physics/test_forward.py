@@ -170,7 +170,7 @@ def test_a_touch_whose_centre_is_off_the_skin(angle):
     )
     assert np.linalg.norm(found - finer) < 0.02 * np.linalg.norm(finer)
     forward = Forward(skin(), "train")
-    assert forward.meets(87.0, 0.0, 8.0) and not forward.meets(89.0, 0.0, 8.0)
+    assert forward.meets([(87.0, 0.0, 8.0), (89.0, 0.0, 8.0)]).tolist() == [True, False]
 
 
 def test_anisotropy_is_a_stretched_skin():

@@ -1,5 +1,7 @@
 """Touched places are remembered within a number of bytes, and several are solved at once."""
 
+from itertools import chain
+
 import numpy as np
 import pytest
 
@@ -77,6 +79,7 @@ def test_several_places_are_those_of_each_alone(geometry):
 
 def test_places_that_are_shared_out_have_the_same_bytes(monkeypatch):
     monkeypatch.setattr(forward, "SHARED_OUT", 1.0)
+    monkeypatch.setattr(forward, "TOGETHER", 3)
     places = [(x_mm, 5.0, 6.0) for x_mm in np.linspace(-40.0, 40.0, 9)]
     forked, here = [], cores.forked
     monkeypatch.setattr(cores, "forked", lambda of, parts: forked.append(parts) or here(of, parts))
@@ -88,7 +91,8 @@ def test_places_that_are_shared_out_have_the_same_bytes(monkeypatch):
         found.append(skin.places([*places, places[3]]))
         assert all(place in skin._kept for place in places)
     (parts,) = forked
-    assert sorted(place for part in parts for place in part) == sorted(places[1:])
+    assert [len(share) for share in parts] == [2, 1]
+    assert sorted(chain(*chain(*parts))) == sorted(places[1:])
     for one, other in zip(*found, strict=True):
         assert np.array_equal(one.gains, other.gains) and np.array_equal(one.poles, other.poles)
 

@@ -270,8 +270,9 @@ class Tangents:
             there = model.geometry(self.knobs, self.chosen)
             self._changes["skin"] = forward_model(there, "train")
         forward = self._changes["skin"]
-        place = [candidate.start[key] for key in ("x_mm", "y_mm", "radius_mm")]
-        if not forward.meets(*place):
+        x_mm, y_mm, radius_mm = (candidate.start[key] for key in ("x_mm", "y_mm", "radius_mm"))
+        place = x_mm, y_mm, radius_mm
+        if not forward.meets([place])[0]:
             return np.zeros_like(self.voltage)
         scale = candidate.scales.of(candidate.effect.parameters["contrast"])
         change = forward.place(*place).channel_change(model.channels, np.array([STEP]))

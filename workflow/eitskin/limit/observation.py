@@ -199,7 +199,7 @@ class SessionModel:
         (x, y) mm."""
         experiment, forward = self.experiment, self.forward(unknown)[0]
         place = (float(xy[0]), float(xy[1]), 0.5 * experiment.probe_mm)
-        if not force.any() or not forward.meets(*place):
+        if not force.any() or not forward.meets([place])[0]:
             return np.zeros((len(force), len(experiment.channels)))
         contrast = experiment.skin.contrast_per_N * force
         d = forward.place(*place).channel_change(experiment.channels, contrast)

@@ -61,4 +61,4 @@ class EvenCurrent:
         """(2 degree,): mean over the touch of what its multipoles' polarisation makes there."""
         dzeta = edge.tangent * edge.weight
         kernel = neumann.flux_kernel(self.zeta[:, None], edge.zeta, dzeta)
-        return self.weight @ (kernel @ edge.values + edge.harmonics(self.zeta))
+        return self.weight @ (kernel @ edge.values + edge.harmonics.values(self.zeta))

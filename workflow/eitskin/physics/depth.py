@@ -29,7 +29,7 @@ from eitskin.physics.column_touch import ColumnTouch
 from eitskin.physics.electrodes import Electrodes
 from eitskin.physics.forward import Accuracy, Forward
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.kept_touches import Entered
+from eitskin.physics.kept_touches import Coupled, Entered, Place
 from eitskin.physics.touch import Touch, TouchEdge, graded_panels
 
 PANEL_NODES = 10
@@ -384,6 +384,10 @@ class DepthForward(Forward):
         assert isinstance(self.depth_accuracy, DepthAccuracy)
         coupling = super()._to_electrodes(edge)
         return ColumnTouch(edge, coupling, self, self.depth_accuracy.touch_tolerance)
+
+    def _even(self, places: list[Place]) -> dict[Place, Coupled]:
+        """As Forward's; none in a body, whose touches have multipoles in depth."""
+        return super()._even(places) if self.heights is None else {}
 
     def _to_electrodes(self, edge: TouchEdge | ColumnTouch) -> np.ndarray:
         return edge.coupling if isinstance(edge, ColumnTouch) else super()._to_electrodes(edge)

@@ -124,10 +124,11 @@ class Electrodes:
         return np.einsum("iq,aid->aqd", self.modes, per).reshape(self.n * len(self.t), -1)
 
     def project(self, potential: np.ndarray) -> np.ndarray:
-        """(n order, k): potentials at the nodes (n q, k) tested with the modes; where the
+        """(..., n order, k): potentials at the nodes (..., n q, k) tested with the modes; where the
         conductivity rises across the skin, potentials as at its centre."""
-        per = potential.reshape(self.n, len(self.t), -1) * self.factor[:, :, None]
-        return (self.modes @ per).reshape(self.n * self.order, -1)
+        *stack, _, k = potential.shape
+        per = potential.reshape(*stack, self.n, len(self.t), k) * self.factor[:, :, None]
+        return (self.modes @ per).reshape(*stack, self.n * self.order, k)
 
     def angle_motion(self, electrode: int) -> "ElectrodeMotion":
         """Velocity with electrode_deg of one electrode."""

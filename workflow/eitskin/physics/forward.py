@@ -7,9 +7,11 @@ place follow from one small generalised eigenproblem, R(c) = R0 - sum_k g_k g_k^
 and every derivative from R's stationarity, dR = X^T dS X.
 """
 
+import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import chain, starmap
 from typing import Any
 
 import numpy as np
@@ -21,14 +23,17 @@ from eitskin.errors import InputError
 from eitskin.physics.conformal import DiscMap
 from eitskin.physics.contact_current import EvenCurrent
 from eitskin.physics.electrodes import ElectrodeMotion, Electrodes
+from eitskin.physics.even_touches import even_touches
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
 from eitskin.physics.kept_touches import Coupled, Entered, KeptTouches, Place
 from eitskin.physics.touch import EdgeMotion, Touch, TouchAccuracy, TouchEdge
 
 RIM_PHI = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
+FEW_ROUND = np.exp(2j * np.pi * np.arange(64) / 64)
 NO_CONTRAST = 1e-12  # a touch of less is none
 AT_ONCE = 64  # places
+TOGETHER = 32  # new places whose touches are found by one process
 MANY = 16 * AT_ONCE  # places of which all is kept until they are solved
 SHARED_OUT = 100.0  # sheets solved, from which on new places have processes of their own
 NO_MASS = 1e-12  # beside the heaviest multipole's
@@ -217,14 +222,13 @@ class Forward:
         """(M,) V per A. Raises InputError where a point electrode that drives is measured."""
         return measurable(channel_values(self.transfer_impedance(touches), channels))
 
-    def meets(self, x_mm: float, y_mm: float, radius_mm: float) -> bool:
-        """Whether a disc there lies on the skin, at least in part."""
-        if (x_mm, y_mm, radius_mm) in self._kept:
-            return True
-        edge = x_mm + 1j * y_mm + radius_mm * np.exp(2j * np.pi * np.arange(64) / 64)
-        points = self.geometry.unfold(edge)
-        # Far outside the rim the map's series says nothing.
-        return bool((np.abs(self.disc(points[np.abs(points) <= self.disc.scale])) < 1).any())
+    def meets(self, places: Sequence[Place]) -> np.ndarray:
+        """(P,) bool: whether discs at places (x_mm, y_mm, radius_mm) lie on the skin, at least in
+        part."""
+        x, y, radius = np.array(places, float).reshape(-1, 3).T[:, :, None]
+        edges = self.geometry.unfold(x + 1j * y + radius * FEW_ROUND)
+        near = np.abs(edges) <= self.disc.scale  # far outside the rim the map's series says nothing
+        return (near & (np.abs(self.disc(np.where(near, edges, 0.0))) < 1)).any(axis=1)
 
     def edge(self, touch: Touch, apart: float = np.inf) -> TouchEdge:
         """The touch's edge and multipoles at this accuracy; `apart` from others, in radii."""
@@ -236,27 +240,44 @@ class Forward:
         """The touch at one place, for every contrast at once."""
         return self.places([(x_mm, y_mm, radius_mm)])[0]
 
-    def places(self, places: list[tuple[float, float, float]]) -> list[TouchModes]:
+    def places(self, places: list[Place]) -> list[TouchModes]:
         """As `place`, of each of several places (x_mm, y_mm, radius_mm); AT_ONCE, as far as they
         have as many multipoles, are solved together."""
         found: list[TouchModes] = []
-        known: dict[Place, Coupled] = {}
-        for start in range(0, len(places), AT_ONCE):
-            if start % MANY == 0:
-                known = self._shared_out(places[start : start + MANY])
-            found += self._places(places[start : start + AT_ONCE], known)
+        for start in range(0, len(places), MANY):
+            many = places[start : start + MANY]
+            known = self._new(many)
+            for begin in range(0, len(many), AT_ONCE):
+                found += self._places(many[begin : begin + AT_ONCE], known)
         return found
 
-    def _shared_out(self, places: list[Place]) -> dict[Place, Coupled]:
-        """What touches at new places are to the skin, found on several cores where that is worth
-        it."""
+    def _new(self, places: list[Place]) -> dict[Place, Coupled]:
+        """What touches at those of the places that are new are to the skin, found on several cores
+        where that is worth it."""
         new = list(dict.fromkeys(place for place in places if place not in self._kept))
-        if cores.at_once() < 2 or len(new) * type(self).touch_effort < SHARED_OUT:
-            return {}
-        try:
-            return dict(zip(new, cores.spread(self._coupled, new), strict=True))
-        except (InputError, MemoryError):
-            return {}  # they are found one after the other, the first that cannot be is told
+        some = [new[start : start + TOGETHER] for start in range(0, len(new), TOGETHER)]
+        if cores.at_once() > 1 and len(new) * type(self).touch_effort >= SHARED_OUT:
+            # Where that fails they are found here, and the first that cannot be is told.
+            with contextlib.suppress(InputError, MemoryError):
+                return dict(zip(new, chain(*cores.spread(self._coupled_of, some)), strict=True))
+        return dict(zip(new, chain(*map(self._coupled_of, some)), strict=True))
+
+    def _coupled_of(self, places: list[Place]) -> list[Coupled]:
+        """What touches at several places are to the skin."""
+        even = self._even(places)
+        return [even.get(place) or self._coupled(place) for place in places]
+
+    def _even(self, places: list[Place]) -> dict[Place, Coupled]:
+        """What those touches are to the skin that have even nodes."""
+        found: dict[Place, Coupled] = {}
+        if self.bulk:
+            return found
+        accuracy, rim = self.accuracy.touch, self.electrodes.rim
+        for some in even_touches(places, self.geometry, self.disc, accuracy, len(rim)):
+            coupling = self.electrodes.project(some.rim_response(rim))
+            each = zip(some.mass, some.self_response, coupling, strict=True)
+            found.update(zip(some.places, starmap(Coupled, each), strict=True))
+        return found
 
     def _places(self, places: list[Place], known: dict[Place, Coupled]) -> list[TouchModes]:
         touched = [self._coupling(place, known=known.get(place)) for place in places]

@@ -23,7 +23,7 @@ from eitskin.physics.electrodes import Electrodes
 from eitskin.physics.forward import Forward
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.kept_touches import Coupled, Entered, KeptTouches, Place
-from eitskin.physics.touch import NODE_COUNTS, Circle, Touch, TouchAccuracy, TouchEdge
+from eitskin.physics.touch import NODE_COUNTS, Circle, Touch, TouchAccuracy, TouchEdge, rim_gap
 
 LEAST_GAP = 0.03  # of a patch to the rim, in its radii
 LEAST_NODES = 48
@@ -49,7 +49,7 @@ class PatchEdge(Circle):
         round_it = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
         with np.errstate(over="ignore", invalid="ignore"):
             zeta = self.mapped(round_it, 0)[0]
-            gap = (1.0 - np.abs(zeta).max()) / np.abs(zeta - zeta.mean()).max()
+            gap = rim_gap(zeta)
         on_skin = np.abs(self.place(round_it)).max() < np.abs(geometry.rim(round_it)).max()
         if not (on_skin and gap > LEAST_GAP):
             place = f"({patch.x_mm:g}, {patch.y_mm:g}) mm, radius {patch.radius_mm:g} mm"
@@ -191,11 +191,11 @@ class PatchedTouch:
         rim = np.exp(1j * edge.rim_theta)
         boundary = np.concatenate([edge.zeta, rim])
         dzeta = np.concatenate([edge.tangent * edge.weight, 1j * rim * edge.rim_weight])
-        values, flux = edge.harmonics(boundary), edge.harmonic_flux(boundary, dzeta)
+        values, flux = edge.harmonics.values(boundary), edge.harmonics.flux(boundary, dzeta)
         to_touch = neumann.potential(boundary[:, None], nodes.zeta)
         bend = np.zeros((len(nodes.t), values.shape[1]))
         if within.any():
-            bend = nodes.charge_within(edge.harmonic_flux(nodes.zeta, nodes.dzeta), within)
+            bend = nodes.charge_within(edge.harmonics.flux(nodes.zeta, nodes.dzeta), within)
             values = values + to_touch @ bend
             flux = flux + neumann.flux_kernel(nodes.zeta[:, None], boundary, dzeta).T @ bend
         into_patch = neumann.flux_kernel(boundary[:, None], nodes.zeta, nodes.dzeta)
@@ -212,7 +212,7 @@ class PatchedTouch:
         if edge.clipped:
             covered = edge.covers(electrodes.rim)
             there = electrodes.rim[covered]
-            potential[covered] += edge.harmonics(there)
+            potential[covered] += edge.harmonics.values(there)
             potential[covered] += neumann.potential(there[:, None], nodes.zeta) @ bend
         return cls(
             touch,
@@ -306,8 +306,8 @@ class PatchForward(Forward):
         place = touch.x_mm, touch.y_mm, touch.radius_mm
         return self.bare._kept.get(BareTouch, place, found, serves)
 
-    def _shared_out(self, places: list[Place]) -> dict[Place, Coupled]:
-        """None: touches as they are without the patch are kept in this process."""
+    def _new(self, places: list[Place]) -> dict[Place, Coupled]:
+        """None: touches as they are without the patch are kept, and found one by one."""
         return {}
 
     def _at_patch(self, electrodes: Electrodes) -> np.ndarray:

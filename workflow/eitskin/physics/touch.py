@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
@@ -18,6 +19,7 @@ from eitskin.physics import neumann
 from eitskin.physics.conformal import DiscMap, MapVelocity
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
+from eitskin.physics.harmonics import Harmonics, own_kernel, symmetric
 
 NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 MOST_EVEN_NODES = 128  # against the rim; nearer to it, nodes are graded
@@ -67,6 +69,17 @@ class TouchAccuracy:
     panel_nodes: int
     rim_gap: float
 
+    def across(self, gap: float) -> float:
+        """Nodes that resolve what is across a gap, in radii; infinitely many where there is
+        none."""
+        return float(-np.log(self.tolerance) / np.log1p(gap)) if gap > 0 else np.inf
+
+    def resolution(self, wanted: float) -> tuple[int, int]:
+        """Multipoles, and nodes where they are even, for so many nodes wanted."""
+        degree = int(min(self.degree, max(np.ceil(0.5 * wanted), 3)))
+        most = max(wanted, 2 * degree + 4)
+        return degree, next((n for n in NODE_COUNTS if n >= most), NODE_COUNTS[-1])
+
 
 @dataclass(frozen=True)
 class EdgeMotion:
@@ -78,9 +91,12 @@ class EdgeMotion:
 
 
 class Circle:
-    """A circle of the skin, centre (complex) and radius in mm, mapped onto the unit disc."""
+    """A circle of the skin, centre (complex) and radius in mm, mapped onto the unit disc.
 
-    def __init__(self, centre: complex, radius: float, geometry: Geometry, disc: DiscMap):
+    Of several at once, centre and radius (P, 1), `place` and `mapped` give (P, points).
+    """
+
+    def __init__(self, centre: Any, radius: Any, geometry: Geometry, disc: DiscMap):
         self.centre, self.radius = centre, radius
         self.geometry, self.disc = geometry, disc
 
@@ -179,12 +195,8 @@ class TouchEdge(Circle):
         self.touch, self.bulk, self.accuracy = touch, bulk, accuracy
         degree = self._place_nodes(apart, beside)
         boundary = np.concatenate([self.zeta, np.exp(1j * self.rim_theta)])
-        self.expansion_centre = 0.5 * complex(
-            boundary.real.min() + boundary.real.max(),
-            boundary.imag.min() + boundary.imag.max(),
-        )
-        self.expansion_radius = float(np.abs(boundary - self.expansion_centre).max())
-        self._build_modes(degree)
+        self.harmonics = Harmonics.around(boundary, degree)
+        self._build_modes()
 
     def _place_nodes(self, apart: float, beside: Circle | None) -> int:
         """Choose the nodes; returns the multipoles needed."""
@@ -194,18 +206,18 @@ class TouchEdge(Circle):
         if not np.abs(zeta).min() < 1:
             place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm"
             raise InputError("touch", "place", place, "a place on the skin")
-        gap = (1.0 - np.abs(zeta).max()) / np.abs(zeta - zeta.mean()).max()
+        gap = float(rim_gap(zeta))
         self.held_off = bool(abs(gap) < accuracy.rim_gap)
         if self.held_off:
             self.radius *= 1.0 + gap - accuracy.rim_gap
             gap = accuracy.rim_gap
-        self.for_rim = self._across(gap)
-        for_touch = min(self._across(apart), NODE_COUNTS[-1])
+        self.for_rim = self.accuracy.across(gap)
+        for_touch = min(self.accuracy.across(apart), NODE_COUNTS[-1])
         longest, self.even = 2.0 * apart, self.for_rim <= MOST_EVEN_NODES
         if beside:
             for_touch = self._for_circle(beside)
             self.even = self.even and for_touch <= MOST_EVEN_NODES
-        degree, count = self._resolution(for_touch)
+        degree, count = self.accuracy.resolution(max(self.for_rim, for_touch))
         longest = min(0.5 * accuracy.panel_nodes / degree, longest)
         panels = (longest, accuracy.rim_gap, accuracy.panel_nodes)
         self.rim_theta = self.rim_weight = np.zeros(0)
@@ -225,26 +237,17 @@ class TouchEdge(Circle):
     def _for_circle(self, beside: Circle) -> float:
         """Nodes that resolve what is between the edge and a circle beside it."""
         gap = max(self.gap(beside) / self.radius, self.accuracy.rim_gap)
-        return min(self._across(gap), NODE_COUNTS[-1])
-
-    def _across(self, gap: float) -> float:
-        """Nodes that resolve what is across a gap, in radii; infinitely many where there is
-        none."""
-        return float(-np.log(self.accuracy.tolerance) / np.log1p(gap)) if gap > 0 else np.inf
-
-    def _resolution(self, for_touch: float) -> tuple[int, int]:
-        """Multipoles, and nodes where they are even, for what the rim and another circle ask."""
-        wanted = max(self.for_rim, for_touch)
-        degree = int(min(self.accuracy.degree, max(np.ceil(0.5 * wanted), 3)))
-        most = max(wanted, 2 * degree + 4)
-        return degree, next((n for n in NODE_COUNTS if n >= most), NODE_COUNTS[-1])
+        return min(self.accuracy.across(gap), NODE_COUNTS[-1])
 
     def serves_beside(self, circle: Circle) -> bool:
         """Whether nodes and multipoles are those that the touch has beside another circle."""
         for_touch = self._for_circle(circle)
         if self.clipped or not self.even or for_touch > MOST_EVEN_NODES:
             return False
-        return self._resolution(for_touch) == (len(self.order), len(self.t))
+        return self.accuracy.resolution(max(self.for_rim, for_touch)) == (
+            self.harmonics.degree,
+            len(self.t),
+        )
 
     def _rim_clearance(self, t: np.ndarray) -> np.ndarray:
         zeta, tangent = self.mapped(t, 1)
@@ -283,29 +286,27 @@ class TouchEdge(Circle):
             return low if abs(inside) < abs(outside) else high
         return brentq(beyond, low, high, xtol=1e-15)
 
-    def _build_modes(self, degree: int) -> None:
+    def _build_modes(self) -> None:
         dzeta = self.tangent * self.weight
         rim = np.exp(1j * self.rim_theta)
         drim = 1j * rim * self.rim_weight
-        order = np.arange(1, degree + 1)
-        self.norm = 1.0 / np.sqrt(order * np.pi)
-        self.order = order
-        self.values = self.harmonics(self.zeta)
-        self.flux = self.harmonic_flux(self.zeta, dzeta)
-        self.rim_flux = self.harmonic_flux(rim, drim)
-        self.kernel = neumann.flux_kernel(self.zeta[:, None], self.zeta + _eye(self.zeta), dzeta)
-        np.fill_diagonal(self.kernel, self._kernel_diagonal() - 0.5)
+        self.values = self.harmonics.values(self.zeta)
+        self.flux = self.harmonics.flux(self.zeta, dzeta)
+        self.rim_flux = self.harmonics.flux(rim, drim)
+        self.kernel = own_kernel(self.zeta, self.tangent, self.curvature, self.weight)
         self.rim_kernel = neumann.flux_kernel(rim[:, None], self.zeta, dzeta)
-        rim_values = self.harmonics(rim)
+        rim_values = self.harmonics.values(rim)
         if self.bulk:
             self._tilt(rim, drim, rim_values)
-        mass = self.values.T @ self.flux + rim_values.T @ self.rim_flux
+        mass = self.values.T @ self.flux
         response = self.flux.T @ (self.kernel @ self.values)
-        response += self.rim_flux.T @ (self.rim_kernel @ self.values)
+        if self.clipped:
+            mass += rim_values.T @ self.rim_flux
+            response += self.rim_flux.T @ (self.rim_kernel @ self.values)
         if self.bulk:
             response += self._tilted_response(rim)
-        self.mass = 0.5 * (mass + mass.T)
-        self.self_response = self.mass + 0.5 * (response + response.T)
+        self.mass = symmetric(mass)
+        self.self_response = self.mass + symmetric(response)
 
     def _tilt(self, rim: np.ndarray, drim: np.ndarray, rim_values: np.ndarray) -> None:
         """Where s of `bulk` is not even: what it changes of fluxes, and the shares of `bulk`.
@@ -343,32 +344,6 @@ class TouchEdge(Circle):
         on_rim = neumann.potential(rim[:, None], self.zeta) @ self.bent
         return self.rim_bent.T @ on_rim - met.T @ self.bent
 
-    def _kernel_diagonal(self) -> np.ndarray:
-        turn = (self.curvature / self.tangent).imag * self.weight
-        return neumann.flux_kernel_diagonal(self.zeta, self.tangent * self.weight, turn)
-
-    def powers(self, zeta: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """(points, degree) complex ((zeta - centre) / radius)^m, or their derivative by zeta."""
-        scaled = (zeta - self.expansion_centre)[:, None] / self.expansion_radius
-        factor = np.ones(len(self.order))
-        exponent = self.order.astype(float)
-        for _ in range(derivative):
-            factor = factor * exponent / self.expansion_radius
-            exponent = exponent - 1.0
-        safe = np.maximum(exponent, 0.0).astype(int)
-        return self.norm * factor * scaled**safe
-
-    def harmonics(self, zeta: np.ndarray) -> np.ndarray:
-        """(points, 2 degree): real and imaginary parts of the powers, unit energy on their
-        circle."""
-        powers = self.powers(zeta)
-        return np.hstack([powers.real, powers.imag])
-
-    def harmonic_flux(self, zeta: np.ndarray, dzeta: np.ndarray) -> np.ndarray:
-        """(points, 2 degree): the harmonics' flux through the line elements `dzeta`."""
-        slope = self.powers(zeta, 1) * dzeta[:, None]
-        return np.hstack([slope.imag, -slope.real])
-
     def rim_response(self, rim: np.ndarray) -> np.ndarray:
         """(points, 2 degree): potential at rim points that the multipoles' polarisation makes."""
         kernel = neumann.rim_flux_kernel(rim[:, None], self.zeta, self.tangent * self.weight)
@@ -377,7 +352,7 @@ class TouchEdge(Circle):
             response -= neumann.potential(rim[:, None], self.zeta) @ self.bent
         if self.clipped:
             inside = self.covers(rim)
-            response[inside] += self.harmonics(rim[inside])
+            response[inside] += self.harmonics.values(rim[inside])
         return response
 
     def covers(self, rim: np.ndarray) -> np.ndarray:
@@ -449,8 +424,8 @@ class TouchEdge(Circle):
         w = self.weight
         dzeta, moving = self.tangent * w, motion.tangent * w
         value, flux = self.values @ amplitude, self.flux @ amplitude
-        slope = self._combine(self.powers(self.zeta, 1), amplitude)
-        bend = self._combine(self.powers(self.zeta, 2), amplitude)
+        slope = self._combine(self.harmonics.powers(self.zeta, 1), amplitude)
+        bend = self._combine(self.harmonics.powers(self.zeta, 2), amplitude)
         value_dot = (slope * motion.zeta[:, None]).real
         flux_dot = (bend * (motion.zeta * dzeta)[:, None] + slope * moving[:, None]).imag
         mass_dot = (1.0 + 1.0 / contrast) * (value_dot.T @ flux + value.T @ flux_dot)
@@ -467,7 +442,7 @@ class TouchEdge(Circle):
             raise InputError("touch", "derivatives", place, "a touch inside the skin")
 
     def _combine(self, powers: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-        half = len(self.order)
+        half = self.harmonics.degree
         return powers @ (amplitude[:half] - 1j * amplitude[half:])
 
     def _kernel_slope(self, motion: EdgeMotion) -> np.ndarray:
@@ -501,7 +476,7 @@ class TouchEdge(Circle):
         if motion is None:
             return -(kernel_dot.imag / np.pi) @ value
         kernel_dot = kernel_dot + motion.tangent * self.weight / apart - dy * motion.zeta / apart**2
-        slope = self._combine(self.powers(y, 1), amplitude)
+        slope = self._combine(self.harmonics.powers(y, 1), amplitude)
         value_dot = (slope * motion.zeta[:, None]).real
         kernel = neumann.rim_flux_kernel(rim[:, None], y, dy)
         return -(kernel_dot.imag / np.pi) @ value + kernel @ value_dot
@@ -530,13 +505,20 @@ class TouchEdge(Circle):
         kernel_dot = kernel_dot + conj * dy * below_dot / below**2
         kernel = neumann.flux_kernel(x, y, dy)
         value, flux = other.values @ other_amplitude, self.flux @ amplitude
-        slope = other._combine(other.powers(other.zeta, 1), other_amplitude)
+        slope = other._combine(other.harmonics.powers(other.zeta, 1), other_amplitude)
         value_dot = (slope * (b.zeta + 0.0 * y)[:, None]).real
-        own = self._combine(self.powers(self.zeta, 1), amplitude)
-        bend = self._combine(self.powers(self.zeta, 2), amplitude)
+        own = self._combine(self.harmonics.powers(self.zeta, 1), amplitude)
+        bend = self._combine(self.harmonics.powers(self.zeta, 2), amplitude)
         flux_dot = (bend * (a.zeta * dx)[:, None] + own * (dx_dot + 0.0 * dx)[:, None]).imag
         slope_of_kernel = -(kernel_dot.imag / (2.0 * np.pi)) @ value
         return flux_dot.T @ (kernel @ value) + flux.T @ (slope_of_kernel + kernel @ value_dot)
+
+
+def rim_gap(zeta: np.ndarray) -> np.ndarray:
+    """(...,): distance to the rim of edges (..., points) in the unit disc, in their radii; below 0
+    for one that crosses it."""
+    radius = np.abs(zeta - zeta.mean(-1, keepdims=True)).max(-1)
+    return (1.0 - np.abs(zeta).max(-1)) / radius
 
 
 def graded_panels(

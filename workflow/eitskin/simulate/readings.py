@@ -7,7 +7,7 @@ of effects.effect.ORDER, else in the list's.
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import compress, product
 from typing import TypeVar
 
 import numpy as np
@@ -372,8 +372,9 @@ class _Solver:
             found = [
                 (place, at)
                 for place, at in _places(places[rows], self.touched[rows])
-                if (contact or contrast[rows[at]].any()) and forward.meets(*place)
+                if contact or contrast[rows[at]].any()
             ]
+            found = list(compress(found, forward.meets([place for place, _ in found])))
             here = [place for place, _ in found]
             self.near.spent += len(here) * forward.touch_effort
             modes = [forward.contact(*p) for p in here] if contact else forward.places(here)
