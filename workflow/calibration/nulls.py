@@ -50,6 +50,8 @@ def trial(seed: int, repeats: int = REPEATS) -> dict:
             began = time.perf_counter(), cores.seconds()
             try:
                 row |= tests.best(made, rig)
+            except (MemoryError, OSError):  # of the machine, not of the recording
+                raise
             except Exception as error:  # whatever it is, it is a result
                 traceback.print_exc()
                 row["failed"] = repr(error)

@@ -238,6 +238,8 @@ def run(trials: list[tuple[str, int]], folder: Path) -> None:
         if not (path.exists() and _current(json.loads(path.read_text("utf-8")))):
             try:
                 made = row(kind, seed)
+            except (MemoryError, OSError):  # of the machine, not of the recording
+                raise
             except Exception as error:  # whatever it is, it is a result
                 traceback.print_exc()
                 made = {"kind": kind, "seed": seed, "code": CODE, "failed": repr(error)}

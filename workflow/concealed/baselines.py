@@ -348,8 +348,8 @@ def run(cases: list[str], block: Path, seed: int, code: str) -> None:
         }
         made = cache.made_of(code, **files)
         path = folder / f"{case}.json"
-        if not cache.stands(path, made, block.name == FINAL):
-            arrays = path.with_suffix(".npz")
+        arrays = path.with_suffix(".npz")
+        if not (arrays.is_file() and cache.stands(path, made, block.name == FINAL)):
             for old in (path, arrays):
                 old.unlink(missing_ok=True)
             cache.write(path, made, partial(_one, files, arrays, seed))

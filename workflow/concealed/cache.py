@@ -28,6 +28,8 @@ def write(path: Path, made: dict, work: Callable[[], dict]) -> None:
     """{**what `work` returns, made} as JSON; {failed: why, made} where it breaks off."""
     try:
         row = work()
+    except (MemoryError, OSError):  # of the machine, not of the recording
+        raise
     except Exception as error:  # whatever it is, it is a result
         traceback.print_exc()
         row = {"failed": repr(error)}

@@ -27,6 +27,8 @@ from eitskin.atomic import atomic_path
 from eitskin.data.recording import Recording
 from eitskin.diagnose.comparison.difference import Difference, difference
 from eitskin.diagnose.comparison.wander import wander
+from eitskin.effects import catalogue_names, modules
+from eitskin.fingerprint import fingerprint
 from eitskin.quantities import percent
 from witness.laws import SITES
 
@@ -34,6 +36,7 @@ NAMES = ("control", "later")
 MIDDLE = (0.3, 0.7)  # of the later recording, where a third of all faults begin
 ENOUGH = 8.0  # SNR in the difference
 TINY_V = 1e-12
+CODE = fingerprint("compare", [*modules(catalogue_names()), "concealed.pairs"])
 CATALOGUE = {"clipping": "adc-nonlinearity"}
 # Pairs a kind and pairs without a fault, of each source.
 NUMBERS = {
@@ -160,7 +163,8 @@ def _said(one) -> str:
 
 
 def rows(block: str, folder: Path) -> pd.DataFrame:
-    """Every pair of a block, judged; those that lie in the folder already are taken from there."""
+    """Every pair of a block, judged; those that this code left in the folder are taken from
+    there."""
     found = []
     there = pair_skins.sources(block)
     for source, (each, without) in NUMBERS[block].items():
@@ -170,11 +174,11 @@ def rows(block: str, folder: Path) -> pd.DataFrame:
         plan += [(planted.NONE, i) for i in range(without)]
         for kind, number in plan:
             file = folder / "rows" / f"{source}-{kind}-{number}.json"
-            if not file.exists():
-                row = _row(block, source, kind, number)
+            if not (file.exists() and json.loads(file.read_text("utf-8"))["code"] == CODE):
+                made = {"code": CODE, "row": _row(block, source, kind, number)}
                 with atomic_path(file) as temporary:
-                    temporary.write_text(json.dumps(row) + "\n", "utf-8")
-            row = json.loads(file.read_text("utf-8"))
+                    temporary.write_text(json.dumps(made) + "\n", "utf-8")
+            row = json.loads(file.read_text("utf-8"))["row"]
             if row is not None:
                 found.append(row)
     return pd.DataFrame(found)

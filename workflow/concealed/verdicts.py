@@ -70,6 +70,8 @@ def _diagnose(name: str, path: Path, query: Path, folder: Path, schema: Path, se
         result.read_query(query, recorded)
         found = diagnosis.diagnose(recorded, seed, progress=True)
         result.write(found, name, folder, schema, query)
+    except (MemoryError, OSError):  # of the machine, not of the recording
+        raise
     except Exception as error:  # whatever it is, it is a verdict
         traceback.print_exc()
         shutil.rmtree(folder)

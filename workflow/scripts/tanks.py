@@ -3,9 +3,11 @@
 import pandas as pd
 
 from eitskin.atomic import atomic_path
-from eitskin.errors import reported
+from eitskin.errors import InputError, reported
 
 with reported(snakemake.log[0]):
+    if not snakemake.input:
+        raise InputError("config.yaml", "tanks", "none", "a recording's name")
     table = pd.concat([pd.read_csv(path) for path in snakemake.input])
     first = ["recording", "told", "geometry"]
     with atomic_path(snakemake.output[0]) as path:

@@ -379,14 +379,12 @@ def _medians(found: list[dict[str, float]]) -> dict[str, float]:
 
 def sentence(table: pd.DataFrame) -> str:
     """What `judge` found, for a person: the law where it beats the free means on everything, else
-    that the misfit stays unexplained, where it is and with what it varies."""
+    that the misfit stays unexplained."""
     rows = table.set_index("law")
     owner, turned, means = rows.iloc[0], rows.iloc[1], rows.iloc[2]
     plain, law = rows.loc["return through ground"], rows.iloc[-1]
     where = (
-        f"The owner's simulation leaves {owner.held_out:.2f} of |v| on drives and frames left out; "
-        "every drive has the misfit, which falls once round from the source and changes when "
-        "the drive is reversed."
+        f"The owner's simulation leaves {owner.held_out:.2f} of |v| on drives and frames left out."
     )
     held = (
         f"{int(plain.numbers)} numbers leave {plain.held_out:.3f}, a gain a measuring pair besides "

@@ -44,6 +44,16 @@ def test_every_recording_of_a_skin_is_diagnosed_and_one_that_breaks_off_says_so(
     assert (table["p_value"] == 0.5).sum() == nulls.REPEATS * (len(RIGS) - 1)
 
 
+def test_a_machine_without_memory_is_no_result(monkeypatch, tmp_path):
+    def best(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(ScoreTests, "best", best)
+    with pytest.raises(MemoryError):
+        trial.run([("skin", 3)], tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.long
 def test_what_is_shared_changes_no_p(case):
     shared = ScoreTests(3)

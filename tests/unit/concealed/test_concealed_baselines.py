@@ -102,6 +102,25 @@ def small():
     return case, recorded, Recording(case.query, None, None, None, dict(case.metadata))
 
 
+def test_a_case_whose_predictions_were_lost_is_compared_again(monkeypatch, tmp_path):
+    for part in ("recordings", "queries"):
+        (tmp_path / part).mkdir()
+        (tmp_path / part / "case-1.parquet").write_bytes(b"")
+    asked = []
+
+    def one(*files):
+        asked.append(files)
+        raise ValueError("broken off")
+
+    monkeypatch.setattr(baselines, "_one", one)
+    for _ in range(2):
+        baselines.run(["case-1"], tmp_path, 1, "a")
+    assert len(asked) == 1
+    (tmp_path / "baselines/case-1.npz").unlink()  # as by a kill before it was written
+    baselines.run(["case-1"], tmp_path, 1, "a")
+    assert len(asked) == 2 and (tmp_path / "baselines/case-1.npz").is_file()
+
+
 @pytest.mark.long
 def test_every_method_says_and_predicts_something_of_a_witness_recording(small):
     case, recorded, query = small

@@ -63,6 +63,17 @@ def test_what_is_said_is_judged_by_its_site():
     assert pairs.judged(unharmed, said)["false"] == bool(right)
 
 
+def test_a_row_of_other_code_is_made_again(monkeypatch, tmp_path):
+    made = []
+    monkeypatch.setattr(pairs, "NUMBERS", {REPORT: {SIMULATED: (0, 1)}})
+    monkeypatch.setattr(pairs, "_row", lambda *asked: made.append(asked) or {"kind": "none"})
+    (tmp_path / "rows").mkdir()
+    for code in ("a", "a", "b"):
+        monkeypatch.setattr(pairs, "CODE", code)
+        assert pairs.rows(REPORT, tmp_path)["kind"].tolist() == ["none"]
+    assert len(made) == 2
+
+
 def test_the_table_counts_shares():
     rows = pd.DataFrame(
         [

@@ -73,6 +73,18 @@ def test_a_case_that_fails_leaves_a_failed_verdict(block, quick):
     assert len(quick) == 1
 
 
+@pytest.mark.parametrize("fault", [MemoryError, OSError])
+def test_a_fault_of_the_machine_is_no_verdict(block, quick, monkeypatch, fault):
+    def fails(*_, **__):
+        raise fault("no room")
+
+    monkeypatch.setattr(verdicts.diagnosis, "diagnose", fails)
+    with pytest.raises(fault):
+        run(block, "case-001")
+    monkeypatch.undo()
+    assert not (block / "verdicts/case-001/diagnosis.json").exists()
+
+
 def test_made_says_of_what(block, quick):
     run(block, "case-001")
     made = json.loads((block / "verdicts/case-001/made.json").read_text())

@@ -384,6 +384,12 @@ def test_the_lct_tank_and_its_repeats(tmp_path):
     refused(path, "rows after #Start: found 208, expected 209")
     path.write_text(lct_text(reading, date="yesterday"))
     refused(path, "#Date: found yesterday")
+    undated = lct_text(reading).replace("#Date", "#Data")
+    path.write_text(undated)
+    assert importers.load(path).metadata["clock"] == "index"
+    path.unlink()
+    (tmp_path / "water_2.txt").write_text(undated)
+    refused(tmp_path, r"water_2\.txt: header, #Date: found none")
     path.write_text("#MEAS\n1 2 3\n")
     refused(path, "no line #Start")
 

@@ -95,6 +95,10 @@ def test_a_folder_is_frames_in_the_order_of_their_numbers(tmp_path):
     assert made.metadata["clock"] == "measured" and not made.frames["touch"].any()
     found = importers.files(tmp_path)
     assert [file.name for file in found[1:]] == ["setup_1.eit", "setup_2.eit", "setup_10.eit"]
+    (tmp_path / "setup_10.eit").rename(tmp_path / "SETUP_10.EIT")
+    assert len(importers.load(tmp_path).frames) == 3
+    assert len(importers.load(tmp_path / "SETUP_10.EIT").frames) == 1
+    (tmp_path / "SETUP_10.EIT").rename(tmp_path / "setup_10.eit")
     (tmp_path / "setup_11.eit").write_text(eit_text(around(), second=0.19))
     refused(tmp_path, r"setup_11\.eit: header, date: .*one after that of setup_10\.eit")
     (tmp_path / "setup_11.eit").write_text(eit_text(around(step=3), second=0.3))

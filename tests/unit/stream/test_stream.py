@@ -183,7 +183,7 @@ def test_a_signal_while_frames_are_written_loses_and_doubles_none(folder, monkey
         keeper._waiting.append({"kind": "frame", "time_s": 0.1 * number, "verdict": "no touch"})
         keeper._waiting[-1] |= {"reading": reading.tolist(), "state": None, "half": None}
         keeper._waiting[-1]["lost"] = []
-        keeper._frames += 1
+        keeper._told += 1
     fsync = os.fsync
 
     def interrupted(number):
@@ -209,6 +209,16 @@ def test_what_cannot_be_told_is_neither_touched_nor_untouched_in_a_recording(fol
     assert "cannot tell" not in set(found["note_verdict"]) and len(found) <= 25
     touched = found[found["touch"]]
     np.testing.assert_allclose(touched["note_estimate_force_N"], touched["force_N"])
+
+
+def test_where_nothing_could_be_told_the_stream_ends_without_a_recording(folder, capsys):
+    """A recording of differences has no opening frames to hold the skin by."""
+    odd = folder / "odd.parquet"
+    skin.write_recording(odd, STATES, lambda voltage: -voltage, values="difference")
+    words = ["stream", "odd.parquet", "--model", "mlp.npz", "--fast", "--out", "out.parquet"]
+    assert cli.main(words) == 0
+    assert f"{len(STATES)} cannot tell" in capsys.readouterr().err
+    assert not list(folder.glob("out*"))
 
 
 def test_latencies_are_the_latest(monkeypatch):

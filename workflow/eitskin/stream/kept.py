@@ -80,13 +80,13 @@ class Keeper:
         journal.begin(self.path, {"kind": KIND, "metadata": metadata, "columns": columns})
         self._writer = journal.Writer(self.path, journal.read(self.path, KIND))
         self._waiting: list[dict] = []
-        self._frames = 0
+        self._told = 0
         self._written_s = 0.0
 
     def __call__(self, frame: Frame, verdict: Verdict) -> None:
         """Take one in; what has waited for EVERY_S goes to the disk."""
         estimate = verdict.estimate
-        self._frames += 1
+        self._told += verdict.kind != CANNOT_TELL
         self._waiting.append(
             {
                 "kind": "frame",
@@ -113,10 +113,11 @@ class Keeper:
         self.path.unlink()
 
     def close(self) -> None:
-        """Write the recording whole, where there is any frame, then take the journal away."""
+        """Write the recording whole, where of any frame it could be told, then take the journal
+        away."""
         self.flush()
         self._writer.close()
-        if self._frames:
+        if self._told:
             recording.write(as_recording(self.path), self.out)
         self.path.unlink()
 

@@ -11,6 +11,7 @@ it is, which nobody touches. A folder holds repeats of one state, named alike (`
 """
 
 import re
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -34,26 +35,39 @@ def matches(path: Path) -> bool:
 
 
 def load(path: Path) -> Recording:
-    """One frame a file; raises InputError where a file is cut short or a folder mixes states."""
+    """One frame a file; raises InputError where a file is cut short, a folder mixes states, and one
+    of several files has no date."""
     found = files(path)
     if not found:
         raise InputError(path, "folder", "no *.txt", "repeats of one state")
     states = sorted({re.sub(r"_\d+$", "", file.stem) for file in found})
     if len(found) > 1 and len(states) > 1:
         raise InputError(path, "folder", f"states {states}", "repeats of one, named NAME_<number>")
-    readings = sorted((_read(file) for file in found), key=lambda reading: reading[0])
-    moments = np.array([(date - readings[0][0]).total_seconds() for date, _ in readings])
-    table = np.stack([table for _, table in readings])
+    dates, tables = zip(*map(_read, found), strict=True)
+    moments = _moments(found, dates)
+    order = np.argsort(moments, kind="stable")
+    table = np.stack(tables)[order]
     metadata = describe(
         swap_measured(channel_table(N_ELECTRODES)),
         even_angles(N_ELECTRODES),
         SOURCE.format(name=path.name),
         "signed",
         unit="V",
-        clock="measured",
+        clock="index" if dates[0] is None else "measured",
     )
-    frames = frames_table(moments, np.zeros(len(found), dtype=bool))
+    frames = frames_table(moments[order], np.zeros(len(found), dtype=bool))
     return Recording(frames, table[:, :, 0], table[:, :, 1], None, metadata)
+
+
+def _moments(files: list[Path], dates: Sequence[datetime | None]) -> np.ndarray:
+    """(N,) seconds from the earliest."""
+    if len(files) == 1:
+        return np.zeros(1)
+    known = [date for date in dates if date is not None]
+    if len(known) < len(dates):
+        without = files[dates.index(None)]
+        raise InputError(without, "header, #Date", "none", "dd/mm/yyyy hh:mm:ss")
+    return np.array([(date - min(known)).total_seconds() for date in known])
 
 
 def files(path: Path) -> list[Path]:
@@ -61,15 +75,15 @@ def files(path: Path) -> list[Path]:
     return sorted(path.glob("*.txt")) if path.is_dir() else [path]
 
 
-def _read(path: Path) -> tuple[datetime, np.ndarray]:
-    """When the frame was read, and its (208, 3) table."""
+def _read(path: Path) -> tuple[datetime | None, np.ndarray]:
+    """When the frame was read, where it says so, and its (208, 3) table."""
     lines = path.read_text(errors="replace").splitlines()
     if "#Start" not in [line.strip() for line in lines]:
         raise InputError(path, "header", "no line #Start", "#Start before the numbers")
     start = [line.strip() for line in lines].index("#Start")
     dates = [line.replace("#Date", "").strip() for line in lines[:start] if "#Date" in line]
     try:
-        date = datetime.strptime(dates[0], "%d/%m/%Y %H:%M:%S") if dates else datetime.min
+        date = datetime.strptime(dates[0], "%d/%m/%Y %H:%M:%S") if dates else None
     except ValueError as error:
         raise InputError(path, "header, #Date", dates[0], "dd/mm/yyyy hh:mm:ss") from error
     table = numbers(path, lines, COLUMNS, start + 1)

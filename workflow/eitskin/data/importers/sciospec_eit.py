@@ -68,7 +68,7 @@ class Frame:
 def matches(path: Path) -> bool:
     """Whether the file, or a folder's first, is named `.eit` and begins with a whole number."""
     found = files(path)[:1]
-    return bool(found) and found[0].suffix == ".eit" and first_line(found[0]).isdecimal()
+    return bool(found) and found[0].suffix.lower() == ".eit" and first_line(found[0]).isdecimal()
 
 
 def refusal(path: Path) -> InputError | None:
@@ -83,7 +83,8 @@ def files(path: Path) -> list[Path]:
     """The frames, one a file."""
     if not path.is_dir():
         return [path]
-    return sorted(path.glob("*.eit"), key=lambda file: (_last_number(file.stem), file.name))
+    frames = (file for file in path.iterdir() if file.suffix.lower() == ".eit")
+    return sorted(frames, key=lambda file: (_last_number(file.stem), file.name))
 
 
 def load(path: Path, measure: str | None = None) -> Recording:
