@@ -328,6 +328,11 @@ def test_a_step_of_one_electrode_names_it(make_recording, seed, electrode):
         f"electrode {electrode} takes part" in finding.sentence
         and "frame 40 on" in finding.sentence
     )
+    assert finding.sentence.endswith("a contact moved.")
+    made.frames["touch"] = False
+    said = [finding.sentence for finding in suspicions.steps_in_time(made)]
+    assert all(("moved" in one) == ("touch that the file does not tell" in one) for one in said)
+    assert any("moved" in one for one in said)
 
 
 @per_example

@@ -213,6 +213,13 @@ def test_pairs_may_come_from_the_caller(write):
     )
 
 
+def test_names_with_one_letter_in_common_are_not_guessed(write):
+    table = np.column_stack([np.zeros((3, 4)), frames(3)])
+    names = ["px", "tip", "fz", "Touched", *(f"ch{k}" for k in range(40))]
+    message = refused(write(lines(table, names=names), {"electrodes": 8, **ADJACENT}), "columns")
+    assert "labels: {note_px: px, note_tip: tip, note_fz: fz, touch: Touched}" in message
+
+
 # --- without a description
 
 
@@ -243,7 +250,7 @@ def test_columns_of_other_names_are_told_and_the_example_can_be_copied(write, sa
     names = ["t", "X", "Y", "force", "who", *(f"ch{k}" for k in range(40))]
     content = lines(table, names=names)
     message = refused(write(content, said), "columns: found columns t, X, Y, force, who beside 40")
-    example = message.split("for example ")[1]
+    example = message.split("to be corrected: ")[1]
     assert "labels: {time_s: t, x_mm: X, y_mm: Y, force_N: force, note_who: who}" in example
     made = importers.load(write(content, example))
     placed = made.frames[["x_mm", "y_mm", "force_N"]].to_numpy()

@@ -15,7 +15,7 @@ class Anisotropy(SkinEffect):
     }
     polar = ("ratio", "angle_deg", 2)
     source = "Lionheart 1997"
-    mend = "cut the gel so that it was not drawn or cast in one direction"
+    mend = "use a gel that was not stretched or poured in one direction"
     finding = "The gel conducts {ratio} times as well along {angle_deg} as across."
     shown_by = "absolute values, with touches at known places all over the skin"
     confusable = ("domain-shape", "ellipse")

@@ -13,7 +13,7 @@ class Crosstalk(InstrumentEffect):
     driver = "static"
     parameters = {"epsilon": Parameter("1", 0.0, -0.25, 0.25, scale=0.02, dense=False)}
     source = "Touch with Insight, § II-D"
-    mend = "shield the leads and slow down the multiplexer"
+    mend = "shield the leads, and look for leakage between neighbouring inputs of the multiplexer"
     finding = (
         "Neighbouring channels leak into each other: each takes up {epsilon:%} of either neighbour."
     )

@@ -20,7 +20,7 @@ class MainsInterference(InstrumentEffect):
     }
     polar = ("volt", "phase_deg", 1)
     source = "a steady tone, sampled channel by channel"
-    mend = "shield the leads, or let a frame last whole periods of the mains"
+    mend = "shield the leads, or integrate each reading over whole periods of the mains"
     finding = (
         "A steady tone of {frequency_Hz} is in the readings, {volt} at its peak[, with a phase of"
         " {phase_deg}]."

@@ -88,7 +88,8 @@ MISSING = {  # what cannot be told: its topic, the sentence, the frames to add
     ),
     "relaxation": (
         "relaxation",
-        f"no press is held for {HOLD_S:.0f} s at a constant force: relaxation cannot be seen.",
+        f"no press is held for {HOLD_S:.0f} s at a constant force: relaxation slower than a press"
+        " cannot be seen.",
         "one press held for a minute",
     ),
     "hysteresis": (

@@ -67,6 +67,9 @@ def weak_drives(recording: Recording) -> list[Finding]:
 def steps_in_time(recording: Recording) -> list[Finding]:
     """Steps of the untouched readings (value: the change over one frame's noise)."""
     found = []
+    moved = "a wire or a contact moved"
+    if not recording.frames["touch"].any():
+        moved += ", or a touch that the file does not tell"
     for step in steps.steps(recording):
         before, after = step.between
         sentence = f"the untouched readings change for good from frame {step.frame} on"
@@ -77,7 +80,7 @@ def steps_in_time(recording: Recording) -> list[Finding]:
         elif step.electrodes:
             take = "takes" if len(step.electrodes) == 1 else "take"
             sentence += f", most where {named.electrodes(step.electrodes)} {take} part"
-            sentence += ": a wire or a contact moved"
+            sentence += f": {moved}"
         else:
             rows = named.channels(recording, step.channels)
             sentence += f", most in {rows}: the skin or the setup changed, or a cut"

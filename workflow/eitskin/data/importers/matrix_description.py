@@ -17,6 +17,7 @@ TELLING = (*PROTOCOL, "order", "labels")  # of which a YAML file has one if it d
 AS_CHOSEN = ("voltage", "unit", "values", "position_frame", "clock")
 PLACED = ("x_mm", "y_mm", "force_N", "probe_mm", "depth_mm")
 LABELS = ("time_s", "touch", *PLACED, "contact", "session", "temperature_C")
+ALIKE = 3  # letters that a column's name and its label's have in common, or the whole name
 KEYS = (*PROTOCOL, "order", *AS_CHOSEN, "rate_Hz", "frame_s", "skin", "labels", "source")
 
 
@@ -92,13 +93,14 @@ def unlabelled(path: Path, names: Sequence[str]) -> InputError | None:
     for name in odd:
         free = [label for label in LABELS if label not in labels]
         nearest = max(free, key=lambda label: _alike(label, name), default="")
-        labels[nearest if _alike(nearest, name) else f"{NOTE}{name}"] = name
+        enough = _alike(nearest, name) >= min(ALIKE, len(name))
+        labels[nearest if enough else f"{NOTE}{name}"] = name
     told = ", ".join(f"{label}: {name}" for label, name in labels.items())
     count = len(names) - len(odd)
     found = f"columns {', '.join(odd)} beside {count} readings, and nothing that says what they are"
     expected = (
-        f"their labels in {beside(path).name}, in the units of the labels' names, for example "
-        f"{described[:-1]}, labels: {{{told}}}}}"
+        f"their labels in {beside(path).name}, in the units of the labels' names; guessed, to be "
+        f"corrected: {described[:-1]}, labels: {{{told}}}}}"
     )
     return InputError(path, "columns", found, expected)
 
