@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from eitskin.data import check, importers
@@ -18,6 +18,7 @@ from eitskin.data.check import (
     sentences,
     suspicions,
 )
+from eitskin.data.check.exchanged import exchanged
 from eitskin.data.check.steps import steps
 from eitskin.data.recording import Recording
 from eitskin.physics.protocol import channel_table
@@ -25,7 +26,7 @@ from shared_data import shared_data
 from small_skin import small_recording
 from witness import cases
 
-SUSPECTED = {"units", "constant", "unseen", "clipped", "drives", "step"}
+SUSPECTED = {"units", "constant", "unseen", "clipped", "exchanged", "drives", "step"}
 NULLS = ["null", "null+rig", "null+rig:gain-walk,correlated-noise,channel-drift"]
 REAL = [
     "hydrogel-skin/ohmc16.mat",
@@ -289,6 +290,35 @@ def test_readings_that_break_reciprocity_at_random_are_no_weak_drives(make_recor
     made = make_recording(presses=0)
     made.voltage *= 1.0 + 0.1 * np.random.default_rng(0).standard_normal(208)
     assert compliance.weak(made) is None
+
+
+# --- two columns exchanged ---
+
+
+@per_example
+@given(rows=st.sets(st.integers(0, 207), min_size=2, max_size=2), signed=st.booleans(), seed=seeds)
+def test_two_columns_in_each_others_place_are_named(make_recording, rows, signed, seed):
+    made = make_recording(presses=4, noise=1e-3, seed=seed)
+    if not signed:
+        made.voltage = np.abs(made.voltage)
+        made.metadata["voltage"] = "magnitude"
+    assert exchanged(made) == []
+    one, other = sorted(rows)
+    level = np.abs(made.voltage[0])
+    assume(abs(level[one] - level[other]) > 0.1 * level[[one, other]].max())
+    made.voltage[:, [one, other]] = made.voltage[:, [other, one]]
+    found = exchanged(made)
+    assert (one, other) in found and len(found) in (2, 4)
+    (finding,) = suspicions.exchanged_channels(made)
+    assert finding.severity == WARNING and f"({one}: drive" in finding.sentence
+
+
+def test_a_broken_reciprocity_is_no_exchange(make_recording):
+    made = make_recording(presses=0)
+    made.voltage[:, 3] *= 1.3
+    assert exchanged(made) == []
+    made.voltage[:, 90] *= 0.7
+    assert exchanged(made) == []
 
 
 # --- steps in time ---

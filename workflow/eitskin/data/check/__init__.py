@@ -1,9 +1,9 @@
 """What a recording holds, how good it is, and what it cannot tell; in plain words.
 
-`measures`, `wiring`, `missing`, `plausibility`, `response`, `clipping`, `compliance` and `steps`
-hold what is measured and how grave it is; `sentences` what is said of it, `suspicions` what is said
-only where something looks wrong. Errors are what makes a recording useless as it stands: a wrong
-channel order, readings that no passive skin gives, readings that never change.
+`measures`, `wiring`, `missing`, `plausibility`, `response`, `clipping`, `compliance`, `exchanged`
+and `steps` hold what is measured and how grave it is; `sentences` what is said of it, `suspicions`
+what is said only where something looks wrong. Errors are what makes a recording useless as it
+stands: a wrong channel order, readings that no passive skin gives, readings that never change.
 """
 
 from pathlib import Path
@@ -27,6 +27,7 @@ EXAMINED = (  # of a recording with readings
     sentences.drift,
     suspicions.steps_in_time,
     sentences.reciprocity,
+    suspicions.exchanged_channels,
     suspicions.weak_drives,
     sentences.channel_order,
     sentences.polarity,

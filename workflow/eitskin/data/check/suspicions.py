@@ -2,7 +2,7 @@
 recording to its findings. Where nothing looks wrong, nothing is said.
 """
 
-from eitskin.data.check import compliance, named, plausibility, response, steps
+from eitskin.data.check import compliance, exchanged, named, plausibility, response, steps
 from eitskin.data.check.finding import ERROR, WARNING, Finding
 from eitskin.data.recording import Recording
 from eitskin.quantities import listed, percent
@@ -41,6 +41,19 @@ def unseen(recording: Recording) -> list[Finding]:
         "and readings may not belong together, or the probe does not reach the skin."
     )
     return [Finding("unseen", WARNING, sentence, lack.p_value)]
+
+
+def exchanged_channels(recording: Recording) -> list[Finding]:
+    """Two columns in each other's place (value: how many exchanges would mend it)."""
+    found = exchanged.exchanged(recording)
+    if not found:
+        return []
+    which = "; or ".join(named.channels(recording, rows) for rows in found)
+    sentence = (
+        f"{which}, seem to stand in each other's place: put back, they keep reciprocity as all "
+        "others do. Put the columns, or the rows of the table, right."
+    )
+    return [Finding("exchanged", WARNING, sentence, float(len(found)))]
 
 
 def weak_drives(recording: Recording) -> list[Finding]:
