@@ -1,6 +1,8 @@
 """The journal: what is in it is on the disk, what was cut short is left out, nothing else is."""
 
+import errno
 import json
+import os
 
 import pytest
 from hypothesis import given
@@ -140,3 +142,38 @@ def test_one_capture_at_a_time(tmp_path):
     with pytest.raises(InputError, match="another capture's lock"):
         Writer(path, journal.read(path))
     writer.close()
+
+
+def test_what_another_has_written_since_a_journal_was_read_is_not_taken_off(tmp_path):
+    path = tmp_path / "j.jsonl"
+    written(path, *contact(0))
+    found = journal.read(path)
+    other = Writer(path, found)
+    other.append(*contact(1))
+    other.close()
+    whole = path.read_bytes()
+    with pytest.raises(InputError, match="what another capture has just written"):
+        Writer(path, found)
+    assert path.read_bytes() == whole
+    Writer(path, journal.read(path)).close()
+
+
+def test_of_records_for_which_there_is_no_room_nothing_stays(tmp_path, monkeypatch):
+    path = tmp_path / "j.jsonl"
+    written(path, *contact(0))
+    whole, write = path.read_bytes(), os.write
+    writer = Writer(path, journal.read(path))
+
+    def full(file: int, text: bytes) -> int:
+        if path.stat().st_size > len(whole):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(file, text[: len(text) // 2])
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "write", full)
+        with pytest.raises(OSError, match="No space left"):
+            writer.append(*contact(1))
+    assert path.read_bytes() == whole
+    writer.append({"kind": "stop"})
+    writer.close()
+    assert [r["number"] for r in journal.read(path).records] == [0, 1, 2, 3, 4, 5]

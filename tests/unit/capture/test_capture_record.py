@@ -40,7 +40,8 @@ class Rig:
         self.run += 1
         robot = {"serial": "20201234", "emulated": self.config["emulated"]}
         clocks = {"monotonic_s": self.now_s, "utc": utc}
-        self.add("run", run=self.run, robot=robot, **clocks)
+        may_change = {key: copy.deepcopy(self.config[key]) for key in ("board", "session")}
+        self.add("run", run=self.run, robot=robot, **may_change, **clocks)
 
     def frame(self, about: dict, phase: str, depth_mm: float | None, force_N: float) -> None:
         self.now_s += 1.0
@@ -135,6 +136,18 @@ def test_time_goes_on_over_a_restart_of_the_host(finished):
     time_s = recorded.frames["time_s"].to_numpy()
     assert time_s[0] == 0.0
     assert time_s[5] - time_s[0] == pytest.approx(3600.0)  # both a second after their run began
+
+
+@pytest.mark.parametrize("second_C", [26.0, None])
+def test_what_may_change_from_run_to_run_is_that_of_a_frames_run(finished, second_C):
+    first, second = (r for r in finished.records if r["kind"] == "run")
+    first["session"]["room_C"], second["session"]["room_C"] = 19.0, second_C
+    second["board"]["frame_s"] = 0.2
+    recorded, _ = record.to_recording(finished.records, "j")
+    expected = [19.0] * 5 + [np.nan if second_C is None else second_C] * 15
+    np.testing.assert_array_equal(recorded.frames["temperature_C"], expected)
+    assert recorded.frames["time_s"][5] == pytest.approx(3600.1)  # it began 0.1 s later
+    assert recorded.metadata["frame_s"] == 0.2
 
 
 def test_a_clock_that_was_set_back_does_not_turn_time_round(finished):

@@ -38,3 +38,15 @@ def test_a_terminal_has_one_line_that_is_written_over():
 def test_elsewhere_there_is_one_line_a_contact():
     (line,) = shown(io.StringIO()).splitlines()
     assert line == LINE.replace("press", "up").replace(" · depth 2.0 mm", "")
+
+
+def test_a_terminal_that_is_gone_does_not_hide_how_a_capture_ended(monkeypatch):
+    out = Terminal()
+    view = View(out)
+    view({"contact": CONTACT, "number": 5, "of": 576, "left_s": None, "depth_mm": None})
+
+    def gone():
+        raise OSError("Input/output error")
+
+    monkeypatch.setattr(out, "flush", gone)
+    view.close()

@@ -115,8 +115,14 @@ def test_a_touch_from_the_start_and_a_file_that_is_no_model_are_refused(folder, 
 
 
 def test_an_earlier_journal_is_not_written_over(folder, capsys):
-    Path("out.jsonl").write_text("{}", encoding="utf-8")
     words = ["stream", "skin.parquet", "--model", "mlp.npz", "--fast", "--out", "out.parquet"]
+    Path("out.jsonl").write_text("{}", encoding="utf-8")
+    assert cli.main(words) == 1
+    assert "out.jsonl: line 1: found no record of a stream" in capsys.readouterr().err
+    Path("out.jsonl").unlink()
+    killed = Keeper("out.parquet", skin.exported().header, False, "a test", "board")
+    killed._writer.append({"kind": "frame"})
+    killed._writer.close()
     assert cli.main(words) == 1
     command = "eitskin stream out.jsonl --model MODEL --fast --out out.parquet"
     expected = f"found an earlier stream's journal, expected none; `{command}` makes"
@@ -209,6 +215,16 @@ def test_what_cannot_be_told_is_neither_touched_nor_untouched_in_a_recording(fol
     assert "cannot tell" not in set(found["note_verdict"]) and len(found) <= 25
     touched = found[found["touch"]]
     np.testing.assert_allclose(touched["note_estimate_force_N"], touched["force_N"])
+
+
+def test_a_stream_that_was_killed_before_its_first_frame_is_in_nobodys_way(folder):
+    header = skin.exported().header
+    first = Keeper("out.parquet", header, False, "a test", "board")
+    with pytest.raises(InputError, match="another capture's lock"):
+        Keeper("out.parquet", header, False, "a test", "board")
+    first._writer.close()  # as a kill does
+    Keeper("out.parquet", header, False, "a test", "board").discard()
+    assert not list(folder.glob("out*"))
 
 
 def test_where_nothing_could_be_told_the_stream_ends_without_a_recording(folder, capsys):

@@ -11,6 +11,7 @@ RUNNING = 7  # robot_mode
 NORMAL_SAFETY = 1  # safety_mode
 PLAYING = 2  # runtime_state
 SAFE_BITS = 0b1  # safety_status_bits: normal mode and nothing else
+STILL_M_S = 5e-4  # a TCP that is slower stands
 
 
 @dataclass(frozen=True)

@@ -99,32 +99,48 @@ def _text(number: int, record: dict) -> str:
     return json.dumps({"number": number, **record}, allow_nan=False) + "\n"
 
 
+def _lock(file: int, path: str | Path) -> None:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        raise InputError(path, "file", "another capture's lock", "one at a time") from error
+
+
 class Writer:
     """Appends to a journal; nobody else can while it is open."""
 
     def __init__(self, path: str | Path, found: Journal):
         """Go on with the journal that `found` was read from: what was cut short at its end is taken
-        off. Raises InputError where it is being written by another.
+        off. Raises InputError where it is being written by another, or was since it was read.
         """
-        self._file = os.open(path, os.O_RDWR)
+        self._file = os.open(path, os.O_RDWR | os.O_APPEND)
         try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
+            _lock(self._file, path)
+            if read(path, found.records[0]["kind"]) != found:
+                written = "what another capture has just written"
+                raise InputError(path, "file", written, "one at a time")
+            self._number, self._length = len(found.records), found.length
+            os.ftruncate(self._file, self._length)
+            os.fsync(self._file)
+        except BaseException:
             os.close(self._file)
-            raise InputError(path, "file", "another capture's lock", "one at a time") from error
-        self._number = len(found.records)
-        os.ftruncate(self._file, found.length)
-        os.lseek(self._file, 0, os.SEEK_END)
-        os.fsync(self._file)
+            raise
 
     def append(self, *records: dict) -> None:
-        """Write records, in order, and return once they are on the disk."""
+        """Write records, in order, and return once they are on the disk; raises OSError where they
+        cannot be. Whatever raises, all of them stand in the journal or none."""
         numbered = enumerate(records, start=self._number)
         text = "".join(_text(number, record) for number, record in numbered).encode()
-        self._number += len(records)
-        while text:
-            text = text[os.write(self._file, text) :]
-        os.fsync(self._file)
+        length = self._length + len(text)
+        try:
+            while text:
+                text = text[os.write(self._file, text) :]
+            os.fsync(self._file)
+        finally:
+            if os.fstat(self._file).st_size == length:
+                self._number, self._length = self._number + len(records), length
+            else:
+                os.ftruncate(self._file, self._length)
 
     def close(self) -> None:
         """Let go of the journal."""

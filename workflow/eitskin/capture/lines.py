@@ -23,15 +23,14 @@ READ_S = 0.02
 class Line(Generic[Value]):
     """One line: its bytes, what they say, and when it ended on the host's monotonic clock (s).
 
-    `before_s` is the end of the line before, None for the first; `before_ok` whether that one was
-    a reading.
+    `before_s` is the end of the line before, `before_ok` whether that one was a reading.
     """
 
     number: int
     raw: bytes
     value: Value | Reject
     end_s: float
-    before_s: float | None
+    before_s: float
     before_ok: bool
 
     @property
@@ -48,34 +47,40 @@ class Splitter(Generic[Value]):
         self._parse = parse
         self._pending = b""
         self._number = 0
-        self._before: tuple[float | None, bool] = (None, False)
-        self._synchronised = False
+        self._before: tuple[float, bool] | None = None  # end of the last line, whether a reading
 
     def feed(self, chunk: bytes, now_s: float) -> list[Line[Value]]:
         """The lines that `chunk`, read at `now_s`, completes."""
         *whole, self._pending = (self._pending + chunk).split(b"\n")
         lines = []
         for part in whole:
-            if not self._synchronised:
-                self._synchronised = True
+            if self._before is None:
                 self._before = (now_s, False)
                 continue
-            lines.append(self._line(part + b"\n", self._parse(part + b"\n"), now_s))
+            value = self._parse(part + b"\n")
+            lines.append(self._line(part + b"\n", value, now_s, self._before))
         if len(self._pending) > LONGEST_LINE:
-            value = Reject("endless", f"{len(self._pending)} bytes without a newline")
-            if self._synchronised:
-                lines.append(self._line(self._pending, value, now_s))
-            self._pending, self._synchronised = b"", False
+            if self._before is not None:
+                value = Reject("endless", f"{len(self._pending)} bytes without a newline")
+                lines.append(self._line(self._pending, value, now_s, self._before))
+            self._pending, self._before = b"", None
         return lines
 
-    def _line(self, raw: bytes, value: Value | Reject, now_s: float) -> Line[Value]:
+    def _line(
+        self, raw: bytes, value: Value | Reject, now_s: float, before: tuple[float, bool]
+    ) -> Line[Value]:
         self._number += 1
-        line = Line(self._number, raw, value, now_s, *self._before)
+        line = Line(self._number, raw, value, now_s, *before)
         self._before = (now_s, line.ok)
         return line
 
 
-def began_after(line: Line, moment_s: float, period_s: float, slack_s: float = 0.05) -> bool:
+def plausible_s(period_s: float) -> tuple[float, float]:
+    """The shortest and the longest time (s) from line to line of a board of this period."""
+    return 0.5 * period_s, 1.75 * period_s + 0.05
+
+
+def began_after(line: Line, moment_s: float, period_s: float) -> bool:
     """Whether a board's frame is whole and surely began after `moment_s`.
 
     A board prints a frame once it is complete and then begins the next: this one began at the
@@ -83,9 +88,10 @@ def began_after(line: Line, moment_s: float, period_s: float, slack_s: float = 0
     newline. Two lines much closer than the board's period were waiting in a buffer, so their times
     are the host's; two much farther apart may be the halves of two frames.
     """
-    if not line.ok or not line.before_ok or line.before_s is None or line.before_s < moment_s:
+    if not line.ok or not line.before_ok or line.before_s < moment_s:
         return False
-    return 0.5 * period_s <= line.end_s - line.before_s <= 1.75 * period_s + slack_s
+    shortest_s, longest_s = plausible_s(period_s)
+    return shortest_s <= line.end_s - line.before_s <= longest_s
 
 
 class Port(Generic[Value]):

@@ -9,8 +9,8 @@ import numpy as np
 
 from eitskin.capture.configuration import pressing_m_s
 from eitskin.capture.dashboard import Dashboard
-from eitskin.capture.interlock import NORMAL_SAFETY, RUNNING, SAFE_BITS
-from eitskin.capture.lines import Line, Port, Value
+from eitskin.capture.interlock import NORMAL_SAFETY, RUNNING, SAFE_BITS, STILL_M_S
+from eitskin.capture.lines import Line, Port, Value, plausible_s
 from eitskin.capture.rtde import RobotState, RtdeError, robot_state
 from eitskin.capture.wire import BOARDS, LOAD_CELLS, Reject, Restart, measured
 from eitskin.errors import InputError
@@ -21,7 +21,6 @@ READINGS = 5  # of the load cell
 FRAMES = 3  # of the board
 WAIT_S = 5.0
 LISTEN_S = 0.02
-STILL_M_S = 5e-4
 MODES = {
     3: "powered off",
     4: "powered on",
@@ -150,7 +149,8 @@ def board(port: Port[np.ndarray], config: dict) -> Finding:
         f"{readings.max():.4f} V RMS, {saturated} channels above the linear {profile.linear_V} V"
     )
     expected = config["board"]["period_s"]
-    if not 0.5 * expected <= period <= 1.75 * expected + 0.05:
+    shortest_s, longest_s = plausible_s(expected)
+    if not shortest_s <= period <= longest_s:
         return Finding("board", False, f"{said}: the configuration says {expected} s apart")
     if not readings.any():
         return Finding("board", False, f"{said}: no current flows")

@@ -53,7 +53,8 @@ def contacts(plan: dict) -> list[Contact]:
 
 def plan_sha256(rig: dict) -> str:
     """Fingerprint of what decides the samples; a capture goes on only where it is the same. Ports,
-    speeds and limits may change from run to run, and stand in each run's record."""
+    speeds, limits, `frame_s` and `session` may change from run to run, and stand in each run's
+    record."""
     decisive = {key: rig[key] for key in ("emulated", "skin", "plan")}
     decisive |= {"board": rig["board"]["profile"], "load_cell": rig["load_cell"]["profile"]}
     decisive |= {"centre": rig["pose"]["centre"]}

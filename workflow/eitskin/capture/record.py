@@ -53,8 +53,7 @@ def to_recording(records: list[dict], file: str | Path) -> tuple[Recording, int]
         found = f"contact {first} of {len(planned)} unfinished"
         raise InputError(file, "contacts", found, "all finished; `eitskin rig resume` goes on")
     rows = journal.finished_frames(records)
-    frame_s = config["board"]["frame_s"]
-    table = _measured(rows, _run_offsets(records), frame_s)
+    table = _measured(rows, records)
     centre = np.array(config["pose"]["centre"][:2])
     ends = np.array([[row["pose_before"][:2], row["pose_end"][:2]] for row in rows])
     place_mm = 1e3 * (ends.mean(axis=1) - centre)
@@ -77,8 +76,8 @@ def to_recording(records: list[dict], file: str | Path) -> tuple[Recording, int]
     )
     frames["session"] = pd.Series([contact.session for contact in at], dtype=object)
     frames["contact"] = table["contact"].where(touch).astype("Int64")
-    if config["session"]["room_C"] is not None:
-        frames["temperature_C"] = float(config["session"]["room_C"])
+    if table["room_C"].notna().any():
+        frames["temperature_C"] = table["room_C"]
     for name in ("phase", "utc"):
         frames[f"note_{name}"] = table[name].astype("str")
     for name in ("spread_N", "saturated", "robot_s"):
@@ -89,16 +88,23 @@ def to_recording(records: list[dict], file: str | Path) -> tuple[Recording, int]
         source(records),
         "magnitude",
         "robot",
-        float(min([frame_s, *np.diff(time_s)])),
+        float(min([*table["frame_s"], *np.diff(time_s)])),
     )
     return Recording(frames, voltage, None, None, metadata), int((~kept).sum())
 
 
-def _measured(rows: list[dict], offsets: dict, frame_s: float) -> pd.DataFrame:
-    """What a journal says of its frames, one row each; offsets: s, of a run's clock."""
+def _measured(rows: list[dict], records: list[dict]) -> pd.DataFrame:
+    """What a journal of these records says of its frames, one row each. What may change from run to
+    run (`plan_sha256`) is that of a frame's own run."""
+    offsets = _run_offsets(records)
+    runs = {record["run"]: record for record in records if record["kind"] == "run"}
+    frame_s = [runs[row["run"]]["board"]["frame_s"] for row in rows]
+    began_s = [_begin_s(row, s) for row, s in zip(rows, frame_s, strict=True)]
     return pd.DataFrame(
         {
-            "time_s": [_begin_s(row, frame_s) + offsets[row["run"]] for row in rows],
+            "time_s": [s + offsets[row["run"]] for s, row in zip(began_s, rows, strict=True)],
+            "frame_s": frame_s,
+            "room_C": np.array([runs[row["run"]]["session"]["room_C"] for row in rows], float),
             "touch": [row["phase"] != "untouched" for row in rows],
             "force_N": [row["force_N"] - row["zero_N"] for row in rows],
             "depth_mm": [row["depth_mm"] for row in rows],

@@ -335,7 +335,6 @@ class Rig:
 
     def _force(self, line: Line[np.ndarray]) -> Force | None:
         """The force while a frame was measured; None where no reading came."""
-        assert line.before_s is not None
         during = np.array([N for s, N in self._forces if line.before_s <= s <= line.end_s])
         if len(during) == 0:
             return None
@@ -349,7 +348,7 @@ class Rig:
 
     def _record(self, line: Line[np.ndarray], settled_s: float, rejected: int) -> dict:
         force = self._force(line)
-        assert force is not None and line.before_s is not None
+        assert force is not None
         assert not isinstance(line.value, Reject)
         first, last = self.robot.state_at(line.before_s), self.robot.state_at(line.end_s)
         reading = line.value[measured(self._profile.n_electrodes)]

@@ -12,11 +12,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from eitskin.capture.dashboard import Dashboard
+from eitskin.capture.interlock import STILL_M_S
 
 READY_S = 15.0  # the library uploads its script and waits up to 5 s for it
 STOP_S = 0.3
 DASHBOARD_STOP_S = 2.0
-STILL_M_S = 5e-4
 KEPT_STATES = 8192
 ALIVE_S = 0.05
 
@@ -79,14 +79,17 @@ class Robot:
         self._threads = [
             threading.Thread(target=target, daemon=True) for target in (self._read, self._errors)
         ]
-        for thread in self._threads:
-            thread.start()
-        with self._changed:
-            self._changed.wait_for(lambda: self._ready or self._lost is not None, READY_S)
-        if not self._ready:
+        try:
+            for thread in self._threads:
+                thread.start()
+            with self._changed:
+                self._changed.wait_for(lambda: self._ready or self._lost is not None, READY_S)
+            if not self._ready:
+                reason = self._lost or f"no answer within {READY_S:g} s"
+                raise RobotError(f"{host}: {reason}")
+        except BaseException:  # Ctrl-C too, which the worker does not hear
             self._process.kill()
-            reason = self._lost or f"no answer within {READY_S:g} s"
-            raise RobotError(f"{host}: {reason}")
+            raise
 
     def _read(self) -> None:
         assert self._process.stdout is not None

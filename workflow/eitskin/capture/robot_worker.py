@@ -19,7 +19,7 @@ from typing import TextIO
 import rtde_control
 import rtde_receive
 
-from eitskin.capture.interlock import PLAYING
+from eitskin.capture.interlock import PLAYING, STILL_M_S
 from eitskin.capture.rtde import VARIABLES
 
 RATE_HZ = 125.0
@@ -28,7 +28,6 @@ KICK_S = 0.02  # half the shortest period that the watchdog may have, at most
 REFUSED_KICKS = 5  # in a row
 PLAYS_S = 5.0
 SILENT_S = 0.5  # without a line from the host, while the robot moves
-STILL_M_S = 5e-4
 STOP_M_S2 = 1.0
 END_S = 1.0
 

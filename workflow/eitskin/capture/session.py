@@ -6,6 +6,7 @@ import platform
 import signal
 import subprocess
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -47,10 +48,10 @@ def capture(
     """Take every contact that the journal at `path` does not hold yet.
 
     mounted_mm: the probe on the robot, where no command changes it. `show` gets what a person
-    wants to see. Raises InputError for a journal of another plan, a probe said to be mounted that
-    is not the one or that a command changes, a rig that is not ready or a device that is not there,
-    before anything moves; Stopped where the capture ended early. The arm stands then, lifted off
-    where it could be.
+    wants to see. Raises InputError for a journal of another plan or that another capture writes, a
+    probe said to be mounted that is not the one or that a command changes, a rig that is not ready
+    or a device that is not there, before anything moves; Stopped where the capture ended early. The
+    arm stands then, lifted off where it could be.
     """
     if config["probe_change"] is not None and mounted_mm is not None:
         expected = "none: rig.probe_change is a command, which mounts every probe"
@@ -65,8 +66,27 @@ def capture(
     if not todo:
         return
     _check_probe(config, file, todo[0], mounted_mm)
-    if found is None and Path(path).exists():
-        raise InputError(path, "file", "a journal", "none; `eitskin rig resume` goes on with one")
+    begun = found is None
+    if found is None:
+        head = {"kind": "capture", "format": "eit-capture", "version": 1}
+        journal.begin(path, {**head, "config": config, "plan_sha256": plan_sha256(config)})
+        found = journal.read(path)
+    with (
+        contextlib.closing(journal.Writer(path, found)) as writer,
+        contextlib.ExitStack() as unused,
+    ):
+        if begun:  # a capture that is refused leaves no journal
+            unused.callback(Path(path).unlink, missing_ok=True)
+        with _ready(config, file) as (rig, identity):
+            run = sum(record["kind"] == "run" for record in found.records)
+            writer.append(_run_record(config, run, identity))
+            unused.pop_all()
+            _drive(rig, todo, len(planned), run, found, writer, mounted_mm, show)
+
+
+@contextlib.contextmanager
+def _ready(config: dict, file: str | Path) -> Iterator[tuple[Rig, dict]]:
+    """The rig, open, checked and off the skin, and what its robot is."""
     findings, identity = preflight.robot(config)
     _refuse(findings, file)
     try:
@@ -82,15 +102,7 @@ def capture(
         ):
             _refuse([preflight.load_cell(load, config), preflight.board(board, config)], file)
             rig.listen(load, board)
-            if found is None:
-                head = {"kind": "capture", "format": "eit-capture", "version": 1}
-                sha256 = plan_sha256(config)
-                journal.begin(path, {**head, "config": config, "plan_sha256": sha256})
-                found = journal.read(path)
-            with contextlib.closing(journal.Writer(path, found)) as writer:
-                run = sum(record["kind"] == "run" for record in found.records)
-                writer.append(_run_record(config, run, identity))
-                _drive(rig, todo, len(planned), run, found, writer, mounted_mm, show)
+            yield rig, identity
 
 
 def _lift(rig: Rig) -> None:
@@ -112,9 +124,10 @@ def _drive(
     mounted_mm: float | None,
     show: Callable[[dict], None],
 ) -> None:
-    """Press after press; whatever ends it, the arm is stopped and lifted first."""
+    """Press after press; whatever ends it, the arm is stopped and lifted first, and what became of
+    it is told."""
     began_s, probe_mm = time.monotonic(), mounted_mm
-    stopped: Stopped | None = None
+    cause: BaseException | None = None
     try:
         for done, contact in enumerate(todo):
             spent_s = time.monotonic() - began_s
@@ -149,16 +162,19 @@ def _drive(
     except RobotError as error:
         stopped, reason = Stopped(str(error), FAULT), "robot"
     except BaseException as error:
-        rig.stop_and_retreat()
-        with contextlib.suppress(OSError):
-            writer.append({"kind": "stop", "run": run, "reason": "error", "message": repr(error)})
-        raise
+        stopped, reason = Stopped(f"{type(error).__name__}: {error}", FAULT), "error"
+        cause = error
     last_N = rig.last_force_N
     did = rig.stop_and_retreat()
     text = f"{stopped}; {'; '.join(did)}"
     said = {"reason": reason, "message": text, "force_N": last_N}
-    writer.append(*rig.take_rejects(), {"kind": "stop", "run": run, **said, **_clocks()})
-    raise Stopped(text, stopped.code)
+    if cause is not None:
+        said["traceback"] = "".join(traceback.format_exception(cause))
+    try:
+        writer.append(*rig.take_rejects(), {"kind": "stop", "run": run, **said, **_clocks()})
+    except (OSError, ValueError) as error:
+        text += f"; the journal does not tell of it: {error}"
+    raise Stopped(text, stopped.code) from cause
 
 
 class _ProbeNeeded(Exception):
@@ -181,7 +197,11 @@ def _change_probe(rig: Rig, probe_mm: float) -> None:
     if rig.config["probe_change"] is None:
         raise _ProbeNeeded(probe_mm)
     command = [*rig.config["probe_change"], f"{probe_mm:g}"]
-    with subprocess.Popen(command, stdin=subprocess.DEVNULL) as process:
+    try:
+        begun = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+    except OSError as error:
+        raise RobotError(f"{COMMAND_FAILED}: {error}") from error
+    with begun as process:
         try:
             code = rig.watch(process.poll, PROBE_CHANGE_S, "the change of the probe")
         except BaseException:

@@ -1,5 +1,6 @@
 """What a person at the bench sees while the rig captures."""
 
+import contextlib
 import sys
 import time
 from typing import TextIO
@@ -40,10 +41,11 @@ class View:
         self._out.flush()
 
     def close(self) -> None:
-        """End the line."""
+        """End the line; a terminal that is gone is no error."""
         if self._terminal and self._width:
-            self._out.write("\n")
-            self._out.flush()
+            with contextlib.suppress(OSError):
+                self._out.write("\n")
+                self._out.flush()
 
 
 def text(about: dict) -> str:

@@ -41,10 +41,10 @@ class Judge:
     predictor: Predictor
     difference: bool = False
     opening: int = OPENING
-    lost: tuple[int, ...] = ()
-    _first: list[np.ndarray] = field(default_factory=list)
-    _suspected: tuple[int, int] = (-1, 0)
-    _agreed: dict[int, int] = field(default_factory=dict)
+    lost: tuple[int, ...] = field(default=(), init=False)
+    _first: list[np.ndarray] = field(default_factory=list, init=False)
+    _suspected: tuple[int, int] = field(default=(-1, 0), init=False)
+    _agreed: dict[int, int] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         self.table = np.array(self.predictor.header["dataset"]["channels"])

@@ -55,7 +55,7 @@ class Keeper:
     ):
         """`header`: the predictor's; `source`: what is streamed, which is left as it is, the
         journal of `out` too. Raises InputError where `out` is no recording's name or the source
-        itself, and where a journal is there already."""
+        itself, and where a journal with frames is there already."""
         self.out, self.path = Path(out), journal_of(out)
         if self.out.suffix != SUFFIX:
             raise InputError(out, "--out", f"the ending {self.out.suffix!r}", f"{SUFFIX!r}")
@@ -74,14 +74,21 @@ class Keeper:
             values="difference" if difference else "absolute",
         )
         if self.path.exists():
-            expected = f"none; `{recovery(self.path, out)}` makes its recording"
-            raise InputError(self.path, "file", "an earlier stream's journal", expected)
+            self._take_away(journal.read(self.path, KIND))
         columns = [TARGETS[target] for target in trained_on["targets"]]
         journal.begin(self.path, {"kind": KIND, "metadata": metadata, "columns": columns})
         self._writer = journal.Writer(self.path, journal.read(self.path, KIND))
         self._waiting: list[dict] = []
         self._told = 0
         self._written_s = 0.0
+
+    def _take_away(self, earlier: journal.Journal) -> None:
+        """A journal without any frame, of a stream that was killed before the first."""
+        if len(earlier.records) > 1:
+            expected = f"none; `{recovery(self.path, self.out)}` makes its recording"
+            raise InputError(self.path, "file", "an earlier stream's journal", expected)
+        journal.Writer(self.path, earlier).close()  # refused where another stream begins with it
+        self.path.unlink()
 
     def __call__(self, frame: Frame, verdict: Verdict) -> None:
         """Take one in; what has waited for EVERY_S goes to the disk."""
