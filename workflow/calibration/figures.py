@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -9,13 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eitskin.atomic import atomic_path
-from eitskin.plotting import AFTER, QUIET, SEQUENTIAL, WIDTH_IN, png, style, svg
+from eitskin.plotting import AFTER, PLAIN, QUIET, SEQUENTIAL, WIDTH_IN, png, style, svg
 
 NO_NAME = ("several", "nothing")
 
 
 def confusion(table: pd.DataFrame) -> Figure:
-    """Single effects far from every other name (truth, called, apart): counts."""
+    """Single effects far from every other name (truth, called, apart): counts, in the colour of
+    their share of the row."""
     kept = table[table["apart"] > 0]
     truths = sorted(kept["truth"].unique())
     names = sorted((set(kept["called"]) | set(truths)) - set(NO_NAME))
@@ -30,16 +32,16 @@ def confusion(table: pd.DataFrame) -> Figure:
             axes.text(0.5, 0.5, "no recordings", ha="center", va="center")
             axes.set_axis_off()
             return figure
-        axes.imshow(counts, cmap=SEQUENTIAL, vmin=0, aspect="auto")
-        largest = np.nanmax(counts)
+        of = np.nansum(counts, axis=1)
+        share = counts / of[:, None]
+        axes.imshow(share, cmap=SEQUENTIAL, vmin=0, vmax=1, aspect="auto")
         for row, column in zip(*np.nonzero(np.isfinite(counts)), strict=True):
-            count = counts[row, column]
-            colour = "black" if count > 0.5 * largest else "white"
-            axes.text(
-                column, row, f"{count:.0f}", ha="center", va="center", color=colour, fontsize=5.5
-            )
+            colour = "black" if share[row, column] > 0.5 else "white"
+            text = f"{counts[row, column]:.0f}"
+            axes.text(column, row, text, ha="center", va="center", color=colour, fontsize=5.5)
         axes.set_xticks(range(len(columns)), columns, rotation=90, fontsize=5.5)
-        axes.set_yticks(range(len(truths)), truths, fontsize=5.5)
+        rows = [f"{truth} ({count:.0f})" for truth, count in zip(truths, of, strict=True)]
+        axes.set_yticks(range(len(truths)), rows, fontsize=5.5)
         axes.set_xlabel("called (own name: right, or in the declared class)")
         axes.set_ylabel("left out")
         axes.grid(color=QUIET, linewidth=0.2, alpha=0.4)
@@ -56,26 +58,23 @@ def reliability(table: pd.DataFrame) -> Figure:
         axes.plot([0, 1], [0, 1], color=QUIET, linewidth=0.8, linestyle="--")
         shares(axes, kept, "probability")
         for line in kept.itertuples():
-            axes.annotate(
-                f"{line.n}",
-                (line.probability, line.share),
-                (3, 3),
-                textcoords="offset points",
-                fontsize=5.5,
-            )
-        axes.set(xlim=(-0.03, 1.03), ylim=(-0.03, 1.05), aspect="equal")
+            above: dict[str, Any] = {"xytext": (0, 3), "textcoords": "offset points"}
+            above |= {"ha": "center", "va": "bottom", "fontsize": 6.5, "bbox": PLAIN}
+            axes.annotate(f"{line.n}", (line.probability, line.high), **above)
+        axes.set(xlim=(-0.03, 1.03), ylim=(-0.03, 1.08), aspect="equal")
         axes.set_xlabel("probability stated that something is outside the catalogue")
         axes.set_ylabel("share of recordings where something is")
     return figure
 
 
 def shares(axes: Axes, table: pd.DataFrame, along: str) -> None:
-    """Points of a table's shares with their intervals, low to high, along one of its columns."""
+    """Points of a table's shares with their intervals, low to high where there are any, along one
+    of its columns."""
     ends = np.array([table["share"] - table["low"], table["high"] - table["share"]])
     axes.errorbar(
         table[along],
         table["share"],
-        yerr=np.nan_to_num(ends).clip(0.0),
+        yerr=ends.clip(0.0),
         fmt="o",
         color=AFTER,
         markersize=3,

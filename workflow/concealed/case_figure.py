@@ -2,6 +2,7 @@
 
 import textwrap
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -63,19 +64,20 @@ def errors(
 
 
 def truth_of(item: dict) -> str:
-    """A true effect in words: name, place, values."""
+    """A true effect in words: name, place, values; of a single value with a unit no more."""
     effect = EFFECTS[item["name"]]
     at = where({"name": item["name"], **{kind: item.get(kind, []) for kind in SITES}})
+    known = {k: v for k, v in item.get("parameters", {}).items() if v is not None}
     values = []
-    for key, given in item.get("parameters", {}).items():
-        if given is None:
-            continue
+    for key, given in known.items():
         several = np.size(given) > 4
         unit = effect.parameters[key].unit
         text = ", ".join(
             quantity(float(v), unit, 4) for v in np.ravel(given)[: 1 if several else 4]
         )
-        values.append(f"{key} {text}{' …' if several else ''}")
+        word = key.removesuffix(f"_{'deg' if unit == '°' else unit}")
+        alone = len(known) == 1 and unit != "1"
+        values.append(f"{'' if alone else f'{word} '}{text}{' …' if several else ''}")
     return f"{item['name']}, {at}" + (f": {'; '.join(values)}" if values else "")
 
 
@@ -87,13 +89,12 @@ def draw(shown: Evidence, frames: pd.DataFrame, truth: dict) -> Figure:
         grid = figure.add_gridspec(2, 4, height_ratios=(1, 0.3), width_ratios=(1, 0.85, 1, 1))
         first = figure.add_subplot(grid[0, 0])
         third = figure.add_subplot(grid[0, 2], sharey=first)
-        image = draw_matrices((first, third), shown)
-        for axes, text in ((first, "as the owner simulates it"), (third, "corrected")):
+        pair = first, third
+        texts = "as the owner simulates it", "corrected"
+        for axes, image, text in zip(pair, draw_matrices(pair, shown), texts, strict=True):
             axes.set_title(f"{text},\n{axes.get_title()}", color=axes.title.get_color())
-            bar = matrix_bar(figure, image, [axes])
-            limit = image.norm.vmax
-            bar.set_ticks([-limit, 0, limit], labels=[number(v, 2) for v in (-limit, 0.0, limit)])
-            bar.set_label("mean residual, in noise units;\na dash: well below 0")
+            label = "mean residual, in noise units;\na dash: well below 0"
+            matrix_bar(figure, image, [axes], label)
         _skin(figure.add_subplot(grid[0, 1]), shown)
         _hidden(figure.add_subplot(grid[0, 3]), frames)
         _said(figure.add_subplot(grid[1, :]), shown, truth)
@@ -139,14 +140,18 @@ def _hidden(axes: Axes, frames: pd.DataFrame) -> None:
         middle = number(float(np.sqrt((frames[key] ** 2).mean())))
         dot = {"color": colour, "marker": marker, "linestyle": "", "markersize": 2.5}
         axes.plot(frames["force_N"], frames[key], **dot, alpha=0.7, mew=0)
-        axes.plot([], [], **dot, label=f"{key}: rms {middle}")
-    axes.axhline(1.0, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)), label="noise")
+        axes.plot([], [], **dot, label=f"true error {key}: rms {middle}")
+    axes.axhline(
+        1.0, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)), label="noise of a reading"
+    )
     axes.set_yscale("log")
     log_limits(axes.yaxis, frames[["before", "after"]].to_numpy(), power)
     axes.set_xlabel("force, N (0: untouched)")
     axes.set_ylabel("true error, in noise units")
     axes.set_title("hidden frames: other\nplaces, forces and probe")
-    axes.legend(loc="best", borderpad=0.1, handletextpad=0.2)
+    below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.4, -0.4)}
+    legend = axes.legend(borderpad=0.1, handletextpad=0.2, borderaxespad=0.0, **below)
+    legend.set_in_layout(False)  # it stands where the other panels have their scales
 
 
 def write(block: Path, schema: Path, out: tuple[Path, Path, Path]) -> None:

@@ -9,6 +9,7 @@ from scipy.stats import norm
 
 from calibration import figures as calibrated
 from eitskin.plotting import AFTER, BEFORE, COLUMN_MM, PLAIN, QUIET, sheet, style
+from eitskin.quantities import MINUS, number
 
 COLOURS = {
     "eitskin": AFTER,
@@ -18,6 +19,7 @@ COLOURS = {
 }
 MARKERS = dict(zip(COLOURS, "os^D", strict=True))
 LEAST_CLOSED = -1.0  # of the figure; what is less stands at its edge, as an arrow
+LEAST_P = 5e-4  # of the figure; a share of 0 stands there, as a triangle
 
 
 def accuracy(table: pd.DataFrame) -> Figure:
@@ -55,8 +57,8 @@ def accuracy(table: pd.DataFrame) -> Figure:
 
 
 def misfit_closed(table: pd.DataFrame) -> Figure:
-    """How much of the misfit on hidden frames each method closes: every case, and the median, a
-    bar, or where it lies off the figure an arrow with its number."""
+    """How much of the misfit on hidden frames each method closes: every case, how many lie off the
+    figure, and the median, a bar, or where it lies off an arrow with its number."""
     methods = list(reversed(dict.fromkeys(table["method"])))
     rng = np.random.default_rng(1)
     with style():
@@ -72,13 +74,17 @@ def misfit_closed(table: pd.DataFrame) -> Figure:
             off = values < LEAST_CLOSED
             axes.plot(shown[~off], lift[~off], ".", color=colour, markersize=3, alpha=0.5, mew=0)
             axes.plot(shown[off], lift[off], "<", color=colour, markersize=3, alpha=0.5, mew=0)
+            if off.any():
+                text = f"{off.sum()} below {MINUS}1"
+                axes.text(LEAST_CLOSED, y + 0.38, text, color=colour, va="center", fontsize=6)
             if len(values):
                 middle = float(np.median(values))
                 if middle >= LEAST_CLOSED:
-                    axes.plot([middle, middle], [y - 0.34, y + 0.34], color=colour, linewidth=2)
+                    ends = [y - 0.34, y + 0.34]
+                    axes.plot([middle] * 2, ends, color=colour, linewidth=2, zorder=1)
                 else:
                     axes.annotate(
-                        f"median {middle:.3g}",
+                        f"median {number(middle)}",
                         (LEAST_CLOSED - 0.05, y),
                         (LEAST_CLOSED + 0.2, y),
                         color=colour,
@@ -89,21 +95,26 @@ def misfit_closed(table: pd.DataFrame) -> Figure:
         axes.set_yticks(range(len(methods)), methods)
         axes.set_xticks([-1, -0.5, 0, 0.5, 1])
         axes.set(xlim=(LEAST_CLOSED - 0.05, 1.15), ylim=(-0.6, len(methods) - 0.4))
-        axes.set_xlabel("misfit closed on hidden frames (0: belief, 1: oracle)")
+        meaning = "0: owner's simulation, calibrated; 1: true effects fitted"
+        axes.set_xlabel(f"misfit closed on hidden frames\n({meaning})")
     return figure
 
 
 def p_values(table: pd.DataFrame) -> Figure:
-    """The share of p-values up to p, where nothing is concealed."""
+    """The share of p-values up to p, where nothing is concealed; a triangle where it is 0."""
     with style():
         figure = sheet(COLUMN_MM, COLUMN_MM)
         axes = figure.add_subplot()
-        axes.plot([5e-4, 1], [5e-4, 1], color=QUIET, linewidth=0.8, linestyle="--")
-        kept = table[(table["n"] > 0) & (table["share"] > 0)]
-        calibrated.shares(axes, kept, "p")
+        axes.plot([LEAST_P, 1], [LEAST_P, 1], color=QUIET, linewidth=0.8, linestyle="--")
+        kept = table[table["n"] > 0]
+        calibrated.shares(axes, kept[kept["share"] > 0], "p")
+        none = kept.loc[kept["share"] == 0, "p"]
+        axes.plot(none, np.full(len(none), LEAST_P), "v", color=AFTER, markersize=4, clip_on=False)
+        if (table["n"] == 1).any():
+            axes.text(0.03, 0.95, "one recording: no interval", transform=axes.transAxes)
         axes.set_xscale("log")
         axes.set_yscale("log")
-        axes.set(xlim=(5e-4, 1.2), ylim=(5e-4, 1.2), aspect="equal")
+        axes.set(xlim=(LEAST_P, 1.2), ylim=(LEAST_P, 1.2), aspect="equal")
         axes.set_xlabel("p-value of the atlas, nothing concealed")
         axes.set_ylabel("share of statistics with this p-value or less")
     return figure

@@ -16,12 +16,14 @@ from io import StringIO
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 from zlib import crc32
 
 import numpy as np
 import pandas as pd
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from calibration.intervals import wilson
 from eitskin import cli
@@ -284,7 +286,8 @@ def _share(hits: pd.Series) -> str:
 
 
 def picture(table: pd.DataFrame, truths: dict[str, tuple | None]) -> Figure:
-    """Every tank from above: discs as found, the electrodes that a folder names as dots outside."""
+    """Every tank from above: discs as found, the electrodes that a folder names as dots outside,
+    what each colour is."""
     rod = table["case"].str.startswith(f"{ROD} rod")
     shown = table[~rod & ~table["case"].str.contains(" empty ")].to_dict("records")
     columns = 4
@@ -305,13 +308,25 @@ def picture(table: pd.DataFrame, truths: dict[str, tuple | None]) -> Figure:
             axes[len(shown)].plot(float(row["x"]), float(row["y"]), ".", color=COLOURS[False], ms=3)
     for ax in axes[len(shown) + 1 :]:
         ax.axis("off")
+    dot: dict[str, Any] = {"marker": "o", "linestyle": ""}
+    handles = [
+        Line2D([], [], color=COLOURS[sign], ms=size, label=words, **dot)
+        for sign, size, words in (
+            (True, 10, "found: conducts better than the saline"),
+            (False, 10, "found: conducts worse"),
+            (True, 5, "outside: the electrode where the folder names metal"),
+            (False, 5, "or plastic"),
+        )
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=6.5, frameon=False)
     return figure
 
 
 def _title(case: str) -> str:
     words = case.split()
     told = words[1].replace("electrode", "").replace("_adj", "").replace("_", " ")
-    return f"{words[0].removesuffix('-tank')}\n{told}"
+    moment = "".join(f", {word[11:]}" for word in words[2:])
+    return f"{words[0].removesuffix('-tank')}{moment}\n{told}"
 
 
 def _tank(ax, title: str) -> None:

@@ -21,7 +21,7 @@ def number(value: float | None, digits: int = 3) -> str:
     if value == round(value) and abs(value) < 1e6:
         return _signed(str(round(value)))
     exponent = math.floor(math.log10(abs(value)))
-    if -4 < exponent < 6:
+    if -4 < exponent < max(5, digits + 1):
         return _signed(f"{value:.{max(0, digits - 1 - exponent)}f}")
     return _by_ten(value, digits)
 
@@ -50,15 +50,21 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
 
 
 def interval(value: float, low: float, high: float, unit: str) -> str:
-    """`value (90 %: low to high) unit`, as many digits as the interval is worth."""
+    """`value (90 %: low to high) unit`, degrees behind each, as many digits as the interval is
+    worth."""
     if not np.isfinite([value, low, high]).all():
-        return f"{number(value)} (90 %: {number(low)} to {number(high)}){_spaced(unit)}"
+        return _within([number(each) for each in (value, low, high)], _spaced(unit))
     factor, name = _scale(max(abs(value), abs(low), abs(high)), unit)
     span = max(value - low, high - value) / factor
     if span == 0:
         return f"{number(value / factor, 4)}{name}, held"
     decimals = _decimals(span)
-    texts = [_rounded(each / factor, decimals) for each in (value, low, high)]
+    return _within([_rounded(each / factor, decimals) for each in (value, low, high)], name)
+
+
+def _within(texts: list[str], name: str) -> str:
+    if name == "°":
+        texts, name = [f"{text}°" for text in texts], ""
     return f"{texts[0]} (90 %: {texts[1]} to {texts[2]}){name}"
 
 

@@ -1,5 +1,7 @@
 """The figure of the closed loop: errors of force and place by what a model learned from."""
 
+import re
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +10,7 @@ from matplotlib.figure import Figure
 
 from eitskin import figure_files, plotting
 from eitskin.learn.transfer_runs import TRAINED_FEW, ZERO_SHOT
-from eitskin.plotting import AFTER, BEFORE, QUIET, log_ticks, style
+from eitskin.plotting import AFTER, BEFORE, CENTRED, QUIET, log_ticks, style
 from eitskin.quantities import power
 from loop.naming import AUTHORS, BELIEF, DIAGNOSIS, LABELS, TRUTH
 from loop.table import PLACE
@@ -20,7 +22,8 @@ MARKS = {  # colour, marker, words
     DIAGNOSIS: (AFTER, "D", "the diagnosed simulator"),
     TRUTH: ("#202020", "|", "the true simulator"),
 }
-PANELS = {"F": "mean absolute error of F, N", PLACE: "of x and y, mm"}
+PANELS = {"F": "mean absolute error of F, N", PLACE: "mean absolute error of x and y, mm"}
+ROWS = 0.32  # of a row, to each side of its middle: the marks of its sources
 
 
 def points(table: pd.DataFrame, model: str) -> pd.DataFrame:
@@ -32,15 +35,21 @@ def points(table: pd.DataFrame, model: str) -> pd.DataFrame:
 
 
 def draw(table: pd.DataFrame) -> Figure:
-    """A row a case, a mark a source; bars are 95 % intervals over seeds."""
+    """A row a case, a mark a source, one below another; bars are 95 % intervals over seeds."""
     cases = list(dict.fromkeys(table["case"]))
     with style():
         figure = plotting.sheet(plotting.FULL_MM, 26.0 + 7.0 * len(cases))
         panels = figure.subplots(1, 2, sharey=True)
         for axes, (variable, title) in zip(panels, PANELS.items(), strict=True):
-            for source, (colour, marker, words) in MARKS.items():
-                own = table[(table["variable"] == variable) & (table["source"] == source)]
-                at = [cases.index(case) for case in own["case"]]
+            here = table[table["variable"] == variable]
+            for y, case in enumerate(cases):
+                if case not in set(here["case"]):
+                    middle = {"transform": axes.get_yaxis_transform(), **CENTRED}
+                    axes.text(0.5, y, "not measured", color=QUIET, **middle)
+            shifts = np.linspace(-ROWS, ROWS, len(MARKS))
+            for (source, (colour, marker, words)), shift in zip(MARKS.items(), shifts, strict=True):
+                own = here[here["source"] == source]
+                at = [cases.index(case) + shift for case in own["case"]]
                 half = own["mean"].to_numpy() - own["low"].to_numpy()
                 axes.errorbar(
                     own["mean"],
@@ -48,7 +57,7 @@ def draw(table: pd.DataFrame) -> Figure:
                     xerr=np.nan_to_num(half),
                     fmt=marker,
                     color=colour,
-                    markersize=4.0 if marker != "|" else 9.0,
+                    markersize=3.5 if marker != "|" else 6.0,
                     elinewidth=0.8,
                     label=words,
                 )
@@ -56,11 +65,21 @@ def draw(table: pd.DataFrame) -> Figure:
             log_ticks(axes.xaxis, *axes.get_xlim(), power)
             axes.set_xlabel(title)
             axes.grid(axis="y", color=QUIET, alpha=0.3, linewidth=0.4)
-        panels[0].set_yticks(range(len(cases)), cases)
+        panels[0].set_yticks(range(len(cases)), _named(cases))
         panels[0].invert_yaxis()
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=5)
     return figure
+
+
+def _named(cases: list[str]) -> list[str]:
+    """Cases without their seeds; of several of one name the second and further are numbered."""
+    names = [re.sub(r"-\d{6}$", "", case) for case in cases]
+    count: Counter[str] = Counter()
+    for k, name in enumerate(names):
+        count[name] += 1
+        names[k] = f"{name}, {count[name]}" if count[name] > 1 else name
+    return names
 
 
 def write(summary: Path, model: str, vector: Path, image: Path, csv: Path) -> None:

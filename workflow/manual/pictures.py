@@ -45,7 +45,7 @@ SHOWS = 0.3  # of its largest change over PRESS
 OF_A_TOUCH = ("force", "position", "load-direction")  # what only a touch gives sense to
 GIVEN = {  # where the first of the values from which fits start is no example
     "conductivity-patch": {"x_mm": 40.0, "y_mm": 30.0, "radius_mm": 12.0},
-    "domain-shape": {"harmonic": 2.0},
+    "domain-shape": {"harmonic": 3.0},
     "mains-interference": {"frequency_Hz": 50.0},
     "relaxation": {"tau_s": 3.0},
     "third-dimension": {"electrode_height_mm": 1.0, "electrode_z_mm": 0.5},

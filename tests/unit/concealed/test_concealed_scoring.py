@@ -7,12 +7,13 @@ import pandas as pd
 import pytest
 from scipy.stats import norm
 
-from calibration import intervals
+from calibration import intervals, score
 from calibration.judge import numbers
-from concealed import causes, figures, page, scoring
+from concealed import case_figure, causes, figures, page, scoring
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
 from eitskin.paper.similarity import MEASURES
+from eitskin.quantities import MINUS
 
 NAMES = (
     ("contact-impedance", {"electrodes": [7], "parameters": {"ratio": [2.0]}}),
@@ -393,9 +394,40 @@ def test_a_median_off_the_figure_is_an_arrow_with_its_number():
         columns=["method", "misfit_closed"],
     )
     (axes,) = figures.misfit_closed(table).get_axes()
-    assert [text.get_text() for text in axes.texts] == ["median -2.13"]
+    assert [text.get_text() for text in axes.texts] == [f"1 below {MINUS}1", f"median {MINUS}2.13"]
     bars = [line for line in axes.lines if line.get_linewidth() == 2]
     assert [line.get_xdata()[0] for line in bars] == pytest.approx([0.3])
+    dots = [line for line in axes.lines if line.get_marker() in ".<"]
+    assert max(bar.get_zorder() for bar in bars) < min(dot.get_zorder() for dot in dots)
+
+
+def test_real_recordings_are_not_told_as_without_anything_outside():
+    rows = a_block()
+    real = [{**row, "kind": "real"} for row in rows[:5]]
+    pd.testing.assert_frame_equal(page.reliability([*rows, *real]), score.reliability(rows))
+
+
+def test_a_share_of_none_and_the_lack_of_an_interval_are_drawn():
+    line = {"p": [0.001, 0.1], "share": [0.0, 0.2], "low": np.nan, "high": np.nan, "n": 1}
+    (axes,) = figures.p_values(pd.DataFrame(line)).get_axes()
+    assert [text.get_text() for text in axes.texts] == ["one recording: no interval"]
+    (none,) = (mark for mark in axes.lines if mark.get_marker() == "v")
+    assert none.get_xdata().tolist() == [0.001]
+    (bars,) = axes.collections
+    assert not any(map(len, bars.get_segments()))
+
+
+def test_a_true_effect_is_told_without_the_names_that_its_units_say():
+    for name, values, told in (
+        ("electrode-position", {"shift_deg": [2.0]}, ": 2°"),
+        ("ground-leak", {"siemens": [4.041e-9]}, ": 4.041\xa0nS"),
+        ("contact-impedance", {"ratio": [2.0]}, ": ratio 2"),
+    ):
+        item = {"name": name, "electrodes": [6], "parameters": values}
+        assert case_figure.truth_of(item) == f"{name}, electrode 6{told}"
+    patch = {"x_mm": 40.0, "y_mm": 30.0, "radius_mm": 12.0, "contrast": None}
+    text = case_figure.truth_of({"name": "conductivity-patch", "parameters": patch})
+    assert text.endswith(": x 40\xa0mm; y 30\xa0mm; radius 12\xa0mm")
 
 
 def test_figures_are_drawn_also_of_nothing(tmp_path):

@@ -161,7 +161,7 @@ def test_the_rig_is_told_where_it_was_found(written, rig):
 
 def test_candidates_are_not_told_as_findings(written, rig):
     text = Page((rig / "report.html").read_text(encoding="utf-8")).text
-    assert "what is named below with a perhaps are candidates" in text
+    assert "names below that begin with Perhaps are candidates" in text
     assert "1. Perhaps electrode 7 touches" in text
     assert "contact-impedance, a candidate, electrode 7" in text
     assert "perhaps contact-impedance: electrode 7" in (
@@ -205,7 +205,7 @@ def test_hollow_dots_are_against_white_noise(written, rig):
         dots = [
             float(line.get_xdata()[0])
             for line in figures.draw(found)["held_out"].axes[0].lines
-            if line.get_marker() == "o"
+            if line.get_marker() in plotting.MARKERS
         ]
         expected = np.array(factors) * ([before, after] * 2)[: len(factors)]
         assert sorted(dots) == pytest.approx(sorted(expected))
@@ -319,6 +319,64 @@ def test_nothing_in_a_figure_is_told_by_colour_alone(written):
     )
 
 
+def test_matrices_far_apart_have_a_scale_each(written):
+    found = evidence.read(written["explained"], *_rest(written["explained"]))
+    for factor, bars in ((1.0, 1), (100.0, 2)):
+        drawn = figures.draw(replace(found, before=factor * found.before))["residual_matrix"]
+        limits = [axes.collections[0].get_clim()[1] for axes in drawn.axes[:2]]
+        assert len(drawn.axes) == 2 + bars and len(set(limits)) == bars
+        assert all(float(f"{limit:.0e}") == pytest.approx(limit) for limit in limits)
+
+
+def test_a_long_gap_leaves_the_shaded_band_in_sight(written):
+    found = evidence.read(written["explained"], *_rest(written["explained"]))
+    for then, scale in ((14.6, "linear"), (900.0, "log")):
+        pair = {**found.experiment["pairs"][0], "gap_now": 0.0, "gap_then": then}
+        drawn = figures.next_experiment(replace(found, experiment={"pairs": [pair]}))
+        (axes,) = drawn.axes
+        assert axes.get_xscale() == scale
+        assert [text.get_text() for text in axes.texts if text.get_text()] == [
+            "now 0",
+            f"then {figures.number(then, 2)}",
+        ]
+
+
+def test_one_frame_has_no_misfit_against_time_and_frames_are_whole(written):
+    found = evidence.read(written["explained"], *_rest(written["explained"]))
+    for key in ("frames", "before", "after"):
+        found = replace(found, **{key: getattr(found, key)[:2]})
+    indexed = replace(found.recording, metadata=found.recording.metadata | {"clock": "index"})
+    ticks = figures.misfit_time(replace(found, recording=indexed)).axes[0].get_xticks()
+    assert (ticks == np.round(ticks)).all()
+    assert "One frame" in figures.misfit_time(replace(found, frames=found.frames[:1]))
+
+
+def test_long_lists_and_many_numbers_stay_in_the_figure(written):
+    found = evidence.read(written["explained"], *_rest(written["explained"]))
+    one = found.diagnosis["effects"][0] | {"electrodes": [2, 5, 7, 9, 10, 15], "certain": False}
+    one |= {"name": "force-dependent-impedance"}
+    several = found.diagnosis | {"effects": [one] * 5}
+    with plotting.style():
+        drawn = figures.electrodes(replace(found, diagnosis=several))
+        assert "+3" in [text.get_text() for text in drawn.axes[0].texts]
+        drawn.canvas.draw()
+        assert len(drawn.texts) == 1 + 2 * 5
+        assert all(text.get_window_extent().x1 <= drawn.bbox.width for text in drawn.texts)
+
+
+def test_what_was_not_compared_is_not_told_as_without_rivals(tmp_path):
+    folder, _ = diagnosed(tmp_path, "explained")
+    path = folder / "evidence" / "identifiability.csv"
+    table = pd.read_csv(path, keep_default_na=False, na_values={"snr": "", "gap": ""})
+    table.loc[:, ["nearest", "gap", "observable"]] = "", np.nan, True
+    table.loc[table["name"] == "electrode-open", "snr"] = np.nan
+    table.to_csv(path, index=False)
+    text = rewritten(folder)
+    assert text.count("<td>yes, no rival</td>") == 1  # what is named
+    assert text.count("<td>taken as observable; not compared</td>") == 1
+    assert text.count("<td>observable; not compared</td>") == len(table) - 2
+
+
 def test_a_patch_bears_its_number(tmp_path):
     folder, _ = diagnosed(tmp_path, "explained")
     with_every_effect(folder)
@@ -344,9 +402,10 @@ def test_what_the_diagnosis_writes_is_text_not_markup(tmp_path):
     edited(folder, "diagnosis.json", change)
     edited(folder, "evidence/experiment.json", lambda e: e["pairs"][0].update(recipe=evil))
     table = pd.read_csv(folder / "evidence" / "search.csv")
-    table.assign(sites=evil).to_csv(folder / "evidence" / "search.csv", index=False)
+    table.assign(sites=evil, p_value=0.0).to_csv(folder / "evidence" / "search.csv", index=False)
     parsed = Page(rewritten(folder))
-    assert "<script>" not in (folder / "report.html").read_text(encoding="utf-8")
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    assert "<script>" not in text and "&lt;10⁻³⁰⁰" in text and "<10⁻³⁰⁰" not in text
     assert unescape(parsed.text).count(evil) >= 6
 
 

@@ -201,7 +201,15 @@ def test_a_rim_of_another_size_is_no_shape():
 def test_a_pressed_rim_carries_its_electrodes():
     for carried in (0.0, 1.0):
         text = said("domain-shape", harmonic=(2.0, 2.0, 2.0), carried=(carried,) * 3)
-        assert text.endswith("°, its electrodes carried along.") == bool(carried)
+        assert text.endswith("°), its electrodes carried along.") == bool(carried)
+
+
+def test_degrees_stand_behind_each_number_and_large_numbers_are_written_alike():
+    assert quantities.interval(2.0, 1.9, 2.1, "°") == "2.00° (90 %: 1.90° to 2.10°)"
+    assert quantities.interval(np.inf, 1.0, np.inf, "°") == "∞° (90 %: 1° to ∞°)"
+    assert quantities.number(876506.2) == "8.77·10⁵" and quantities.number(9.09e6) == "9.09·10⁶"
+    assert quantities.number(876506.2, 5) == "876506" == quantities.number(876506.0)
+    assert quantities.number(12345.6) == "12346"
 
 
 @pytest.mark.parametrize(("high", "told"), [(60.0, True), (400.0, False)])

@@ -138,6 +138,20 @@ def test_the_figure_shows_every_source_of_its_model(tmp_path):
     assert svg.read_text().startswith("<?xml") and png.stat().st_size > 1000
 
 
+def test_cases_are_told_without_their_seeds_and_what_was_not_measured_is_told():
+    cases = ["single-relaxation-600001", "single-relaxation-600002", "hydrogel-skin-16"]
+    rows = [
+        {"case": case, "variable": variable, "source": BELIEF, "mean": 2.0, "low": 1.0, "high": 3.0}
+        for case in cases
+        for variable in ("F", table.PLACE)
+        if variable != "F" or case in cases[:2]
+    ]
+    force, place = figure.draw(pd.DataFrame(rows)).axes
+    names = [label.get_text() for label in force.get_yticklabels()]
+    assert names == ["single-relaxation", "single-relaxation, 2", "hydrogel-skin-16"]
+    assert [text.get_text() for text in force.texts] == ["not measured"] and not place.texts
+
+
 def test_another_file_is_refused(tmp_path):
     path = tmp_path / "other.csv"
     path.write_text("a,b\n1,2\n")

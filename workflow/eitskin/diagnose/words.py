@@ -41,7 +41,7 @@ VERDICTS = {
 }
 MOST_LISTED, NEAREST = 6, 3  # names that an effect cannot be told from; of more, so many are said
 CANDIDATES = (
-    "The simulation leaves something out; what is named below with a perhaps are candidates: the"
+    "The simulation leaves something out; names below that begin with Perhaps are candidates: the"
     " fit as a whole is not acceptable, they do not stand out from what has no name, or that may be"
     " all that tells them from another name."
 )

@@ -11,7 +11,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter, MaxNLocator
+from matplotlib.ticker import MaxNLocator
 from scipy.spatial import cKDTree
 
 from eitskin import figure_files, plotting
@@ -19,7 +19,8 @@ from eitskin.data import parquet
 from eitskin.data.dataset import Dataset
 from eitskin.errors import InputError
 from eitskin.learn.metrics import METRICS
-from eitskin.plotting import BEFORE, SEQUENTIAL, STEPS, style
+from eitskin.plotting import BEFORE, SEQUENTIAL, STEPS, log_ticks, style
+from eitskin.quantities import number, power
 
 BINS = 50  # of force, each way
 SHOWN = 0.98  # of the places lie within the colours of panel c
@@ -90,7 +91,8 @@ def draw(
             np.histogram2d(table["force_N"], table["predicted_N"], bins=(edges, edges))[0]
             for table in first
         ]
-        norm = LogNorm(0.8, max(2.0, max(count.max() for count in counts)))
+        most = max(2.0, max(count.max() for count in counts))
+        norm = LogNorm(0.8, most)
         for panel, letter, table, count in zip(axes, "ab", first, counts, strict=False):
             drawn = panel.pcolormesh(
                 edges,
@@ -104,7 +106,7 @@ def draw(
             truth, predicted = table["force_N"].to_numpy(), table["predicted_N"].to_numpy()
             r2, mae = (METRICS[name](truth, predicted) for name in ("r2", "mae"))
             panel.text(
-                0.04, 0.96, f"R² {r2:.3f}\nMAE {mae:.2f} N", transform=panel.transAxes, va="top"
+                0.04, 0.96, f"R² {number(r2)}\nMAE {mae:.2f} N", transform=panel.transAxes, va="top"
             )
             panel.set_title(
                 f"({letter}) {'worst' if letter == 'a' else 'best'}: {table['model'].iloc[0]}"
@@ -114,7 +116,7 @@ def draw(
             for axis in (panel.xaxis, panel.yaxis):
                 axis.set_major_locator(MaxNLocator(5, integer=True))
         axes[0].set_ylabel("predicted force, N")
-        _bar(figure, drawn, axes[:2], "test samples").formatter = LogFormatter()
+        log_ticks(_bar(figure, drawn, axes[:2], "test samples").ax.xaxis, 0.8, most, power)
         _draw_places(figure, axes[2], best, radius_mm, electrode_deg)
     return figure
 

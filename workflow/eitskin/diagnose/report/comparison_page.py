@@ -48,7 +48,7 @@ def page(said: dict) -> str:
     if not changed and said["p_value"] is not None:
         lines.append(
             "<p>Single tests ask for changes, but all of them together make the joint fit no better"
-            f" than noise would (p = {chance(said['p_value'])}).</p>"
+            f" than noise would (p = {escape(chance(said['p_value']))}).</p>"
         )
     picture = figure(said)
     if picture is not None:

@@ -1,5 +1,6 @@
 """The figures of a diagnosis: 85 mm wide, one style, before in one colour and after in another."""
 
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -7,11 +8,11 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
-from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
+from matplotlib.ticker import MaxNLocator
 
 from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.report.evidence import Evidence
@@ -42,12 +43,17 @@ from eitskin.quantities import MINUS, number, power
 
 MOST_VECTORS = 3000  # dots of a figure; more are drawn as an image
 MOST_CHORDS = 8  # drives or measuring pairs of one effect that are drawn
-TAG_STEP = 0.14  # between numbers at one electrode, in radii of the skin
+TAG_STEP = 0.19  # between numbers at one electrode, in radii of the skin
+MOST_TAGS = 3  # at one electrode or pair; of more the last tells how many more
+LABEL = 54  # characters of a line under the ring
 MOST_RIVALS = 5  # of one effect
 BINS = 10
 FALLEN = 0.05  # of the largest change: a fall that is told from no change
+APART = 10  # times: matrices whose limits differ by more have a scale of colours each
+LEAST_GAP, LINEAR_GAP = 0.1, 30.0  # of the axis of gaps; above the latter it is logarithmic
 PALEST = 1 / 3  # of the colours' limit: residuals within it may be noise
 TITLES = (("before", BEFORE), ("after", AFTER))
+LABEL_ROOM = 1.8  # times: left free at both ends of the axis of what was held out
 SHOWN = 0.97  # of the channels lie within the colours of the residual matrix
 
 
@@ -63,22 +69,13 @@ def draw(evidence: Evidence) -> dict[str, Figure | str]:
 def electrodes(evidence: Evidence) -> Figure:
     """The ring of electrodes, seen from the touched side; culprits marked, touches as dots."""
     angle, radius = layout(evidence)
-    diagnosis = evidence.diagnosis
-    effects: list[tuple[int | str, dict]] = list(enumerate(diagnosis["effects"], start=1))
-    other = diagnosis["other"]
-    labels = [
-        f"{k}  {'' if certain(effect) else 'perhaps '}{effect['name']}: {where(effect)}"
-        for k, effect in effects
-    ]
-    if other["probability"] >= LIKELY:
-        effects.append(("?", other | {"channels": []}))
-        labels.append(f"?  no name: {sites(other) or 'no single site'}")
+    effects, labels = _numbered(evidence.diagnosis)
     marked = {
         k: effect["electrodes"] if 2 * len(effect["electrodes"]) <= len(angle) else []
         for k, effect in effects
     }
     named = [e for chosen in marked.values() for e in chosen]
-    most = max(map(named.count, named), default=0)
+    most = min(max(map(named.count, named), default=0), MOST_TAGS)
     outer = 1.2 + TAG_STEP * most
     text_mm = 4.0 * (1 + len(labels))
     figure = column(76 + text_mm)
@@ -106,8 +103,7 @@ def electrodes(evidence: Evidence) -> Figure:
         axes.text(at.real, at.imag, str(electrode), color=colour, weight=weight, **CENTRED)
     for electrode in set(named):
         at = [k for k, chosen in marked.items() if electrode in chosen]
-        for level, k in enumerate(at, start=1):
-            _tag(axes, (1.15 + TAG_STEP * level) * rim[electrode], k)
+        _tags(axes, (1.15 + TAG_STEP) * rim[electrode], TAG_STEP * rim[electrode], at)
     _draw_pairs(axes, effects, rim, evidence.channels)
     notes = ["seen from the touched side", "dots: touches" if len(places) else "no touches"]
     if evidence.recording.skin.electrode_deg is None:
@@ -117,6 +113,22 @@ def electrodes(evidence: Evidence) -> Figure:
     for k, label in enumerate(reversed(labels)):
         figure.text(0.03, line * (k + 0.5), label, color=CULPRIT, va="center")
     return figure
+
+
+def _numbered(diagnosis: dict) -> tuple[list[tuple[int | str, dict]], list[str]]:
+    """What is named, and what has no name where that is likely, by its number; lines that tell it
+    in words."""
+    effects: list[tuple[int | str, dict]] = list(enumerate(diagnosis["effects"], start=1))
+    other = diagnosis["other"]
+    told = [
+        f"{k}  {'' if certain(effect) else 'perhaps '}{effect['name']}: {where(effect)}"
+        for k, effect in effects
+    ]
+    if other["probability"] >= LIKELY:
+        effects.append(("?", other | {"channels": []}))
+        told.append(f"?  no name: {sites(other) or 'no single site'}")
+    fold = textwrap.TextWrapper(LABEL, subsequent_indent="     ", break_on_hyphens=False)
+    return effects, [line for text in told for line in fold.wrap(text)]
 
 
 def layout(evidence: Evidence) -> tuple[np.ndarray, float]:
@@ -141,7 +153,7 @@ def _draw_patch(axes: Axes, parameters: dict, radius: float, k: int | str) -> No
 def _draw_pairs(axes: Axes, effects: list, rim: np.ndarray, channels: np.ndarray) -> None:
     """The pairs that an effect is on as chords with its number: drives as arrows, measuring pairs
     dashed; none for an effect on many."""
-    taken: dict[tuple[int, int], int] = {}
+    taken: dict[tuple[int, int], list[int | str]] = {}
     for k, effect in effects:
         pairs = []
         for kind, ends in (("drives", (0, 1)), ("measures", (2, 3))):
@@ -157,10 +169,19 @@ def _draw_pairs(axes: Axes, effects: list, rim: np.ndarray, channels: np.ndarray
             line = {"color": CULPRIT, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
             line |= {"arrowstyle": "-|>" if drive else "-", "linestyle": "-" if drive else ":"}
             axes.annotate("", (b.real, b.imag), (a.real, a.imag), arrowprops=line)
-            level = taken.get((first, last), 0)
-            taken[first, last] = level + 1
-            middle = 0.5 * (a + b) if abs(a + b) > 0.5 else 0.3 * a
-            _tag(axes, middle * (0.93 - TAG_STEP * level), k)
+            taken.setdefault((first, last), []).append(k)
+    for (first, last), numbers in taken.items():
+        a, b = 0.93 * rim[first], 0.93 * rim[last]
+        middle = 0.5 * (a + b) if abs(a + b) > 0.5 else 0.3 * a
+        _tags(axes, 0.93 * middle, -TAG_STEP * middle, numbers)
+
+
+def _tags(axes: Axes, at: complex, step: complex, numbers: Sequence[int | str]) -> None:
+    """Numbers one beside another, from a place on; of more than MOST_TAGS how many more."""
+    if len(numbers) > MOST_TAGS:
+        numbers = [*numbers[: MOST_TAGS - 1], f"+{len(numbers) - MOST_TAGS + 1}"]
+    for level, k in enumerate(numbers):
+        _tag(axes, at + level * step, k)
 
 
 def _tag(axes: Axes, at: complex, text: object) -> None:
@@ -173,42 +194,61 @@ def residual_matrix(evidence: Evidence) -> Figure:
     """Mean residual of every channel over the frames, in noise units, before and after."""
     figure = column(58)
     row = figure.subplots(1, 2, sharey=True)
-    image = draw_matrices(row, evidence)
-    matrix_bar(figure, image, row)
+    images = draw_matrices(row, evidence)
+    if one_scale(images):
+        label = f"recording {MINUS} simulation, mean over the frames,\n"
+        matrix_bar(figure, images[0], row, f"{label}in units of the noise of a reading")
+    else:
+        for axes, image in zip(row, images, strict=True):
+            matrix_bar(figure, image, [axes], "mean residual, in noise units;\na scale of its own")
     return figure
 
 
-def draw_matrices(row: Sequence[Axes], evidence: Evidence) -> QuadMesh:
-    """`residual_matrix` on two axes that share y, before and after, in one scale of colours; a dash
-    where the recording is well below the simulation."""
+def draw_matrices(row: Sequence[Axes], evidence: Evidence) -> list[QuadMesh]:
+    """`residual_matrix` on two axes that share y, before and after, in one scale of colours unless
+    they are far APART; a dash where the recording is well below the simulation."""
     panels = [matrix(evidence.channels, _mean(r)) for r in (evidence.before, evidence.after)]
     quiet = 10 / np.sqrt(len(evidence.frames))  # noise alone stays in the palest third
-    limit = max(quiet, *(np.nanquantile(np.abs(panel), SHOWN) for panel in panels))
-    for axes, panel, (title, colour) in zip(row, panels, TITLES, strict=True):
-        image = draw_matrix(axes, evidence.channels, panel, Normalize(-limit, limit), DIVERGING)
+    limits = [
+        _rounded_up(max(quiet, float(np.nanquantile(np.abs(panel), SHOWN)))) for panel in panels
+    ]
+    if max(limits) <= APART * min(limits):
+        limits = [max(limits)] * 2
+    images = []
+    for axes, panel, limit, (title, colour) in zip(row, panels, limits, TITLES, strict=True):
+        norm = Normalize(-limit, limit)
+        images.append(draw_matrix(axes, evidence.channels, panel, norm, DIVERGING))
         _dash_falls(axes, panel, limit, PALEST, 18.0)
         residual = evidence.before if title == "before" else evidence.after
         rms = number(float(np.sqrt(np.nanmean(residual**2))))
         axes.set_title(f"{title}: rms {rms}", color=colour)
     row[0].set_ylabel("drive, source electrode")
     row[0].invert_yaxis()
-    return image
+    return images
 
 
-def matrix_bar(figure: Figure, image: QuadMesh, beside: Sequence[Axes]) -> Colorbar:
+def _rounded_up(value: float) -> float:
+    """To one digit, so that a half of it is written with two."""
+    ten = 10.0 ** np.floor(np.log10(value))
+    return float(np.ceil(value / ten) * ten)
+
+
+def one_scale(images: Sequence[QuadMesh]) -> bool:
+    """Whether what `draw_matrices` drew shares its colours."""
+    return len({image.get_clim() for image in images}) == 1
+
+
+def matrix_bar(figure: Figure, image: QuadMesh, beside: Sequence[Axes], label: str) -> None:
     """The colours' scale of `draw_matrices`, under some axes."""
     limit = image.get_clim()[1]
     assert limit is not None
-    bar = figure.colorbar(
-        image, ax=beside, location="bottom", aspect=40, shrink=0.8, pad=0.03, extend="both"
-    )
-    bar.set_ticks([-limit, -limit / 2, 0, limit / 2, limit])
-    bar.ax.set_xticklabels([number(v, 2) for v in (-limit, -limit / 2, 0.0, limit / 2, limit)])
-    bar.set_label(
-        f"recording {MINUS} simulation, mean over the frames,\nin units of the noise of a reading"
-    )
+    several = len(beside) > 1
+    place: dict[str, Any] = {"location": "bottom", "aspect": 40 if several else 20, "shrink": 0.8}
+    bar = figure.colorbar(image, ax=beside, pad=0.03, extend="both", **place)
+    ticks = [share * limit for share in ((-1, -0.5, 0.0, 0.5, 1) if several else (-1, 0.0, 1))]
+    bar.set_ticks(ticks, labels=[number(tick, 2) for tick in ticks])
+    bar.set_label(label)
     bar.outline.set_linewidth(0.4)
-    return bar
 
 
 def changes(evidence: Evidence) -> list[Figure | None]:
@@ -276,10 +316,14 @@ def misfit_force(evidence: Evidence) -> Figure | str:
     return _misfit(evidence, force, "force, N (0: untouched)")
 
 
-def misfit_time(evidence: Evidence) -> Figure:
+def misfit_time(evidence: Evidence) -> Figure | str:
     """Chi2 per reading of each frame against time."""
+    if len(evidence.frames) == 1:
+        return "One frame was diagnosed: there is no misfit against time."
     if evidence.recording.metadata["clock"] == "index":
-        return _misfit(evidence, np.arange(len(evidence.frames), dtype=float), "frame")
+        figure = _misfit(evidence, np.arange(len(evidence.frames), dtype=float), "frame")
+        figure.axes[0].xaxis.set_major_locator(MaxNLocator("auto", integer=True))
+        return figure
     return _misfit(evidence, evidence.frames["time_s"].to_numpy(float), "time, s")
 
 
@@ -384,11 +428,11 @@ def held_out(evidence: Evidence) -> Figure:
     figure = column(32 if white else 26)
     axes = figure.add_subplot()
     axes.axvline(1, color="#202020", linewidth=0.7, linestyle=(0, (4, 2)))
-    for y, value, (_, colour) in zip((1, 0), white, TITLES, strict=False):
-        axes.plot(value, y, "o", color=colour, markersize=6, markerfacecolor="white")
-    axes.plot(values, [1, 0], color=QUIET, linewidth=0.8, zorder=1)
-    for y, value, (_, colour) in zip((1, 0), values, TITLES, strict=True):
-        axes.plot(value, y, "o", color=colour, markersize=6)
+    for y, value, (_, colour), marker in zip((1, 0), white, TITLES, MARKERS, strict=False):
+        axes.plot(value, y, marker, color=colour, markersize=6, markerfacecolor="white")
+    for y, value, (_, colour), marker in zip((1, 0), values, TITLES, MARKERS, strict=True):
+        axes.plot([1, value], [y, y], color=colour, linewidth=0.8, alpha=0.6, zorder=1)
+        axes.plot(value, y, marker, color=colour, markersize=6)
         above: dict[str, Any] = {
             "xytext": (0, 4),
             "textcoords": "offset points",
@@ -398,7 +442,8 @@ def held_out(evidence: Evidence) -> Figure:
         text = number(value)
         axes.annotate(text, (value, y), color=colour, weight="bold", bbox=PLAIN, **above)
     axes.set_xscale("log")
-    log_limits(axes.xaxis, np.array(values + white), power, room=1.8)
+    reach = np.array([*values, *white, min(values) / LABEL_ROOM])
+    log_limits(axes.xaxis, reach, power, room=LABEL_ROOM)
     if white:
         dot: dict[str, Any] = {"marker": "o", "color": "#202020", "linestyle": "", "markersize": 5}
         hollow: dict[str, Any] = {"markerfacecolor": "white", "label": "white noise alone"}
@@ -457,19 +502,26 @@ def next_experiment(evidence: Evidence) -> Figure | str:
         return "No pair of names is left to be told apart."
     figure = column(20 + 8 * len(pairs))
     axes = figure.add_subplot()
-    axes.axvspan(0, CONFUSED, color="#e4e4e4", linewidth=0)
-    top = 1.25 * max(CONFUSED, *(max(pair["gap_now"], pair["gap_then"]) for pair in pairs))
-    for y, pair in enumerate(pairs):
-        ends = pair["gap_now"], pair["gap_then"]
+    gaps = np.array([[pair["gap_now"], pair["gap_then"]] for pair in pairs])
+    if 1.25 * gaps.max() > LINEAR_GAP:
+        gaps = np.maximum(gaps, LEAST_GAP)
+        axes.set_xscale("log")
+        log_limits(axes.xaxis, gaps, power, room=1.25)
+    else:
+        axes.set_xlim(0, 1.25 * max(CONFUSED, gaps.max()))
+    axes.axvspan(axes.get_xlim()[0], CONFUSED, color="#e4e4e4", linewidth=0)
+    for y, (pair, ends) in enumerate(zip(pairs, gaps, strict=True)):
         arrow = {"arrowstyle": "-|>", "color": "#202020", "linewidth": 1, "shrinkA": 3}
         axes.annotate("", (ends[1], y), (ends[0], y), arrowprops=arrow | {"shrinkB": 3})
         axes.plot(ends[0], y, "o", color="#202020", markersize=5, markerfacecolor="white")
         axes.plot(ends[1], y, "o", color="#202020", markersize=5)
-        for word, value, height in zip(("now", "then"), ends, (5, -11), strict=True):
-            side = "left" if value < 0.1 * top else "center"  # clear of the names
-            at: dict[str, Any] = {"xytext": (0, height), "textcoords": "offset points", "ha": side}
-            axes.annotate(f"{word} {number(value, 2)}", (value, y), fontsize=6.5, **at)
-    axes.set(xlim=(0, top), ylim=(len(pairs) - 0.3, -0.7), yticks=range(len(pairs)))
+        for word, at, height in zip(("now", "then"), ends, (5, -11), strict=True):
+            across = axes.transLimits.transform(axes.transScale.transform((at, y)))[0]
+            side = "left" if across < 0.1 else "right" if across > 0.9 else "center"
+            text = f"{word} {number(pair[f'gap_{word}'], 2)}"
+            place: dict[str, Any] = {"xytext": (0, height), "textcoords": "offset points"}
+            axes.annotate(text, (at, y), fontsize=6.5, ha=side, **place)
+    axes.set(ylim=(len(pairs) - 0.3, -0.7), yticks=range(len(pairs)))
     axes.set_yticklabels([f"{pair['a']}\nor {pair['b']}" for pair in pairs])
     axes.set_xlabel("gap, in noise units")
     return figure

@@ -54,15 +54,16 @@ PACKAGES = ("eitskin", "numpy", "scipy", "pandas", "matplotlib")
 CAPTIONS = {
     "electrodes": "The ring of electrodes, numbered from 0. Numbers in discs mark what is named"
     " above, at its electrodes or place; arrows are drives, dotted lines measuring pairs.",
-    "residual_matrix": "Every channel: what the simulation leaves, one colour scale for both. A"
-    " dash: well below the simulation. Grey: channels that are not read. An electrode's fault shows"
-    " as its two rows and columns, a gain as one row or column.",
+    "residual_matrix": "Every channel: what the simulation leaves, in one colour scale, or in one"
+    f" each where they differ by more than {figures.APART} times. A dash: well below the"
+    " simulation. Grey: channels that are not read. An electrode's fault shows as its two rows and"
+    " columns, a gain as one row or column.",
     "misfit_force": "Misfit against force. Dots are frames, lines their means: before with squares,"
     " after with circles.",
     "misfit_time": "Misfit against time. Dots are frames, lines their means: before with squares,"
     " after with circles.",
     "misfit_place": "Misfit over the skin.",
-    "held_out": "The misfit of what was held out, before and after.",
+    "held_out": "The misfit of what was held out: before a square, after a circle.",
     "rivals": "Each name taken out again, and others in its place: what was not put aside is held"
     " out in turn and predicted from the rest, against the noise and rig errors of all that is"
     " named. In brackets: the difference in log predictive density; below 0 is worse.",
@@ -257,7 +258,11 @@ def _answer(found: Evidence, changes: list[str]) -> str:
     elif diagnosis["verdict"] == "partly-explained":
         parts.append("<p>What is left there is more than the noise.</p>")
     if diagnosis["effects"]:
-        over = "A gain is over the best set without the effect, with another name in its place too."
+        over = (
+            "A gain is over the best set without the effect, with another name in its place too. A"
+            " share of the misfit is what comes back without the effect; shares need not add up to"
+            " 100 %."
+        )
         parts.append(f"<p class='quiet'>Gains are told in nats: {NATS} {over}</p>")
     for k, effect in enumerate(diagnosis["effects"]):
         change = _changed(k, changes[k], found) if any(changes[k : k + 1]) else ""
@@ -362,7 +367,7 @@ def _parameter(name: str, estimate: dict, effect: dict) -> str:
 
 def _kept(text: str) -> str:
     """A text as HTML whose numbers stay on one line with their signs and units."""
-    kept = r"(?<!\S)(?:\(90 %:|\S+\)°\S*|± \S+ \S+|p = \S+)"
+    kept = r"(?<!\S)(?:\(90 %:|± \S+ \S+|p = \S+)"
     return re.sub(kept, r"<span class='kept'>\g<0></span>", escape(text))
 
 
@@ -526,11 +531,15 @@ def _unobservable(found: Evidence) -> str:
 
 def _identifiability(found: Evidence) -> str:
     rows = []
+    named = {effect["name"] for effect in found.diagnosis["effects"]}
     for row in found.tables["identifiability"].itertuples():
         if not row.observable:
             told = "not observable"
-        elif np.isnan(row.gap):
+        elif np.isnan(row.gap) and row.name in named:
             told = "yes, no rival"
+        elif np.isnan(row.gap):
+            seen = "taken as observable" if np.isnan(row.snr) else "observable"
+            told = f"{seen}; not compared"
         elif row.gap < CONFUSED:
             told = "no, one class"
         else:
@@ -541,9 +550,10 @@ def _identifiability(found: Evidence) -> str:
         rows.append([*cells, told, escape(row.experiment)])
     heads = ["name", "strength", "nearest rival", "gap", "told apart?", "experiment"]
     caption = (
-        "Strength: length in noise units of the signature at typical size. Gap: what is left of it"
-        " after the rival has been fitted to it; under 3 the two are one class, under 5 they are"
-        " told apart weakly."
+        "Strength: length in noise units of the signature at typical size; none is found of gross"
+        " faults, of single channels and of a tone. Gap, of what is named: what is left of it after"
+        " the rival has been fitted to it; under 3 the two are one class, under 5 they are told"
+        " apart weakly."
     )
     table = _table(heads, rows, ("strength", "gap"), caption)
     return f"<h2>What this recording can tell apart</h2>\n{table}"
@@ -566,7 +576,7 @@ def _atlas(found: Evidence) -> str:
                 escape(row.statistic),
                 escape(row.site),
                 *(number(x) for x in (row.value, row.dof)),
-                *(chance(x) for x in (row.p, row.q)),
+                *(escape(chance(x)) for x in (row.p, row.q)),
                 escape(row.sentence),
             ]
             for row in rows.head(MOST_ROWS).itertuples()
@@ -620,7 +630,7 @@ def _record(found: Evidence) -> str:
                 f"<code>{escape(row.effect)}</code>",
                 escape(row.sites),
                 *(("", "") if on else (number(row.chi2, 5), number(row.log_evidence, 5))),
-                chance(row.p_value),
+                escape(chance(row.p_value)),
             ]
             for row, on in zip(search.itertuples(), goes_on, strict=True)
         ]
