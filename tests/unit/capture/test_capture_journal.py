@@ -177,3 +177,14 @@ def test_of_records_for_which_there_is_no_room_nothing_stays(tmp_path, monkeypat
     writer.append({"kind": "stop"})
     writer.close()
     assert [r["number"] for r in journal.read(path).records] == [0, 1, 2, 3, 4, 5]
+
+
+def test_what_a_failed_append_could_not_take_off_is_taken_off_by_the_next(tmp_path):
+    path = tmp_path / "j.jsonl"
+    written(path, *contact(0))
+    writer = Writer(path, journal.read(path))
+    with path.open("ab") as other:
+        other.write(b'{"number": 4, "ki')
+    writer.append({"kind": "stop"})
+    writer.close()
+    assert [r["kind"] for r in journal.read(path).records][-1] == "stop"

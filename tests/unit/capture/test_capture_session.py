@@ -5,6 +5,7 @@ import contextlib
 import copy
 import errno
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
 from eitskin.capture import journal, session
 from eitskin.capture.interlock import Stop
 from eitskin.capture.preflight import Finding
-from eitskin.capture.rig import Fault
+from eitskin.capture.rig import Fault, Interrupted
 from eitskin.capture.session import FAULT, Stopped
 from eitskin.errors import InputError
 
@@ -199,3 +200,31 @@ def test_a_capture_that_is_refused_leaves_no_journal(rig):
     with pytest.raises(InputError, match="resume"):
         rig.capture()
     assert rig.path.read_bytes() == before
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_journal_that_was_killed_before_a_run_is_in_nobodys_way(rig, resume):
+    head = {"kind": "capture", "format": "eit-capture", "version": 1}
+    journal.begin(rig.path, {**head, "config": {}, "plan_sha256": "another plan's"})
+    rig.capture(resume)
+    assert rig.kinds()[:2] == ["capture", "run"] and rig.kinds().count("end") == 2
+
+
+def test_no_capture_begins_whose_probe_would_reach_over_the_rim(rig):
+    rig.config["plan"] |= {"radii": 2, "radius_mm": 88.0, "probes_mm": [15.0]}
+    with pytest.raises(InputError, match=r"a probe of 15 mm reaches 83\.2 mm .* at 80 mm"):
+        rig.capture(mounted_mm=15.0)
+    assert rig.did == [] and not rig.path.exists()
+    rig.config["skin"]["radius_mm"] = None
+    rig.capture(mounted_mm=15.0)
+
+
+def test_a_signal_in_a_press_ends_the_capture_with_the_arm_lifted(rig):
+    def struck(keep):
+        os.kill(os.getpid(), signal.SIGTERM)
+        raise Interrupted(rig.signal)
+
+    rig.press = struck
+    end = stopped(rig)
+    assert rig.signal == signal.SIGTERM and end.code == session.SIGNAL + signal.SIGTERM
+    assert "lifted off" in str(end) and rig.kinds()[-1] == "stop"

@@ -21,6 +21,7 @@ from eitskin.data.check import (
 from eitskin.data.check.exchanged import exchanged
 from eitskin.data.check.steps import steps
 from eitskin.data.recording import Recording
+from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
 from shared_data import shared_data
 from small_skin import small_recording
@@ -310,15 +311,31 @@ def test_two_columns_in_each_others_place_are_named(make_recording, rows, signed
     found = exchanged(made)
     assert (one, other) in found and len(found) in (2, 4)
     (finding,) = suspicions.exchanged_channels(made)
-    assert finding.severity == WARNING and f"({one}: drive" in finding.sentence
+    assert finding.severity == WARNING and f"{one} and {other}" in finding.sentence
 
 
-def test_a_broken_reciprocity_is_no_exchange(make_recording):
+@per_example
+@given(
+    rows=st.sets(st.integers(0, 207), min_size=2, max_size=2),
+    factors=st.sampled_from([(0.0, 0.0), (1.3, 1.0), (1.3, 0.7)]),
+    seed=seeds,
+)
+def test_a_broken_reciprocity_is_no_exchange(make_recording, rows, factors, seed):
+    made = make_recording(presses=4, noise=1e-3, seed=seed)
+    made.voltage[:, sorted(rows)] *= factors
+    assert exchanged(made) == []
+
+
+def test_two_channels_off_alike_are_told_as_that_too(make_recording):
+    """In a disc channels at like distances read alike."""
     made = make_recording(presses=0)
-    made.voltage[:, 3] *= 1.3
-    assert exchanged(made) == []
-    made.voltage[:, 90] *= 0.7
-    assert exchanged(made) == []
+    made.voltage[:] = homogeneous_readings(made.channels, even_angles(16))
+    size = np.abs(made.voltage[0])
+    one = 20
+    other = int(np.flatnonzero(np.isclose(size, size[one], rtol=1e-6))[-1])
+    made.voltage[:, [one, other]] *= -1.0
+    (finding,) = suspicions.exchanged_channels(made)
+    assert "Or two of these are off alike" in finding.sentence
 
 
 # --- steps in time ---

@@ -27,7 +27,7 @@ def a_place(draw) -> tuple[float, float, float]:
 @pytest.mark.parametrize("geometry", [SKIN, SHAPED], ids=["disc", "shaped"])
 @given(places=st.lists(a_place(), min_size=1, max_size=12, unique=True))
 def test_they_are_those_found_one_by_one(geometry, accuracy, places):
-    skin = Forward(geometry, accuracy)
+    skin, places = Forward(geometry, accuracy), [(1.0, 2.0, 6.0), *places]
     rim, found = skin.electrodes.rim, set()
     with np.errstate(all="ignore"):  # far outside the rim the map's series is nonsense
         every = list(even_touches(places, geometry, skin.disc, ACCURACIES[accuracy].touch, 100))
@@ -40,6 +40,7 @@ def test_they_are_those_found_one_by_one(geometry, accuracy, places):
             assert np.array_equal(some.self_response[i], edge.self_response)
             assert np.array_equal(response[i], edge.rim_response(rim))
             found.add(place)
+    assert places[0] in found
     for place in set(places) - found:
         try:
             edge = skin.edge(Touch(*place))
@@ -55,6 +56,10 @@ def test_what_is_asked_for_beside_a_place_leaves_it_alone():
         assert np.array_equal(one.gains, other.gains) and np.array_equal(one.poles, other.poles)
 
 
-def test_a_radius_of_none_is_refused():
-    with pytest.raises(InputError, match="radius_mm"):
-        Forward(SKIN).places([(0.0, 0.0, 5.0), (10.0, 0.0, -5.0)])
+@pytest.mark.parametrize(
+    ("first", "told"), [((10.0, 0.0, -5.0), "radius_mm"), ((200.0, 0.0, 5.0), "200")]
+)
+def test_the_first_place_that_cannot_be_is_told(first, told):
+    others = [(200.0, 0.0, 5.0), (10.0, 0.0, 0.0)]
+    with pytest.raises(InputError, match=told):
+        Forward(SKIN).places([(0.0, 0.0, 5.0), first, *others])

@@ -3,7 +3,6 @@
 import math
 from pathlib import Path
 
-import numpy as np
 import yaml
 
 from eitskin import yaml_file
@@ -40,8 +39,7 @@ def validate(rig: object, file: str | Path) -> None:
 
 def check(rig: dict, file: str | Path) -> None:
     """Raise InputError, with `file` as its place, for a rig, valid by its schema, whose plan leaves
-    its box or its skin, whose limits leave no way to stop, or whose skin does not suit its board.
-    """
+    its box, whose limits leave no way to stop, or whose skin does not suit its board."""
     skin = believed_skin(rig, file)
     n = BOARDS[rig["board"]["profile"]].n_electrodes
     if skin.electrode_deg is not None and len(skin.electrode_deg) != n:
@@ -52,7 +50,6 @@ def check(rig: dict, file: str | Path) -> None:
         raise InputError(file, "rig.board.frame_s", rig["board"]["frame_s"], expected)
     _check_forces(rig, file)
     _check_box(rig, file)
-    _check_rim(rig["plan"], skin, file)
 
 
 def believed_skin(rig: dict, file: str | Path = "rig") -> Skin:
@@ -96,16 +93,6 @@ def _check_forces(rig: dict, file: str | Path) -> None:
         found = f"{plan['step_mm']} mm, up to {step_N:g} N more"
         expected = f"a step from {high} N that stays below hard_N, {limits['hard_N']}"
         raise InputError(file, "rig.plan.step_mm", found, expected)
-
-
-def _check_rim(plan: dict, skin: Skin, file: str | Path) -> None:
-    """Refuse a plan of which a probe would reach over the skin's rim, where its radius is known."""
-    probe_mm = max(plan["probes_mm"])
-    reach_mm = float(np.hypot(*places(plan)[["x_mm", "y_mm"]].T.to_numpy()).max()) + 0.5 * probe_mm
-    if skin.radius_mm is not None and reach_mm > skin.radius_mm:
-        found = f"places from which a probe of {probe_mm:g} mm reaches {reach_mm:.1f} mm"
-        expected = f"presses within the skin's {skin.radius_mm:g} mm"
-        raise InputError(file, "rig.plan.radius_mm", found, expected)
 
 
 def _check_box(rig: dict, file: str | Path) -> None:

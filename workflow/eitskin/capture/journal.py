@@ -1,6 +1,7 @@
 """The journal of a capture: one JSON object a line, appended and on the disk before anything else
 happens, so that a kill or a loss of power costs the line that was being written at most."""
 
+import contextlib
 import fcntl
 import json
 import os
@@ -95,6 +96,21 @@ def begin(path: str | Path, head: dict) -> None:
     os.close(folder)
 
 
+def taken_away(path: str | Path, kind: str = "capture") -> bool:
+    """Whether a journal is there that holds nothing but its first record, as one that was killed
+    before it began leaves it; then it is taken away. Raises as `read`, and InputError where it is
+    being written."""
+    if not Path(path).exists():
+        return False
+    found = read(path, kind)
+    if len(found.records) > 1:
+        return False
+    writer = Writer(path, found)
+    Path(path).unlink()
+    writer.close()
+    return True
+
+
 def _text(number: int, record: dict) -> str:
     return json.dumps({"number": number, **record}, allow_nan=False) + "\n"
 
@@ -129,6 +145,7 @@ class Writer:
     def append(self, *records: dict) -> None:
         """Write records, in order, and return once they are on the disk; raises OSError where they
         cannot be. Whatever raises, all of them stand in the journal or none."""
+        os.ftruncate(self._file, self._length)  # what an earlier append could not take off
         numbered = enumerate(records, start=self._number)
         text = "".join(_text(number, record) for number, record in numbered).encode()
         length = self._length + len(text)
@@ -140,7 +157,8 @@ class Writer:
             if os.fstat(self._file).st_size == length:
                 self._number, self._length = self._number + len(records), length
             else:
-                os.ftruncate(self._file, self._length)
+                with contextlib.suppress(OSError):
+                    os.ftruncate(self._file, self._length)
 
     def close(self) -> None:
         """Let go of the journal."""

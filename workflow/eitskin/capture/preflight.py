@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eitskin.capture.configuration import pressing_m_s
+from eitskin.capture.configuration import believed_skin, pressing_m_s
 from eitskin.capture.dashboard import Dashboard
 from eitskin.capture.interlock import NORMAL_SAFETY, RUNNING, SAFE_BITS, STILL_M_S
 from eitskin.capture.lines import Line, Port, Value, plausible_s
+from eitskin.capture.press_plan import places
 from eitskin.capture.rtde import RobotState, RtdeError, robot_state
 from eitskin.capture.wire import BOARDS, LOAD_CELLS, Reject, Restart, measured
 from eitskin.errors import InputError
@@ -46,6 +47,17 @@ class Finding:
     name: str
     ok: bool
     text: str
+
+
+def plan(config: dict) -> Finding:
+    """Whether every press lies on the skin, where its radius is known."""
+    probe_mm, radius_mm = max(config["plan"]["probes_mm"]), believed_skin(config).radius_mm
+    reach_mm = np.hypot(*places(config["plan"])[["x_mm", "y_mm"]].T.to_numpy()).max()
+    reach_mm = float(reach_mm) + 0.5 * probe_mm
+    said = f"a probe of {probe_mm:g} mm reaches {reach_mm:.1f} mm from the centre"
+    if radius_mm is None or reach_mm <= radius_mm:
+        return Finding("plan", True, said)
+    return Finding("plan", False, f"{said}, over the rim of the skin at {radius_mm:g} mm")
 
 
 def robot(config: dict) -> tuple[list[Finding], dict]:
@@ -224,7 +236,7 @@ def _opened(name: str, device: str, opening: Callable[[], Port[Value]]) -> Itera
 
 def check(config: dict) -> list[Finding]:
     """Everything, one after another, each by itself; nothing moves."""
-    findings, _ = robot(config)
+    findings = [plan(config), *robot(config)[0]]
     findings.append(watchdog(config))
     findings.append(_looked_at("load cell", opened_load_cell, load_cell, config))
     findings.append(_looked_at("board", opened_board, board, config))

@@ -57,6 +57,8 @@ def capture(
         expected = "none: rig.probe_change is a command, which mounts every probe"
         raise InputError(file, "mounted probe", f"{mounted_mm:g} mm", expected)
     planned = contacts(config["plan"])
+    if journal.taken_away(path):
+        resume = False
     found = journal.read(path) if resume else None
     if found is not None and found.records[0]["plan_sha256"] != plan_sha256(config):
         expected = "the rig and plan that the journal was begun with"
@@ -68,20 +70,20 @@ def capture(
     _check_probe(config, file, todo[0], mounted_mm)
     begun = found is None
     if found is None:
+        _refuse([preflight.plan(config)], file)
         head = {"kind": "capture", "format": "eit-capture", "version": 1}
         journal.begin(path, {**head, "config": config, "plan_sha256": plan_sha256(config)})
         found = journal.read(path)
-    with (
-        contextlib.closing(journal.Writer(path, found)) as writer,
-        contextlib.ExitStack() as unused,
-    ):
-        if begun:  # a capture that is refused leaves no journal
-            unused.callback(Path(path).unlink, missing_ok=True)
-        with _ready(config, file) as (rig, identity):
-            run = sum(record["kind"] == "run" for record in found.records)
-            writer.append(_run_record(config, run, identity))
-            unused.pop_all()
-            _drive(rig, todo, len(planned), run, found, writer, mounted_mm, show)
+    run = sum(record["kind"] == "run" for record in found.records)
+    with contextlib.closing(journal.Writer(path, found)) as writer:
+        try:
+            with _ready(config, file) as (rig, identity):
+                writer.append(_run_record(config, run, identity))
+                begun = False
+                _drive(rig, todo, len(planned), run, found, writer, mounted_mm, show)
+        finally:
+            if begun:  # a capture that is refused leaves no journal
+                Path(path).unlink(missing_ok=True)
 
 
 @contextlib.contextmanager

@@ -9,7 +9,7 @@ from eitskin.physics.conformal import DiscMap
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.harmonics import Harmonics, own_kernel, symmetric
 from eitskin.physics.kept_touches import Place
-from eitskin.physics.touch import MOST_EVEN_NODES, ROUND, Circle, Touch, TouchAccuracy, rim_gap
+from eitskin.physics.touch import MOST_EVEN_NODES, ROUND, Circle, TouchAccuracy, rim_gap
 
 AT_ONCE_BYTES = 1 << 19  # of an array between nodes and rim: what a core's cache may hold
 
@@ -37,7 +37,7 @@ class EvenTouches:
         self.values = harmonics.values(self.zeta)
         kernel = own_kernel(self.zeta, tangent, curvature, weight)
         across = np.swapaxes(harmonics.flux(self.zeta, self.dzeta), -1, -2)
-        self.mass = symmetric(np.swapaxes(across @ self.values, -1, -2))
+        self.mass = symmetric(across @ self.values)
         self.self_response = self.mass + symmetric(across @ (kernel @ self.values))
 
     def rim_response(self, rim: np.ndarray) -> np.ndarray:
@@ -56,9 +56,10 @@ def even_touches(
     rim_points: int,
 ) -> Iterator[EvenTouches]:
     """Those of the places whose touches have even nodes, some at once: as many as are to act on so
-    many rim points from a core's cache. Raises InputError for a radius of 0 or less."""
-    for place in places:
-        Touch(*place)
+    many rim points from a core's cache."""
+    places = [place for place in places if place[2] > 0]
+    if not places:
+        return
     alike: dict[tuple[int, int], list[Place]] = {}
     gaps = rim_gap(_circles(places, geometry, disc).mapped(ROUND, 0)[0])
     for place, gap in zip(places, gaps, strict=True):

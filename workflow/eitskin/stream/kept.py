@@ -73,22 +73,15 @@ class Keeper:
             unit=trained_on["unit"],
             values="difference" if difference else "absolute",
         )
-        if self.path.exists():
-            self._take_away(journal.read(self.path, KIND))
+        if self.path.exists() and not journal.taken_away(self.path, KIND):
+            expected = f"none; `{recovery(self.path, out)}` makes its recording"
+            raise InputError(self.path, "file", "an earlier stream's journal", expected)
         columns = [TARGETS[target] for target in trained_on["targets"]]
         journal.begin(self.path, {"kind": KIND, "metadata": metadata, "columns": columns})
         self._writer = journal.Writer(self.path, journal.read(self.path, KIND))
         self._waiting: list[dict] = []
         self._told = 0
         self._written_s = 0.0
-
-    def _take_away(self, earlier: journal.Journal) -> None:
-        """A journal without any frame, of a stream that was killed before the first."""
-        if len(earlier.records) > 1:
-            expected = f"none; `{recovery(self.path, self.out)}` makes its recording"
-            raise InputError(self.path, "file", "an earlier stream's journal", expected)
-        journal.Writer(self.path, earlier).close()  # refused where another stream begins with it
-        self.path.unlink()
 
     def __call__(self, frame: Frame, verdict: Verdict) -> None:
         """Take one in; what has waited for EVERY_S goes to the disk."""

@@ -48,10 +48,10 @@ def exchanged_channels(recording: Recording) -> list[Finding]:
     found = exchanged.exchanged(recording)
     if not found:
         return []
-    which = "; or ".join(named.channels(recording, rows) for rows in found)
+    which = " or ".join(f"{one} and {other}" for one, other in found)
     sentence = (
-        f"{which}, seem to stand in each other's place: put back, they keep reciprocity as all "
-        "others do. Put the columns, or the rows of the table, right."
+        f"channels {which} seem to stand in each other's place: put back, they keep reciprocity as "
+        "all others do. Or two of these are off alike: look at their wiring."
     )
     return [Finding("exchanged", WARNING, sentence, float(len(found)))]
 
