@@ -66,13 +66,14 @@ def table(geometries: dict[str, Geometry]) -> pd.DataFrame:
 def main() -> None:
     """Print the table for skins from easy to hard contacts and write it to results/accuracy.csv."""
     angles = np.arange(16) * 22.5
+    each = np.ones(len(angles))
     geometries = {
-        "points": Geometry(80.0, 3.0, 0.5, angles, 0.0, 0.0),
+        "points": Geometry(80.0, 3.0, 0.5, angles, 0.0 * each, 0.0 * each),
         **{
-            f"5 mm, {z:g} ohm m2": Geometry(80.0, 3.0, 0.5, angles, 5.0, z)
+            f"5 mm, {z:g} ohm m2": Geometry(80.0, 3.0, 0.5, angles, 5.0 * each, z * each)
             for z in (1e-2, 2e-3, 5e-4)
         },
-        "14 mm, 0.0001 ohm m2": Geometry(80.0, 3.0, 0.5, angles, 14.0, 1e-4),
+        "14 mm, 0.0001 ohm m2": Geometry(80.0, 3.0, 0.5, angles, 14.0 * each, 1e-4 * each),
     }
     result = table(geometries)
     with atomic_path(OUT) as temporary:

@@ -29,23 +29,12 @@ from eitskin.physics.forward import TouchModes, channel_values
 ELEMENT_TYPES = {1: ElementTriP1, 2: ElementTriP2}
 LARGEST_RESIDUAL = 1e-9
 
-
-@BilinearForm
-def _laplace(u, v, _):
-    return dot(grad(u), grad(v))
-
-
-@BilinearForm
-def _mass(u, v, _):
-    return u * v
+_laplace = BilinearForm(lambda u, v, _: dot(grad(u), grad(v)))
+_mass = BilinearForm(lambda u, v, _: u * v)
+_flux = LinearForm(lambda v, _: 1.0 * v)
 
 
-@LinearForm
-def _flux(v, _):
-    return 1.0 * v
-
-
-class _RimMapping(MappingIsoparametric):
+class _RimMapping(MappingIsoparametric):  # type: ignore[misc]  # skfem has no types
     """Isoparametric mapping whose inverse allows for the rounding of small graded elements.
 
     scikit-fem asks for 1e-12 of the element, which coordinates near 1 cannot give to elements
@@ -93,7 +82,9 @@ class FiniteElements:
         self._terminals = self.basis.nodal_dofs[0, nodes]
         self._contact_matrix = csc_matrix((self._size, self._size))
 
-    def _complete_electrodes(self, electrodes: list[np.ndarray], contact: float | np.ndarray):
+    def _complete_electrodes(
+        self, electrodes: np.ndarray | list[np.ndarray], contact: float | np.ndarray
+    ) -> None:
         n = self.n_electrodes
         impedance = np.asarray(contact, dtype=float)
         if impedance.ndim > 1 or impedance.size not in (1, n) or not np.all(impedance > 0):

@@ -1,7 +1,7 @@
 """How long a frame waits for its verdict: `python -m benchmark.speed streamed`."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from io import StringIO
 
@@ -95,7 +95,7 @@ def loop(judge: Judge, given: np.ndarray) -> np.ndarray:
     """(n,): as `milliseconds`, of the whole loop, a line of JSON included."""
     ended: list[float] = []
 
-    def frames():  # type: ignore[no-untyped-def]
+    def frames() -> Iterator[Frame]:
         for number, one in enumerate(given):
             ended.append(time.perf_counter())
             yield Frame(0.05 * number, ended[-1], one)

@@ -72,7 +72,7 @@ def processor(told: Path) -> str:
 class Others:
     """How many cores other work on the machine takes, from now on."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.began, self.before = time.perf_counter(), self._seconds()
 
     @staticmethod

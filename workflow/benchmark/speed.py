@@ -76,21 +76,27 @@ TRAINED, EPOCHS = 8000, 40
 DIAGNOSIS_S, WORST_S, DIAGNOSIS_MIB = 30.0, 120.0, 4096.0
 
 Samples = list[tuple[int, int]]
+Solver = Callable[[Samples], np.ndarray]
 
 
 class MeshSamples:
     """pyEIT's mesh and its touches: samples are (place, strength) pairs of indices."""
 
-    def __init__(self):
+    def __init__(self) -> None:
+        # pyeit has no types.
         from pyeit.eit import protocol
         from pyeit.eit.fem import EITForward
-        from pyeit.mesh.wrapper import PyEITAnomaly_Circle, create, set_perm
+        from pyeit.mesh.wrapper import (
+            PyEITAnomaly_Circle,
+            create,
+            set_perm,
+        )
 
         peer = create(N, h0=MESH_SIZE)
         self.pyeit = EITForward(peer, protocol.create(N))
         self.elements = FiniteElements(straight_mesh(peer.node, peer.element), peer.el_pos)
         self.background = np.ones(len(peer.element))
-        self.touched = []
+        self.touched: list[np.ndarray] = []
         for place in PLACES:
             circle = PyEITAnomaly_Circle(center=list(place), r=TOUCH_RADIUS, perm=2.0)
             self.touched.append(np.flatnonzero(set_perm(peer, circle, background=1.0).perm == 2.0))
@@ -209,7 +215,7 @@ def spread_samples(count: int) -> Samples:
     return [(int(i) // len(CONTRASTS), int(i) % len(CONTRASTS)) for i in flat]
 
 
-def rates(solver: Callable[[Samples], np.ndarray], samples: Samples, runs: int) -> list[float]:
+def rates(solver: Solver, samples: Samples, runs: int) -> list[float]:
     """Samples a processor second, run by run; a first run that only warms up is not counted."""
     solver(samples)
     found = []
@@ -219,7 +225,7 @@ def rates(solver: Callable[[Samples], np.ndarray], samples: Samples, runs: int) 
     return found
 
 
-def disagreement(sheet: MeshSamples, solvers: list[Callable[[Samples], np.ndarray]]) -> float:
+def disagreement(sheet: MeshSamples, solvers: list[Solver]) -> float:
     """Largest difference from pyEIT's voltages on its mesh, of the largest voltage, 24 samples."""
     samples = spread_samples(24)
     expected = sheet.by_pyeit(samples)
@@ -240,8 +246,11 @@ def clean(runs: int) -> list[dict]:
     difference = disagreement(sheet, [sheet.by_factoring, per_sample, kept])
     if not difference < AGREEMENT:
         raise RuntimeError(f"solvers on pyEIT's mesh differ by {difference:.1e} of a voltage")
-    ours = {"clean": by_forward_model, "clean on pyEIT's mesh": sheet.by_touch_modes}
-    peers = {
+    ours: dict[str, Solver] = {
+        "clean": by_forward_model,
+        "clean on pyEIT's mesh": sheet.by_touch_modes,
+    }
+    peers: dict[str, tuple[Solver, Samples]] = {
         "pyEIT 1.2.4": (sheet.by_pyeit, spread_samples(12)),
         "SciPy, one factorisation a sample": (sheet.by_factoring, spread_samples(96)),
         "SciPy, one factorisation in all, Woodbury a sample": (per_sample, spread_samples(384)),
@@ -250,7 +259,7 @@ def clean(runs: int) -> list[dict]:
             spread_samples(len(PLACES) * len(CONTRASTS)),
         ),
     }
-    solvers = {name: (solver, []) for name, solver in ours.items()} | peers
+    solvers = {**{name: (solver, Samples()) for name, solver in ours.items()}, **peers}
     measured = {
         name: rates(*solvers[name], runs) for name in patient(list(solvers), "clean, solvers")
     }

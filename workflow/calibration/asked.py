@@ -246,9 +246,9 @@ def _without_presses(whole: Recording, rng: np.random.Generator) -> tuple:
     known = ~frames["touch"].to_numpy(bool) | frames[list(TOUCH_KEYS)].notna().all(axis=1)
     asked = kept_out & known if (kept_out & known).any() else kept_out
     begin = float(frames["time_s"][given | asked].min())
-    recorded = _part(whole, given, begin, whole.voltage[given])
+    recorded = _part(whole, given, begin, whole.readings[given])
     said = f"{number} presses from {first}, less {'the last' if last else 'any'} {len(out)}"
-    return said, recorded, _part(whole, asked, begin), whole.voltage[asked]
+    return said, recorded, _part(whole, asked, begin), whole.readings[asked]
 
 
 def without_channels(
@@ -259,8 +259,8 @@ def without_channels(
     group, every = reciprocal_groups(whole.channels), np.ones(len(whole.frames), bool)
     label = rng.permutation(np.unique(group))
     out = np.isin(group, label[: len(label) // KEPT_OUT])
-    recorded = _part(whole, every, 0.0, np.where(out, np.nan, whole.voltage))
-    there = np.where(out, whole.voltage, np.nan)
+    recorded = _part(whole, every, 0.0, np.where(out, np.nan, whole.readings))
+    there = np.where(out, whole.readings, np.nan)
     return f"less {int(out.sum())} channels", recorded, _part(whole, every, 0.0), there
 
 

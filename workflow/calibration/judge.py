@@ -38,7 +38,8 @@ def class_declared(found: dict, true_name: str, gaps: list) -> bool:
 
 def matched(row: dict) -> list[dict | None]:
     """For each true effect of a row the found one that names it, none twice."""
-    free, of = list(row["said"]["effects"]), [None] * len(row["truth"])
+    free = list(row["said"]["effects"])
+    of: list[dict | None] = [None] * len(row["truth"])
     for by_name in (True, False):
         for i, (item, gaps) in enumerate(zip(row["truth"], row["true_gaps"], strict=True)):
             for found in free:
@@ -93,13 +94,13 @@ def numbers(found: dict, item: dict, scope: str) -> list[Number]:
     conductivity's. What the truth leaves open is not counted.
     """
     effect = EFFECTS[item["name"]]
-    kind = site_kind(item)
+    polar, kind = effect.polar, site_kind(item)
     places = None if kind is None else item[kind]
     told: list[Number] = []
     for key, true in item.get("parameters", {}).items():
         parameter = effect.parameters[key]
-        angle = effect.polar is not None and key == effect.polar[1]
-        if true is None or (angle and item["parameters"].get("harmonic") == 0):
+        turns = polar[2] if polar is not None and key == polar[1] else None  # of an angle
+        if true is None or (turns is not None and item["parameters"].get("harmonic") == 0):
             continue
         if key not in found["parameters"]:
             if np.any(np.asarray(true) != parameter.neutral):
@@ -113,8 +114,8 @@ def numbers(found: dict, item: dict, scope: str) -> list[Number]:
         if not known:
             continue
         value, guess, low, high = np.array([one[1:] for one in known], float).T
-        if angle:
-            period = 360.0 / effect.polar[2]
+        if turns is not None:
+            period = 360.0 / turns
             value = value + period * np.round((guess - value) / period)
         if item["name"] in GAIN and scope == "dense":
             value = value / np.exp(np.median(np.log(value / guess)))
@@ -127,7 +128,7 @@ def numbers(found: dict, item: dict, scope: str) -> list[Number]:
     return told
 
 
-def _untold(key: str, true) -> Number:
+def _untold(key: str, true: float | list[float]) -> Number:
     nothing = float("nan")
     return Number(key, None, float(np.ravel(true)[0]), nothing, nothing, nothing)
 

@@ -28,7 +28,9 @@ def over(
     return line(of, what, value, *bootstrap(n, statistic), n, wanted)
 
 
-def line(of, what, value, low, high, n, wanted) -> dict:
+def line(
+    of: str, what: str, value: float, low: float, high: float, n: int, wanted: tuple | None
+) -> dict:
     met = None
     if wanted is not None and not np.isnan(value):
         met = bool(wanted[0] <= value <= wanted[1])

@@ -87,6 +87,7 @@ class ScoreTests:
             best = min(own.scores(state), key=lambda score: score.p_value)
         elif tangents.source is tangents and len(self.tangents) < KEPT:
             self.tangents["shared", len(self.tangents)] = tangents
+        assert search.null is not None  # scores draw it
         self.drawn[rig] = search.null
         return {
             "p_value": search.global_p(best.p_value),

@@ -18,10 +18,12 @@ from witness.owned import KINDS
 LEAST_RIGHT = 0.85
 CEILING = 0.02  # off the true one, that a ceiling may be
 OUTCOMES = ("failed", "unusable", "refused")
-OWNER = ("kind", "seed", "drawn", "outcome", "right", "truth", "names", "false", "step", "steps")
-OWNER = (*OWNER, "fault_by_step", "fault_after")
-OWNER = (*OWNER, "ceiling_V", "ceilings_V", "rmse_before_V", "rmse_V", "ratio", "standard_errors")
-OWNER = (*OWNER, "units", "verdict", "seconds", "why")
+OWNER = (
+    *("kind", "seed", "drawn", "outcome", "right", "truth", "names", "false", "step", "steps"),
+    *("fault_by_step", "fault_after"),
+    *("ceiling_V", "ceilings_V", "rmse_before_V", "rmse_V", "ratio", "standard_errors"),
+    *("units", "verdict", "seconds", "why"),
+)
 
 
 def scored(rows: list[dict]) -> tuple[dict[str, pd.DataFrame], str]:

@@ -17,7 +17,7 @@ def asked_of(owner: Owned) -> Asked:
     """A recording and a query of readings that it does not hold: of presses after it, or where
     nobody touches, of channels kept out of all its frames."""
     if owner.query is not None:
-        there = owner.query.voltage
+        there = owner.query.readings
         query = Recording(owner.query.frames, None, None, None, owner.query.metadata)
         said, recorded = "later presses", owner.recorded
     else:
@@ -35,6 +35,7 @@ def said_by_check(recorded: Recording, checked: Check) -> dict:
     ceilings = []
     if "clipped" in topics:
         stop = measures.clipped(recorded)
+        assert stop is not None  # else there is no warning
         ceilings = [one.ceiling for one in clipping.ceilings(recorded)]
         ceilings = [stop.ceiling] if len(stop.channels) else ceilings
     return {

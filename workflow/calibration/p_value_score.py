@@ -7,8 +7,10 @@ from calibration.lines import SUMMARY, over, share
 from calibration.nulls import RIGS
 
 LEVELS, MOST_OFTEN = (0.05, 0.01), 1.5  # of p; times as often as it says
-NULL = ("seed", "rig", "number", "p_value", "p_local", "name", "failed")
-NULL = (*NULL, "seconds", "cpu_seconds")
+NULL = (
+    *("seed", "rig", "number", "p_value", "p_local", "name", "failed"),
+    *("seconds", "cpu_seconds"),
+)
 
 
 def scored(rows: list[dict]) -> tuple[dict[str, pd.DataFrame], str]:
@@ -35,7 +37,7 @@ def summary(rows: list[dict]) -> pd.DataFrame:
         lines.append(share("every rig", what, below.sum(), len(below), wanted))
         hits, n = (below.groupby(table["seed"]).agg(how).to_numpy() for how in ("sum", "size"))
 
-        def drawn(index: np.ndarray, hits=hits, n=n) -> float:
+        def drawn(index: np.ndarray, hits: np.ndarray = hits, n: np.ndarray = n) -> float:
             return float(hits[index].sum() / n[index].sum())
 
         lines.append(over("every rig", f"{what}, skins drawn anew", len(n), drawn))

@@ -11,8 +11,10 @@ from calibration.lines import SUMMARY, line, share
 WORSE = 2.0  # standard errors
 MOST_WORSE = 0.02  # of the recordings
 MOST_RATIO = 1.1  # of the rms errors
-QUERY = ("kind", "seed", "drawn", "outcome", "rmse_before_V", "rmse_V", "ratio", "standard_errors")
-QUERY = (*QUERY, "units", "verdict", "names", "seconds", "why")
+QUERY = (
+    *("kind", "seed", "drawn", "outcome", "rmse_before_V", "rmse_V", "ratio", "standard_errors"),
+    *("units", "verdict", "names", "seconds", "why"),
+)
 
 
 def scored(rows: list[dict]) -> tuple[dict[str, pd.DataFrame], str]:

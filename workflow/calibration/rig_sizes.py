@@ -47,6 +47,7 @@ def compared(case: cases.Case, seen: np.ndarray, noise: Noise, state: State) -> 
     after which 1/e is left, loud frames and spikes as a share of all. low, high: the found size's
     90 % interval, NaN where it has none. log_sd: how uncertain noise leaves the logarithm of it.
     """
+    assert state.rig is not None
     components = findings(state.rig, state.sizes, state.fit.misfit, case.metadata["unit"])
     said = {one["name"]: one for one in components}
     rows = []
@@ -76,20 +77,22 @@ def _unit(case: cases.Case, error: RigError) -> float:
 def _log_sd(state: State, kind: str, true: float) -> float:
     """How uncertain the logarithm of a size is, at its true value, beside what the few errors that
     were drawn leave open; infinite where the recording has no such error."""
-    if kind not in state.rig.columns or true == 0.0:
+    rig = state.rig
+    assert rig is not None
+    if kind not in rig.columns or true == 0.0:
         return np.inf
     size = true**2 / np.sqrt(2.0) if kind == "quadrature" else true
     sizes = {**state.sizes, kind: size}
-    found = findings(state.rig, sizes, state.fit.misfit, "V")
+    found = findings(rig, sizes, state.fit.misfit, "V")
     (one,) = (one for one in found if one["name"] == kind)
     whole = np.log(one["high"] / one["low"]) / (2.0 * NORMAL_90)
-    columns, each = state.rig.columns[kind], COMPONENTS[kind].each
-    there = columns.any(axis=0)
+    columns, each = rig.columns[kind], COMPONENTS[kind].each
+    there = np.asarray(columns.any(axis=0))
     count = {
         "whole": 1,
         "channel": there.any(axis=0).sum(),
         "frame": there.any(axis=1).sum(),
-        "press": (state.rig.of_press @ there.any(axis=1) > 0.0).sum(),
+        "press": (rig.of_press @ there.any(axis=1) > 0.0).sum(),
     }[each]
     chance = 0.5 / (len(columns) * count)
     if kind == "quadrature":
@@ -99,7 +102,7 @@ def _log_sd(state: State, kind: str, true: float) -> float:
 
 def _true(case: cases.Case, error: RigError, seen: np.ndarray) -> float:
     """Root mean square of the errors that were drawn, over what was seen."""
-    frames = seen.any(axis=1)
+    frames = np.asarray(seen.any(axis=1))
     if USUAL[error.kind].of == "states":
         return _of_states(case, error, frames)
     if error.kind == "quantisation":

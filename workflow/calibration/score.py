@@ -31,8 +31,10 @@ BANDS = ((3.0, 5.0), (5.0, APART), (APART, np.inf))
 BINS = 10  # of other.probability
 COMMAND = "snakemake --cores 2 calibrate_diagnosis"
 HIDDEN = ("rmse_V", "rmse_before_V", "rmse_gp_V", "rmse_mlp_V", "chi2_per_dof", "within_90")
-RIG = ("rig_error", "n", "named", "named_low", "named_high")
-RIG = (*RIG, "flagged", "flagged_low", "flagged_high")
+RIG = (
+    *("rig_error", "n", "named", "named_low", "named_high"),
+    *("flagged", "flagged_low", "flagged_high"),
+)
 EFFECT = (
     *("kind", "seed", "name", "scope", "gap", "class_size", "others_gap", "right", "declared"),
     *("called", "sited", "sites_right", "covered", "intervals"),
@@ -61,10 +63,10 @@ def effects(rows: list[dict]) -> pd.DataFrame:
             listed = row["true_gaps"][i] or []
             said = row["said"]["effects"]
             # A single effect is right where nothing else is said.
-            right = found is not None and (len(truth) > 1 or len(said) == 1)
-            called = item["name"] if right else _called(said)
-            same = right and found["name"] == item["name"]
-            inside = judge.covered(found, item, row["scopes"][i]) if same else []
+            hit = found if len(truth) > 1 or len(said) == 1 else None
+            inside: list[bool] = []
+            if hit is not None and hit["name"] == item["name"]:
+                inside = judge.covered(hit, item, row["scopes"][i])
             sited = row["scopes"][i] == "sparse" and judge.site_kind(item) is not None
             made.append(
                 {
@@ -75,9 +77,9 @@ def effects(rows: list[dict]) -> pd.DataFrame:
                     "gap": gaps[i],
                     "class_size": 1 + sum(gap < judge.CLASS for _, gap in listed),
                     "others_gap": min(gaps) if not np.isnan(gaps).any() else np.nan,
-                    "right": right,
-                    "declared": right and judge.class_declared(found, item["name"], listed),
-                    "called": called,
+                    "right": hit is not None,
+                    "declared": hit is not None and judge.class_declared(hit, item["name"], listed),
+                    "called": _called(said) if hit is None else item["name"],
                     "sited": sited,
                     "sites_right": sited and any(judge.sites_right(f, item) for f in said),
                     "covered": sum(inside),
@@ -414,9 +416,9 @@ def markdown(
         counted = one["hits"] is not None and not np.isnan(one["hits"])
         said = number(one["value"], counted)
         ends = [number(one[end], counted) for end in ("low", "high")]
-        ends = " to ".join(ends) if all(ends) else ""
+        between = " to ".join(ends) if all(ends) else ""
         met = {True: "yes", False: "**no**"}.get(one["met"], "")
-        cells = (one["of"], one["what"], said, ends, one["n"], one["wanted"], met)
+        cells = (one["of"], one["what"], said, between, one["n"], one["wanted"], met)
         head.append("| " + " | ".join(map(str, cells)) + " |")
     return "\n".join(head) + "\n"
 

@@ -175,15 +175,27 @@ def true_gaps(
     """Gaps of each true effect to the other names, the nearest first, with the true set fitted;
     None where it cannot be fitted. Nothing of the diagnosis depends on it, nor does it end where
     that was cut short; but gaps are those of the linearised model then."""
-    search, state = found.search, found.after
+    return gaps_about(found.search, found.before, found.after, found.gaps, truth, scopes)
+
+
+def gaps_about(
+    search: Search,
+    before: State,
+    state: State,
+    own: list[list[Gap]],
+    truth: list[dict],
+    scopes: list[str],
+) -> list[list[tuple[str, float]] | None]:
+    """As `true_gaps`, of a search: the states without effects and after it, with the gaps of the
+    latter's effects."""
     wanted = [candidate_of(search.candidates, *pair) for pair in zip(truth, scopes, strict=True)]
     if not wanted:
         return []
-    own = found.gaps
     if {(c.name, c.sites) for c in wanted} != {(c.name, c.sites) for c in state.effects}:
-        state = with_all(replace(search, share=math.inf), found.before, wanted)
-        if state is None:
+        fitted = with_all(replace(search, share=math.inf), before, wanted)
+        if fitted is None:
             return [None] * len(wanted)
+        state = fitted
         own = [gaps(search, state, i) for i in range(len(wanted))]
     of: dict[str, list[Gap]] = {
         c.name: listed for c, listed in zip(state.effects, own, strict=True)
@@ -195,9 +207,10 @@ def with_all(search: Search, state: State, wanted: list[Candidate]) -> State | N
     """`state` with candidates fitted one after the other, the gross faults first; None where one
     cannot be."""
     for candidate in sorted(wanted, key=lambda c: not gross(c)):
-        state = search.with_effect(state, candidate)
-        if state is None:
+        fitted = search.with_effect(state, candidate)
+        if fitted is None:
             return None
+        state = fitted
     return search.state(fit(search.problem, state.effects, state.fit.theta, polish=True))
 
 

@@ -11,6 +11,7 @@ import warnings
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.linalg import solve
@@ -91,25 +92,30 @@ def linear(search: Search, fitted: Fit, recorded: Recording, query: Recording) -
     like = candidates[0]
     tone = tones.score(here, MainsInterference(), like.skin, like.scales)
     candidates += [] if tone is None else [tone.candidate]
-    columns, own, asked, groups, at = [], [], [], [], {}
+    columns: list[tuple[Candidate, int]] = []
+    groups: list[tuple[Candidate, np.ndarray]] = []
+    at: dict[tuple, list[int]] = {}
+    own, asked = [], []
     for candidate in candidates:
         if candidate.scope == "dense" and candidate.kind != "channels":
             continue
         found, far = here.each(candidate), there.each(candidate)
-        place = []
+        first, place = found[0] if found else None, []
         for i, column in enumerate(found):
-            if column is not None and not (i and np.array_equal(column, found[0])):
+            same = i and column is not None and first is not None and np.array_equal(column, first)
+            if column is not None and not same:
                 place.append(len(columns))
                 columns.append((candidate, i))
                 own.append(column)
-                asked.append(np.zeros(there.residual.size) if far[i] is None else far[i])
+                beyond = far[i]
+                asked.append(np.zeros(there.residual.size) if beyond is None else beyond)
         if place:
             groups.append((candidate, np.array(place)))
-        if candidate.scope == "sparse" and len(candidate.sites) == 1:
+        if candidate.scope == "sparse" and len(candidate.own_sites) == 1:
             at[_family(candidate), candidate.sites] = place
     for dense in candidates:
         if dense.scope == "dense" and dense.kind != "channels":
-            place = [k for s in dense.sites for k in at.get((_family(dense), (s,)), [])]
+            place = [k for s in dense.own_sites for k in at.get((_family(dense), (s,)), [])]
             if place:
                 groups.append((dense, np.array(place)))
     return _projected(fitted, recorded, query, columns, np.array(own), np.array(asked), groups)
@@ -132,7 +138,15 @@ def _unwhitened(fitted: Fit, recorded: Recording, query: Recording) -> Tangents:
     return Tangents(Fit(problem, [], fitted.theta, np.zeros(shape), none))
 
 
-def _projected(fitted, recorded, query, columns, own, asked, groups) -> Linear:
+def _projected(
+    fitted: Fit,
+    recorded: Recording,
+    query: Recording,
+    columns: list[tuple[Candidate, int]],
+    own: np.ndarray,
+    asked: np.ndarray,
+    groups: list[tuple[Candidate, np.ndarray]],
+) -> Linear:
     """The calibrations taken out of the columns, and made to follow in the query."""
     knobs = fitted.jacobian.reshape(len(fitted.theta), -1)
     square = knobs @ knobs.T + np.diag(fitted.prior)
@@ -221,7 +235,7 @@ def _left(made: Linear, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return made.slope - across @ made.slope[chosen], made.gram - across @ made.gram[chosen]
 
 
-def _evidence(slope, gram, candidate: Candidate, at: np.ndarray) -> float:
+def _evidence(slope: np.ndarray, gram: np.ndarray, candidate: Candidate, at: np.ndarray) -> float:
     own = gram[np.ix_(at, at)]
     if own.diagonal().max() < 1e-6:
         return -np.inf
@@ -365,5 +379,6 @@ def _one(files: dict[str, Path], arrays: Path, seed: int) -> dict:
 
 
 def _write(predicted: dict[str, np.ndarray], arrays: Path) -> None:
+    by_method: dict[str, Any] = {**predicted}
     with atomic_path(arrays) as path, path.open("wb") as file:
-        np.savez_compressed(file, **predicted)
+        np.savez_compressed(file, **by_method)

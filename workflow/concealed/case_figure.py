@@ -138,7 +138,12 @@ def _said(axes: Axes, shown: Evidence, truth: dict) -> None:
 def _hidden(axes: Axes, frames: pd.DataFrame) -> None:
     for key, colour, marker in zip(("before", "after"), (BEFORE, AFTER), MARKERS, strict=True):
         middle = number(float(np.sqrt((frames[key] ** 2).mean())))
-        dot = {"color": colour, "marker": marker, "linestyle": "", "markersize": 2.5}
+        dot: dict[str, Any] = {
+            "color": colour,
+            "marker": marker,
+            "linestyle": "",
+            "markersize": 2.5,
+        }
         axes.plot(frames["force_N"], frames[key], **dot, alpha=0.7, mew=0)
         axes.plot([], [], **dot, label=f"true error {key}: rms {middle}")
     axes.axhline(

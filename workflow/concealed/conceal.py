@@ -7,12 +7,11 @@ judged on the noise-free recording, and the noise is scaled until the smallest i
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 
 from calibration.intervals import rms
-from calibration.trial import true_gaps
+from calibration.trial import gaps_about
 from concealed import planted, sealing
 from concealed.panel import RECORDED, Planned, plan
 from concealed.resemblance import moves
@@ -56,7 +55,7 @@ class Shown:
     gaps: list | None
 
 
-def case_of(planned: Planned, sizes: Sizes) -> Case:
+def case_of(planned: Planned, sizes: Sizes) -> Case | planted.Planted:
     """What a plan draws, with the noise that its generator gave it."""
     if planned.generator == RECORDED:
         return planted.draw(planned.kind, planned.seed)
@@ -66,7 +65,7 @@ def case_of(planned: Planned, sizes: Sizes) -> Case:
     return draw(kind, planned.seed, sizes.frames, planned.generator, names, alike)
 
 
-def shown(case: Case, planned: Planned, root: bytes, name: str) -> Shown:
+def shown(case: Case | planted.Planted, planned: Planned, root: bytes, name: str) -> Shown:
     """The case at the noise at which its smallest gap is the wanted one, as near as 0.02 % to 3 %
     of the median |v| allow and as the covariance's other parts do; without a wanted gap at the
     level that was drawn for it. A real recording stays as it is."""
@@ -111,13 +110,12 @@ def gaps_at(case: Case, noise_V: np.ndarray) -> list | None:
     try:
         with problem.model.near.within(MOST_SOLVED):
             before = search.calibrated()
-            found = SimpleNamespace(search=search, before=before, after=before, gaps=[])
-            return true_gaps(found, case.effects, case.scopes)
+            return gaps_about(search, before, before, [], case.effects, case.scopes)
     except Spent:
         return None
 
 
-def likeness(case: Case, seen: Shown, seed: int) -> dict:
+def likeness(case: Case | planted.Planted, seen: Shown, seed: int) -> dict:
     """How little the effects show: similarity, as `resemblance.moves` has it, and changed: RMS of
     what they change, an overall factor taken away, over that of the readings without them. None
     each of a real recording, which nobody knows without."""
@@ -133,7 +131,7 @@ def likeness(case: Case, seen: Shown, seed: int) -> dict:
 
 
 def truth_of(
-    name: str, planned: Planned, case: Case, seen: Shown, salt: str, code: str
+    name: str, planned: Planned, case: Case | planted.Planted, seen: Shown, salt: str, code: str
 ) -> tuple[dict, dict[str, np.ndarray]]:
     """What is put under lock: a JSON object, and the arrays noise_V (M,) and, of a simulated case,
     clean_V (N, M) and query_clean_V (Q, M)."""
@@ -190,7 +188,7 @@ def conceal(
     planned = plan(block, sizes.cases, root)
     made = {}
     for name in names:
-        files = [public / folder / f"{name}.parquet" for folder in ("recordings", "queries")]
+        files = public / "recordings" / f"{name}.parquet", public / "queries" / f"{name}.parquet"
         sealed = truths / f"{name}.sealed"
         plain = _kept(root, block, name, [*files, sealed], seed is None, code)
         if plain is None:
@@ -216,7 +214,7 @@ def _kept(
 
 
 def _draw(
-    root: bytes, name: str, planned: Planned, sizes: Sizes, files: list[Path], code: str
+    root: bytes, name: str, planned: Planned, sizes: Sizes, files: tuple[Path, Path], code: str
 ) -> bytes:
     case = case_of(planned, sizes)
     seen = shown(case, planned, root, name)

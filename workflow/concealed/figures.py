@@ -1,6 +1,8 @@
 """The figures of a block's score."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,8 +30,8 @@ def accuracy(table: pd.DataFrame) -> Figure:
         figure = sheet(COLUMN_MM, 62)
         axes = figure.add_subplot()
         gaps = np.geomspace(1.5, 60, 200)
-        ceiling = {"color": QUIET, "linestyle": "--", "linewidth": 0.9, "label": "ceiling"}
-        axes.plot(gaps, norm.cdf(0.5 * gaps), **ceiling)
+        dashed: dict[str, Any] = {"color": QUIET, "linestyle": "--", "linewidth": 0.9}
+        axes.plot(gaps, norm.cdf(0.5 * gaps), **dashed, label="ceiling")
         for k, (method, own) in enumerate(table.groupby("method", sort=False)):
             own = own.sort_values("gap")
             ends = np.array([own["right"] - own["low"], own["high"] - own["right"]]).clip(0.0)
@@ -120,7 +122,7 @@ def p_values(table: pd.DataFrame) -> Figure:
     return figure
 
 
-FIGURES = {
+FIGURES: dict[str, Callable[[pd.DataFrame], Figure]] = {
     "accuracy": accuracy,
     "misfit_closed": misfit_closed,
     "confusion": calibrated.confusion,

@@ -21,6 +21,7 @@ from zlib import crc32
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -41,6 +42,7 @@ GATED_DEG = 11.0
 ROD_FRAMES = range(0, 100, 5)
 TEN = range(0, 100, 10)  # of these, the ten that are judged
 COLOURS = {True: "#d95f0e", False: "#2c7fb8"}
+Truth = tuple[tuple[bool, float | None], ...]
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class Case:
     control: tuple[Path, ...]
     later: Path
     part: str | None
-    truth: tuple[tuple[bool, float | None], ...] | None
+    truth: Truth | None
     currents: tuple[str, str] | None = None
 
 
@@ -63,7 +65,7 @@ def cases(data: Path) -> list[Case]:
     empty = tuple(sorted((data / LCT / "homogeneous").glob("*.txt")))
     for file in sorted((data / LCT / "objects").glob("*.txt")):
         material, count = file.stem.split("_")[:2]
-        truth = None
+        truth: Truth | None = None
         if material in MATERIALS:
             truth = ((MATERIALS[material], None),) * int(count)
         found.append(Case(f"{LCT} {file.stem}", empty, file, None, truth))
@@ -82,7 +84,7 @@ def cases(data: Path) -> list[Case]:
         found.append(Case(name, (file,), file, "target", truth))
     for one, other in pairwise(targets):
         times = " ".join(file.stem.split("_")[0][11:] for file in (one, other))
-        currents = tuple(file.stem.split("_")[3] for file in (one, other))
+        currents = one.stem.split("_")[3], other.stem.split("_")[3]
         found.append(Case(f"{PYEIDORS} empty {times}", (one,), other, None, (), currents))
     tank = data / ROD / "iirc_data_2006.mat"
     if tank.exists():
@@ -158,13 +160,14 @@ def line(control: Path, later: Path) -> tuple[float, float]:
     return float(offset), float(np.linalg.norm(left) / np.linalg.norm(through_0))
 
 
-def _against(truth, objects: list[dict]) -> dict:
+def _against(truth: Truth, objects: list[dict]) -> dict:
     """Signs and angles of objects against what stood there, each matched to the nearest angle."""
     signs = sorted(sign for sign, _ in truth) == sorted(o["conducting"] for o in objects)
-    if any(angle is None for _, angle in truth):
+    placed = [(sign, angle) for sign, angle in truth if angle is not None]
+    if len(placed) < len(truth):
         return {"sign_right": signs}
     off = []
-    for sign, angle in truth:
+    for sign, angle in placed:
         apart = [abs((o["angle_deg"] - angle + 180.0) % 360.0 - 180.0) for o in objects]
         nearest = int(np.argmin(apart))
         signs = signs and objects[nearest]["conducting"] is sign
@@ -329,7 +332,7 @@ def _title(case: str) -> str:
     return f"{words[0].removesuffix('-tank')}{moment}\n{told}"
 
 
-def _tank(ax, title: str) -> None:
+def _tank(ax: Axes, title: str) -> None:
     angle = np.radians(ANGLES)
     ax.plot(*np.exp(1j * np.linspace(0, 2 * np.pi, 200)).view(float).reshape(-1, 2).T, "k", lw=0.8)
     ax.plot(np.cos(angle), np.sin(angle), "k.", ms=3)
@@ -338,7 +341,7 @@ def _tank(ax, title: str) -> None:
     ax.set_title(title, fontsize=6.5)
 
 
-def _draw(ax, row: dict) -> None:
+def _draw(ax: Axes, row: dict) -> None:
     signs = row["conducting"].split()
     numbers = [[float(v) for v in row[key].split()] for key in ("x", "y", "radius")]
     turn = np.exp(1j * np.linspace(0, 2 * np.pi, 80))

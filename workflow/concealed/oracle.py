@@ -111,7 +111,7 @@ def _told(state: State, index: int) -> dict:
     candidate = state.effects[index]
     sites: dict[str, list[int]] = {kind: [] for kind in SITES}
     if candidate.kind is not None and candidate.scope != "common":
-        sites[candidate.kind] = [int(site) for site in candidate.sites]
+        sites[candidate.kind] = [int(site) for site in candidate.own_sites]
     return {"name": candidate.name, "parameters": estimates(state.fit, index), **sites}
 
 

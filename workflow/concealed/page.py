@@ -1,12 +1,14 @@
 """The score of a block as files: tables and a page in Markdown."""
 
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from calibration import judge, score
+from calibration.lines import over
 from concealed import causes, scoring, sealing
 from concealed.baselines import NAMING
 from eitskin.atomic import atomic_path
@@ -91,7 +93,7 @@ def right(row: dict) -> bool:
     return whole and not score.flagged(row)
 
 
-def _joined(texts, by: str = "; ") -> str:
+def _joined(texts: Iterable[str], by: str = "; ") -> str:
     return by.join(text for text in texts if text)
 
 
@@ -119,7 +121,11 @@ def p_values(block: Path, rows: list[dict]) -> pd.DataFrame:
     lines = []
     for level in levels:
         shares = np.array([(column.dropna() <= level).mean() for column in own])
-        told = score.over("", "", len(shares), lambda i, s=shares: float(s[i].mean()))
+
+        def mean(index: np.ndarray, shares: np.ndarray = shares) -> float:
+            return float(shares[index].mean())
+
+        told = over("", "", len(shares), mean)
         lines.append({"p": level, **{k: told[k] for k in ("value", "low", "high", "n")}})
     return pd.DataFrame(lines).rename(columns={"value": "share"})
 

@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -69,7 +70,7 @@ def rows_of(recorded: Recording, rows: np.ndarray) -> Recording:
     """Some frames of a recording nobody touches, numbered anew."""
     time = recorded.frames["time_s"].to_numpy(float)[rows]
     frames = frames_table(time - time[0], np.zeros(len(rows), bool))
-    return Recording(frames, recorded.voltage[rows], None, None, recorded.metadata)
+    return Recording(frames, recorded.readings[rows], None, None, recorded.metadata)
 
 
 def _still(recorded: Recording) -> Recording:
@@ -91,23 +92,25 @@ def _stretches(recorded: Recording, block: str, rng: np.random.Generator) -> Ses
     begin = int(rng.integers(0, room - between + 1))
     control = rows[begin : begin + first]
     later = rows[begin + first + between :][:second]
-    return Sessions(*(rows_of(recorded, r) for r in (control, later)))
+    return Sessions(rows_of(recorded, control), rows_of(recorded, later))
 
 
 def _dealt(recorded: Recording, block: str, rng: np.random.Generator) -> Sessions:
     """Neighbouring frames of one half of a recording, one to each session."""
     rows = _half(recorded, block)
     twos = rng.permuted(rows[: len(rows) // 2 * 2].reshape(-1, 2), axis=1)
-    return Sessions(*(rows_of(recorded, r) for r in twos.T))
+    control, later = (rows_of(recorded, r) for r in twos.T)
+    return Sessions(control, later)
 
 
 def _repeats(recorded: Recording, rng: np.random.Generator) -> Sessions:
     """Two of three repeats, and the third."""
     one, *others = rng.permutation(len(recorded.frames))
-    return Sessions(*(rows_of(recorded, np.sort(r)) for r in (others, [one])))
+    control, later = (rows_of(recorded, np.sort(r)) for r in (others, [one]))
+    return Sessions(control, later)
 
 
-def _rod(path) -> Recording:
+def _rod(path: Path) -> Recording:
     """The IIRC's frames with a rod at unknown places, as if nobody touched."""
     reading = iirc_tank.readings(named(path, iirc_tank.ARRAYS)[1]).real
     channels = channel_table(iirc_tank.N_ELECTRODES)

@@ -14,6 +14,7 @@ import json
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 from zlib import crc32
 
 import numpy as np
@@ -25,7 +26,7 @@ from concealed import pair_skins, planted
 from concealed.pair_skins import DEVELOPMENT, REPORT, SECOND, SIMULATED, THIRD, Sessions
 from eitskin.atomic import atomic_path
 from eitskin.data.recording import Recording
-from eitskin.diagnose.comparison.difference import Difference, difference
+from eitskin.diagnose.comparison.difference import Difference, Found, difference
 from eitskin.diagnose.comparison.wander import wander
 from eitskin.effects import catalogue_names, modules
 from eitskin.fingerprint import fingerprint
@@ -83,11 +84,12 @@ def draw(block: str, source: str, kind: str, number: int) -> Case | None:
     if harmed is None:
         return None
     voltage, fault, snr = harmed
-    plain, since = sessions.later.voltage, 0
+    plain, since = sessions.later.readings, 0
     if len(plain) > 8 and rng.uniform() < 1.0 / 3.0:
-        since = int(rng.integers(*(round(share * len(plain)) for share in MIDDLE)))
+        first, last = (round(share * len(plain)) for share in MIDDLE)
+        since = int(rng.integers(first, last))
         voltage = np.concatenate([plain[:since], voltage[since:]])
-    noise = wander(sessions.control.voltage, sessions.later.voltage).noise
+    noise = wander(sessions.control.readings, plain).noise
     moved = np.nan_to_num(voltage[since:] - plain[since:]).mean(axis=0)
     snr_frame = float(np.linalg.norm(moved / np.maximum(noise, TINY_V)))
     later = replace(sessions.later, voltage=voltage)
@@ -98,16 +100,17 @@ def _harmed(
     sessions: Sessions, kind: str, rng: np.random.Generator
 ) -> tuple[np.ndarray, dict, float] | None:
     """The later readings with a fault, the fault, and its SNR in the difference."""
-    shown = wander(sessions.control.voltage, sessions.later.voltage)
+    shown = wander(sessions.control.readings, sessions.later.readings)
     noise = np.maximum(shown.scale * max(shown.moved, 1.0), TINY_V)
     if kind == "electrode-swap" and sessions.crossed is not None:
         electrodes, crossed = sessions.crossed
-        change = (crossed.voltage - sessions.later.voltage).mean(axis=0) / noise
-        fault = {"name": kind, "electrodes": list(electrodes), "parameters": {}}
-        return crossed.voltage, fault, float(np.linalg.norm(change))
+        change = (crossed.readings - sessions.later.readings).mean(axis=0) / noise
+        swap = {"name": kind, "electrodes": list(electrodes), "parameters": {}}
+        return crossed.readings, swap, float(np.linalg.norm(change))
     if not planted.can(sessions.later, kind):
         return None
     fault, snr = planted.drawn(rng, kind, sessions.later, noise)
+    assert fault is not None  # `kind` names one
     return planted.plant(sessions.later, [fault]), fault, snr
 
 
@@ -119,7 +122,7 @@ def judged(case: Case, said: Difference) -> dict:
     """
     given = [one for one in said.found if one.named]
     fault = case.fault
-    row = {
+    row: dict[str, Any] = {
         "fault": fault["name"] if fault else planted.NONE,
         "where": _where(fault) if fault else "",
         "since": case.since,
@@ -157,7 +160,7 @@ def _where(fault: dict) -> str:
     return " ".join(f"{kind} {fault[kind]}" for kind in SITES if fault.get(kind))
 
 
-def _said(one) -> str:
+def _said(one: Found) -> str:
     kind, sites = one.explained.place
     return f"{one.name} {kind} {[int(s) for s in sites]}" if kind else one.name
 

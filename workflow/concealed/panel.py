@@ -73,7 +73,7 @@ def plan(block: str, size: int, root: bytes) -> dict[str, Planned]:
             print(f"SKIPPED: no real recordings for block {block}", file=sys.stderr)
     count = numbers(size, groups)
     laws = list(LAWS if block in LAST else OUTSIDE)
-    drawn = {
+    drawn: dict[str, list[tuple[str, tuple[str, ...] | None]]] = {
         "null": [("null", ())] * count["null"],
         "single": [(f"single:{n}", (n,)) for n in _turns(rng, list(DRAWN), count["single"])],
         "pair": [("pair", _set(rng, 2)) for _ in range(count["pair"])],

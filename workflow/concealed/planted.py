@@ -12,7 +12,7 @@ measured a force.
 """
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from zlib import crc32
@@ -26,8 +26,9 @@ from eitskin.data import importers
 from eitskin.data.recording import Recording, presses
 from eitskin.diagnose.noise import estimate
 from eitskin.errors import InputError
+from eitskin.physics.skin import Skin
 from witness import laws, strengths
-from witness.cases import Case, scaled, signature
+from witness.cases import scaled, signature
 
 FEWEST, MOST = 100, 150  # frames of an excerpt
 QUERIED = 40  # frames of a query, at most
@@ -41,8 +42,9 @@ NONE = "none"
 
 
 @dataclass(frozen=True)
-class Planted(Case):
-    """A case of a real recording; fault: {name, sites, parameters} as planted, None in a control.
+class Planted:
+    """A case of a real recording, with what a `witness.cases.Case` has; fault: {name, sites,
+    parameters} as planted, None in a control.
 
     effects: the fault where it is one of the catalogue, which lost channels are not. noise_V: what
     `eitskin.diagnose.noise` estimates of the unharmed excerpt, level: its median over the median
@@ -51,7 +53,32 @@ class Planted(Case):
     the last one again.
     """
 
+    kind: str
+    seed: int
+    believed: Skin
+    effects: list[dict]
+    scopes: list[str]
+    snr: list[float]
+    snr_given_others: list[float]
+    metadata: dict
+    states: pd.DataFrame
+    voltage: np.ndarray
+    noise_V: np.ndarray
+    level: float
+    query: pd.DataFrame
     fault: dict | None
+    true: None = None
+    outside: None = None
+    clean: None = None
+    query_clean: None = None
+    world: None = None
+    rig: tuple[()] = ()
+    true_states: None = None
+
+    @property
+    def recorded(self) -> Recording:
+        """What its owner has of it."""
+        return Recording(self.states, self.voltage, None, None, dict(self.metadata))
 
 
 def sets() -> dict[str, Path]:
@@ -83,7 +110,7 @@ def can(recorded: Recording, fault: str) -> bool:
     if fault not in (NONE, *FAULTS):
         raise InputError("case", "fault", repr(fault), f"{NONE} or one of {', '.join(FAULTS)}")
     metadata = recorded.metadata
-    signed, whole = metadata["voltage"] == "signed", not np.isnan(recorded.voltage).any()
+    signed, whole = metadata["voltage"] == "signed", not np.isnan(recorded.readings).any()
     if metadata["values"] != "absolute":
         return False
     if fault == "mains-interference":
@@ -132,11 +159,13 @@ def swaps(channels: np.ndarray) -> list[tuple[int, int]]:
 def plant(recorded: Recording, faults: list[dict]) -> np.ndarray:
     """(N, M): the recording's readings with faults, in the instrument's order, whatever theirs:
     wires, gains, crosstalk and memory, offset, mains, converter; what is lost is lost last."""
-    voltage, channels = recorded.voltage.copy(), recorded.channels
+    voltage, channels = recorded.readings.copy(), recorded.channels
     magnitude = recorded.metadata["voltage"] == "magnitude"
     for fault in faults:
         if fault["name"] == "electrode-swap":
-            index, sign = exchanged(channels, *fault["electrodes"])
+            turned = exchanged(channels, *fault["electrodes"])
+            assert turned is not None  # they are of `swaps`
+            index, sign = turned
             voltage = voltage[:, index] * (1.0 if magnitude else sign)
     still = np.zeros(voltage.shape)
     time_s = recorded.frames["time_s"].to_numpy(float)
@@ -172,7 +201,7 @@ def draw(kind: str, seed: int, paths: dict[str, Path] | None = None) -> Planted:
         raise InputError("case", "kind", repr(kind), "a fault that can be planted there exactly")
     recorded, query = _excerpt(whole, np.random.default_rng([crc32(name.encode()), seed]))
     noise = estimate(recorded).sd
-    size = float(np.nanmedian(np.abs(recorded.voltage)))
+    size = float(np.nanmedian(np.abs(recorded.readings)))
     rng = np.random.default_rng([crc32(kind.encode()), seed])
     planted, snr = drawn(rng, fault, recorded, noise)
     named = [] if planted is None or fault == "lost-channels" else [planted]
@@ -181,23 +210,16 @@ def draw(kind: str, seed: int, paths: dict[str, Path] | None = None) -> Planted:
         kind=kind,
         seed=seed,
         believed=recorded.skin,
-        true=None,
         effects=named,
         scopes=["sparse" if sited else "common"] * len(named),
         snr=[snr] * len(named),
         snr_given_others=[snr] * len(named),
-        outside=None,
         metadata=recorded.metadata,
         states=recorded.frames,
-        clean=None,
         voltage=plant(recorded, [] if planted is None else [planted]),
         noise_V=noise,
         level=float(np.median(noise)) / size,
         query=query,
-        query_clean=None,
-        world=None,
-        rig=(),
-        true_states=None,
         fault=planted,
     )
 
@@ -265,7 +287,7 @@ def _excerpt(recorded: Recording, rng: np.random.Generator) -> tuple[Recording, 
     return (
         Recording(
             _renumbered(frames[chosen], begin),
-            recorded.voltage[chosen],
+            recorded.readings[chosen],
             None,
             None,
             recorded.metadata,
@@ -305,13 +327,13 @@ def drawn(
         number = min(int(rng.integers(LOST[0], LOST[1] + 1)), len(channels) // 4)
         lost = sorted(rng.choice(len(channels), number, replace=False).tolist())
         return {"name": name, "channels": lost}, 0.0
-    plain = recorded.voltage
+    plain = recorded.readings
 
     def shown(law: dict) -> float:
         changed = plant(recorded, [law])
         known = np.isfinite(changed) & np.isfinite(plain)
-        there = (np.where(known, voltage, 0.0) for voltage in (changed, plain))
-        return signature(*there, noise) / float(np.sqrt(len(plain)))
+        harmed, sound = (np.where(known, voltage, 0.0) for voltage in (changed, plain))
+        return signature(harmed, sound, noise) / float(np.sqrt(len(plain)))
 
     if name == "electrode-swap":
         possible = swaps(channels)
@@ -321,14 +343,19 @@ def drawn(
     wanted = float(np.exp(rng.uniform(*np.log(SNR))))
     while True:
         one = _strength(rng, name, recorded)
+        assert one.unit is not None and one.most is not None  # as of all faults but those above
         if one.scope != "dense" and shown(one.at(one.most)) > 0.0:
-            a, snr = scaled(lambda a, at=one.at: shown(at(a)), one.unit, one.most, wanted)
+
+            def at(a: float, law: Callable[[float], dict] = one.at) -> float:
+                return shown(law(a))
+
+            a, snr = scaled(at, one.unit, one.most, wanted)
             return one.at(a), snr
 
 
 def _strength(rng: np.random.Generator, name: str, recorded: Recording) -> strengths.Strength:
     """A fault at random sites, as the witness draws it."""
-    voltage, angles = recorded.voltage, tuple(range(recorded.n_electrodes))
+    voltage, angles = recorded.readings, tuple(range(recorded.n_electrodes))
     if name == "clipping":
         largest = float(np.nanmax(np.abs(voltage)))
 

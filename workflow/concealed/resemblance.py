@@ -40,7 +40,7 @@ def moves(
     count = len(recorded)
     pool = Pool(np.concatenate([recorded[:, kept], *simulated]), np.arange(count), seed)
     at = [count * (1 + k) + np.arange(count)[:, None] for k in range(2)]
-    change, permuted = pool.changes(*at, rounds, rng)
+    change, permuted = pool.changes(at[0], at[1], rounds, rng)
     low, high = np.quantile(permuted, (0.5 - LEVEL / 2, 0.5 + LEVEL / 2), axis=0)
     values = [pool.compare(rows.ravel(), pool.real) for rows in at]
     return {

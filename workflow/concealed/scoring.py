@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import norm
 
-from calibration import judge, score
+from calibration import judge, lines, score
 from calibration.intervals import rms
 from concealed import baselines, opened, planted, verdicts
 from eitskin.data import parquet
@@ -151,7 +151,7 @@ def misfit_closed(hidden: dict[str, float], method: str = "eitskin") -> float:
 def errors(row: dict) -> list[float]:
     """Of each rightly named effect: the median over its numbers of |error| over the Cramér-Rao
     bound's standard deviation, which the oracle's intervals show."""
-    made = []
+    made: list[float] = []
     if row["best"] is None:
         return made
     named = judge.matched(row)
@@ -175,7 +175,7 @@ def errors(row: dict) -> list[float]:
 class Claim:
     """A line of the table: what is measured, over which rows, and what is asked of it.
 
-    measure(rows) gives a line of `calibration.score`; gate, target: (lowest, highest) value, None
+    measure(rows) gives a line of `calibration.lines`; gate, target: (lowest, highest) value, None
     where nothing is asked; ceiling(rows): the best that is possible, where that is known.
     """
 
@@ -201,7 +201,7 @@ def _planted(rows: list[dict]) -> dict:
     """Faults planted in real recordings, against what is named of the same frames without."""
     own = [row for row in _of("real", rows) if row["fault"]]
     hits = sum("failed" not in row and fault_found(row) for row in own)
-    return score.share("a fault in a real recording", "found, at its site", hits, len(own))
+    return lines.share("a fault in a real recording", "found, at its site", hits, len(own))
 
 
 def fault_found(row: dict) -> bool:
@@ -213,7 +213,7 @@ def fault_found(row: dict) -> bool:
 def _false_alarms(rows: list[dict]) -> dict:
     nulls = _of("null", rows)
     alarms = sum("failed" in row or noticed(row) for row in nulls)
-    return score.share("nothing concealed", "false alarm, of any kind", alarms, len(nulls))
+    return lines.share("nothing concealed", "false alarm, of any kind", alarms, len(nulls))
 
 
 def _decoys(rows: list[dict]) -> dict:
@@ -223,13 +223,13 @@ def _decoys(rows: list[dict]) -> dict:
         "failed" in row or any(e["name"] == row["absent"] for e in row["said"]["effects"])
         for row in own
     )
-    return score.share("a decoy", "named what it looks like", alarms, len(own))
+    return lines.share("a decoy", "named what it looks like", alarms, len(own))
 
 
 def _decoys_named(rows: list[dict]) -> dict:
     own = _of("decoy", rows)
     hits = sum(_right(row) == len(row["said"]["effects"]) == 1 for row in own)
-    return score.share("a decoy", "right name or declared class", hits, len(own))
+    return lines.share("a decoy", "right name or declared class", hits, len(own))
 
 
 def _right(row: dict) -> int:
@@ -239,14 +239,14 @@ def _right(row: dict) -> int:
 def _detected(rows: list[dict]) -> dict:
     own = _band(_with_effects(rows), SHOWN)
     what = f"something noticed, gap ≥ {SHOWN:g}"
-    return score.share("an effect", what, sum(map(noticed, own)), len(own))
+    return lines.share("an effect", what, sum(map(noticed, own)), len(own))
 
 
 def _named(low: float, high: float, rows: list[dict]) -> dict:
     own = _band(_of("single", rows), low, high)
     text = f"gap ≥ {low:g}" if high == HIGHEST else f"gap {low:g} to {high:g}"
     hits = int(score.effects(own)["right"].sum())
-    return score.share("one effect", f"right name or declared class, {text}", hits, len(own))
+    return lines.share("one effect", f"right name or declared class, {text}", hits, len(own))
 
 
 def _ceiling(low: float, high: float, rows: list[dict]) -> float:
@@ -260,7 +260,7 @@ def set_f1(rows: list[dict], of: str, what: str) -> dict:
     right = np.array([_right(row) for row in rows])
     true = np.array([len(row["truth"]) for row in rows])
     said = np.array([len(row["said"]["effects"]) for row in rows])
-    return score.over(of, what, len(rows), score.f1(right, true, said))
+    return lines.over(of, what, len(rows), score.f1(right, true, said))
 
 
 def _sets(kind: str, least: float, rows: list[dict]) -> dict:
@@ -278,7 +278,7 @@ def _sides(rows: list[dict]) -> dict:
         all(side(e["name"]) == side(row["truth"][0]["name"]) for e in row["said"]["effects"])
         for row in own
     )
-    return score.share("one effect, something named", "instrument or skin, rightly", hits, len(own))
+    return lines.share("one effect, something named", "instrument or skin, rightly", hits, len(own))
 
 
 def _sited(kinds: tuple[str, ...], least: float, rows: list[dict]) -> dict:
@@ -293,13 +293,13 @@ def _sited(kinds: tuple[str, ...], least: float, rows: list[dict]) -> dict:
         for row in own
     )
     text = "electrode exactly right" if kinds == ("electrodes",) else "site exactly right"
-    return score.share("one effect", text + (f", gap ≥ {least:g}" if least else ""), hits, len(own))
+    return lines.share("one effect", text + (f", gap ≥ {least:g}" if least else ""), hits, len(own))
 
 
 def _errors(rows: list[dict]) -> dict:
     ratio = np.array([one for row in rows for one in errors(row)])
     what = "error over its Cramér-Rao sd, median (efficient: 0.67)"
-    return score.over("rightly named", what, len(ratio), score.median(ratio))
+    return lines.over("rightly named", what, len(ratio), lines.median(ratio))
 
 
 def _coverage(rows: list[dict]) -> dict:
@@ -332,7 +332,7 @@ def _boxes(rows: list[dict]) -> dict:
 def _median(of: str, what: str, values: np.ndarray) -> dict:
     """Of what is known."""
     known = values[~np.isnan(values)]
-    return score.over(of, what, len(known), score.median(known))
+    return lines.over(of, what, len(known), lines.median(known))
 
 
 def _flagged(least: float, rows: list[dict]) -> dict:
@@ -340,7 +340,7 @@ def _flagged(least: float, rows: list[dict]) -> dict:
     if least:
         own = [row for row in own if row["snr_left"] >= least]
     text = f"flagged, SNR ≥ {least:g} after the best fit" if least else "flagged"
-    return score.share("outside the catalogue", text, sum(map(score.flagged, own)), len(own))
+    return lines.share("outside the catalogue", text, sum(map(score.flagged, own)), len(own))
 
 
 def _auroc(rows: list[dict]) -> dict:
@@ -351,13 +351,13 @@ def _auroc(rows: list[dict]) -> dict:
         hit, probability = there[index], said[index]
         return score.auroc(probability[hit], probability[~hit])
 
-    return score.over("outside the catalogue, and all others", "AUROC", len(rows), area)
+    return lines.over("outside the catalogue, and all others", "AUROC", len(rows), area)
 
 
 def _falsely_flagged(rows: list[dict]) -> dict:
     own = [row for row in rows if not row["outside"]]
     hits = sum(map(score.flagged, own))
-    return score.share("nothing outside the catalogue", "falsely flagged", hits, len(own))
+    return lines.share("nothing outside the catalogue", "falsely flagged", hits, len(own))
 
 
 def _seconds(rows: list[dict]) -> dict:
@@ -372,38 +372,45 @@ def _within(rows: list[dict]) -> dict:
 
 def _broken(rows: list[dict]) -> dict:
     hits = sum("failed" in row for row in rows)
-    return score.share("every recording", "diagnosis broken off", hits, len(rows))
+    return lines.share("every recording", "diagnosis broken off", hits, len(rows))
 
 
 def _all_right(rows: list[dict]) -> dict:
     own = [row for row in rows if row["kind"] in ("pair", "triple")]
     hits = sum(_right(r) == len(r["truth"]) == len(r["said"]["effects"]) for r in own)
-    return score.share("two or three effects", "the whole set right", hits, len(own))
+    return lines.share("two or three effects", "the whole set right", hits, len(own))
 
 
-AT_MOST, AT_LEAST = (lambda x: (-np.inf, x)), (lambda x: (x, np.inf))
+def _at_most(value: float) -> tuple[float, float]:
+    return -np.inf, value
+
+
+def _at_least(value: float) -> tuple[float, float]:
+    return value, np.inf
+
+
 CLAIMS = (
-    Claim(_false_alarms, AT_MOST(0.05), AT_MOST(0.02)),
-    Claim(_detected, AT_LEAST(0.90), AT_LEAST(0.98)),
+    Claim(_false_alarms, _at_most(0.05), _at_most(0.02)),
+    Claim(_detected, _at_least(0.90), _at_least(0.98)),
     Claim(
         partial(_named, APART, HIGHEST),
-        AT_LEAST(0.95),
-        AT_LEAST(0.98),
+        _at_least(0.95),
+        _at_least(0.98),
         partial(_ceiling, APART, HIGHEST),
     ),
-    Claim(partial(_named, *WEAK), AT_LEAST(0.75), AT_LEAST(0.88), partial(_ceiling, *WEAK)),
-    Claim(partial(_sets, "pair", 0.0), AT_LEAST(0.80), AT_LEAST(0.92)),
-    Claim(partial(_sets, "triple", 0.0), AT_LEAST(0.65), AT_LEAST(0.82)),
-    Claim(_sides, AT_LEAST(0.95), AT_LEAST(0.99)),
-    Claim(partial(_sited, ("electrodes",), 0.0), AT_LEAST(0.93), AT_LEAST(0.99)),
-    Claim(_errors, AT_MOST(2.0), AT_MOST(1.3)),
+    Claim(partial(_named, *WEAK), _at_least(0.75), _at_least(0.88), partial(_ceiling, *WEAK)),
+    Claim(partial(_sets, "pair", 0.0), _at_least(0.80), _at_least(0.92)),
+    Claim(partial(_sets, "triple", 0.0), _at_least(0.65), _at_least(0.82)),
+    Claim(_sides, _at_least(0.95), _at_least(0.99)),
+    Claim(partial(_sited, ("electrodes",), 0.0), _at_least(0.93), _at_least(0.99)),
+    Claim(_errors, _at_most(2.0), _at_most(1.3)),
     Claim(_coverage, (0.75, 0.98), (0.85, 0.95)),
-    Claim(_closed, AT_LEAST(0.85), AT_LEAST(0.97)),
-    Claim(_chi2, AT_MOST(1.3), (0.95, 1.10)),
-    Claim(_boxes, AT_LEAST(2.0), AT_LEAST(4.0)),
-    Claim(_auroc, AT_LEAST(0.90), AT_LEAST(0.96)),
-    Claim(partial(_flagged, 0.0), AT_LEAST(0.70), AT_LEAST(0.88)),
-    Claim(_seconds, AT_MOST(120.0), AT_MOST(30.0)),
+    Claim(_closed, _at_least(0.85), _at_least(0.97)),
+    Claim(_chi2, _at_most(1.3), (0.95, 1.10)),
+    Claim(_boxes, _at_least(2.0), _at_least(4.0)),
+    Claim(_auroc, _at_least(0.90), _at_least(0.96)),
+    Claim(partial(_flagged, 0.0), _at_least(0.70), _at_least(0.88)),
+    Claim(_seconds, _at_most(120.0), _at_most(30.0)),
 )
 # What the table does not ask for and a reader may.
 BESIDE = (
@@ -435,7 +442,7 @@ def _line(rows: list[dict], claim: Claim) -> dict:
     line = claim.measure(rows)
     asked = {"ceiling": np.nan if claim.ceiling is None else claim.ceiling(rows)}
     for key, wanted in (("gate", claim.gate), ("target", claim.target)):
-        made = score.line(line["of"], line["what"], line["value"], 0, 0, line["n"], wanted)
+        made = lines.line(line["of"], line["what"], line["value"], 0, 0, line["n"], wanted)
         asked |= {key: made["wanted"], f"{key}_met": made["met"]}
     return {**line, **asked}
 
@@ -456,11 +463,10 @@ def whole(rows: list[dict]) -> pd.DataFrame:
     made = []
     for name, own in {"all": rows, **strata(rows)}.items():
         real = _of("real", own)
-        lines = table([row for row in own if row not in real], CLAIMS + BESIDE)
+        told = table([row for row in own if row not in real], CLAIMS + BESIDE)
         if real:
-            joined = pd.concat([lines, table(real, REAL[:1] if len(real) < len(own) else REAL)])
-            lines = joined
-        made.append((lines if name == "all" else lines[lines["n"] > 0]).assign(rows=name))
+            told = pd.concat([told, table(real, REAL[:1] if len(real) < len(own) else REAL)])
+        made.append((told if name == "all" else told[told["n"] > 0]).assign(rows=name))
     joined = pd.concat(made, ignore_index=True)
     return joined[["rows", *LINE]]
 
@@ -497,9 +503,9 @@ def _naming(rows: list[dict]) -> dict:
         "false_alarms": (sum(bool(r["said"]["effects"]) for r in nulls), len(nulls)),
         "right_name": (int(right.sum()), len(alone)),
     }
-    made = {}
+    made: dict[str, float] = {}
     for key, (hits, n) in shares.items():
-        told = score.share("", "", hits, n)
+        told = lines.share("", "", hits, n)
         made |= {key: told["value"], f"{key}_low": told["low"], f"{key}_high": told["high"]}
     for kind in ("single", "pair", "triple"):
         told = set_f1(_of(kind, rows), "", "")
@@ -518,7 +524,7 @@ def by_gap(rows: list[dict]) -> pd.DataFrame:
             own = [_as_said_by(r, method) for r in alone if r["strength"] == strength]
             gaps = np.array([smallest_gap(row) for row in own])
             right = int(score.effects(own)["right"].sum())
-            told = score.share("", "", right, len(own))
+            told = lines.share("", "", right, len(own))
             head = {"method": method, "strength": strength, "gap": float(np.median(gaps))}
             made.append(
                 {

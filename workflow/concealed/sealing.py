@@ -22,6 +22,7 @@ import json
 import os
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from cryptography.exceptions import InvalidTag
@@ -69,7 +70,8 @@ def packed(truth: dict, arrays: dict[str, np.ndarray]) -> bytes:
     every length that occurs is filled up to the same multiple."""
     text = json.dumps(truth, sort_keys=True, ensure_ascii=False, allow_nan=False).encode()
     stream = io.BytesIO()
-    np.savez(stream, **{name: arrays[name] for name in sorted(arrays)})
+    in_order: dict[str, Any] = {name: arrays[name] for name in sorted(arrays)}
+    np.savez(stream, **in_order)
     return _padded(text, stream.getvalue())
 
 

@@ -28,7 +28,7 @@ def run(names: list[str], block: Path, schema: Path, seed: int, code: str) -> No
     refuse_sealed(block)
     for name in names:
         folder = block / "verdicts" / name
-        files = [block / part / f"{name}.parquet" for part in ("recordings", "queries")]
+        files = block / "recordings" / f"{name}.parquet", block / "queries" / f"{name}.parquet"
         digests = (hashlib.sha256(file.read_bytes()).hexdigest() for file in files)
         made = {"code": code, **dict(zip(("recording", "query"), digests, strict=True))}
         if _stands(folder, made, block.name == FINAL):

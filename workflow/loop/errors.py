@@ -15,7 +15,9 @@ from loop import sources
 from loop.naming import BELIEF, DIAGNOSIS, LABELS, TRUTH
 
 
-def simulator(source: str, recorded: Recording, folder: str | Path, authors: list[dict]):
+def simulator(
+    source: str, recorded: Recording, folder: str | Path, authors: list[dict]
+) -> sources.Simulator | sources.Truth:
     """The simulator of a source of the case in `folder`; `authors`: the effects of AUTHORS."""
     folder = Path(folder)
     if source == TRUTH:
@@ -53,6 +55,7 @@ def errors(
     recorded = recording.read(Path(folder) / "recording.parquet")
     few = np.flatnonzero(part == "train")
     samples = recipe.budget.samples
+    assert samples is not None  # the configuration's schema
     if source == LABELS:
         job = (recipe, samples, seed, draw)
         rows = transfer.few_alone(target, part == "test", few, model, *job)
@@ -61,5 +64,6 @@ def errors(
     name = f"{source} {seed}"
     made, parts = sources.source_set(taught, recorded, samples, seed, forces, probe_mm, name)
     trained = train.train_model(made, parts, model, recipe, seed)
-    sides = (made, parts, target, part, recorded.skin.electrode_deg)
+    angles = recorded.skin.electrode_deg
+    sides = (made, parts, target, part, None if angles is None else list(angles))
     return transfer.transferred(trained, *sides, [few]).assign(seed=seed)

@@ -62,7 +62,8 @@ def draw(table: pd.DataFrame) -> Figure:
                     label=words,
                 )
             axes.set_xscale("log")
-            log_ticks(axes.xaxis, *axes.get_xlim(), power)
+            low, high = axes.get_xlim()
+            log_ticks(axes.xaxis, low, high, power)
             axes.set_xlabel(title)
             axes.grid(axis="y", color=QUIET, alpha=0.3, linewidth=0.4)
         panels[0].set_yticks(range(len(cases)), _named(cases))

@@ -35,7 +35,7 @@ def write(recorded: Recording, target: dataset.Dataset, folder: str | Path, seed
     imitated = labelled | ((press < 0) & np.isin(following, press[labelled]))
     frames = recorded.frames.assign(**{IMITATED: imitated})[kept].reset_index(drop=True)
     frames["frame"] = np.arange(len(frames), dtype=np.int64)
-    seen = Recording(frames, recorded.voltage[kept], None, None, recorded.metadata)
+    seen = Recording(frames, recorded.readings[kept], None, None, recorded.metadata)
     recording.write(seen, folder / "recording.parquet")
     dataset.write(target, folder / "target.parquet")
     splits.write(folder / "split.parquet", target.table, known)

@@ -139,7 +139,7 @@ def told(folders: dict[str, str | Path]) -> pd.DataFrame:
 
 
 def _listed(effects: list[dict]) -> str:
-    def value(given) -> str:
+    def value(given: float | list[float] | None) -> str:
         if isinstance(given, list):
             return f"{len(given)} values" if len(given) > 2 else ", ".join(map(value, given))
         return "null" if given is None else f"{given:.3g}"

@@ -48,7 +48,9 @@ def _entry(effect: Effect) -> str:
 
 
 def _text(effect: Effect) -> list[str]:
-    return [line.strip() for line in type(effect).__doc__.strip().splitlines()]
+    text = type(effect).__doc__
+    assert text is not None
+    return [line.strip() for line in text.strip().splitlines()]
 
 
 def _row(key: str, parameter: Parameter) -> str:

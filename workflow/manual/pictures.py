@@ -116,6 +116,7 @@ def _typical(effect: Effect, skin: Skin, plain: np.ndarray, channels: np.ndarray
         first = int(np.flatnonzero(channels[:, 0] == SITE)[SITE]) if kind == "channels" else SITE
         chosen = tuple(first + k for k in range(effect.sites_at_once(floating=False)))
     start = effect.starts(skin, plain)[0] | GIVEN.get(effect.name, {})
+    assert skin.current_A is not None
     scales = Scales(float(np.median(np.abs(plain[0]))), skin.current_A)
     scope = "sparse" if effect.sites else ""
     candidate = Candidate(effect, kind, chosen, scope, start, skin, scales)

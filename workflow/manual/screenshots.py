@@ -29,13 +29,14 @@ def made(folder: Path) -> dict[str, tuple[Path, int]]:
     built, said = folder / "documentation", folder / "sample"
     tree = folder / "doctrees"
     python = sys.executable
-    for command in (
+    commands: tuple[list[str | Path], ...] = (
         [python, "-m", "sphinx", "-q", "-b", "html", "-d", tree, ROOT / "docs", built],
         [
             *(python, "-m", "eitskin.cli", "diagnose", SAMPLE / "recording.parquet"),
             *("--query", SAMPLE / "query.parquet", "--out", said),
         ],
-    ):
+    )
+    for command in commands:
         subprocess.run(command, check=True)
     return {
         "readme_picture": (SAMPLE / "picture.svg", HEIGHT),

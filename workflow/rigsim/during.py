@@ -28,6 +28,7 @@ def main() -> int:
         stdout=subprocess.PIPE,
         start_new_session=True,  # Ctrl-C is the command's: the arm is still to be lifted
     ) as emulator:
+        assert emulator.stdin is not None and emulator.stdout is not None
         if not emulator.stdout.readline():
             return emulator.wait()
         early: list[int] = []

@@ -201,12 +201,13 @@ class Faults:
         return self.cell.port.plug_in
 
     def _load_cell_lbs(self, fault: dict, t: float) -> Callable[[], None]:
-        if not isinstance(self.cell, OpenScale):
+        cell = self.cell
+        if not isinstance(cell, OpenScale):
             raise InputError("fault", "fault", "load_cell_lbs", "it with an OpenScale")
-        self.cell.unit = LBS
+        cell.unit = LBS
 
         def undo() -> None:
-            self.cell.unit = KG
+            cell.unit = KG
 
         return undo
 

@@ -17,13 +17,13 @@ class EventLog:
         self.path.touch()
         self.violations = 0
 
-    def write(self, event: str, **values) -> None:
+    def write(self, event: str, **values: object) -> None:
         """One entry, on disk's way before this returns."""
         entry = {"t": round(time.monotonic(), 6), "event": event, **values}
         with self.path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(entry) + "\n")
 
-    def violation(self, rule: str, **values) -> None:
+    def violation(self, rule: str, **values: object) -> None:
         """The driver broke a rule."""
         self.violations += 1
         self.write("violation", rule=rule, **values)

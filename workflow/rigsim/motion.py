@@ -54,14 +54,16 @@ class Motion:
         return t < self.end
 
 
-def line(pose: np.ndarray, target: np.ndarray, speed: float, acceleration: float, t: float):
+def line(
+    pose: np.ndarray, target: np.ndarray, speed: float, acceleration: float, t: float
+) -> Motion:
     """Motion from rest at `pose` straight to `target` (6,), a trapezoid of speed (m/s, m/s²).
 
     Where only the tool's direction changes, speed and acceleration are rad/s and rad/s².
     """
     pose, target = np.asarray(pose, dtype=float), np.asarray(target, dtype=float)
     way = target - pose
-    length = np.linalg.norm(way[:3]) or np.linalg.norm(way[3:])
+    length = float(np.linalg.norm(way[:3]) or np.linalg.norm(way[3:]))
     if length < 1e-9:
         return Motion.rest(target)
     top = min(speed, np.sqrt(acceleration * length))
@@ -81,7 +83,7 @@ def change_speed(motion: Motion, velocity: np.ndarray, acceleration: float, t: f
     (rad/s² where only the direction changes)."""
     pose, now = motion.at(t)
     change = np.asarray(velocity, dtype=float) - now
-    size = np.linalg.norm(change[:3]) or np.linalg.norm(change[3:])
+    size = float(np.linalg.norm(change[:3]) or np.linalg.norm(change[3:]))
     if size < 1e-12:
         return Motion((Piece(t, pose, np.asarray(velocity, dtype=float), np.zeros(6)),))
     lasts = size / acceleration

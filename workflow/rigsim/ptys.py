@@ -54,14 +54,14 @@ class SerialPort:
 
     def unplug(self) -> None:
         """The cable is pulled: the host's reads and writes fail."""
-        if self.plugged:
+        if self._master is not None:
             self.link.unlink(missing_ok=True)
             os.close(self._master)
             self._master = None
 
     def open_by_host(self) -> bool:
         """Whether somebody has the port open."""
-        if not self.plugged:
+        if self._master is None:
             return False
         poll = select.poll()
         poll.register(self._master, select.POLLIN)
@@ -69,6 +69,7 @@ class SerialPort:
 
     def baud(self) -> int | None:
         """The speed that the host has set; None for one that is not in termios' table."""
+        assert self._master is not None
         speed = termios.tcgetattr(self._master)[5]
         names = (name for name in dir(termios) if name[0] == "B" and name[1:].isdigit())
         found = [int(name[1:]) for name in names if getattr(termios, name) == speed]
@@ -76,7 +77,7 @@ class SerialPort:
 
     def write(self, data: bytes) -> int:
         """Send; how many bytes found room."""
-        if not self.plugged:
+        if self._master is None:
             return 0
         try:
             return os.write(self._master, data)
@@ -97,7 +98,7 @@ class SerialPort:
 
     def read(self) -> bytes:
         """What the host has sent."""
-        if self.plugged:
+        if self._master is not None:
             with contextlib.suppress(OSError):
                 return os.read(self._master, 4096)
         return b""
@@ -134,7 +135,8 @@ class Host:
             self._opened_at = None
             self.log.write(f"{self.name} closed")
         # A host opens first and sets the speed then.
-        if is_open and not self._baud_seen and t - self._opened_at > SETTING_UP_S:
+        settled = self._opened_at is not None and t - self._opened_at > SETTING_UP_S
+        if settled and not self._baud_seen:
             self._baud_seen = True
             if (found := self.port.baud()) != self.baud:
                 self.log.violation(f"{self.name} baud", found=found, expected=self.baud)

@@ -99,8 +99,8 @@ class Rig:
         self.board.port.unplug()
         self.cell.port.unplug()
         self.log.write("end", violations=self.log.violations, **self.world.felt())
-        for task in done - {over}:
-            task.result()
+        for ended in done - {over}:
+            ended.result()
         if self._bug is not None:
             raise self._bug
         return RULES_BROKEN if self.log.violations else 0
@@ -154,7 +154,7 @@ class Rig:
             "hard_N": hard_N is not None and world.force_N > hard_N,
             "no dragging": world.dragged_mm > DRAG_MM,
             "tool straight down": world.tool_leans(pose),
-            "presses on the skin": x * x + y * y > world.skin.radius_mm**2,
+            "presses on the skin": x * x + y * y > world.radius_mm**2,
         }
         for rule, is_broken in broken.items():
             if is_broken and rule not in self._said:

@@ -6,6 +6,7 @@ import re
 import socket
 import struct
 import time
+from typing import Any
 
 from rigsim import rtde_wire as wire
 from rigsim.log import EventLog
@@ -67,9 +68,12 @@ class RtdeServer:
 class RtdeClient:
     """One connection; the order of its requests is checked."""
 
-    def __init__(self, server: RtdeServer, reader, writer):
+    def __init__(
+        self, server: RtdeServer, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ):
         self.server, self.reader, self.writer = server, reader, writer
-        self.version = self.outputs = None
+        self.version: int | None = None
+        self.outputs: tuple[struct.Struct, list[list[int]]] | None = None
         self.names: list[str] = []
         self.inputs: dict[int, tuple[list[str], struct.Struct]] = {}
         self.frequency = 0.0
@@ -198,7 +202,7 @@ class RtdeClient:
         if len(payload) != recipe.size:
             raise Refused(f"{len(payload)} bytes of recipe {payload[0]}, {recipe.size}")
         values = list(recipe.unpack(payload)[1:])
-        found = {}
+        found: dict[str, Any] = {}
         for name in names:
             wide = len(ZERO[wire.INPUTS[name]])
             found[name] = values[0] if wide == 1 else values[:wide]
@@ -207,6 +211,7 @@ class RtdeClient:
 
     async def _stream(self) -> None:
         period = 1.0 / self.frequency
+        assert self.outputs is not None
         recipe, zeros = self.outputs
         due = time.monotonic()
         with contextlib.suppress(ConnectionError):
@@ -214,7 +219,7 @@ class RtdeClient:
                 if not self.server.stalled:
                     now = self.server.controller.outputs()
                     now |= {name: held[k] for name, (held, k) in self.registers.items()}
-                    flat = [1]
+                    flat: list[float] = [1]
                     for name, zero in zip(self.names, zeros, strict=True):
                         value = now.get(name, zero)
                         flat += value if isinstance(value, list) else [value]

@@ -52,6 +52,10 @@ class World:
 
     def __init__(self, config: dict, seed: int):
         self.skin = Skin.from_metadata(config["skin"], "world")
+        radius_mm, current_A = self.skin.radius_mm, self.skin.current_A
+        if radius_mm is None or current_A is None:
+            raise InputError("world", "skin", "no radius or no current", "every key given")
+        self.radius_mm, self.current_A = radius_mm, current_A
         self.channels = channel_table(N_ELECTRODES)
         self.effects = settings(config["effects"], site_counts(self.channels), (seed, 0))
         if of_stage(self.effects, "clock"):
@@ -68,7 +72,7 @@ class World:
         self._probe_mm, self._probe_file = config["probe_mm"], config["probe_file"]
         self._readings_rng = np.random.default_rng([seed, 1])
         field = np.random.default_rng([seed, 2])
-        length = 2.0 * np.pi / self.skin.radius_mm
+        length = 2.0 * np.pi / self.radius_mm
         self._waves = field.standard_normal((WAVES, 2)) * length / 2.0
         self._phases = field.uniform(0.0, 2.0 * np.pi, WAVES)
         self.contacts = 0
@@ -171,6 +175,7 @@ class World:
         states = pd.DataFrame({"time_s": moments, "touch": touch, "force_N": force, **touched})
         history = None
         if touch.any():
+            assert press is not None
             rows = np.flatnonzero(touch)
             history = ForceHistory(moments, (rows,), ((press.time_s, press.force_N),))
         sensed = sense(
@@ -185,7 +190,7 @@ class World:
             self._near,
             history=history,
         )
-        voltage = read(sensed, self.skin.current_A, self.effects)
+        voltage = read(sensed, self.current_A, self.effects)
         if self._follows_nothing and not touch.any():
             self._untouched = voltage[0]
         if len(moments) == 1:

@@ -10,7 +10,7 @@ def row(said: dict, recorded: Recording) -> dict:
     """A row of a diagnosis.json and its recording: verdict, names, candidates among them with a
     question mark, what they cannot be told from, and the rms misfit before and after on readings
     that were put aside, over the rms reading."""
-    size = float(np.sqrt(np.nanmean(recorded.voltage**2)))
+    size = float(np.sqrt(np.nanmean(recorded.readings**2)))
     held, effects = said["fit"]["held_out"], said["effects"]
     return {
         "recording": said["recording"],

@@ -68,7 +68,7 @@ class Drives:
         if recording.metadata["values"] == "difference" or len(pressed) < 20:
             found = f"{len(pressed)} touches with an untouched frame before"
             raise InputError("recording", "frames", found, "20 or more, absolute")
-        size = np.abs(recording.voltage)
+        size = np.abs(recording.readings)
         depth = frames["depth_mm"].fillna(1.0).to_numpy(float)
         made = cls(
             recording.channels,

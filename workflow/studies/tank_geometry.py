@@ -72,7 +72,7 @@ class Untouched:
         untouched = ~recording.frames["touch"].to_numpy(bool)
         if not untouched.any() or recording.metadata["values"] == "difference":
             raise InputError("recording", "frames", "no untouched frame", "an absolute one")
-        values = recording.voltage[untouched]
+        values = recording.readings[untouched]
         if recording.quadrature is not None:
             values = np.hypot(values, recording.quadrature[untouched])
         reading = np.abs(values).mean(axis=0)
@@ -133,6 +133,7 @@ class Family:
         }
         if "electrode_height_mm" in found:
             depth = found.get("depth_mm", self.untouched.skin.thickness_mm)
+            assert depth is not None
             found["electrode_height_mm"] *= depth / self.radius
         return found
 

@@ -84,7 +84,7 @@ def _spectrum(halvings: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 @lru_cache(maxsize=64)
-def _moment_factors(order: int, halvings: int):
+def _moment_factors(order: int, halvings: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     nodes, weights, _ = segment_operator(halvings)
     values, vectors, inverse = _spectrum(halvings)
     local = lagrange(nodes, order)

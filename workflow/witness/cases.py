@@ -9,8 +9,9 @@ give the same case bit for bit.
 
 import json
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,8 @@ APART_NAMES = (
     ("anisotropy", "conductivity-gradient", "indenter-grounding"),
     ("electrode-open", "electrode-swap"),
 )
+# An effect at a strength, its unit, the largest strength; unit None: at the largest alone.
+Maker = tuple[Callable[[float], dict | outside.Outside], float | None, float]
 NEEDS = {"contact-impedance": "contact_impedivity_ohm_m2", "touch-contrast": "contrast_per_N"}
 
 
@@ -161,6 +164,7 @@ class _Bench:
     def scene(self, untouched_V: np.ndarray) -> strengths.Scene:
         """What effects are drawn for, with readings (M,) V of the untouched skin."""
         thickness = self.skin.thickness_mm
+        assert thickness is not None
         return strengths.Scene(
             self.believed, self.channels, untouched_V, self.free, self.grounded, thickness
         )
@@ -182,8 +186,8 @@ def names_of(
     word, _, name = kind.partition(":")
     solver = _generator(generator)
     if word in ("single", "outside") and name in solver.unable:
-        able = ", ".join(g for g, one in GENERATORS.items() if one.does(name))
-        raise InputError("case", f"generator of {kind}", repr(generator), able)
+        others = ", ".join(g for g, one in GENERATORS.items() if one.does(name))
+        raise InputError("case", f"generator of {kind}", repr(generator), others)
     if kind == "null":
         return [], None
     if word == "single" and name in strengths.DRAWN:
@@ -242,7 +246,7 @@ def _forgotten(rng: np.random.Generator, skin: Skin, names: list[str], alike: bo
         return skin
     if alike:
         return replace(skin, contact_impedivity_ohm_m2=None)
-    keys = ("contact_impedivity_ohm_m2", "contrast_per_N")
+    keys: tuple[str, ...] = ("contact_impedivity_ohm_m2", "contrast_per_N")
     keys = keys if which == 2 else keys[which : which + 1]
     kept = {NEEDS[name] for name in names if name in NEEDS}
     return replace(skin, **{key: None for key in keys if key not in kept})
@@ -273,7 +277,9 @@ def signature(changed: np.ndarray, plain: np.ndarray, noise_V: np.ndarray) -> fl
     return float(np.linalg.norm(left))
 
 
-def scaled(shown, unit: float, most: float, wanted: float) -> tuple[float, float]:
+def scaled(
+    shown: Callable[[float], float], unit: float, most: float, wanted: float
+) -> tuple[float, float]:
     """The strength at which shown(strength), an SNR, is the wanted one to 5 %, or the largest
     that is possible; and what it shows. shown raises ValueError where the world has no such state.
     """
@@ -318,7 +324,8 @@ def draw(
     20 to 100 outside the catalogue; where no physical strength shows that much, the noise falls to
     0.03 % at the least, or to the generator's least. With `share`, strengths are that of the
     largest physical ones instead.
-    Raises InputError for an unknown kind, or one that the generator cannot do.
+    Raises InputError for an unknown kind, one that the generator cannot do, or a `share` of a
+    strength that is drawn.
     """
     whole, (kind, _, rig) = kind, kind.partition("+")
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
@@ -349,6 +356,7 @@ def _bench(
     believed = _forgotten(rng, skin, names, alike is not None)
     if deep and rng.uniform() < 0.5:
         believed = replace(believed, thickness_mm=None)
+    assert skin.radius_mm is not None and skin.conductivity_S_per_m is not None
     off = 1.0 + rng.uniform(-0.15, 0.15)
     true = replace(skin, conductivity_S_per_m=float(skin.conductivity_S_per_m * off))
     frame_s = round(float(rng.uniform(0.2, 0.4)), 3)
@@ -421,12 +429,13 @@ def _concealed(
     hidden = None if law is None else _outside(rng, law, bench, plain[0])
     makers = _makers(drawn, law, hidden, share)
     band = OUTSIDE_SNR if law else SINGLE_SNR if len(names) < 2 else SET_SNR
-    wanted = np.exp(rng.uniform(*np.log(band), len(makers)))
+    low, high = np.log(band)
+    wanted = np.exp(rng.uniform(low, high, len(makers)))
     if share is not None:
         wanted[:] = BEYOND
     found = _strengths(shown, makers, wanted, noise)
-    reached = (snr / want for (_, snr), want in zip(found, wanted, strict=True))
-    lack = min(reached, default=1)
+    shares = (snr / want for (_, snr), want in zip(found, wanted, strict=True))
+    lack = min(shares, default=1)
     if lack < 0.9 and share is None:
         # What is physical is too weak in this noise: there is less of it then.
         quieter = max(lack, floor / level)
@@ -446,15 +455,28 @@ def _concealed(
     return _Concealed(effects, [one.scope for one in drawn], snr, hidden, other, level, noise)
 
 
-def _makers(drawn: list, law: str | None, hidden: outside.Outside | None, share: float | None):
+def _makers(
+    drawn: list[strengths.Strength],
+    law: str | None,
+    hidden: outside.Outside | None,
+    share: float | None,
+) -> list[Maker]:
     """(at, unit, most) of each effect that has a strength, or of the law outside the catalogue."""
-    makers = [(one.at, one.unit, one.most) for one in drawn if one.unit is not None]
+    makers: list[Maker] = [
+        (one.at, one.unit, one.most)
+        for one in drawn
+        if one.unit is not None and one.most is not None
+    ]
     if hidden is not None:
         unit = None if law in outside.OUTSIDE_SOLID else 0.1 * hidden.most
         makers = [(lambda a: replace(hidden, amount=a), unit, hidden.amount)]
-    if share is not None:
-        makers = [(at, min(unit, share * most), share * most) for at, unit, most in makers]
-    return makers
+    if share is None:
+        return makers
+    if law in outside.OUTSIDE_SOLID:
+        raise InputError("case", "share", f"{share:g}", f"none with {law}: its strength is drawn")
+    return [
+        (at, min(unit, share * most), share * most) for at, unit, most in makers if unit is not None
+    ]
 
 
 def _noiseless(bench: _Bench, shown: _Shown, made: _Concealed, generator: str) -> Case:
@@ -538,28 +560,29 @@ def _rig_errors(rig: str, rng: np.random.Generator) -> tuple[RigError, ...]:
 
 
 def _strengths(
-    shown: _Shown, makers: list[tuple], wanted: np.ndarray, noise_V: np.ndarray
+    shown: _Shown, makers: list[Maker], wanted: np.ndarray, noise_V: np.ndarray
 ) -> list[tuple[float, float]]:
     """Strength and SNR of each maker (at, unit, most), as `scaled`; without a unit, of `most`."""
 
-    def show(at, a: float) -> float:
+    def show(at: Callable[[float], dict | outside.Outside], a: float) -> float:
         return shown.snr(at(a), noise_V)
 
     return [
-        (most, show(at, most))
-        if unit is None
-        else scaled(lambda a, at=at: show(at, a), unit, most, want)
+        (most, show(at, most)) if unit is None else scaled(partial(show, at), unit, most, want)
         for (at, unit, most), want in zip(makers, wanted, strict=True)
     ]
 
 
-def _outside(rng, law: str, bench: _Bench, untouched_V) -> outside.Outside:
+def _outside(
+    rng: np.random.Generator, law: str, bench: _Bench, untouched_V: np.ndarray
+) -> outside.Outside:
     states = bench.states
     presses = states["contact"].dropna().unique().astype(int)
     end, radius = float(states["time_s"].iloc[-1]), bench.skin.radius_mm
+    assert radius is not None
     scene = outside.Scene(N_ELECTRODES, presses, end, radius, bench.free, untouched_V)
     drawn = LAWS[law].draw(rng, scene)
-    if law == "palm":
+    if isinstance(drawn, outside.Palm):
         drawn = replace(drawn, radius_mm=round(float(rng.uniform(4.0, 8.0)), 2))
     return drawn
 

@@ -6,15 +6,17 @@ anisotropic conductivity is the same in all directions.
 
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
 from witness.arc import panel_nodes
-from witness.medium import Plane
+from witness.medium import Medium, Plane
 
 PANEL_MODES = 40
 PANEL_NODES = 8
 SHORTEST = 1e-3  # panel towards a crossing, in radians
+Places = TypeVar("Places", np.ndarray, complex)
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class Shape:
             return (r[1] + 1j * r[0]) * turn
         return (r[2] + 2j * r[1] - r[0]) * turn
 
-    def unfold(self, z: np.ndarray) -> np.ndarray:
+    def unfold(self, z: Places) -> Places:
         """Places, or directions, in coordinates in which the conductivity has none."""
         ratio, angle = self.anisotropy
         if ratio == 1.0:
@@ -80,7 +82,15 @@ class Edge:
         return len(self.place) // 2 - 1 if self.even else PANEL_MODES
 
     @classmethod
-    def of(cls, shape: Shape, z, dz, ddz, angle: np.ndarray, span: np.ndarray) -> "Edge":
+    def of(
+        cls,
+        shape: Shape,
+        z: np.ndarray,
+        dz: np.ndarray,
+        ddz: np.ndarray,
+        angle: np.ndarray,
+        span: np.ndarray,
+    ) -> "Edge":
         """From a physical curve and its two derivatives by the angle."""
         z, dz, ddz = (shape.unfold(part) for part in (z, dz, ddz))
         speed = np.abs(dz)
@@ -91,8 +101,8 @@ class Edge:
 def rim_edge(shape: Shape, count: int) -> Edge:
     """`count` even nodes of the rim."""
     phi = 2.0 * np.pi * np.arange(count) / count
-    parts = (shape.rim(phi, derivative) for derivative in range(3))
-    return Edge.of(shape, *parts, phi, np.full(count, 2.0 * np.pi / count))
+    z, dz, ddz = (shape.rim(phi, derivative) for derivative in range(3))
+    return Edge.of(shape, z, dz, ddz, phi, np.full(count, 2.0 * np.pi / count))
 
 
 def disc_edge(
@@ -160,7 +170,7 @@ def same_curve_normal(edge: Edge) -> np.ndarray:
     return value
 
 
-def own_flux(medium, edge: Edge) -> np.ndarray:
+def own_flux(medium: Medium, edge: Edge) -> np.ndarray:
     """dg/dn - b g among the nodes of one curve, without weights."""
     value = same_curve_normal(edge)
     if isinstance(medium, Plane):

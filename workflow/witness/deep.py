@@ -7,7 +7,7 @@ in arc and height; from elsewhere it is seen through a few moments in each of th
 (Vauhkonen et al. 1999 for the model; Abramowitz, Stegun 9.6 for the functions).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -158,7 +158,9 @@ class Face:
         self.taken = taken.reshape(shape)
 
     @staticmethod
-    def _operators(t: np.ndarray, half_arc: float, radius_mm: float, depth: Depth):
+    def _operators(
+        t: np.ndarray, half_arc: float, radius_mm: float, depth: Depth
+    ) -> Iterator[np.ndarray]:
         """Of every sheet: potential at the nodes t of densities there (a unit of the half arc);
         of the first only the segment's own log."""
         yield segment_operator(HALVINGS, ARC_NODES)[2]
@@ -282,7 +284,7 @@ class DeepContact:
             if (half, z) not in solved:
                 solved[half, z] = body.faces[half].response(z / half)
             blocks.append(solved[half, z].reshape(far, p, far, p))
-        own = np.zeros((far, n, p, far, n, p))
+        own: np.ndarray = np.zeros((far, n, p, far, n, p))
         own[:, range(n), :, :, range(n)] = np.array(blocks)
         own = own.reshape(far * n * p, far * n * p)
         size = n * p

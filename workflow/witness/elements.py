@@ -10,6 +10,7 @@ edge, a small dense system.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
@@ -41,12 +42,14 @@ class Fineness:
     gap: float = 0.7
 
 
-@BilinearForm
-def _stiffness(u, v, w):
+def _conducted(u: Any, v: Any, w: Any) -> Any:
     (xx, xy, yy), tilt = w.tensor, w.tilt
     s = 1.0 + tilt.real * w.x[0] + tilt.imag * w.x[1]
     du, dv = grad(u), grad(v)
     return s * (xx * du[0] * dv[0] + xy * (du[0] * dv[1] + du[1] * dv[0]) + yy * du[1] * dv[1])
+
+
+_stiffness = BilinearForm(_conducted)
 
 
 def _trace(order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -88,7 +91,7 @@ class Domain:
         pairs = np.sort(np.column_stack([nodes, np.roll(nodes, -1)]), axis=1)
         return order[np.searchsorted(have[order], pairs[:, 0] * count + pairs[:, 1])]
 
-    def matrix(self, form: BilinearForm, triangles: np.ndarray, **values) -> csc_matrix:
+    def matrix(self, form: BilinearForm, triangles: np.ndarray, **values: Any) -> csc_matrix:
         """A form over some triangles."""
         basis = Basis(self.fem, self.element, intorder=2 * self.order, elements=triangles)
         return form.assemble(basis, **values).tocsc()
@@ -244,8 +247,8 @@ def circles(body: Body, discs: tuple[Disc, ...]) -> tuple[list[Curve], Sizes]:
         at.append(places)
         near.append(np.minimum(fine.circle * radius, fine.gap * gap))
         curves.append(_circle(centre, radius, np.array(fixed or [0.0, np.pi])))
-    at, near = np.concatenate([body.sizes.at, *at]), np.concatenate([body.sizes.near, *near])
-    return curves, Sizes(at, near, fine.most)
+    every_at = np.concatenate([body.sizes.at, *at])
+    return curves, Sizes(every_at, np.concatenate([body.sizes.near, *near]), fine.most)
 
 
 def _circle(centre: complex, radius: float, fixed: np.ndarray) -> Curve:
@@ -261,7 +264,8 @@ class Place:
 
     def __init__(self, body: Body, discs: tuple[Disc, ...], rim: np.ndarray | None = None):
         self.body, self.discs = body, discs
-        mesh, curves = body.empty, []
+        mesh = body.empty
+        curves: list[Curve] = []
         if discs:
             curves, sizes = circles(body, discs)
             mesh = triangulate([body.rim, *curves], sizes, body.start, rim)
@@ -351,7 +355,8 @@ class Place:
         k = np.arange(count)
         wave = np.exp(1j * k[:, None, None] * angle) * weight
         seen = np.zeros((count, len(edge)), complex)
-        np.add.at(seen, (slice(None), np.searchsorted(edge, dofs)), wave @ values)
+        here = (slice(None), np.searchsorted(edge, dofs))
+        np.add.at(seen, here, wave @ values)  # type: ignore[arg-type]  # numpy's know no slice here
         radius = disc.radius_mm / r
         share = radial.waves[:count] * r * np.where(k == 0, 0.5, 1.0) / (np.pi * radius)
         return around * ((seen.conj().T * share) @ seen).real

@@ -9,16 +9,17 @@ from witness import boundary, disc, elements, slab
 from witness.boundary import Resolution
 from witness.curves import Shape
 from witness.deep import DeepBody, Depth
-from witness.outside import OUTSIDE, OUTSIDE_SOLID
+from witness.outside import OUTSIDE, OUTSIDE_SOLID, Outside
 from witness.slab import Solid
 from witness.strengths import DRAWN
 from witness.unseen import UNSEEN
 
+AnyBody = boundary.Body | DeepBody | elements.Body | disc.Body | slab.Body
 Maker = Callable[
-    [Shape, np.ndarray, np.ndarray, Depth | Solid | None, float | None, Resolution | None], object
+    [Shape, np.ndarray, np.ndarray, Depth | Solid | None, float | None, Resolution | None], AnyBody
 ]
 
-LAWS = OUTSIDE | OUTSIDE_SOLID | UNSEEN  # outside the catalogue, by name
+LAWS: dict[str, type[Outside]] = OUTSIDE | OUTSIDE_SOLID | UNSEEN  # outside the catalogue
 
 
 @dataclass(frozen=True)
@@ -47,25 +48,55 @@ class Generator:
         return kind in ("null", "pair", "triple")
 
 
-def _boundary(shape, deg, width_mm, depth, clearance_mm, resolution):
+def _boundary(
+    shape: Shape,
+    deg: np.ndarray,
+    width_mm: np.ndarray,
+    depth: Depth | Solid | None,
+    clearance_mm: float | None,
+    resolution: Resolution | None,
+) -> boundary.Body | DeepBody:
     if depth is None:
         return boundary.Body(shape, deg, width_mm, clearance_mm, resolution)
+    assert isinstance(depth, Depth)
     return DeepBody(shape, deg, width_mm, depth, clearance_mm, resolution)
 
 
-def _elements(shape, deg, width_mm, depth, clearance_mm, resolution):
+def _elements(
+    shape: Shape,
+    deg: np.ndarray,
+    width_mm: np.ndarray,
+    depth: Depth | Solid | None,
+    clearance_mm: float | None,
+    resolution: Resolution | None,
+) -> elements.Body:
     if depth is not None:
         raise ValueError("triangles are those of a sheet")
     return elements.Body(shape, deg, width_mm, clearance_mm)
 
 
-def _disc(shape, deg, width_mm, depth, clearance_mm, resolution):
+def _disc(
+    shape: Shape,
+    deg: np.ndarray,
+    width_mm: np.ndarray,
+    depth: Depth | Solid | None,
+    clearance_mm: float | None,
+    resolution: Resolution | None,
+) -> disc.Body:
     if depth is not None:
         raise ValueError("the series is that of a sheet")
     return disc.Body(shape, deg, width_mm)
 
 
-def _slab(shape, deg, width_mm, depth, clearance_mm, resolution):
+def _slab(
+    shape: Shape,
+    deg: np.ndarray,
+    width_mm: np.ndarray,
+    depth: Depth | Solid | None,
+    clearance_mm: float | None,
+    resolution: Resolution | None,
+) -> slab.Body:
+    assert isinstance(depth, Solid)
     return slab.Body(shape, deg, width_mm, depth, clearance_mm)
 
 

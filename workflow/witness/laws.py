@@ -4,7 +4,7 @@ A law is {name, [electrodes | drives | measures | channels], parameters}, the co
 a parameter is a number or a list with one number a site. Laws of one kind are found by `named`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -58,7 +58,9 @@ def steps(force: np.ndarray, press: np.ndarray) -> np.ndarray:
     return step
 
 
-def felt_force(laws: list[dict], force: np.ndarray, followed) -> np.ndarray:
+def felt_force(
+    laws: list[dict], force: np.ndarray, followed: Callable[[float], np.ndarray]
+) -> np.ndarray:
     """What the contrast follows, N: relaxation, then contact-law. followed(tau_s): m, (N,) N."""
     felt = force
     for p in named(laws, "relaxation"):
@@ -209,7 +211,7 @@ def potentials(
             inner = admittance[leaking][:, kept][:, :, kept]
             value[leaking, :, d] = 0.0
             solved = np.linalg.solve(inner, current[kept, d][:, None])[..., 0]
-            value[np.ix_(leaking, kept, [d])] = solved[..., None]
+            value[np.ix_(leaking, kept, np.array([d]))] = solved[..., None]
     value = np.swapaxes(value, 1, 2)
     for law in laws:
         if law["name"] == "electrode-open":
@@ -223,7 +225,9 @@ def potentials(
 # ---- instrument
 
 
-def _at_channels(laws: list[dict], name: str, key: str, neutral: float, channels: np.ndarray):
+def _at_channels(
+    laws: list[dict], name: str, key: str, neutral: float, channels: np.ndarray
+) -> Iterator[np.ndarray]:
     """(M,): a parameter at each channel, of every law of a name."""
     columns = {"drives": channels[:, 0], "measures": channels[:, 2]}
     for law in laws:

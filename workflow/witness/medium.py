@@ -79,6 +79,9 @@ class Tilted:
         return ((1.0 - factor) * plain + factor * own) / (2.0 * np.pi)
 
 
+Medium = Plane | Tilted
+
+
 def log_kernel(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """-log|x - y| / 2 pi of places apart."""
     return -np.log(np.abs(x[:, None] - y)) / (2.0 * np.pi)
@@ -89,12 +92,12 @@ def normal_kernel(x: np.ndarray, normal: np.ndarray, y: np.ndarray) -> np.ndarra
     return -(normal[:, None] / (x[:, None] - y)).real / (2.0 * np.pi)
 
 
-def potential(medium, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def potential(medium: Medium, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """The medium's kernel of places apart."""
     return log_kernel(x, y) + medium.rest(x, y)
 
 
-def flux(medium, x: np.ndarray, normal: np.ndarray, y: np.ndarray) -> np.ndarray:
+def flux(medium: Medium, x: np.ndarray, normal: np.ndarray, y: np.ndarray) -> np.ndarray:
     """dg/dn - b g at x, of places apart."""
     value = normal_kernel(x, normal, y)
     if isinstance(medium, Plane):

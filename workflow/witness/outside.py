@@ -4,13 +4,46 @@ Each law says in its docstring what it does; `amount` is its strength, 0 for non
 shows. A law is drawn by `draw(rng, scene)` and enters where the hook that it defines is called.
 """
 
-from dataclasses import dataclass, fields
-from typing import ClassVar
+from dataclasses import dataclass, field, fields
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 from scipy.special import erfc
 
+from eitskin.physics.skin import Skin
 from witness.boundary import Disc
+
+
+@dataclass
+class Touches:
+    """Rows of states: what the skin meets in each. All (R,); z (R, n) ohm m2; sigma (R,) S/m.
+
+    more: {row: [(Disc, contrast)]}: inclusions beside the touch; layers: {row: (radii mm, relative
+    conductivities)}: a touch that is not sharp; dent: the share of the depth that touches reach.
+    """
+
+    touched: np.ndarray
+    place: np.ndarray
+    radius_mm: np.ndarray
+    contrast: np.ndarray
+    force: np.ndarray
+    minutes: np.ndarray
+    press: np.ndarray
+    z: np.ndarray
+    sigma: np.ndarray
+    siemens: np.ndarray
+    more: dict[int, list[tuple[Disc, float]]] = field(default_factory=dict)
+    layers: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    dent: float = 1.0
+
+
+class Asked(Protocol):
+    """What laws may ask of the world that they act in; drives (D, 2)."""
+
+    skin: Skin
+    channels: np.ndarray
+    drives: np.ndarray
+    frame_s: float
 
 
 @dataclass(frozen=True)
@@ -38,30 +71,32 @@ class Outside:
     most: ClassVar[float] = 1.0
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, scene: Scene) -> "Outside":
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         """The law at its largest amount, its other values drawn."""
         return cls(amount=cls.most)
 
     def parameters(self) -> dict:
         """The values by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        return {one.name: getattr(self, one.name) for one in fields(self)}
 
-    def touch(self, rows, world) -> None:
-        """Change what the skin meets (world.Touches) in place."""
+    def touch(self, rows: Touches, world: Asked) -> None:
+        """Change what the skin meets in place."""
 
-    def network(self, admittance: np.ndarray, rows, world) -> np.ndarray:
+    def network(self, admittance: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         """Admittance (R, n, n) S between the electrodes."""
         return admittance
 
-    def board(self, potential: np.ndarray, rows, world) -> np.ndarray:
+    def board(self, potential: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         """Potentials (R, D, n) V per A at the board."""
         return potential
 
-    def pairs(self, volt: np.ndarray, admittance: np.ndarray, rows, world) -> np.ndarray:
+    def pairs(
+        self, volt: np.ndarray, admittance: np.ndarray, rows: Touches, world: Asked
+    ) -> np.ndarray:
         """Differences (R, M) V per A at the amplifiers' inputs."""
         return volt
 
-    def converted(self, volt: np.ndarray, rows, world) -> np.ndarray:
+    def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         """Readings (R, M) V after them."""
         return volt
 
@@ -75,11 +110,11 @@ class IntermittentContact(Outside):
     most: ClassVar[float] = 30.0
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         some = rng.choice(scene.presses, max(2, len(scene.presses) // 3), replace=False)
         return cls(cls.most, int(rng.integers(scene.n_electrodes)), tuple(sorted(some.tolist())))
 
-    def touch(self, rows, world):
+    def touch(self, rows: Touches, world: Asked) -> None:
         rows.z[np.isin(rows.press, self.presses), self.electrode] *= 1.0 + self.amount
 
 
@@ -91,10 +126,10 @@ class GainRange(Outside):
     most: ClassVar[float] = 0.3
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         return cls(cls.most, float(np.quantile(np.abs(scene.untouched_V), rng.uniform(0.4, 0.8))))
 
-    def converted(self, volt, rows, world):
+    def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         return volt * np.where(np.abs(volt) > self.threshold_V, 1.0 + self.amount, 1.0)
 
 
@@ -106,10 +141,10 @@ class HumidityStep(Outside):
     most: ClassVar[float] = 0.5
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         return cls(cls.most, float(scene.end_s / 60.0 * rng.uniform(0.3, 0.7)))
 
-    def touch(self, rows, world):
+    def touch(self, rows: Touches, world: Asked) -> None:
         rows.sigma[rows.minutes > self.minutes] *= 1.0 + self.amount
 
 
@@ -120,7 +155,7 @@ class SmoothDent(Outside):
     most: ClassVar[float] = 0.3
     rings: ClassVar[int] = 40
 
-    def touch(self, rows, world):
+    def touch(self, rows: Touches, world: Asked) -> None:
         for row in np.flatnonzero(rows.touched & (rows.contrast != 0)):
             radius, width = rows.radius_mm[row], max(self.amount, 1e-3) * rows.radius_mm[row]
             ends = np.linspace(max(radius - 3.5 * width, 0.0), radius + 3.5 * width, self.rings + 1)
@@ -146,11 +181,12 @@ class Palm(Outside):
     most: ClassVar[float] = 5.0
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
+        assert scene.free is not None
         some = rng.choice(scene.presses, max(3, len(scene.presses) // 2), replace=False)
         return cls(cls.most, *scene.free, tuple(sorted(some.tolist())))
 
-    def touch(self, rows, world):
+    def touch(self, rows: Touches, world: Asked) -> None:
         palm = (Disc(self.x_mm, self.y_mm, self.radius_mm), self.amount)
         for row in np.flatnonzero(np.isin(rows.press, self.presses)):
             rows.more[int(row)] = [*rows.more.get(int(row), []), palm]
@@ -165,20 +201,21 @@ class Shunt(Outside):
     most: ClassVar[float] = 0.1
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         return cls(cls.most, float(scene.radius_mm * rng.uniform(0.25, 0.5)))
 
-    def network(self, admittance, rows, world):
-        angle = np.radians(world.skin.electrode_deg)
-        rim = world.skin.radius_mm * np.exp(1j * angle)
+    def network(self, admittance: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
+        deg, radius = world.skin.electrode_deg, world.skin.radius_mm
+        assert deg is not None and radius is not None
+        rim = radius * np.exp(1j * np.radians(deg))
         middle = 0.5 * (rim + np.roll(rim, -1))
         admittance = admittance.copy()
         for row in np.flatnonzero(rows.touched):
             apart = np.abs(middle - rows.place[row])
             a = int(apart.argmin())
-            b = (a + 1) % len(rim)
+            ends = np.array([a, (a + 1) % len(rim)])
             bridge = self.amount * rows.force[row] * np.exp(-((apart[a] / self.range_mm) ** 2))
-            admittance[np.ix_([row], [a, b], [a, b])] += bridge * np.array([[1, -1], [-1, 1]])
+            admittance[row, ends[:, None], ends] += bridge * np.array([[1, -1], [-1, 1]])
         return admittance
 
 
@@ -193,11 +230,12 @@ class Slit(Outside):
     most: ClassVar[float] = 0.999
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
+        assert scene.free is not None
         x, y, _ = scene.free
         return cls(cls.most, x, y, float(rng.uniform(0.0, 180.0)))
 
-    def touch(self, rows, world):
+    def touch(self, rows: Touches, world: Asked) -> None:
         along = 4.0 * (np.arange(4) - 1.5) * np.exp(1j * np.radians(self.deg))
         places = complex(self.x_mm, self.y_mm) + along
         holes = [(Disc(float(p.real), float(p.imag), 1.2), -self.amount) for p in places]
@@ -212,7 +250,7 @@ class SourceSag(Outside):
 
     most: ClassVar[float] = 0.5
 
-    def board(self, potential, rows, world):
+    def board(self, potential: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         at = np.arange(len(world.drives))
         load = potential[:, at, world.drives[:, 0]] - potential[:, at, world.drives[:, 1]]
         return potential / (1.0 + self.amount * load / load[0].mean())[:, :, None]
@@ -224,7 +262,9 @@ class InputCurrent(Outside):
 
     most: ClassVar[float] = 1.0
 
-    def pairs(self, volt, admittance, rows, world):
+    def pairs(
+        self, volt: np.ndarray, admittance: np.ndarray, rows: Touches, world: Asked
+    ) -> np.ndarray:
         n = admittance.shape[-1]
         impedance = np.linalg.inv(admittance + np.abs(admittance).max() / n)
         source, sink, plus, minus = world.channels.T
@@ -251,11 +291,11 @@ class Texture(Outside):
     most: ClassVar[float] = 0.9
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         pitch = scene.radius_mm * rng.uniform(0.4, 1.0)
         return cls(cls.most, float(pitch), *rng.uniform(0.0, (360.0, 2.0 * np.pi)).tolist())
 
-    def touch(self, rows, world):
+    def touch(self, rows: Touches, world: Asked) -> None:
         along = (rows.place * np.exp(-1j * np.radians(self.deg))).real
         wave = np.cos(2.0 * np.pi * along / self.pitch_mm + self.phase)
         rows.contrast[:] = rows.contrast * (1.0 + self.amount * wave)
@@ -269,10 +309,10 @@ class ProbeTilt(Outside):
     most: ClassVar[float] = 0.3
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         return cls(cls.most, float(rng.uniform(0.0, 360.0)))
 
-    def touch(self, rows, world):
+    def touch(self, rows: Touches, world: Asked) -> None:
         walk = self.amount * rows.force * np.exp(1j * np.radians(self.deg))
         rows.place[:] = np.where(rows.touched, rows.place + walk, rows.place)
 
@@ -286,11 +326,11 @@ class ThermalGain(Outside):
     most: ClassVar[float] = 0.3
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         period = scene.end_s * rng.uniform(0.15, 0.5)
         return cls(cls.most, float(period), float(rng.uniform(0.0, 2.0 * np.pi)))
 
-    def converted(self, volt, rows, world):
+    def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         angle = 120.0 * np.pi * rows.minutes / self.period_s + self.phase
         return volt * (1.0 + self.amount * np.sin(angle))[:, None]
 
@@ -303,10 +343,10 @@ class EvenConverter(Outside):
     most: ClassVar[float] = 0.3
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         return cls(cls.most, float(np.abs(scene.untouched_V).max()))
 
-    def converted(self, volt, rows, world):
+    def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         return volt + self.amount * volt**2 / self.reference_V
 
 
@@ -316,7 +356,7 @@ class SlowSettling(Outside):
 
     most: ClassVar[float] = 0.3
 
-    def converted(self, volt, rows, world):
+    def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         return (1.0 - self.amount) * volt + self.amount * np.roll(volt, 2, axis=1)
 
 
@@ -329,11 +369,11 @@ class ContactThreshold(Outside):
     most: ClassVar[float] = 30.0
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         electrode = int(rng.integers(scene.n_electrodes))
         return cls(cls.most, electrode, float(rng.uniform(2.5, 5.0)))
 
-    def touch(self, rows, world):
+    def touch(self, rows: Touches, world: Asked) -> None:
         rows.z[rows.force > self.force_N, self.electrode] *= 1.0 + self.amount
 
 
@@ -346,10 +386,10 @@ class WanderingGain(Outside):
     most: ClassVar[float] = 0.5
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         return cls(cls.most, int(rng.integers(2**31)))
 
-    def converted(self, volt, rows, world):
+    def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         step = np.random.default_rng(self.seed).standard_normal(len(volt))
         return volt * (1.0 + 0.1 * self.amount * np.cumsum(step))[:, None]
 
@@ -363,11 +403,11 @@ class LateGain(Outside):
     most: ClassVar[float] = 0.5
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         measure = int(rng.integers(scene.n_electrodes))
         return cls(cls.most, measure, float(scene.end_s / 60.0 * rng.uniform(0.3, 0.7)))
 
-    def converted(self, volt, rows, world):
+    def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         mine = world.channels[:, 2] == self.measure
         late = (rows.minutes > self.minutes)[:, None] & mine
         return volt * np.where(late, 1.0 + self.amount, 1.0)
@@ -382,10 +422,10 @@ class LastingDent(Outside):
     most: ClassVar[float] = 0.9
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         return cls(cls.most, float(rng.uniform(3.0, 20.0)))
 
-    def touch(self, rows, world):
+    def touch(self, rows: Touches, world: Asked) -> None:
         last = None
         for row, touched in enumerate(rows.touched):
             if touched:
@@ -406,15 +446,15 @@ class ShallowDent(Outside):
     most: ClassVar[float] = 0.7
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         return cls(round(float(rng.uniform(0.3, cls.most)), 3))
 
-    def touch(self, rows, world):
+    def touch(self, rows: Touches, world: Asked) -> None:
         rows.dent = 1.0 - self.amount
         rows.contrast[:] = rows.contrast / rows.dent
 
 
-OUTSIDE = {
+OUTSIDE: dict[str, type[Outside]] = {
     "intermittent-contact": IntermittentContact,
     "gain-range": GainRange,
     "humidity-step": HumidityStep,
@@ -436,4 +476,4 @@ OUTSIDE = {
 }
 
 # What a sheet cannot show, only a body of three dimensions.
-OUTSIDE_SOLID = {"shallow-dent": ShallowDent}
+OUTSIDE_SOLID: dict[str, type[Outside]] = {"shallow-dent": ShallowDent}

@@ -8,9 +8,10 @@ by the boundary's integral equations (`world`); no line is shared with the diagn
 Equal kinds and seeds give the same recording bit for bit.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from typing import Any
 from zlib import crc32
 
 import numpy as np
@@ -91,7 +92,7 @@ class Owned:
     @property
     def voltage(self) -> np.ndarray:
         """(N, M) V."""
-        return self.recorded.voltage
+        return self.recorded.readings
 
 
 @dataclass(frozen=True)
@@ -149,7 +150,7 @@ def _made(kind: str, seed: int, plan: _Plan, rng: np.random.Generator) -> Owned 
         after = world.readings(states, plan.later)
         step = int(len(states) * rng.uniform(*MIDDLE))
         truth = replace(truth, step=step)
-        seen = np.linalg.norm((after[step] - clean[step]) / noise) / STEP_SEEN
+        seen = float(np.linalg.norm((after[step] - clean[step]) / noise) / STEP_SEEN)
         clean = np.where(np.arange(len(states))[:, None] < step, clean, after)
     elif plan.laws:
         seen = beyond(plan.true, plan.believed, world, states, clean, noise) / SEEN
@@ -199,6 +200,7 @@ def _frames(
     """States of the recording and, where the skin is touched, of the query after it."""
     if not plan.touched:
         return _still(int(rng.integers(FRAMES[0], FRAMES[1] + 1)), frame_s), None
+    assert plan.true.radius_mm is not None
     room = plan.room * plan.true.radius_mm
     states = recording_frames(rng, room, frame_s, Keep())
     return states, query_frames(rng, states, room, frame_s, Keep())
@@ -215,10 +217,11 @@ def beyond(
     """SNR in all frames of what the first, untouched, of readings (N, M) V has beyond a sheet whose
     conductivity, and where the owner does not know it the contact impedivity, fits best; noise_V
     (M,). A body with low electrodes may read as a sheet with worse contacts."""
-    first = states.iloc[:1]
+    first, impedivity = states.iloc[:1], true.contact_impedivity_ohm_m2
+    assert impedivity is not None
 
     def left(log_ratio: float) -> float:
-        contact = true.contact_impedivity_ohm_m2 * float(np.exp(log_ratio))
+        contact = impedivity * float(np.exp(log_ratio))
         sheet = World(replace(true, contact_impedivity_ohm_m2=contact), world.channels, 1.0)
         return signature(clean[:1], sheet.readings(first, []), noise_V) * np.sqrt(len(clean))
 
@@ -309,6 +312,7 @@ def _tank(rng: np.random.Generator, electrodes: str, count: int = 16) -> Skin:
 def _as_known(rng: np.random.Generator, true: Skin) -> Skin:
     """The owner's skin: a conductivity up to 15 % off, no contrast that nobody pressed, and in half
     no word of the contacts."""
+    assert true.conductivity_S_per_m is not None
     off = float(true.conductivity_S_per_m * (1.0 + rng.uniform(-0.15, 0.15)))
     known = replace(true, conductivity_S_per_m=off, contrast_per_N=true.contrast_per_N or None)
     unknown = rng.uniform() < 0.5
@@ -365,13 +369,17 @@ def _out_of_round(rng: np.random.Generator) -> _Plan:
     harmonic = int(rng.choice([2, 2, 3]))
     amplitude, phase = _between(rng, *OUT_OF_ROUND), _between(rng, 0.0, 360.0)
     shape = {"harmonic": harmonic, "amplitude": amplitude, "phase_deg": phase}
+    assert true.electrode_width_mm is not None and true.electrode_deg is not None
+    assert true.radius_mm is not None
     half = np.degrees(0.5 * true.electrode_width_mm / true.radius_mm)
     edges = np.add.outer([-half, half], true.electrode_deg)
     shift = np.reshape(carried(edges.ravel().tolist(), harmonic, amplitude, phase), edges.shape)
     width = np.radians(2.0 * half + shift[1] - shift[0]) * true.radius_mm
-    seats = (("electrode-position", "shift_deg", shift.mean(axis=0)),)
-    seats += (("electrode-width", "width_mm", width),)
-    effects = [{"name": "domain-shape", "parameters": shape}]
+    seats = (
+        ("electrode-position", "shift_deg", shift.mean(axis=0)),
+        ("electrode-width", "width_mm", width),
+    )
+    effects: list[dict[str, Any]] = [{"name": "domain-shape", "parameters": shape}]
     effects += [
         {
             "name": name,
@@ -386,7 +394,7 @@ def _out_of_round(rng: np.random.Generator) -> _Plan:
     return _Plan(drawn, true, believed, channel_table(16), effects, truth, touched, room=room)
 
 
-def carried(deg: tuple[float, ...], harmonic: int, amplitude: float, phase_deg: float) -> list:
+def carried(deg: Sequence[float], harmonic: int, amplitude: float, phase_deg: float) -> list:
     """Shifts, degrees, of marks at `deg` that keep their places along a rim which is pressed
     to r = 1 + amplitude cos(harmonic phi - phase) and not stretched; their mean is 0.
 

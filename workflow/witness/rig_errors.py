@@ -133,12 +133,14 @@ def read(
     if (error := of.get("loud-frames")) is not None:
         rng = error.rng()
         loud = rng.choice(len(clean), max(1, round(error.size * len(clean))), replace=False)
-        louder = np.exp(rng.uniform(*np.log(LOUD), (len(loud), 1)))
+        low, high = np.log(LOUD)
+        louder = np.exp(rng.uniform(low, high, (len(loud), 1)))
         voltage[loud] += louder * noise_V * rng.standard_normal((len(loud), clean.shape[1]))
     if (error := of.get("spikes")) is not None:
         rng = error.rng()
         hit = rng.uniform(size=clean.shape) < error.size
-        height = median * np.exp(rng.uniform(*np.log(SPIKES), clean.shape))
+        low, high = np.log(SPIKES)
+        height = median * np.exp(rng.uniform(low, high, clean.shape))
         voltage += np.where(hit, height * rng.choice([-1.0, 1.0], clean.shape), 0.0)
     if (error := of.get("quadrature")) is not None:
         across = error.size * np.abs(clean) * error.rng().standard_normal(clean.shape[1])

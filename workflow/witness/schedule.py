@@ -47,7 +47,9 @@ def _place(
             return float(x), float(y)
 
 
-def _forces(rng: np.random.Generator, peak_N: float, loading: int, hold: int, unloading: int):
+def _forces(
+    rng: np.random.Generator, peak_N: float, loading: int, hold: int, unloading: int
+) -> np.ndarray:
     """Forces of one press: up to the peak, held, down."""
     up = np.sort(rng.uniform(0.1, 0.9, loading - 1)) if loading > 1 else np.zeros(0)
     down = np.sort(rng.uniform(0.1, 0.9, unloading))[::-1]

@@ -30,14 +30,8 @@ FADE = 6.0  # sheets reach as far as there and back they fade to exp(-FADE)
 ALONE = 2.5  # depths round a face or a dent in which what does not reach is solved
 
 
-@BilinearForm
-def _mass(u, v, _):
-    return u * v
-
-
-@BilinearForm
-def _rise(u, v, _):
-    return grad(u)[0] * grad(v)[0]
+_mass = BilinearForm(lambda u, v, _: u * v)
+_rise = BilinearForm(lambda u, v, _: grad(u)[0] * grad(v)[0])
 
 
 @dataclass(frozen=True)

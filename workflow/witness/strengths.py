@@ -6,8 +6,11 @@ at 0, `unit` a typical strength and `most` the largest that is physical (None: i
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+
+from eitskin.physics.skin import Skin
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,7 @@ class Scene:
     channels (M, 4), where a patch may lie (x, y, radius, mm), whether the sink is grounded, how
     thick the skin is."""
 
-    skin: object
+    skin: Skin
     channels: np.ndarray
     untouched_V: np.ndarray
     patch: tuple[float, float, float] | None
@@ -36,12 +39,17 @@ class Scene:
     @property
     def n(self) -> int:
         """Electrodes."""
+        assert self.skin.electrode_deg is not None
         return len(self.skin.electrode_deg)
 
     @property
     def median_V(self) -> float:
         """Median of the untouched frame's readings."""
         return float(np.median(np.abs(self.untouched_V)))
+
+
+Drawer = Callable[[np.random.Generator, Scene], Strength]
+Parameters = Callable[[np.random.Generator, Scene], Callable[[float], dict]]
 
 
 def _spread(rng: np.random.Generator, size: int) -> np.ndarray:
@@ -60,9 +68,17 @@ def _scope(rng: np.random.Generator, common: bool, dense: bool = True) -> str:
     return "dense" if dense and u > 0.85 else "sparse"
 
 
-def _sited(name: str, kind: str, key: str, unit: float, most: float, value, common: bool):
-    """A drawer for an effect with sites: value(x) of the parameter at x = strength times sign or
-    normal value."""
+def _sited(
+    name: str,
+    kind: str,
+    key: str,
+    unit: float,
+    most: float,
+    value: Callable[[float, Scene], float],
+    common: bool,
+) -> Drawer:
+    """A drawer for an effect with sites: value(x, scene) of the parameter at x =
+    strength times sign or normal value."""
 
     def draw(rng: np.random.Generator, scene: Scene) -> Strength:
         count = len(scene.channels) if kind == "channels" else scene.n
@@ -89,7 +105,9 @@ def _sited(name: str, kind: str, key: str, unit: float, most: float, value, comm
     return draw
 
 
-def _plain(name: str, unit: float, most: float, parameters, signed: bool = True):
+def _plain(
+    name: str, unit: float, most: float, parameters: Parameters, signed: bool = True
+) -> Drawer:
     """A drawer for an effect without sites: parameters(rng, scene) gives a -> its parameters."""
 
     def draw(rng: np.random.Generator, scene: Scene) -> Strength:
@@ -100,48 +118,49 @@ def _plain(name: str, unit: float, most: float, parameters, signed: bool = True)
     return draw
 
 
-def _one(key: str, neutral: float = 0.0):
+def _one(key: str, neutral: float = 0.0) -> Parameters:
     return lambda rng, scene: lambda a: {key: neutral + a}
 
 
-def _ratio(key: str):
+def _ratio(key: str) -> Parameters:
     return lambda rng, scene: lambda a: {key: float(np.exp(a))}
 
 
-def _directed(key: str, neutral: float, turn: float):
-    def parameters(rng, scene):
+def _directed(key: str, neutral: float, turn: float) -> Parameters:
+    def parameters(rng: np.random.Generator, scene: Scene) -> Callable[[float], dict]:
         angle = round(float(rng.uniform(0.0, turn)), 2)
         return lambda a: {key: neutral + a, "angle_deg": angle}
 
     return parameters
 
 
-def _shape(rng, scene):
+def _shape(rng: np.random.Generator, scene: Scene) -> Callable[[float], dict]:
     harmonic = int(rng.choice([0, 2, 2, 3, 4, 5]))
     phase = 0.0 if harmonic == 0 else round(float(rng.uniform(0.0, 360.0)), 2)
     return lambda a: {"harmonic": harmonic, "amplitude": a, "phase_deg": phase}
 
 
-def _patch(rng, scene):
+def _patch(rng: np.random.Generator, scene: Scene) -> Callable[[float], dict]:
+    assert scene.patch is not None
     x, y, radius = scene.patch
     return lambda a: {"x_mm": x, "y_mm": y, "radius_mm": radius, "contrast": float(np.exp(a))}
 
 
-def _mains(rng, scene):
+def _mains(rng: np.random.Generator, scene: Scene) -> Callable[[float], dict]:
     tone = float(rng.choice([50.0, 60.0])) + round(float(rng.uniform(-0.05, 0.05)), 3)
     phase = round(float(rng.uniform(0.0, 360.0)), 2)
     median = scene.median_V
     return lambda a: {"frequency_Hz": tone, "volt": a * median, "phase_deg": phase}
 
 
-def _converter(rng, scene):
+def _converter(rng: np.random.Generator, scene: Scene) -> Callable[[float], dict]:
     largest = float(np.abs(scene.untouched_V).max())
     if rng.uniform() < 0.3:
         return lambda a: {"limit_V": largest * (1.0 - abs(a))}
     return lambda a: {"cubic": a / largest**2}
 
 
-def _registration(rng, scene):
+def _registration(rng: np.random.Generator, scene: Scene) -> Callable[[float], dict]:
     direction = rng.uniform(0.0, 2.0 * np.pi)
     x, y = float(np.cos(direction)), float(np.sin(direction))
     kind = rng.integers(3)
@@ -150,7 +169,7 @@ def _registration(rng, scene):
     return lambda a: {"dx_mm": shift * a * x, "dy_mm": shift * a * y, "rotation_deg": turn * a}
 
 
-def _relaxation(rng, scene):
+def _relaxation(rng: np.random.Generator, scene: Scene) -> Callable[[float], dict]:
     tau = round(float(np.exp(rng.uniform(np.log(0.7), np.log(15.0)))), 3)
     return lambda a: {"fraction": a, "tau_s": tau}
 
@@ -161,6 +180,7 @@ def _impedance_with_force(rng: np.random.Generator, scene: Scene) -> Strength:
     )
     strength = draw(rng, scene)
     radius = scene.skin.radius_mm
+    assert radius is not None
     range_mm = round(radius * rng.uniform(0.3, 0.8), 1) if strength.scope != "sparse" else None
 
     def at(a: float) -> dict:
@@ -191,7 +211,7 @@ def _leak(rng: np.random.Generator, scene: Scene) -> Strength:
     )
 
 
-def _fixed(name: str, size: int):
+def _fixed(name: str, size: int) -> Drawer:
     def draw(rng: np.random.Generator, scene: Scene) -> Strength:
         sites = sorted(rng.choice(scene.n, size, replace=False).tolist())
         return Strength(lambda a: {"name": name, "electrodes": sites}, None, None, "sparse")
@@ -201,7 +221,7 @@ def _fixed(name: str, size: int):
 
 def _deep(rng: np.random.Generator, scene: Scene) -> Strength:
     given = scene.skin.thickness_mm is not None
-    law = {"name": "third-dimension"}
+    law: dict[str, Any] = {"name": "third-dimension"}
     law["parameters"] = {} if given else {"depth_mm": scene.depth_mm}
     return Strength(lambda a: law, None, None, "common")
 
@@ -212,19 +232,16 @@ def _offset(rng: np.random.Generator, scene: Scene) -> Strength:
     return _sited("offset", kind, "volt", 0.05, 3.0, lambda x, s: x * median, False)(rng, scene)
 
 
-DRAWN = {
+def _width(x: float, scene: Scene) -> float:
+    assert scene.skin.electrode_width_mm is not None
+    return scene.skin.electrode_width_mm * (1.0 + x)
+
+
+DRAWN: dict[str, Drawer] = {
     "contact-impedance": _sited(
         "contact-impedance", "electrodes", "ratio", 0.3, 1.6, lambda x, s: np.exp(x), True
     ),
-    "electrode-width": _sited(
-        "electrode-width",
-        "electrodes",
-        "width_mm",
-        0.1,
-        0.6,
-        lambda x, s: s.skin.electrode_width_mm * (1.0 + x),
-        True,
-    ),
+    "electrode-width": _sited("electrode-width", "electrodes", "width_mm", 0.1, 0.6, _width, True),
     "electrode-position": _sited(
         "electrode-position", "electrodes", "shift_deg", 0.3, 5.0, lambda x, s: x, False
     ),

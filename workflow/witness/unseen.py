@@ -5,20 +5,20 @@ diagnosis was being written: they are for a last, sealed block.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
 from witness import laws as known
 from witness.boundary import Disc
-from witness.outside import Outside
+from witness.outside import Asked, Outside, Scene, Touches
 
 
-def _seconds(rows) -> np.ndarray:
+def _seconds(rows: Touches) -> np.ndarray:
     return 60.0 * rows.minutes
 
 
-def _largest_so_far(rows) -> np.ndarray:
+def _largest_so_far(rows: Touches) -> np.ndarray:
     """(R,) N: the largest force of each row's press up to it, 0 where untouched."""
     largest = np.zeros(len(rows.force))
     for label in np.unique(rows.press[rows.press >= 0]):
@@ -34,7 +34,7 @@ def _begun(press: np.ndarray) -> np.ndarray:
     return np.where(begun < 0, first - 1, begun)
 
 
-def _between(values: np.ndarray, world) -> np.ndarray:
+def _between(values: np.ndarray, world: Asked) -> np.ndarray:
     """(..., M): what electrodes' values (..., n) add to each measuring pair."""
     return values[..., world.channels[:, 2]] - values[..., world.channels[:, 3]]
 
@@ -50,11 +50,11 @@ class ChargeUp(Outside):
     most: ClassVar[float] = 1.0
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         median = float(np.median(np.abs(scene.untouched_V)))
         return cls(cls.most, float(rng.uniform(5.0, 60.0)), median)
 
-    def converted(self, volt, rows, world):
+    def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         charge = np.zeros((len(world.channels), int(world.channels.max()) + 1))
         now = charge[0].copy()
         for k, (source, sink) in enumerate(world.channels[:, :2]):
@@ -76,11 +76,12 @@ class DryingFront(Outside):
     most: ClassVar[float] = 0.6
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         return cls(cls.most, float(scene.radius_mm * rng.uniform(0.15, 0.25)), scene.end_s)
 
-    def touch(self, rows, world):
-        time = _seconds(rows)
+    def touch(self, rows: Touches, world: Asked) -> None:
+        time, radius = _seconds(rows), world.skin.radius_mm
+        assert radius is not None
         for label in np.unique(rows.press[rows.press >= 0]):
             time[rows.press == label] = time[rows.press == label][0]
         depth = self.depth_mm * np.sqrt((time + 0.25 * self.end_s) / (1.25 * self.end_s))
@@ -88,7 +89,7 @@ class DryingFront(Outside):
         wet = self.amount / (1.0 - self.amount)
         if wet > 0:
             for row, ring in enumerate(depth.tolist()):
-                disc = Disc(0.0, 0.0, world.skin.radius_mm - ring)
+                disc = Disc(0.0, 0.0, radius - ring)
                 rows.more[row] = [*rows.more.get(row, []), (disc, wet)]
 
 
@@ -105,12 +106,12 @@ class Peeling(Outside):
     most: ClassVar[float] = 30.0
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         electrode, turn = int(rng.integers(scene.n_electrodes)), int(rng.choice([-1, 1]))
         threshold, step = rng.uniform((0.5, 0.8), (2.0, 2.0)).tolist()
         return cls(cls.most, electrode, turn, threshold, step)
 
-    def touch(self, rows, world):
+    def touch(self, rows: Touches, world: Asked) -> None:
         n = rows.z.shape[1]
         length = (_largest_so_far(rows) - self.threshold_N) / self.step_N
         order = (self.electrode + self.turn * np.arange(n)) % n
@@ -132,7 +133,8 @@ class Bubble(Outside):
     most: ClassVar[float] = 0.999
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
+        assert scene.free is not None
         x, y, clear = scene.free
         radius = float(rng.uniform(1.5, 3.0))
         return cls(cls.most, x, y, clear - radius, radius, int(rng.integers(2**31)))
@@ -143,7 +145,7 @@ class Bubble(Outside):
         away = self.reach_mm * np.sqrt(u) * np.exp(2j * np.pi * phi)
         return complex(self.x_mm, self.y_mm) + complex(away)
 
-    def touch(self, rows, world):
+    def touch(self, rows: Touches, world: Asked) -> None:
         for row, press in enumerate(_begun(rows.press).tolist()):
             at = self.place(press)
             hole = (Disc(at.real, at.imag, self.radius_mm), -self.amount)
@@ -160,10 +162,12 @@ class LeadCoupling(Outside):
     most: ClassVar[float] = 0.3
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         return cls(cls.most, float(rng.uniform(1.0, 8.0)))
 
-    def pairs(self, volt, admittance, rows, world):
+    def pairs(
+        self, volt: np.ndarray, admittance: np.ndarray, rows: Touches, world: Asked
+    ) -> np.ndarray:
         ends = world.channels[:, :2]
         new = np.append(True, (ends[1:] != ends[:-1]).any(axis=1))
         since = np.arange(len(ends)) - np.flatnonzero(new)[np.cumsum(new) - 1]
@@ -190,10 +194,11 @@ class WarmingPatch(Outside):
     most: ClassVar[float] = 2.0
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
+        assert scene.free is not None
         return cls(cls.most, *scene.free, float(scene.end_s * rng.uniform(0.1, 0.5)))
 
-    def touch(self, rows, world):
+    def touch(self, rows: Touches, world: Asked) -> None:
         warmth = -np.expm1(-_seconds(rows) / self.tau_s)
         for row, contrast in enumerate((self.amount * warmth).tolist()):
             warm = (Disc(self.x_mm, self.y_mm, self.radius_mm), contrast)
@@ -209,12 +214,12 @@ class SteppedGain(Outside):
     most: ClassVar[float] = 0.3
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         return cls(
             cls.most, float(np.abs(scene.untouched_V).max() * (1 - rng.uniform(0.001, 0.02)))
         )
 
-    def converted(self, volt, rows, world):
+    def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         ends = world.channels[:, :2]
         new = np.append(True, (ends[1:] != ends[:-1]).any(axis=1))
         largest = np.maximum.reduceat(np.abs(volt), np.flatnonzero(new), axis=1)
@@ -231,10 +236,10 @@ class ProbeSlip(Outside):
     most: ClassVar[float] = 3.0
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         return cls(cls.most, int(rng.integers(2**31)))
 
-    def touch(self, rows, world):
+    def touch(self, rows: Touches, world: Asked) -> None:
         eased = rows.touched & (rows.force < _largest_so_far(rows))
         for label in np.unique(rows.press[eased]):
             mine = np.flatnonzero(rows.press == label)
@@ -253,11 +258,11 @@ class SupplyRipple(Outside):
     most: ClassVar[float] = 0.3
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         tone = float(rng.choice([100.0, 120.0]) + rng.uniform(-0.1, 0.1))
         return cls(cls.most, tone, float(rng.uniform(0.0, 2.0 * np.pi)))
 
-    def converted(self, volt, rows, world):
+    def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         count = volt.shape[1]
         moment = _seconds(rows)[:, None] + world.frame_s * np.arange(count) / count
         angle = 2.0 * np.pi * self.frequency_Hz * moment + self.phase
@@ -277,12 +282,12 @@ class PopcornNoise(Outside):
     jumps: ClassVar[int] = 4096
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         measure, seed = int(rng.integers(scene.n_electrodes)), int(rng.integers(2**31))
         dwell = float(scene.end_s * rng.uniform(0.03, 0.15))
         return cls(cls.most, measure, dwell, float(np.median(np.abs(scene.untouched_V))), seed)
 
-    def converted(self, volt, rows, world):
+    def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         waits = np.random.default_rng(self.seed).exponential(self.dwell_s, self.jumps)
         high = np.searchsorted(np.cumsum(waits), _seconds(rows)) % 2
         mine = world.channels[:, 2] == self.measure
@@ -300,12 +305,12 @@ class HalfCellDrift(Outside):
     most: ClassVar[float] = 1.0
 
     @classmethod
-    def draw(cls, rng, scene):
+    def draw(cls, rng: np.random.Generator, scene: Scene) -> Self:
         ends = tuple(np.round(rng.standard_normal(scene.n_electrodes), 3).tolist())
         median = float(np.median(np.abs(scene.untouched_V)))
         return cls(cls.most, float(scene.end_s * rng.uniform(0.1, 0.5)), median, ends)
 
-    def converted(self, volt, rows, world):
+    def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         crept = -np.expm1(-_seconds(rows) / self.tau_s)
         away = self.amount * self.reference_V * _between(np.array(self.ends), world)
         return volt + crept[:, None] * away
@@ -317,7 +322,7 @@ class AveragingFilter(Outside):
 
     most: ClassVar[float] = 0.9
 
-    def converted(self, volt, rows, world):
+    def converted(self, volt: np.ndarray, rows: Touches, world: Asked) -> np.ndarray:
         smooth = volt.copy()
         for n in range(1, len(volt)):
             smooth[n] = (1.0 - self.amount) * volt[n] + self.amount * smooth[n - 1]
@@ -332,7 +337,7 @@ class PileUp(Outside):
     ratio: ClassVar[float] = 1.3
     most: ClassVar[float] = 0.5
 
-    def touch(self, rows, world):
+    def touch(self, rows: Touches, world: Asked) -> None:
         for row in np.flatnonzero(rows.touched & (rows.contrast != 0)):
             radius, contrast = rows.radius_mm[row], rows.contrast[row]
             ring = max(1.0 - self.amount * contrast / (self.ratio**2 - 1.0), 0.1)
@@ -340,7 +345,7 @@ class PileUp(Outside):
             rows.layers[int(row)] = (radii, np.array([1.0 + contrast, ring]))
 
 
-UNSEEN = {
+UNSEEN: dict[str, type[Outside]] = {
     "charge-up": ChargeUp,
     "drying-front": DryingFront,
     "peeling": Peeling,

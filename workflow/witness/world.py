@@ -1,7 +1,8 @@
 """What a skin with laws on it makes an instrument read."""
 
 from collections import OrderedDict
-from dataclasses import dataclass, field
+from collections.abc import Callable, Hashable
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -9,38 +10,18 @@ import pandas as pd
 from eitskin.physics.skin import Skin
 from witness import laws as known
 from witness.boundary import Disc, Radial, Resolution
+from witness.curves import Shape
 from witness.deep import Depth
-from witness.generators import GENERATORS
-from witness.outside import Outside
+from witness.generators import GENERATORS, AnyBody
+from witness.outside import Outside, Touches
 from witness.press import Press
 from witness.slab import Solid
 
 LEAST_CONDUCTIVITY = 1e-3  # of the background's, inside a touch: contrast is kept above -1
 # Where between a frame's least and largest force, -1 to 1, it is solved if its force changes.
 SKEW_NODES = np.cos(np.pi * (2 * np.arange(9) + 1) / 18)
-
-
-@dataclass
-class Touches:
-    """Rows of states: what the skin meets in each. All (R,); z (R, n) ohm m2; sigma (R,) S/m.
-
-    more: {row: [(Disc, contrast)]}: inclusions beside the touch; layers: {row: (radii mm, relative
-    conductivities)}: a touch that is not sharp; dent: the share of the depth that touches reach.
-    """
-
-    touched: np.ndarray
-    place: np.ndarray
-    radius_mm: np.ndarray
-    contrast: np.ndarray
-    force: np.ndarray
-    minutes: np.ndarray
-    press: np.ndarray
-    z: np.ndarray
-    sigma: np.ndarray
-    siemens: np.ndarray
-    more: dict[int, list] = field(default_factory=dict)
-    layers: dict[int, tuple] = field(default_factory=dict)
-    dent: float = 1.0
+T = TypeVar("T")
+Asking = Callable[[Press, float], float]  # what is asked of a press at a time, s
 
 
 class World:
@@ -89,7 +70,7 @@ class World:
             for label in np.unique(press[touched])
         }
 
-        def along(value) -> np.ndarray:
+        def along(value: Asking) -> np.ndarray:
             at = zip(press, time, strict=True)
             return np.array([value(history[p], t) if p >= 0 else 0.0 for p, t in at])
 
@@ -125,8 +106,17 @@ class World:
         )
         return outside.converted(volt, rows, self)
 
-    def _touches(self, states, laws, force, peak, along, press) -> Touches:
+    def _touches(
+        self,
+        states: pd.DataFrame,
+        laws: list[dict],
+        force: np.ndarray,
+        peak: np.ndarray,
+        along: Callable[[Asking], np.ndarray],
+        press: np.ndarray,
+    ) -> Touches:
         skin = self.skin
+        assert skin.radius_mm is not None and skin.conductivity_S_per_m is not None
         touched = states["touch"].to_numpy(bool)
         place = states["x_mm"].to_numpy(float) + 1j * states["y_mm"].to_numpy(float)
         place = known.true_place(laws, np.where(touched, place, 0.0))
@@ -161,6 +151,7 @@ class World:
         if given is None and not self.generator.solid:
             return None
         deep = (given or {}).get("depth_mm") or skin.thickness_mm
+        assert deep is not None
         height = skin.electrode_height_mm or deep
         z = 0.5 * deep if skin.electrode_z_mm is None else skin.electrode_z_mm
         if not self.generator.solid:
@@ -172,6 +163,7 @@ class World:
     def _solve(self, rows: Touches, laws: list[dict]) -> np.ndarray:
         """(R, n, n) S: admittance of the skin in every row."""
         skin = self.skin
+        assert skin.radius_mm is not None
         shape = known.outline(laws, skin.radius_mm)
         deg, width = self.electrodes(laws)
         always = [(Disc(*patch[:3]), patch[3]) for patch in known.patches(laws)]
@@ -228,7 +220,14 @@ class World:
                 value *= 1.0 + contrast
         return value
 
-    def _body(self, shape, deg, width, depth: Depth | Solid | None, gap_mm: float) -> "_Kept":
+    def _body(
+        self,
+        shape: Shape,
+        deg: np.ndarray,
+        width: np.ndarray,
+        depth: Depth | Solid | None,
+        gap_mm: float,
+    ) -> "_Kept":
         """A body fit for a gap, rounded down so that near ones share it."""
         fit = None
         if np.isfinite(gap_mm):
@@ -246,21 +245,21 @@ class World:
 class _Kept:
     """A body with its latest contacts and places."""
 
-    def __init__(self, body):
+    def __init__(self, body: AnyBody):
         self.body = body
         self._contacts: OrderedDict = OrderedDict()
         self._places: OrderedDict = OrderedDict()
 
-    def contact(self, length: np.ndarray):
+    def contact(self, length: np.ndarray) -> Any:
         """As Body.contact."""
         return _latest(self._contacts, length.tobytes(), lambda: self.body.contact(length), 2)
 
-    def place(self, discs: tuple[Disc, ...]):
+    def place(self, discs: tuple[Disc, ...]) -> Any:
         """As Body.place."""
         return _latest(self._places, discs, lambda: self.body.place(discs), 160)
 
 
-def _latest(kept: OrderedDict, key, make, size: int):
+def _latest(kept: OrderedDict, key: Hashable, make: Callable[[], T], size: int) -> T:
     """What stands under a key, made where nothing does; the `size` latest are kept."""
     if key in kept:
         kept.move_to_end(key)
