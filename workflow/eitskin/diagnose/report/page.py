@@ -258,11 +258,12 @@ def _answer(found: Evidence, changes: list[str]) -> str:
     elif diagnosis["verdict"] == "partly-explained":
         parts.append("<p>What is left there is more than the noise.</p>")
     if diagnosis["effects"]:
-        over = (
-            "A gain is over the best set without the effect, with another name in its place too. A"
-            " share of the misfit is what comes back without the effect; shares need not add up to"
-            " 100 %."
-        )
+        over = "A gain is over the best set without the effect, with another name in its place too."
+        if len(diagnosis["effects"]) > 1:
+            over += (
+                " A share of the misfit is what comes back without the effect; shares need not add"
+                " up to 100 %."
+            )
         parts.append(f"<p class='quiet'>Gains are told in nats: {NATS} {over}</p>")
     for k, effect in enumerate(diagnosis["effects"]):
         change = _changed(k, changes[k], found) if any(changes[k : k + 1]) else ""
