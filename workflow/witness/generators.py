@@ -15,22 +15,31 @@ from witness.strengths import DRAWN
 from witness.unseen import UNSEEN
 
 AnyBody = boundary.Body | DeepBody | elements.Body | disc.Body | slab.Body
-Maker = Callable[
-    [Shape, np.ndarray, np.ndarray, Depth | Solid | None, float | None, Resolution | None], AnyBody
-]
 
 LAWS: dict[str, type[Outside]] = OUTSIDE | OUTSIDE_SOLID | UNSEEN  # outside the catalogue
 
 
 @dataclass(frozen=True)
+class Drawing:
+    """What a body is made of: as `boundary.Body` has it, and the depth."""
+
+    shape: Shape
+    deg: np.ndarray
+    width_mm: np.ndarray
+    depth: Depth | Solid | None
+    clearance_mm: float | None
+    resolution: Resolution | None
+
+
+@dataclass(frozen=True)
 class Generator:
-    """body(shape, deg, width_mm, depth, clearance_mm, resolution): as `boundary.Body`; unable: the
-    laws of `strengths.DRAWN`, `outside` and `unseen` that it does not solve; least_level: the least
-    noise, over the median |v|, that its cases may have: three times its own error; solid: whether
-    its depth is a `slab.Solid`, whatever the laws."""
+    """body: makes one of its drawing; unable: the laws of `strengths.DRAWN`, `outside` and `unseen`
+    that it does not solve; least_level: the least noise, over the median |v|, that its cases may
+    have: three times its own error; solid: whether its depth is a `slab.Solid`, whatever the laws.
+    """
 
     name: str
-    body: Maker
+    body: Callable[[Drawing], AnyBody]
     unable: frozenset[str]
     least_level: float
     solid: bool = False
@@ -48,56 +57,29 @@ class Generator:
         return kind in ("null", "pair", "triple")
 
 
-def _boundary(
-    shape: Shape,
-    deg: np.ndarray,
-    width_mm: np.ndarray,
-    depth: Depth | Solid | None,
-    clearance_mm: float | None,
-    resolution: Resolution | None,
-) -> boundary.Body | DeepBody:
-    if depth is None:
-        return boundary.Body(shape, deg, width_mm, clearance_mm, resolution)
-    assert isinstance(depth, Depth)
-    return DeepBody(shape, deg, width_mm, depth, clearance_mm, resolution)
+def _boundary(of: Drawing) -> boundary.Body | DeepBody:
+    rest = of.clearance_mm, of.resolution
+    if of.depth is None:
+        return boundary.Body(of.shape, of.deg, of.width_mm, *rest)
+    assert isinstance(of.depth, Depth)
+    return DeepBody(of.shape, of.deg, of.width_mm, of.depth, *rest)
 
 
-def _elements(
-    shape: Shape,
-    deg: np.ndarray,
-    width_mm: np.ndarray,
-    depth: Depth | Solid | None,
-    clearance_mm: float | None,
-    resolution: Resolution | None,
-) -> elements.Body:
-    if depth is not None:
+def _elements(of: Drawing) -> elements.Body:
+    if of.depth is not None:
         raise ValueError("triangles are those of a sheet")
-    return elements.Body(shape, deg, width_mm, clearance_mm)
+    return elements.Body(of.shape, of.deg, of.width_mm, of.clearance_mm)
 
 
-def _disc(
-    shape: Shape,
-    deg: np.ndarray,
-    width_mm: np.ndarray,
-    depth: Depth | Solid | None,
-    clearance_mm: float | None,
-    resolution: Resolution | None,
-) -> disc.Body:
-    if depth is not None:
+def _disc(of: Drawing) -> disc.Body:
+    if of.depth is not None:
         raise ValueError("the series is that of a sheet")
-    return disc.Body(shape, deg, width_mm)
+    return disc.Body(of.shape, of.deg, of.width_mm)
 
 
-def _slab(
-    shape: Shape,
-    deg: np.ndarray,
-    width_mm: np.ndarray,
-    depth: Depth | Solid | None,
-    clearance_mm: float | None,
-    resolution: Resolution | None,
-) -> slab.Body:
-    assert isinstance(depth, Solid)
-    return slab.Body(shape, deg, width_mm, depth, clearance_mm)
+def _slab(of: Drawing) -> slab.Body:
+    assert isinstance(of.depth, Solid)
+    return slab.Body(of.shape, of.deg, of.width_mm, of.depth, of.clearance_mm)
 
 
 BEYOND_SHEET = frozenset(OUTSIDE_SOLID)

@@ -12,7 +12,7 @@ from witness import laws as known
 from witness.boundary import Disc, Radial, Resolution
 from witness.curves import Shape
 from witness.deep import Depth
-from witness.generators import GENERATORS, AnyBody
+from witness.generators import GENERATORS, AnyBody, Drawing
 from witness.outside import Outside, Touches
 from witness.press import Press
 from witness.slab import Solid
@@ -237,7 +237,9 @@ class World:
         key = (repr(shape), deg.tobytes(), width.tobytes(), depth, fit)
 
         def make() -> _Kept:
-            return _Kept(self.generator.body(shape, deg, width, depth, fit, self.resolution))
+            return _Kept(
+                self.generator.body(Drawing(shape, deg, width, depth, fit, self.resolution))
+            )
 
         return _latest(self._bodies, key, make, 6)
 

@@ -7,9 +7,9 @@ import numpy as np
 from eitskin.physics import neumann
 from eitskin.physics.conformal import DiscMap
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.harmonics import Harmonics, own_kernel, symmetric
+from eitskin.physics.harmonics import Harmonics, symmetric
 from eitskin.physics.kept_touches import Place
-from eitskin.physics.touch import MOST_EVEN_NODES, ROUND, Circle, TouchAccuracy, rim_gap
+from eitskin.physics.touch import MOST_EVEN_NODES, ROUND, Circle, TouchAccuracy, even_nodes, rim_gap
 
 AT_ONCE_BYTES = 1 << 19  # of an array between nodes and rim: what a core's cache may hold
 
@@ -29,13 +29,12 @@ class EvenTouches:
         count: int,
     ):
         self.places = places
-        t = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
-        weight = np.full(count, 2.0 * np.pi / count)
+        t, weight = even_nodes(count)
         self.zeta, tangent, curvature = _circles(places, geometry, disc).mapped(t, 2)
         self.dzeta = tangent * weight
         harmonics = Harmonics.around(self.zeta, degree)
         self.values = harmonics.values(self.zeta)
-        kernel = own_kernel(self.zeta, tangent, curvature, weight)
+        kernel = neumann.own_flux_kernel(self.zeta, tangent, curvature, weight, jump=-0.5)
         across = np.swapaxes(harmonics.flux(self.zeta, self.dzeta), -1, -2)
         self.mass = symmetric(across @ self.values)
         self.self_response = self.mass + symmetric(across @ (kernel @ self.values))

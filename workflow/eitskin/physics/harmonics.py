@@ -1,13 +1,9 @@
-"""The harmonics inside a touch, and how the edge of one acts on itself."""
+"""The harmonics inside a touch."""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-
-from eitskin.physics import neumann
-
-CACHED_BYTES = 1 << 17  # of an array that is made of many others of its size
 
 
 @dataclass(frozen=True)
@@ -54,28 +50,6 @@ class Harmonics:
         """(..., points, 2 degree): their flux through the line elements `dzeta`."""
         slope = self.powers(zeta, 1) * dzeta[..., None]
         return np.concatenate([slope.imag, -slope.real], axis=-1)
-
-
-def own_kernel(
-    zeta: np.ndarray, tangent: np.ndarray, curvature: np.ndarray, weight: np.ndarray
-) -> np.ndarray:
-    """(..., N, N): the Neumann function's flux kernel between the nodes of one edge, from inside.
-
-    zeta, tangent, curvature (..., N): the nodes and their first and second derivatives by the
-    angle; weight (N,) or (..., N).
-    """
-    *stack, count = zeta.shape
-    dzeta, apart = tangent * weight, np.eye(count)
-    kernel = np.empty((*stack, count, count))
-    rows = max(CACHED_BYTES // (16 * zeta.size), 1)
-    for start in range(0, count, rows):
-        some = slice(start, start + rows)
-        kernel[..., some, :] = neumann.flux_kernel(
-            zeta[..., some, None], zeta[..., None, :] + apart[some], dzeta[..., None, :]
-        )
-    turn = (curvature / tangent).imag * weight
-    kernel[..., range(count), range(count)] = neumann.flux_kernel_diagonal(zeta, dzeta, turn) - 0.5
-    return kernel
 
 
 def symmetric(matrix: np.ndarray) -> np.ndarray:

@@ -8,6 +8,8 @@ normal n obeys d/dn Re g(y) ds = Im(g'(y) dy), counter-clockwise round the regio
 
 import numpy as np
 
+CACHED_BYTES = 1 << 17  # of an array that is made of many others of its size
+
 
 def rim_potential(angle: np.ndarray) -> np.ndarray:
     """N between two rim points `angle` radians apart (not 0)."""
@@ -40,6 +42,28 @@ def flux_kernel_diagonal(y: np.ndarray, dy: np.ndarray, turn: np.ndarray) -> np.
     """
     image = np.conj(y) * dy / (1.0 - np.abs(y) ** 2)
     return -(0.5 * turn - image.imag) / (2.0 * np.pi)
+
+
+def own_flux_kernel(
+    y: np.ndarray, slope: np.ndarray, bend: np.ndarray, weight: np.ndarray, jump: float = 0.0
+) -> np.ndarray:
+    """(..., N, N): `flux_kernel` between the nodes of one smooth curve.
+
+    y, slope, bend (..., N): nodes, first and second derivatives by the parameter; weight (N,) or
+    (..., N); jump: what a node has of itself besides, -1/2 from inside a closed curve.
+    """
+    *stack, count = y.shape
+    dy, apart = slope * weight, np.eye(count)
+    kernel = np.empty((*stack, count, count))
+    rows = max(CACHED_BYTES // (16 * y.size), 1)
+    for start in range(0, count, rows):
+        some = slice(start, start + rows)
+        kernel[..., some, :] = flux_kernel(
+            y[..., some, None], y[..., None, :] + apart[some], dy[..., None, :]
+        )
+    own = flux_kernel_diagonal(y, dy, (bend / slope).imag * weight)
+    kernel[..., range(count), range(count)] = own + jump
+    return kernel
 
 
 def rim_flux_kernel(rim: np.ndarray, y: np.ndarray, dy: np.ndarray) -> np.ndarray:

@@ -23,7 +23,15 @@ from eitskin.physics.electrodes import Electrodes
 from eitskin.physics.forward import Forward
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.kept_touches import Coupled, Entered, KeptTouches, Place
-from eitskin.physics.touch import NODE_COUNTS, Circle, Touch, TouchAccuracy, TouchEdge, rim_gap
+from eitskin.physics.touch import (
+    NODE_COUNTS,
+    Circle,
+    Touch,
+    TouchAccuracy,
+    TouchEdge,
+    even_nodes,
+    rim_gap,
+)
 
 LEAST_GAP = 0.03  # of a patch to the rim, in its radii
 LEAST_NODES = 48
@@ -57,13 +65,10 @@ class PatchEdge(Circle):
             raise InputError("skin", "patch", place, expected)
         wanted = max(self.digits / np.log1p(gap), LEAST_NODES)
         count = next((n for n in NODE_COUNTS if n >= wanted), NODE_COUNTS[-1])
-        self.t = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
-        self.weight = np.full(count, 2.0 * np.pi / count)
+        self.t, self.weight = even_nodes(count)
         self.zeta, self.tangent, curvature = self.mapped(self.t, 2)
         self.dzeta = self.tangent * self.weight
-        kernel = neumann.flux_kernel(self.zeta[:, None], self.zeta + np.eye(count), self.dzeta)
-        turn = (curvature / self.tangent).imag * self.weight
-        np.fill_diagonal(kernel, neumann.flux_kernel_diagonal(self.zeta, self.dzeta, turn))
+        kernel = neumann.own_flux_kernel(self.zeta, self.tangent, curvature, self.weight)
         self.kernel = kernel.T
         self._factors = lu_factor(np.eye(count) + self.reflection * self.kernel)
 

@@ -19,7 +19,7 @@ from eitskin.physics import neumann
 from eitskin.physics.conformal import DiscMap, MapVelocity
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
-from eitskin.physics.harmonics import Harmonics, own_kernel, symmetric
+from eitskin.physics.harmonics import Harmonics, symmetric
 
 NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 MOST_EVEN_NODES = 128  # against the rim; nearer to it, nodes are graded
@@ -225,8 +225,7 @@ class TouchEdge(Circle):
         if self.clipped:
             self._clip(t, np.abs(zeta) > 1.0, panels, beside)
         elif self.even:
-            self.t = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
-            self.weight = np.full(count, 2.0 * np.pi / count)
+            self.t, self.weight = even_nodes(count)
         else:
             nearest = t[np.abs(zeta).argmax()]
             end = nearest + 2.0 * np.pi
@@ -293,7 +292,8 @@ class TouchEdge(Circle):
         self.values = self.harmonics.values(self.zeta)
         self.flux = self.harmonics.flux(self.zeta, dzeta)
         self.rim_flux = self.harmonics.flux(rim, drim)
-        self.kernel = own_kernel(self.zeta, self.tangent, self.curvature, self.weight)
+        edge = self.zeta, self.tangent, self.curvature, self.weight
+        self.kernel = neumann.own_flux_kernel(*edge, jump=-0.5)
         self.rim_kernel = neumann.flux_kernel(rim[:, None], self.zeta, dzeta)
         rim_values = self.harmonics.values(rim)
         if self.bulk:
@@ -519,6 +519,11 @@ def rim_gap(zeta: np.ndarray) -> np.ndarray:
     for one that crosses it."""
     radius = np.abs(zeta - zeta.mean(-1, keepdims=True)).max(-1)
     return (1.0 - np.abs(zeta).max(-1)) / radius
+
+
+def even_nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Angles of as many nodes evenly round a circle, and their weights."""
+    return np.linspace(0.0, 2.0 * np.pi, count, endpoint=False), np.full(count, 2.0 * np.pi / count)
 
 
 def graded_panels(
