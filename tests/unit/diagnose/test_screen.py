@@ -1,5 +1,6 @@
 """Score tests: their p-values are uniform by chance, alone and over the whole catalogue."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +9,7 @@ from scipy.special import chdtrc
 from scipy.stats import binom, kstest
 
 from eitskin.diagnose.candidates import discrete
+from eitskin.diagnose.fit import fit
 from eitskin.diagnose.search import channels
 from eitskin.diagnose.search.screen import (
     Null,
@@ -20,7 +22,7 @@ from eitskin.diagnose.search.screen import (
     subset,
 )
 from eitskin.diagnose.tangents import Tangents
-from small_skin import calibrated, candidates_of, problem_of, small_recording
+from small_skin import SKIN, calibrated, candidates_of, problem_of, small_recording
 
 PROBLEM, SCALES = problem_of(small_recording(places=2))
 CATALOGUE = candidates_of(small_recording(places=2), PROBLEM, SCALES)
@@ -54,6 +56,7 @@ def noisy(tangents, columns, draw):
         fitted=tangents.fitted,
         blocks=tangents.blocks,
         count=tangents.count,
+        in_single=tangents.in_single,
     )
 
 
@@ -121,9 +124,29 @@ def test_a_channel_that_is_fitted_already_has_nothing_to_gain(tangents):
         fitted=np.concatenate([tangents.fitted, [own / np.linalg.norm(own)]]),
         blocks=tangents.blocks,
         count=tangents.count,
+        in_single=tangents.in_single,
     )
     every = channels.scores(seen, dense)[-1]
     assert every.dof == 39 and np.isfinite(every.gain)
+
+
+def test_a_channel_whose_gain_is_all_but_an_offset_is_told_as_in_double_precision(monkeypatch):
+    """Of a gain an offset takes all but the share by which touches change the readings."""
+    skin = replace(SKIN, radius_mm=90.0)
+    gain = {"name": "channel-gain", "channels": [7], "parameters": {"gain": 1.3}}
+    recorded = small_recording(gain, noise=1e-4, places=8, skin=skin)
+    problem, scales = problem_of(recorded, 1e-4)
+    of = {c.name: c for c in candidates_of(recorded, problem, scales) if c.scope == "dense"}
+    offset, gains = of["offset"], of["channel-gain"]
+    start = np.zeros(len(problem.model.calibrations) + offset.size)
+    tangents = Tangents(fit(problem, [offset], start, polish=True))
+    assert tangents.in_single is not problem.whitening
+    found = channels.scores(tangents, gains)
+    monkeypatch.setitem(vars(tangents), "in_single", problem.whitening)
+    for one, other in zip(found, channels.scores(tangents, gains), strict=True):
+        assert one.candidate.sites == other.candidate.sites and one.dof == other.dof
+        assert one.gain == pytest.approx(other.gain, rel=1e-6)
+    assert found[0].candidate.sites == (7,) and found[0].gain > 1e3 and found[-1].dof == 40
 
 
 def test_further_looks_count():

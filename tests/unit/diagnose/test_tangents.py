@@ -7,8 +7,9 @@ import pytest
 
 from eitskin.diagnose.candidates import discrete
 from eitskin.diagnose.fit import fit
-from eitskin.diagnose.tangents import Tangents
+from eitskin.diagnose.tangents import SPREAD, Tangents
 from eitskin.effects.effect import LeakEffect
+from eitskin.physics.skin import Skin
 from small_skin import calibrated, candidates_of, kinds_of, problem_of, small_recording
 
 RECORDED = small_recording(places=2)
@@ -112,6 +113,25 @@ def test_tangents_about_a_body_are_differences_of_accurate_ones():
         found = about.problem.whitening(about._change(candidate, 0)).ravel()
         apart.append(np.linalg.norm(found - exact) / np.linalg.norm(exact))
     assert max(apart) < 6e-3
+
+
+@pytest.mark.parametrize("times, accuracy", [(1.01, "train"), (0.99, "diagnose")])
+def test_tangents_are_those_of_an_accurate_skin(times, accuracy, monkeypatch):
+    """On a small skin with wide electrodes, whose currents crowd most."""
+    skin = Skin(30.0, 3.0, 0.5, tuple(45.0 * np.arange(8)), 8.7, 0.0, 1e-3, 0.5)
+    skin = replace(skin, contact_impedivity_ohm_m2=times * SPREAD * 8.7e-3 / 0.5)
+    recorded = small_recording(places=2, skin=skin)
+    problem, scales = problem_of(recorded)
+    found = Tangents(fit(problem, [], np.zeros(len(problem.model.calibrations))))
+    assert found.accuracy == accuracy
+    monkeypatch.setattr(Tangents, "_accuracy", lambda self: "diagnose")
+    exact = Tangents(found.fit)
+    for candidate in single(problem, scales):
+        if not isinstance(candidate.effect, LeakEffect):
+            for index in np.flatnonzero(candidate.linear):
+                a, b = (one._raw(candidate, int(index)) for one in (found, exact))
+                assert (a is None) == (b is None)
+                assert a is None or np.linalg.norm(a - b) < 1e-3 * np.linalg.norm(b)
 
 
 def test_nothing_fitted_is_left_in_them(tangents):

@@ -312,7 +312,9 @@ def test_lengths_are_those_of_channels_whitened_one_by_one(counts, channels, cor
     column = np.random.default_rng(8).normal(size=(6, channels))
     alone = column * np.eye(channels)[:, None, :]
     expected = (whitening(alone) ** 2).sum(axis=(1, 2))
-    assert np.allclose(whitening.channel_lengths(column), expected, rtol=1e-9)
+    assert np.allclose(
+        whitening.channel_lengths(column, np.arange(len(expected))), expected, rtol=1e-9
+    )
 
 
 def test_whether_channels_stay_apart():
@@ -343,18 +345,22 @@ def test_no_columns_stay_none_beside_linked_errors():
     assert whitening(np.zeros((0, 4, 3))).shape == (0, 4, 3)
 
 
+@pytest.mark.parametrize("lasting", [0, 2])
 @pytest.mark.parametrize("correlation", [0.0, 0.7])
-def test_in_single_precision_the_same_is_left(correlation):
+def test_in_single_precision_the_same_is_left(correlation, lasting):
     """Of columns up to a thousand times the noise, along errors or not, of 1e-5 of what entered."""
     voltage, sd, error, draw = drawn(5, 45, 33)
     label = np.repeat(np.arange(9), 5)
-    frame, channel, press = 30.0 * draw.normal(size=(3, 2, 45, 33))
-    errors = RigErrors(channel, frame, np.zeros((0, 45, 33)), press, label)
+    frame, channel, press, linked = 30.0 * draw.normal(size=(4, 2, 45, 33))
+    linked = linked[:lasting]
+    errors = RigErrors(channel, frame, np.zeros((0, 45, 33)), press, label, linked)
     whitening = Whitening(np.isfinite(voltage), sd, (error / sd) ** 2, correlation, errors)
     single = whitening.in_single
     assert single is not whitening
     values = 1e3 * draw.normal(size=(3, 45, 33))
-    values = np.concatenate([values, 30.0 * frame, 30.0 * channel]).astype(np.float32)
+    values = np.concatenate([values, 30.0 * frame, 30.0 * channel, 30.0 * linked]).astype(
+        np.float32
+    )
     found, exact = single(values), whitening(values.astype(float))
     assert found.dtype == np.float32 and np.abs(found - exact).max() < 1e-5 * np.abs(values).max()
     assert np.abs(exact).max() > 100.0

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eitskin.diagnose.candidates import Candidate, discrete, gross
+from eitskin.diagnose.candidates import Candidate, discrete, gross, of_tangents
 from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.fit import Fit, Problem, fit, whitened_anew
 from eitskin.diagnose.identities import TWO_SIDED, declared
@@ -234,6 +234,7 @@ def strengths(search: Search, state: State) -> dict[str, float]:
     """SNR of every name at a typical size where it shows best, what is fitted projected out; 0 of
     those that change nothing here."""
     tangents = search.linearised(state)
+    tangents.whiten(c for c in search.candidates if of_tangents(c) and c.scope != "dense")
     found: dict[str, float] = {}
     for candidate in search.candidates:
         if candidate.effect.tone:

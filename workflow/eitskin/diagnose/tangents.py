@@ -8,6 +8,7 @@ difference of the simulator.
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from eitskin import cores
 from eitskin.diagnose.candidates import Candidate, own_channels
 from eitskin.diagnose.fit import STEP, Fit
-from eitskin.diagnose.whitening import TOGETHER
+from eitskin.diagnose.whitening import TOGETHER, Whitening
 from eitskin.effects.contact_impedance import ContactImpedance
 from eitskin.effects.effect import Setting, SkinEffect
 from eitskin.errors import InputError
@@ -25,6 +26,7 @@ from eitskin.physics.solver import forward_model
 from eitskin.simulate.readings import apply_skin
 
 NEAR = 0.03  # of the readings, by which two fits may differ and share their derivatives
+SPREAD = 0.1  # of an electrode's width, over which a contact spreads the current: few modes do then
 LEAST = 1e-12  # of a column's squared length: with less left it is a fitted one
 SCALED = ("contact_impedivity_ohm_m2", "conductivity_S_per_m")
 
@@ -62,10 +64,14 @@ class Tangents:
         self._changes: dict[Any, Any] = {}
 
     def _accuracy(self) -> str:
-        """Of what is differenced. A body takes ten times less at accuracy train, and its
-        derivatives are the same to 6e-3 (`tests/unit/diagnose/test_tangents.py`)."""
-        body = span(self.problem.model.geometry(self.knobs, self.chosen)) is not None
-        return "train" if body else "diagnose"
+        """Of what is differenced: train, in a tenth of the time, for a body, whose derivatives are
+        the same to 6e-3, and in two thirds for a sheet of which they are to 1e-3
+        (`tests/unit/diagnose/test_tangents.py`)."""
+        there = self.problem.model.geometry(self.knobs, self.chosen)
+        if span(there) is not None or there.points:
+            return "train"
+        spread = (there.contact_length_mm / there.electrode_width_mm).min()
+        return "train" if spread >= SPREAD else "diagnose"
 
     def _difference(self, knobs: np.ndarray, moved: list[Setting]) -> np.ndarray:
         """(N, M): what readings change from this state to one close by."""
@@ -137,9 +143,15 @@ class Tangents:
             for (candidate, index), column in zip(share, own, strict=True):
                 self._columns[(*candidate.key, index)] = column
 
+    @cached_property
+    def in_single(self) -> Whitening:
+        """The fit's whitening in single precision, kept until `forget`."""
+        return self.problem.whitening.in_single
+
     def forget(self) -> None:
         """Let go of whitened columns, which are found anew where they are asked for."""
         self._apart.clear()
+        vars(self).pop("in_single", None)
 
     def _each(self, candidate: Candidate, columns: Callable) -> list[np.ndarray | None]:
         singles = columns(self._singles(candidate))
@@ -195,7 +207,7 @@ class Tangents:
 
     def _whitened(self, raw: list[np.ndarray]) -> list[np.ndarray | None]:
         """Columns whitened, the fitted projected out; None of those that are fitted ones."""
-        whitening = self.problem.whitening.in_single
+        whitening = self.in_single
 
         def apart(group: list[np.ndarray]) -> list[np.ndarray | None]:
             white = whitening(np.array(group).reshape(-1, *self.voltage.shape))

@@ -48,7 +48,7 @@ TOGETHER = 8  # columns that are whitened at once
 ORDER = ("frame", "press", "linked", "channel", "whole")  # in which errors are taken out
 TINY = 1e-9  # squared length of a linked error, below which it is none
 # Single precision is used from so many frames and channels on, while the squared length of every
-# error is below LONGEST_IN_SINGLE, and none is linked; a constant that is free has no end to it.
+# error is below LONGEST_IN_SINGLE; a constant that is free has no end to it.
 LEAST_IN_SINGLE, LONGEST_IN_SINGLE = 30, 1e7
 
 
@@ -109,7 +109,10 @@ class _LowRank:
             return (amount[0] @ flat).reshape(-1, *self.shape)
         if self.each == "channel":
             each = np.ascontiguousarray(amount.transpose(1, 2, 0))
-            return np.array([np.einsum("km,knm->nm", own, self.columns) for own in each])
+            found = np.empty((len(each), *self.shape), np.result_type(each, self.columns))
+            for own, into in zip(each, found, strict=True):
+                np.einsum("km,knm->nm", own, self.columns, out=into)
+            return found
         if self.each == "press":
             assert self.of_press is not None
             amount = np.tensordot(self.of_press.T, amount, axes=1)
@@ -295,17 +298,19 @@ class Whitening:
                 found[..., row, :] += share[row] * found[..., previous[row], channel]
         return np.where(self.mask, found, 0.0) * self.sd
 
-    def channel_lengths(self, column: np.ndarray) -> np.ndarray:
-        """(M,): squared whitened length of what column (N, M) is in each channel alone."""
+    def channel_lengths(self, column: np.ndarray, channels: np.ndarray) -> np.ndarray:
+        """(C,): squared whitened length of what column (N, M) is in each of some channels alone."""
         if self.by_channel:
-            return (self(column) ** 2).sum(axis=0)
-        found = np.empty(column.shape[1])
-        for start in range(0, len(found), TOGETHER):
-            at = np.arange(start, min(start + TOGETHER, len(found)))
-            alone = np.zeros((len(at), *column.shape))
+            return (self(column) ** 2).sum(axis=0)[channels].astype(float)
+
+        def lengths(start: int) -> np.ndarray:
+            at = channels[start : start + TOGETHER]
+            alone = np.zeros((len(at), *column.shape), column.dtype)
             alone[np.arange(len(at)), :, at] = column[:, at].T
-            found[at] = (self(alone) ** 2).sum(axis=(1, 2))
-        return found
+            return (self(alone) ** 2).sum(axis=(1, 2)).astype(float)
+
+        groups = cores.each(lengths, range(0, len(channels), TOGETHER))
+        return np.concatenate([np.zeros(0), *groups])
 
     def filtered(self, columns: np.ndarray, each: str) -> np.ndarray:
         """(K, N, M): columns of errors in units of the noise, as the filter in time leaves them."""
@@ -399,12 +404,14 @@ class Whitening:
     def in_single(self) -> "Whitening":
         """The same in single precision; itself where that would not do."""
         longest = max((float(part.length.max(initial=0.0)) for part in self.parts), default=0.0)
-        linked = any(part.each == "linked" for part in self.parts)
         few = min(self.mask.shape) < LEAST_IN_SINGLE
-        if linked or few or longest > LONGEST_IN_SINGLE:
+        if few or longest > LONGEST_IN_SINGLE:
             return self
         found = replace(self, sd=self.sd.astype(np.float32))
-        vars(found)["parts"] = [part.in_single for part in self.parts]
+        vars(found)["parts"] = parts = [part.in_single for part in self.parts]
+        for number, part in enumerate(parts):
+            if isinstance(part, _Linked):
+                part.before = parts[:number]
         if self.correlation:
             previous, *scales = self._chain
             vars(found)["_chain"] = previous, *(one.astype(np.float32) for one in scales)

@@ -65,8 +65,7 @@ class DepthAccuracy:
     def modes(self, geometry: Geometry, heights: "Span", across: int) -> int:
         """Modes up an electrode that has so many across: as many as its contact asks for, but for
         MOST_MODES in all, and height_order at least."""
-        length_mm = 1e3 * geometry.contact_impedivity_ohm_m2 * geometry.conductivity_S_per_m
-        contact = float(length_mm.min()) / heights.height_mm
+        contact = float(geometry.contact_length_mm.min()) / heights.height_mm
         wanted = self.height_order * max(1.0, np.sqrt(KNEE / contact))
         room = MOST_MODES // (len(geometry.electrode_deg) * across)
         return max(min(int(np.ceil(wanted)), self.most_modes, room), self.height_order)

@@ -56,8 +56,7 @@ class Accuracy:
         """Modes an electrode. Raises InputError for contacts too good to be resolved."""
         if geometry.points:
             return 1
-        length_mm = 1e3 * geometry.contact_impedivity_ohm_m2 * geometry.conductivity_S_per_m
-        contact = float((length_mm / geometry.electrode_width_mm).min())
+        contact = float((geometry.contact_length_mm / geometry.electrode_width_mm).min())
         if contact < BEST_CONTACT:
             found = f"{contact:.1e} for z sigma / width"
             raise InputError(

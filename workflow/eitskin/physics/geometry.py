@@ -140,6 +140,11 @@ class Geometry:
         """Whether the electrodes are points."""
         return bool((self.electrode_width_mm == 0).all())
 
+    @property
+    def contact_length_mm(self) -> np.ndarray:
+        """(n,): z sigma of every electrode, over which its contact spreads the current."""
+        return 1e3 * self.contact_impedivity_ohm_m2 * self.conductivity_S_per_m
+
     def stretch(self, z: np.ndarray) -> np.ndarray:
         """(x, y) -> (stretch_x x, stretch_y y) on complex points."""
         return _axis_stretch(z, self.stretch_x, self.stretch_y)

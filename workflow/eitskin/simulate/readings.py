@@ -305,12 +305,11 @@ def read(
     if asked or of_stage(chosen, "wiring"):
         drives, drive = _drives(channels)
         impedance = sensed.with_contact if on_contact(chosen) else sensed.transfer_impedance
-        potential = apply_wiring(impedance, chosen, drives, sink_grounded, sensed.force_N)[:, drive]
-        at = np.arange(len(channels))
-        sink, plus, minus = (potential[:, at, channels[:, k]] for k in (1, 2, 3))
+        potential = apply_wiring(impedance, chosen, drives, sink_grounded, sensed.force_N)
+        plus, minus = (potential[:, drive, channels[:, k]] for k in (2, 3))
         voltage = current_A * _over_frame(measurable(plus - minus), sensed)
         if asked:
-            mean = measurable(0.5 * (plus + minus) - sink)
+            mean = measurable(0.5 * (plus + minus) - potential[:, drive, channels[:, 1]])
             above_sink = current_A * _over_frame(mean, sensed)
     else:
         voltage = current_A * sensed.plain

@@ -16,6 +16,9 @@ from eitskin.diagnose.search.screen import (
 from eitskin.diagnose.tangents import LEAST, Tangents
 from eitskin.effects.effect import InstrumentEffect
 
+# Of a channel's squared length: where less is left, single precision does not tell how much.
+ALL_BUT_TAKEN = 0.1
+
 
 def scores(tangents: Tangents, dense: Candidate) -> list[Score]:
     """Score tests of each channel, of the best few together, and of all at once (`dense`).
@@ -66,9 +69,13 @@ def _sums(tangents: Tangents, dense: Candidate) -> tuple[np.ndarray, np.ndarray]
         lambda fitted: np.einsum("pnm,nm->pm", whitening.back(fitted), column),
         tangents.fitted.reshape(-1, *shape),
     )
-    length = whitening.channel_lengths(column)
-    information = length - (shared**2).sum(axis=0)
+    taken = (shared**2).sum(axis=0)
     for block in tangents.blocks:
-        information = information - (whitening(column) * block).sum(axis=0) ** 2
+        taken = taken + (whitening(column) * block).sum(axis=0) ** 2
+    every = np.arange(len(slope))
+    length = tangents.in_single.channel_lengths(column.astype(np.float32), every)
+    close = np.flatnonzero(length - taken < ALL_BUT_TAKEN * length)
+    length[close] = whitening.channel_lengths(column, close)
+    information = length - taken
     there = information > LEAST * length
     return np.where(there, slope, 0.0), np.where(there, information, 0.0)
