@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import pandas as pd
@@ -120,10 +120,13 @@ def _diagnosed(recorded: Recording, seed: int, progress: bool, memory_GiB: float
     begun_with = search.problem
     put_aside = _put_aside(begun_with, recorded, noise, kept)
     start, cut_short = _untouched_first(search, seen, seed, report), False
+    calibrated: State | None = None
     if len(recorded.frames) >= 2 * FIRST_FRAMES:
-        start, cut_short = _few_first(search, seen, seed, report, start)
+        few = partial(_few_first, search, seen, seed, report, start)
+        both: list[Callable[[], tuple]] = [few, lambda: (search.calibrated(), search.rig)]
+        (start, cut_short), (calibrated, search.rig) = search.apart(lambda of: of(), both)
         report(f"then on {len(recorded.frames)}")
-    before, after = search.run(start)
+    before, after = search.run(start, calibrated)
     after, judged = _kept_effects(search, before, after, put_aside, recorded, noise)
     search.renew_catalogue_p(after)
     if not after.effects:

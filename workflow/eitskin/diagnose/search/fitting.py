@@ -160,25 +160,38 @@ class Fitting:
     def fits(
         self, state: State, of: Callable[[Part], Result], parts: Sequence[Part]
     ) -> list[Result]:
-        """A function of every part, which fits something about a state, each in a process of its
-        own: what it changes in this search but its result is lost. Each may solve all that may
-        still be solved, TOGETHER of them; then what they solved counts. One after the other in this
-        process where bodies are tried, of which two at once take too much memory."""
-        if len(parts) < 2 or any(c.effect.body for c in self.candidates):
+        """A function of every part, which fits something about a state, as of `apart`. Each may
+        solve all that may still be solved, TOGETHER of them; then what they solved counts."""
+        if len(parts) < 2:
             return [of(part) for part in parts]
-        if state.rig is not None:
+        if state.rig is not None and not self._bodies:
             self.scoring.prepare(state.rig, state.sizes)
-        shared: list[object] = [*EFFECTS.values(), *state.effects]
-        shared += [self.fold, self.rig, state.rig]
-        for problem in (self.problem, state.fit.problem):
-            own = problem.whitening
-            shared += [problem, *vars(problem).values(), *vars(problem.model).values()]
-            shared += [own.mask, own.sd, own.rho, own.clock]
+        shared = [*state.effects, state.rig, *self._parts_of(state.fit.problem)]
         found: list[Result] = []
         for start in range(0, len(parts), TOGETHER):
-            together = parts[start : start + TOGETHER]
-            found += self.problem.model.near.forked(of, together, shared)
+            found += self.apart(of, parts[start : start + TOGETHER], shared)
         return found
+
+    def apart(
+        self, of: Callable[[Part], Result], parts: Sequence[Part], shared: Sequence[object] = ()
+    ) -> list[Result]:
+        """A function of every part, each in a process of its own: what it changes in this search
+        but its result is lost, which may refer to what is shared. One after the other in this
+        process where bodies are tried, of which two at once take too much memory."""
+        if self._bodies:
+            return [of(part) for part in parts]
+        own = [*EFFECTS.values(), self.fold, self.rig, *self._parts_of(self.problem)]
+        return self.problem.model.near.forked(of, parts, [*own, *shared])
+
+    @property
+    def _bodies(self) -> bool:
+        return any(candidate.effect.body for candidate in self.candidates)
+
+    @staticmethod
+    def _parts_of(problem: Problem) -> list[object]:
+        own = problem.whitening
+        arrays = own.mask, own.sd, own.rho, own.clock
+        return [problem, *vars(problem).values(), *vars(problem.model).values(), *arrays]
 
     def calibrated(self) -> State:
         """The owner's beliefs with their calibrations fitted, no effect."""

@@ -48,9 +48,10 @@ class Search(Proposals):
     path: list[dict] = field(default_factory=list)
     _plain: tuple[Problem, Rig | None] | None = None
 
-    def run(self, start: State | None = None) -> tuple[State, State]:
-        """The state before and the state found; start: what was found on fewer frames."""
-        before = state = self.calibrated()
+    def run(self, start: State | None = None, before: State | None = None) -> tuple[State, State]:
+        """The state before and the state found; start: what was found on fewer frames; before: as
+        of `calibrated`, where it is known."""
+        before = state = before or self.calibrated()
         self.step("calibrate", None, state)
         if start is not None and start.effects:
             begun = self._begun(before, start)
