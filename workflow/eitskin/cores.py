@@ -7,6 +7,7 @@ set, says how many may be used.
 """
 
 import contextlib
+import ctypes
 import io
 import os
 import pickle
@@ -27,6 +28,7 @@ Result = TypeVar("Result")
 
 AT_ONCE = 2  # processes
 WAKING_MS = 500
+PR_SET_PDEATHSIG = 1  # of Linux's prctl
 _here = threading.local()
 
 
@@ -132,6 +134,7 @@ def _begun(
     sys.stdout.flush()
     sys.stderr.flush()
     answer, there = os.pipe()
+    parent = os.getpid()
     try:
         process = os.fork()
     except OSError as error:
@@ -144,6 +147,7 @@ def _begun(
     code = 1
     try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever waits for the answer ends this
+        _end_with(parent)
         for held in (answer, *others):
             os.close(held)
         _here.busy = busy
@@ -156,6 +160,13 @@ def _begun(
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
+
+
+def _end_with(parent: int) -> None:
+    """This process is killed when the one that forked it ends, however that does."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
 
 
 class _Pickler(pickle.Pickler):

@@ -186,6 +186,18 @@ def test_equal_seeds_give_equal_diagnoses_on_any_number_of_cores(contact, monkey
     assert result.result(again, "x") == result.result(found, "x")
 
 
+def test_what_begins_on_a_few_frames_is_the_same_on_any_number_of_cores(contact, monkeypatch):
+    monkeypatch.setattr(diagnosis, "FIRST_FRAMES", len(contact[0].frames) // 2)
+    found = []
+    for count in (1, 2):
+        monkeypatch.setenv("OMP_NUM_THREADS", str(count))
+        found.append(diagnosis.diagnose(contact[0]))
+        assert "start" in [step["action"] for step in found[-1].search.path]
+    one, two = found
+    assert result.result(one, "x") == result.result(two, "x")
+    assert one.search.problem.model.near.spent == two.search.problem.model.near.spent
+
+
 def test_the_recovered_effect_in_a_clean_simulation_has_the_same_atlas(contact):
     recorded, found = contact
     clean = small_recording(*items(found.after.fit), noise=0.0, places=4)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eitskin.diagnose.whitening import TOGETHER, RigErrors, Whitening
+from eitskin.diagnose.whitening import LONGEST_LINKED, TOGETHER, RigErrors, Whitening
 
 LEAK = "in lasting noise a press's error reaches the frame after it, of another press or of none"
 HUGE = 1e4  # sd of a constant that is as good as free
@@ -352,7 +352,7 @@ def test_in_single_precision_the_same_is_left(correlation, lasting):
     voltage, sd, error, draw = drawn(5, 45, 33)
     label = np.repeat(np.arange(9), 5)
     frame, channel, press, linked = 30.0 * draw.normal(size=(4, 2, 45, 33))
-    linked = linked[:lasting]
+    linked = 0.003 * linked[:lasting]
     errors = RigErrors(channel, frame, np.zeros((0, 45, 33)), press, label, linked)
     whitening = Whitening(np.isfinite(voltage), sd, (error / sd) ** 2, correlation, errors)
     single = whitening.in_single
@@ -364,6 +364,26 @@ def test_in_single_precision_the_same_is_left(correlation, lasting):
     found, exact = single(values), whitening(values.astype(float))
     assert found.dtype == np.float32 and np.abs(found - exact).max() < 1e-5 * np.abs(values).max()
     assert np.abs(exact).max() > 100.0
+
+
+def test_long_linked_errors_are_taken_out_in_double_precision():
+    draw = np.random.default_rng(12)
+    frame, linked = 3.0 * draw.normal(size=(1, 40, 33)), np.ones((1, 40, 33))
+    column = draw.normal(1.0, 0.1, size=(40, 33)).astype(np.float32)
+
+    def of_length(most):
+        errors = RigErrors(linked[:0], frame, linked[:0], linked=linked)
+        plain = Whitening(np.ones((40, 33), bool), np.ones(33), np.zeros(33), errors=errors)
+        length = next(part.length.max() for part in plain.parts if part.each == "linked")
+        return replace(plain, errors=replace(errors, linked=np.sqrt(most / length) * linked))
+
+    whitening = of_length(0.99 * LONGEST_LINKED)
+    single = whitening.in_single
+    assert single is not whitening
+    exact, found = (one.channel_lengths(column, np.arange(33)) for one in (whitening, single))
+    assert np.abs(found / exact - 1.0).max() < 2e-3
+    beyond = of_length(1.01 * LONGEST_LINKED)
+    assert beyond.in_single is beyond
 
 
 def test_a_free_constant_is_taken_out_in_double_precision():

@@ -242,6 +242,29 @@ def test_forked_parts_end_after_whoever_waited_for_them_was_killed():
     assert said == ""
 
 
+NESTED = """
+import os, time
+from eitskin import cores
+
+def long(part):
+    os.write(1, b"begun\\n")
+    time.sleep(60.0)
+
+cores.forked(lambda part: cores.forked(long, [part]), range(2))
+"""
+
+
+def test_parts_of_parts_end_with_whoever_is_killed():
+    environment = {**os.environ, "OMP_NUM_THREADS": "2"}
+    command = [sys.executable, "-c", NESTED]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
+    assert process.stdout is not None
+    assert [process.stdout.readline() for _ in range(2)] == ["begun\n"] * 2
+    process.kill()
+    said, _ = process.communicate(timeout=30.0)  # until nobody holds its stdout
+    assert said == ""
+
+
 INTERRUPTED = """
 import os, sys, time
 from eitskin import cores

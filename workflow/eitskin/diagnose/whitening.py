@@ -48,8 +48,9 @@ TOGETHER = 8  # columns that are whitened at once
 ORDER = ("frame", "press", "linked", "channel", "whole")  # in which errors are taken out
 TINY = 1e-9  # squared length of a linked error, below which it is none
 # Single precision is used from so many frames and channels on, while the squared length of every
-# error is below LONGEST_IN_SINGLE; a constant that is free has no end to it.
-LEAST_IN_SINGLE, LONGEST_IN_SINGLE = 30, 1e7
+# error is below LONGEST_IN_SINGLE, and that of a linked one below LONGEST_LINKED, with which what
+# is left of a channel is told to 2e-3; a constant that is free has no end to it.
+LEAST_IN_SINGLE, LONGEST_IN_SINGLE, LONGEST_LINKED = 30, 1e7, 1e5
 
 
 def _by_groups(of: Callable, values: np.ndarray, mapped: Callable) -> np.ndarray:
@@ -403,9 +404,12 @@ class Whitening:
     @property
     def in_single(self) -> "Whitening":
         """The same in single precision; itself where that would not do."""
-        longest = max((float(part.length.max(initial=0.0)) for part in self.parts), default=0.0)
-        few = min(self.mask.shape) < LEAST_IN_SINGLE
-        if few or longest > LONGEST_IN_SINGLE:
+
+        def long(part: _LowRank) -> bool:
+            most = LONGEST_LINKED if isinstance(part, _Linked) else LONGEST_IN_SINGLE
+            return bool(part.length.max(initial=0.0) > most)
+
+        if min(self.mask.shape) < LEAST_IN_SINGLE or any(map(long, self.parts)):
             return self
         found = replace(self, sd=self.sd.astype(np.float32))
         vars(found)["parts"] = parts = [part.in_single for part in self.parts]
