@@ -24,6 +24,13 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 LONG, NOT_RUN = "<!-- long -->", "Not run by the tests: "
 KINDS = ("python", "yaml", "diff", "sh", "text")
 LIMIT_S = 1800
+LEFT_OUT = {
+    "a_new_board": ["eitskin rig check my-rig.yaml"],
+    "a_tank_with_its_drawing": [
+        "eitskin diagnose captures/tank.parquet --skin captures/tank_unknown.yaml"
+        " --out captures/tank-unknown"
+    ],
+}
 
 
 @dataclass(frozen=True)
@@ -121,6 +128,11 @@ def test_the_short_steps_run(path, tmp_path):
 )
 def test_all_steps_run(path, tmp_path):
     run(text_of(path), tmp_path, long=True)
+
+
+def test_nothing_else_is_left_out():
+    found = {p.stem: [b.text.strip() for b in blocks(text_of(p)) if not b.run] for p in PAGES}
+    assert {page: commands for page, commands in found.items() if commands} == LEFT_OUT
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
