@@ -230,18 +230,6 @@ def large(part):
 cores.forked(large, range(2))
 """
 
-
-def test_forked_parts_end_after_whoever_waited_for_them_was_killed():
-    environment = {**os.environ, "OMP_NUM_THREADS": "2"}
-    command = [sys.executable, "-c", ORPHANED]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
-    assert process.stdout is not None
-    assert [process.stdout.readline() for _ in range(2)] == ["begun\n"] * 2
-    process.kill()
-    said, _ = process.communicate(timeout=30.0)  # until nobody holds its stdout
-    assert said == ""
-
-
 NESTED = """
 import os, time
 from eitskin import cores
@@ -254,9 +242,10 @@ cores.forked(lambda part: cores.forked(long, [part]), range(2))
 """
 
 
-def test_parts_of_parts_end_with_whoever_is_killed():
+@pytest.mark.parametrize("script", [ORPHANED, NESTED], ids=["parts", "parts of parts"])
+def test_forked_parts_end_with_whoever_waited_for_them_and_was_killed(script):
     environment = {**os.environ, "OMP_NUM_THREADS": "2"}
-    command = [sys.executable, "-c", NESTED]
+    command = [sys.executable, "-c", script]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
     assert process.stdout is not None
     assert [process.stdout.readline() for _ in range(2)] == ["begun\n"] * 2
