@@ -312,9 +312,8 @@ def test_lengths_are_those_of_channels_whitened_one_by_one(counts, channels, cor
     column = np.random.default_rng(8).normal(size=(6, channels))
     alone = column * np.eye(channels)[:, None, :]
     expected = (whitening(alone) ** 2).sum(axis=(1, 2))
-    assert np.allclose(
-        whitening.channel_lengths(column, np.arange(len(expected))), expected, rtol=1e-9
-    )
+    for some in (np.arange(channels), np.arange(1, channels, 2), np.arange(0)):
+        assert np.allclose(whitening.channel_lengths(column, some), expected[some], rtol=1e-9)
 
 
 def test_whether_channels_stay_apart():
