@@ -87,10 +87,10 @@ rehearse: .venv/installed-test
 	@echo "eitskin: rehearsing the rig's faults with the real ur_rtde, minutes; keep the machine free meanwhile"
 	@$(BIN)/python -m pytest -m rehearsal tests/rig tests/workflow
 
-# Skipped in a sentence where there is no Slurm.
+# Slurm is skipped in a sentence where there is none.
 cluster: .venv/installed-cluster
-	@echo "eitskin: running the tiny workflow on a Slurm of two nodes on this machine, minutes; a node is lost, a file edited"
-	@$(BIN)/python -m pytest -m cluster tests/workflow/test_cluster.py
+	@echo "eitskin: running the tiny workflow with a bucket in place of a disk, and on a Slurm of two nodes of this machine, minutes"
+	@$(BIN)/python -m pytest -m cluster tests/workflow
 
 lint: .venv/installed-test
 	@echo "eitskin: checking style and types"

@@ -1,5 +1,6 @@
 """A copy of the workflow in a folder of its own, run as `make` runs it."""
 
+import csv
 import gc
 import hashlib
 import os
@@ -13,6 +14,7 @@ from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).parents[2]
 TINY = "tiny.yaml"
+SCORE, TOOK = "results/concealed/demo/score/", "seconds"  # what a diagnosis took is in it
 PLANS = {"--dry-run", "--summary", "--detailed-summary"}
 # Nothing of the workflow's own, which each copy has to itself.
 LIBRARIES = [
@@ -130,3 +132,10 @@ class House:
             for file in sorted((self.folder / "results").rglob("*"))
             if file.is_file() and file.suffix != ".part" and file.parent.name != "seconds"
         }
+
+    def results(self) -> tuple[dict[str, str], list[dict]]:
+        """The digest of every result, and the scored cases without the time that they took."""
+        digests = {name: own for name, own in self.digests().items() if not name.startswith(SCORE)}
+        with (self.folder / SCORE / "cases.csv").open(newline="") as file:
+            cases = [{k: v for k, v in row.items() if k != TOOK} for row in csv.DictReader(file)]
+        return digests, cases

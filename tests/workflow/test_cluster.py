@@ -1,7 +1,6 @@
 """The workflow on a Slurm of two nodes gives the bytes of a local run, whatever happens meanwhile:
 a node is lost, a source file is edited."""
 
-import csv
 import shutil
 import subprocess
 import time
@@ -25,7 +24,6 @@ SLURM = (
 # What the second test makes anew, and what it edits while that goes on.
 LEARNED = [f"results/{kind}/simulated-twin" for kind in ("models", "predictions", "metrics")]
 MADE_OF_THEM = "results/tables"
-SCORE, TOOK = "results/concealed/demo/score/", "seconds"  # what a diagnosis took is in it
 EDIT = (
     "workflow/eitskin/learn/metrics.py",
     "np.abs(truth - predicted).mean()",
@@ -100,7 +98,7 @@ def test_a_lost_node_changes_no_byte(fresh, finished, cluster, tmp_path, say):
     say(f"{len(cluster.jobs())} Slurm jobs in {time.monotonic() - start:.0f} s, begun {runs} times")
     assert lost
     assert cluster.node_states()[node].startswith("down")
-    assert results(house) == results(finished)
+    assert house.results() == finished.results()
     assert house.pending() == set()
 
 
@@ -127,16 +125,8 @@ def test_what_an_edit_meanwhile_makes_stale_is_made_again(finished, cluster, tmp
     local.edit(*EDIT)
     run = local.snakemake()
     assert run.returncode == 0, run.stdout + run.stderr
-    assert results(house) == results(local) != results(finished)
+    assert house.results() == local.results() != finished.results()
     assert house.pending() == set()
-
-
-def results(house) -> tuple[dict[str, str], list[dict]]:
-    """The digest of every result, and the scored cases without the time that they took."""
-    digests = {name: own for name, own in house.digests().items() if not name.startswith(SCORE)}
-    with (house.folder / SCORE / "cases.csv").open(newline="") as file:
-        cases = [{k: v for k, v in row.items() if k != TOOK} for row in csv.DictReader(file)]
-    return digests, cases
 
 
 def times(house) -> dict[str, int]:

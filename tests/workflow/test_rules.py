@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from house import ROOT
 
 from eitskin.data import importers
 from eitskin.effects import catalogue_names, modules
@@ -95,6 +96,17 @@ def test_every_script_belongs_to_a_rule(rules, fresh):
 def test_parsing_makes_the_rules_of_the_blocks_in_use_alone(rules):
     blocks = {name.split("_")[1] for name in rules if name.startswith("verdicts_")}
     assert blocks == {"demo", "gate"}
+
+
+def test_wildcards_are_constrained_for_all_rules_in_one_statement():
+    """With results in a storage a second one undoes those of the rules before it."""
+    files = [ROOT / "Snakefile", *sorted((ROOT / "workflow" / "rules").glob("*.smk"))]
+    stated = {
+        file.name: file.read_text(encoding="utf-8").count("\nwildcard_constraints:")
+        for file in files
+    }
+    assert {name for name, count in stated.items() if count} == {"configuration.smk"}
+    assert stated["configuration.smk"] == 1
 
 
 def test_every_file_that_is_written_is_declared(finished):

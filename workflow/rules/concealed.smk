@@ -46,7 +46,7 @@ for block, number, cases in numbered(UNSEALED):
         name:
             f"verdicts_{block}_{number}"
         input:
-            schema=ancient(SCHEMA),
+            schema=ancient(local(SCHEMA)),
             commitments=f"{PUBLIC}/{block}/commitments.json",
             recordings=expand(f"{PUBLIC}/{block}/recordings/{{case}}.parquet", case=cases),
             queries=expand(f"{PUBLIC}/{block}/queries/{{case}}.parquet", case=cases),
@@ -172,9 +172,7 @@ rule commit_truths:
 
 rule seal_verdicts:
     input:
-        of_every_case("results/concealed/{block}/verdicts/{case}"),
-        of_every_case("results/concealed/{block}/baselines/{case}.json"),
-        of_every_case("results/concealed/{block}/baselines/{case}.npz"),
+        of_every_case(*COMMITTED, *SEALED),
         commitments="results/concealed/{block}/commitments.json",
     output:
         "results/concealed/{block}/seal.json",
@@ -202,6 +200,7 @@ rule seal_verdicts:
 
 rule open_truths:
     input:
+        of_every_case(*COMMITTED, *SEALED),
         seal="results/concealed/{block}/seal.json",
         commitments="results/concealed/{block}/commitments.json",
         key="results/truths/{block}/key.json",
@@ -241,11 +240,8 @@ SCORE_FIGURES = {
 
 rule concealed_score:
     input:
+        of_every_case(*JUDGED),
         opened="results/concealed/{block}/opened",
-        verdicts=of_every_case("results/concealed/{block}/verdicts/{case}"),
-        baselines=of_every_case("results/concealed/{block}/baselines/{case}.json"),
-        arrays=of_every_case("results/concealed/{block}/baselines/{case}.npz"),
-        oracle=of_every_case("results/concealed/{block}/oracle/{case}.json"),
     output:
         tables=expand(
             "results/concealed/{{block}}/score/{name}.csv",
@@ -317,8 +313,10 @@ rule concealed_figures:
 
 rule concealed_case:
     input:
-        schema=ancient(SCHEMA),
+        schema=ancient(local(SCHEMA)),
         score=f"results/concealed/{DEMO}/score/score.csv",
+        opened=f"results/concealed/{DEMO}/opened",
+        judged=expand(JUDGED, block=DEMO, case=case_names(BLOCKS[DEMO]["cases"])),
     output:
         svg=report(
             f"results/concealed/{DEMO}/score/concealed_case.svg",

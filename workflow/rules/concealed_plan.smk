@@ -30,12 +30,29 @@ UNFITTED = before("oracle/{case}.json")  # by the oracle
 REAL_SETS = [str(path) for path in listed().values() if path.exists()]
 
 
-def of_every_case(template):
-    """An input function: one file of every case of a block."""
+CASE = f"{PUBLIC}/{{block}}/{{part}}/{{case}}"
+# Of every case: what the commitments are of, and what the seal is over.
+COMMITTED = expand(f"{CASE}.parquet", part=["recordings", "queries"], allow_missing=True)
+SEALED = [
+    *expand(CASE, part="verdicts", allow_missing=True),
+    *expand(f"{CASE}.{{kind}}", part="baselines", kind=["json", "npz"], allow_missing=True),
+]
+# What a score is made of, besides what was opened.
+JUDGED = [
+    *COMMITTED,
+    *SEALED,
+    *expand(f"{CASE}.json", part=["seconds", "oracle"], allow_missing=True),
+    f"{PUBLIC}/{{block}}/commitments.json",
+    f"{PUBLIC}/{{block}}/seal.json",
+]
+
+
+def of_every_case(*templates):
+    """An input function: files of every case of a block."""
 
     def files(wildcards):
         names = case_names(BLOCKS[wildcards.block]["cases"])
-        return expand(template, block=wildcards.block, case=names)
+        return expand(templates, block=wildcards.block, case=names)
 
     return files
 

@@ -50,6 +50,11 @@ with reported("logs/configuration.log"):
 NO_NAME = "(?!)"
 
 
+# All of them, before any rule: a second statement undoes those of rules before it where results lie
+# in a storage (Snakemake 9.27).
 wildcard_constraints:
     configuration="|".join(config["configurations"]),
     recording="|".join(config["recordings"]),
+    model=r"(?!(?:autoencoder|regressor)[./])[a-z-]+",  # the teachers stand beside the models
+    budget="|".join(config["budgets"]),
+    seed=r"\d+",

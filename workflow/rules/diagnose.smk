@@ -25,7 +25,7 @@ WITHOUT_QUERY = [name for name, item in config["recordings"].items() if "query" 
 
 rule diagnose:
     input:
-        schema=ancient(SCHEMA),
+        schema=ancient(local(SCHEMA)),
         recording=rules.import_recording.output[0],
         usable=rules.check.output[0],
     output:
@@ -61,7 +61,7 @@ rule diagnose:
 
 use rule diagnose as diagnose_with_query with:
     input:
-        schema=ancient(SCHEMA),
+        schema=ancient(local(SCHEMA)),
         recording=rules.import_recording.output[0],
         usable=rules.check.output[0],
         query=lookup(dpath="recordings/{recording}/query", within=config),
@@ -79,7 +79,7 @@ use rule diagnose as diagnose_with_query with:
 
 rule diagnosis_report:
     input:
-        schema=ancient(SCHEMA),
+        schema=ancient(local(SCHEMA)),
         recording=rules.import_recording.output[0],
         diagnosis="results/diagnosis/{recording}/diagnosis.json",
         effects="results/diagnosis/{recording}/effects.yaml",

@@ -88,7 +88,7 @@ rule export:
 
 rule table_1:
     input:
-        paper=ancient(PRINTED_1),
+        paper=ancient(local(PRINTED_1)),
         metrics=[
             f"results/metrics/{dataset}/{split}/{config['budget']}/{model}.csv"
             for dataset, split, model in rows(config)

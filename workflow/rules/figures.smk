@@ -7,7 +7,7 @@ RULES = sorted(map(str, Path(own("workflow/rules")).glob("*.smk")))
 
 rule table_2:
     input:
-        paper=ancient(PRINTED_2),
+        paper=ancient(local(PRINTED_2)),
         mesh=rules.mesh.output.mesh,
         recordings=expand("results/recordings/{recording}.parquet", recording=config["recordings"]),
     output:
@@ -97,7 +97,7 @@ rule figure_1:
 rule figure_2:
     input:
         snakefile=ancient(SNAKEFILE),
-        rules=ancient(RULES),
+        rules=ancient(local(RULES)),
     output:
         svg=report(
             "results/figures/figure_2.svg",

@@ -69,7 +69,7 @@ rule loop_labelled:
 
 use rule diagnose as diagnose_loop with:
     input:
-        schema=ancient(SCHEMA),
+        schema=ancient(local(SCHEMA)),
         recording=f"{LOOP}/recording.parquet",
     output:
         diagnosis=f"{LOOP}/diagnosis/diagnosis.json",

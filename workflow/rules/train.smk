@@ -1,12 +1,6 @@
 include: "training_plan.smk"
 
 
-wildcard_constraints:
-    model=r"(?!(?:autoencoder|regressor)[./])[a-z-]+",  # the teachers stand beside the models
-    budget="|".join(config["budgets"]),
-    seed=r"\d+",
-
-
 rule train_autoencoder:
     input:
         dataset="results/datasets/{dataset}.parquet",
