@@ -29,6 +29,11 @@ peer is what a careful user would write; the fourth keeps what eitskin's own eig
 New skins a second by the clock, each with a rim and electrodes of its own, pressed at all 192
 places with five forces (`crossed` of `config.yaml`), written as a stage of a set: on two cores,
 beside one, and beside five times what was measured before sessions were shared among cores.""",
+    "electrodes": """\
+New skins of 16, 32 and 64 electrodes, driven and measured between neighbours: processor seconds of
+one pressed at 192 places with five forces, beside 16 electrodes; of the derivatives by everything
+(58, 106, 202 parameters) with one touch, beside five solves of it; and the root mean square error
+of untouched voltages, beside a good rig's noise.""",
     "perturbed": """\
 Processor seconds of the perturbed sets of `config.yaml`, from nothing to the data set, in one
 process, beside what they may take. `crossed` presses every skin at all places. The authors' set
@@ -40,6 +45,10 @@ numbers under the least normal one computed with.""",
 By the clock, diagnoses of drawn recordings of 500 frames, report and all, each as `eitskin
 diagnose` does on two cores, then two at once on one each, beside what they may take. A run is a
 recording.""",
+    "scaled": """\
+By the clock, diagnoses on two cores, report and all: of a recording with an impedance left out by a
+rig with errors, against its frames; of six presses of the twin, against its electrodes; and against
+how many names the catalogue has. A run is a recording.""",
     "streamed": """\
 From a frame to its verdict on one core, for models of Table I, beside a limit of 1 ms: by the
 clock, and in this thread's processor time; the state alone beside PyTorch; the MLP without an
@@ -56,6 +65,9 @@ REASONS = (  # of rows that fall short, the first that fits
         "a convolution or attention is several NumPy calls here, and one kernel in PyTorch",
     ),
     (r"streamed, (?!.*processor time)", "by the clock, what else the machine does counts in"),
+    (r"derivatives, 64", "each of the 202 is matrix products of its own"),
+    (r"new skin of", "it has more electrodes than what stands beside it"),
+    (r"diagnosis, ", "it has more to do than what stands beside it"),
     (r"diagnosed", "the rig's errors are learned anew for every set of effects that is tried"),
 )
 UNKNOWN = "the reason is not known"

@@ -8,7 +8,7 @@ for 192 places and 260 strengths of one circular touch. Slow peers are timed on 
 spread evenly over all. What a side prepares once counts in its time, but for what favours the
 peers: the mesh, the element matrices and the touched elements' stiffness are there before. Before
 timing, every solver on pyEIT's mesh must give the same voltages. `skins`, `perturbed`,
-`trained`, `diagnosed`, `streamed`: see there.
+`trained`, `diagnosed`, `streamed`, `electrodes`, `scaled`: see there.
 """
 
 import argparse
@@ -416,12 +416,18 @@ def diagnose(kind: str, seed: int, frames: int, cores: int) -> tuple[float, floa
         os.environ["OMP_NUM_THREADS"] = str(cores)
         case = cases.draw(kind, seed, frames)
         recording.write(case.recorded, path)
-        start = time.perf_counter()
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            code = cli.main(["diagnose", str(path), "--out", str(Path(folder) / "out")])
-        seconds = time.perf_counter() - start
+        return diagnosis(path)
+
+
+def diagnosis(path: Path) -> tuple[float, float]:
+    """Seconds of `eitskin diagnose` of a recording, and the process's peak memory in MiB; its
+    folder is made beside the file. Raises RuntimeError where it fails."""
+    start = time.perf_counter()
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        code = cli.main(["diagnose", str(path), "--out", str(path.with_name("out"))])
+    seconds = time.perf_counter() - start
     if code:
-        raise RuntimeError(f"the diagnosis of {kind}, seed {seed}, ended with code {code}")
+        raise RuntimeError(f"the diagnosis of {path.name} ended with code {code}")
     return seconds, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
@@ -457,12 +463,28 @@ def streamed(runs: int) -> list[dict]:
     return latency.streamed(runs)
 
 
+def electrodes(runs: int) -> list[dict]:
+    """New skins of 16, 32 and 64 electrodes, derivatives, errors: `benchmark.costs`."""
+    from benchmark import costs  # here, as it takes from this module
+
+    return costs.electrodes(runs)
+
+
+def scaled(runs: int) -> list[dict]:
+    """Diagnoses against frames, electrodes and names: `benchmark.costs`."""
+    from benchmark import costs
+
+    return costs.scaled(runs)
+
+
 BENCHES = {
     "clean": clean,
     "skins": skins,
+    "electrodes": electrodes,
     "perturbed": perturbed,
     "trained": trained,
     "diagnosed": diagnosed,
+    "scaled": scaled,
     "streamed": streamed,
 }
 

@@ -1,0 +1,153 @@
+"""What a skin costs against its electrodes; a diagnosis against frames, electrodes and names."""
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import yaml
+
+from benchmark import rows, speed
+from eitskin import effects
+from eitskin.data import recording
+from eitskin.physics.accuracy import untouched_error
+from eitskin.physics.forward import ACCURACIES, Forward
+from eitskin.physics.geometry import Geometry
+from eitskin.physics.protocol import channel_table
+from eitskin.physics.touch import Touch
+from eitskin.progress import patient
+from eitskin.simulate import twin
+from witness import cases
+
+ELECTRODES = (16, 32, 64)
+TOUCH = [Touch(20.0, 31.0, 5.0, contrast=4.0)]
+PLACES_MM = [(76.0 * x, 76.0 * y, 5.0) for x, y in speed.PLACES]
+CONTRASTS = np.linspace(0.9, 9.0, 5)
+ERROR = 1e-3  # of the median |v|, the noise of a very good rig
+SOLVES = 5
+KIND = "single:contact-impedance+rig"
+FRAMES = (100, 200, 500, 1000)
+SOME = 200  # frames of a diagnosis against names
+
+
+def skin(electrodes: int, number: int) -> Geometry:
+    """The paper's disc with so many electrodes, at angles of its own."""
+    off = np.random.default_rng([electrodes, number]).normal(0.0, 0.1, electrodes)
+    angles = 360.0 / electrodes * np.arange(electrodes) + off
+    each = np.ones(electrodes)
+    return Geometry(80.0, 3.0, 0.5, angles, 5.0 * each, 2e-3 * each)
+
+
+def electrodes(runs: int) -> list[dict]:
+    """New skins of 16, 32 and 64 electrodes, adjacent: processor seconds of one pressed at all
+    places with five forces; of the derivatives of everything, beside five solves of a touched skin;
+    the error of untouched voltages, beside what noise allows."""
+    pressed: dict[int, list[float]] = {}
+    told = []
+    for count in patient(ELECTRODES, "electrodes"):
+        channels = channel_table(count)
+        pressed[count] = _seconds(partial(_press, channels=channels), count, runs)
+        name = f"new skin of {count} electrodes, 192 places"
+        first = pressed[ELECTRODES[0]]
+        told.append(rows.row(name, "s", pressed[count], f"{ELECTRODES[0]} electrodes", first))
+        for accuracy in ACCURACIES:
+            title = f"{count} electrodes, {accuracy}"
+            once = _seconds(partial(_solve, channels=channels, accuracy=accuracy), count, runs)
+            slopes = _seconds(partial(_slopes, accuracy=accuracy), count, runs)
+            five = [SOLVES * one for one in once]
+            told.append(rows.row(f"derivatives, {title}", "s", slopes, "five solves", five))
+            errors = [_error(skin(count, run), channels, accuracy) for run in range(runs)]
+            told.append(rows.row(f"error, {title}", "of median |v|", errors, "limit", [ERROR]))
+    return told
+
+
+def _press(geometry: Geometry, channels: np.ndarray) -> None:
+    for modes in Forward(geometry, "train").places(PLACES_MM):
+        modes.channel_change(channels, CONTRASTS)
+
+
+def _solve(geometry: Geometry, channels: np.ndarray, accuracy: str) -> None:
+    Forward(geometry, accuracy).voltages(channels, TOUCH)
+
+
+def _slopes(geometry: Geometry, accuracy: str) -> None:
+    Forward(geometry, accuracy).derivatives(TOUCH)
+
+
+def _seconds(work: Callable[[Geometry], None], count: int, runs: int) -> list[float]:
+    """Processor seconds, a new skin each run; a first one that only warms up is not counted."""
+    found = []
+    for run in range(runs + 1):
+        geometry = skin(count, run)
+        start = time.process_time()
+        work(geometry)
+        found.append(time.process_time() - start)
+    return found[1:]
+
+
+def _error(geometry: Geometry, channels: np.ndarray, accuracy: str) -> float:
+    """Root mean square error of untouched voltages, of their median size."""
+    error = untouched_error(geometry, channels, accuracy)
+    size = np.median(np.abs(Forward(geometry, accuracy).voltages(channels)))
+    return float(np.sqrt((error**2).mean()) / size)
+
+
+def drawn(seed: int, frames: int, names: int) -> float:
+    """Seconds of the diagnosis of a drawn recording of KIND, with so many names left in the
+    catalogue, those of the recording's truth among them: call it in a fresh process."""
+    case = cases.draw(KIND, seed, frames)
+    true = {effect["name"] for effect in case.effects}
+    others = [name for name in effects.catalogue_names() if name not in true]
+    for name in others[names - len(true) :]:
+        del effects.EFFECTS[name]
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "drawn.parquet"
+        recording.write(case.recorded, path)
+        return speed.diagnosis(path)[0]
+
+
+def twinned(seed: int, count: int) -> float:
+    """Seconds of the diagnosis of `config.yaml`'s twin with so many electrodes and six presses:
+    call it in a fresh process."""
+    given = yaml.safe_load(Path("config.yaml").read_text(encoding="utf-8"))["twin"]
+    given["skin"]["electrode_deg"] = (360.0 / count * np.arange(count)).tolist()
+    given["touch_grid"] |= {"radii": 2, "angles": 3}
+    given["press"] |= {"probes_mm": [10.0], "sessions_per_probe": 1}
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "twin.parquet"
+        twin.write(path, **given | {"seed": seed})
+        return speed.diagnosis(path)[0]
+
+
+def scaled(runs: int) -> list[dict]:
+    """Seconds by the clock of diagnoses on two cores: against frames, electrodes, and the number of
+    names. Each run has recordings of its own."""
+    whole = len(effects.catalogue_names())
+    names = whole // 4, whole // 2, whole
+    groups: tuple[tuple[str, dict[str, tuple]], ...] = (
+        (f"{speed.FRAMES} frames", {f"{n} frames": (drawn, n, whole) for n in FRAMES}),
+        (
+            f"six presses, {ELECTRODES[0]} electrodes",
+            {f"six presses, {n} electrodes": (twinned, n) for n in ELECTRODES[:2]},
+        ),
+        (
+            f"{SOME} frames, {whole} names",
+            {f"{SOME} frames, {n} names": (drawn, SOME, n) for n in names},
+        ),
+    )
+    jobs = {name: job for _, group in groups for name, job in group.items()}
+    found: dict[str, list[float]] = {name: [] for name in jobs}
+    for run in range(1, runs + 1):
+        for name in patient(list(jobs), f"scaled, run {run} of {runs}"):
+            work, *given = jobs[name]
+            with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+                found[name].append(pool.submit(work, run, *given).result())
+    return [
+        rows.row(f"diagnosis, {name}", "s", found[name], peer, found[peer])
+        for peer, group in groups
+        for name in group
+    ]
