@@ -201,7 +201,8 @@ def to_markdown(varied: pd.DataFrame, compared: pd.DataFrame) -> str:
             cell = one.set_index(["target", "metric"])
             lines.append(_line(study, value, *(_cell(cell.loc[c], "mean", ".3f") for c in columns)))
     shown = compared[compared["metric"].isin(SHOWN)]
-    lines += ["", "## Does the latent loss help?", "", *_summary(shown)]
+    if len(shown):
+        lines += ["", "## Does the latent loss help?", "", *_summary(shown)]
     for (dataset, split, budget, widths), group in shown.groupby(
         ["dataset", "split", "budget", "widths"], sort=False
     ):
