@@ -49,6 +49,10 @@ recording.""",
 By the clock, diagnoses on two cores, report and all: of a recording with an impedance left out by a
 rig with errors, against its frames; of six presses of the twin, against its electrodes; and against
 how many names the catalogue has. A run is a recording.""",
+    "swept": """\
+Diagnoses an hour by the workflow, the first 32 recordings of the calibration's block
+`ordinary-report` in four jobs: on one slot, and on more beside as many times what one does; and the
+processor seconds of a diagnosis, Snakemake's own among them.""",
     "streamed": """\
 From a frame to its verdict on one core, for models of Table I, beside a limit of 1 ms: by the
 clock, and in this thread's processor time; the state alone beside PyTorch; the MLP without an
@@ -68,6 +72,7 @@ REASONS = (  # of rows that fall short, the first that fits
     (r"derivatives, 64", "each of the 202 is matrix products of its own"),
     (r"new skin of", "it has more electrodes than what stands beside it"),
     (r"diagnosis, ", "it has more to do than what stands beside it"),
+    (r"sweep, 4", "there are two cores"),
     (r"diagnosed", "the rig's errors are learned anew for every set of effects that is tried"),
 )
 UNKNOWN = "the reason is not known"
@@ -131,7 +136,7 @@ def digits(value: float) -> str:
 
 def falls_short(row: dict) -> bool:
     """Whether ours is worse than what stands beside it: lower of what is a rate, else higher."""
-    return row["ratio"] < 1.0 if row["unit"].endswith("/s") else row["ratio"] > 1.0
+    return row["ratio"] < 1.0 if row["unit"].endswith(("/s", "/h")) else row["ratio"] > 1.0
 
 
 def shortfall(row: dict) -> str:

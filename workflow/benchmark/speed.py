@@ -7,8 +7,7 @@ the machine and what others took of it; `benchmark.page` makes a page of them.
 for 192 places and 260 strengths of one circular touch. Slow peers are timed on a few samples,
 spread evenly over all. What a side prepares once counts in its time, but for what favours the
 peers: the mesh, the element matrices and the touched elements' stiffness are there before. Before
-timing, every solver on pyEIT's mesh must give the same voltages. `skins`, `perturbed`,
-`trained`, `diagnosed`, `streamed`, `electrodes`, `scaled`: see there.
+timing, every solver on pyEIT's mesh must give the same voltages. The others: see there.
 """
 
 import argparse
@@ -477,6 +476,13 @@ def scaled(runs: int) -> list[dict]:
     return costs.scaled(runs)
 
 
+def swept(runs: int) -> list[dict]:
+    """A sweep of diagnoses on one, two and four slots: `benchmark.sweep`."""
+    from benchmark import sweep  # here, as it needs the blocks of the calibration
+
+    return sweep.swept(runs)
+
+
 BENCHES = {
     "clean": clean,
     "skins": skins,
@@ -485,6 +491,7 @@ BENCHES = {
     "trained": trained,
     "diagnosed": diagnosed,
     "scaled": scaled,
+    "swept": swept,
     "streamed": streamed,
 }
 

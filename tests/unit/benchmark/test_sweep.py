@@ -1,0 +1,39 @@
+"""A sweep is measured by the clock, in a copy of the workflow, and says where it fails."""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from benchmark import sweep
+
+
+def test_a_sweep_that_fails_says_why(monkeypatch):
+    failed = subprocess.CompletedProcess([], 1, "", "no such rule")
+    monkeypatch.setattr(sweep.subprocess, "run", lambda *_, **__: failed)
+    with pytest.raises(RuntimeError, match="on 2 slots failed: no such rule"):
+        sweep.sweep(2)
+
+
+def test_the_workflow_is_run_in_a_copy_on_so_many_slots(monkeypatch):
+    seen = []
+
+    def run(command, cwd, **_):
+        assert (Path(cwd) / "workflow" / "rules" / "calibrate.smk").is_file()
+        seen.append(command)
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setattr(sweep.subprocess, "run", run)
+    rate, busy = sweep.sweep(4)
+    assert rate > 0.0
+    assert busy >= 0.0
+    assert seen[0][seen[0].index("--cores") + 1] == "4"
+    assert sum(word.endswith(".csv") for word in seen[0]) == sweep.BATCHES
+
+
+def test_slots_stand_beside_as_many_times_what_one_does(monkeypatch):
+    monkeypatch.setattr(sweep, "sweep", lambda slots: (100.0 * min(slots, 2), 20.0))
+    told = {row["name"]: row["ratio"] for row in sweep.swept(1)}
+    assert told["sweep, 1 slot"] == told["sweep, 2 slots"] == 1.0
+    assert told["sweep, 4 slots"] == 0.5
+    assert told["sweep, 4 slots, a diagnosis"] == 1.0
