@@ -12,7 +12,11 @@ server = pytest.importorskip("moto.server", reason="no bucket: `make cluster` in
 pytestmark = pytest.mark.cluster
 
 BUCKET = "eit"
-LOGIN = {"AWS_ACCESS_KEY_ID": "anybody", "AWS_SECRET_ACCESS_KEY": "anything"}
+LOGIN = {
+    "AWS_ACCESS_KEY_ID": "anybody",
+    "AWS_SECRET_ACCESS_KEY": "anything",
+    "AWS_DEFAULT_REGION": "us-east-1",
+}
 
 
 @pytest.fixture
@@ -28,9 +32,9 @@ def endpoint() -> Iterator[str]:
 
 
 def client(url: str):
-    key, secret = LOGIN.values()
-    own = {"aws_access_key_id": key, "aws_secret_access_key": secret, "region_name": "us-east-1"}
-    return boto3.client("s3", endpoint_url=url, **own)
+    key, secret, region = LOGIN.values()
+    login = {"aws_access_key_id": key, "aws_secret_access_key": secret, "region_name": region}
+    return boto3.client("s3", endpoint_url=url, **login)
 
 
 def fetched(url: str, folder: Path) -> House:
@@ -53,10 +57,20 @@ def test_a_bucket_gets_the_bytes_of_a_local_run(fresh, finished, endpoint, tmp_p
         f"--default-storage-prefix=s3://{BUCKET}",
         f"--storage-s3-endpoint-url={endpoint}",
     )
-    environment = house.environment | LOGIN | {"AWS_DEFAULT_REGION": "us-east-1"}
-    run = subprocess.run(
-        house.command(*given), cwd=house.folder, env=environment, capture_output=True, text=True
-    )
-    assert run.returncode == 0, (run.stdout + run.stderr)[-4000:]
-    assert fetched(endpoint, tmp_path / "bucket").results() == finished.results()
+    environment = house.environment | LOGIN
+
+    def run(*arguments: str) -> str:
+        command = house.command(*given, *arguments)
+        done = subprocess.run(
+            command, cwd=house.folder, env=environment, capture_output=True, text=True
+        )
+        assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
+        return done.stdout + done.stderr
+
+    run()
+    bucket = fetched(endpoint, tmp_path / "bucket")
+    assert bucket.results() == finished.results()
+    assert set(bucket.digests()) == set(finished.digests())
     assert not (house.folder / "results").exists()  # nothing beside the bucket
+    assert "Nothing to be done" in run("--dry-run")
+    assert "figure_2" in run("--dry-run", "paper")

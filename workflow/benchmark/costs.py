@@ -1,5 +1,6 @@
 """What a skin costs against its electrodes; a diagnosis against frames, electrodes and names."""
 
+import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -29,6 +30,7 @@ PLACES_MM = [(76.0 * x, 76.0 * y, 5.0) for x, y in speed.PLACES]
 CONTRASTS = np.linspace(0.9, 9.0, 5)
 ERROR = 1e-3  # of the median |v|, the noise of a very good rig
 SOLVES = 5
+CORES = "2"  # of a diagnosis
 KIND = "single:contact-impedance+rig"
 FRAMES = (100, 200, 500, 1000)
 SOME = 200  # frames of a diagnosis against names
@@ -99,6 +101,7 @@ def _error(geometry: Geometry, channels: np.ndarray, accuracy: str) -> float:
 def drawn(seed: int, frames: int, names: int) -> float:
     """Seconds of the diagnosis of a drawn recording of KIND, with so many names left in the
     catalogue, those of the recording's truth among them: call it in a fresh process."""
+    os.environ["OMP_NUM_THREADS"] = CORES
     case = cases.draw(KIND, seed, frames)
     true = {effect["name"] for effect in case.effects}
     others = [name for name in effects.catalogue_names() if name not in true]
@@ -113,7 +116,8 @@ def drawn(seed: int, frames: int, names: int) -> float:
 def twinned(seed: int, count: int) -> float:
     """Seconds of the diagnosis of `config.yaml`'s twin with so many electrodes and six presses:
     call it in a fresh process."""
-    given = yaml.safe_load(Path("config.yaml").read_text(encoding="utf-8"))["twin"]
+    os.environ["OMP_NUM_THREADS"] = CORES
+    given = yaml.safe_load((rows.ROOT / "config.yaml").read_text(encoding="utf-8"))["twin"]
     given["skin"]["electrode_deg"] = (360.0 / count * np.arange(count)).tolist()
     given["touch_grid"] |= {"radii": 2, "angles": 3}
     given["press"] |= {"probes_mm": [10.0], "sessions_per_probe": 1}

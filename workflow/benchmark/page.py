@@ -71,8 +71,9 @@ REASONS = (  # of rows that fall short, the first that fits
     (r"streamed, (?!.*processor time)", "by the clock, what else the machine does counts in"),
     (r"derivatives, 64", "each of the 202 is matrix products of its own"),
     (r"new skin of", "it has more electrodes than what stands beside it"),
-    (r"diagnosis, ", "it has more to do than what stands beside it"),
-    (r"sweep, 4", "there are two cores"),
+    (r"diagnosis, 1000", "it has twice the frames"),
+    (r"diagnosis, .* 32", "it has 928 channels in place of 208"),
+    (r"sweep, 4 slots$", "there are two cores"),
     (r"diagnosed", "the rig's errors are learned anew for every set of effects that is tried"),
 )
 UNKNOWN = "the reason is not known"

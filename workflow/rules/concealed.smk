@@ -242,6 +242,7 @@ rule concealed_score:
     input:
         of_every_case(*JUDGED),
         opened="results/concealed/{block}/opened",
+        seconds=seconds_of,
     output:
         tables=expand(
             "results/concealed/{{block}}/score/{name}.csv",

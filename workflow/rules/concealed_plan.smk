@@ -41,7 +41,7 @@ SEALED = [
 JUDGED = [
     *COMMITTED,
     *SEALED,
-    *expand(f"{CASE}.json", part=["seconds", "oracle"], allow_missing=True),
+    *expand(f"{CASE}.json", part="oracle", allow_missing=True),
     f"{PUBLIC}/{{block}}/commitments.json",
     f"{PUBLIC}/{{block}}/seal.json",
 ]
@@ -55,6 +55,13 @@ def of_every_case(*templates):
         return expand(templates, block=wildcards.block, case=names)
 
     return files
+
+
+def seconds_of(wildcards):
+    """What the diagnoses of a block took; of one that is sealed what is left of it, as no seal is over
+    that."""
+    files = of_every_case(f"{PUBLIC}/{{block}}/seconds/{{case}}.json")(wildcards)
+    return [file for file in files if wildcards.block in UNSEALED or Path(file).exists()]
 
 
 def numbered(blocks):

@@ -96,7 +96,7 @@ rule figure_1:
 
 rule figure_2:
     input:
-        snakefile=ancient(SNAKEFILE),
+        snakefile=ancient(local(SNAKEFILE)),
         rules=ancient(local(RULES)),
     output:
         svg=report(

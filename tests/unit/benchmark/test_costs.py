@@ -9,7 +9,8 @@ def test_a_row_of_each_kind_for_every_number_of_electrodes(monkeypatch):
     monkeypatch.setattr(costs, "ELECTRODES", (8, 16))
     monkeypatch.setattr(costs, "PLACES_MM", costs.PLACES_MM[:3])
     told = {row["name"]: row for row in costs.electrodes(2)}
-    assert told["new skin of 8 electrodes, 192 places"]["ratio"] == 1.0
+    eight, sixteen = (told[f"new skin of {n} electrodes, 192 places"] for n in (8, 16))
+    assert sixteen["peer_runs"] == eight["ours_runs"]
     assert told["derivatives, 16 electrodes, train"]["ours"] > 0.0
     errors = [told[f"error, 16 electrodes, {accuracy}"]["ours"] for accuracy in costs.ACCURACIES]
     assert max(errors) < costs.ERROR
@@ -24,3 +25,38 @@ def test_every_run_has_a_skin_of_its_own():
 @pytest.mark.parametrize("count", [16, 32])
 def test_electrodes_are_spread_over_the_rim(count):
     assert costs.skin(count, 0).electrode_deg[1] == pytest.approx(360.0 / count, abs=1.0)
+
+
+def test_names_are_left_out_of_the_catalogue_but_the_true_ones(monkeypatch):
+    seen = []
+    monkeypatch.setattr(costs.effects, "EFFECTS", dict(costs.effects.EFFECTS))
+    monkeypatch.setattr(costs.os, "environ", dict(costs.os.environ))
+    monkeypatch.setattr(
+        costs.speed,
+        "diagnosis",
+        lambda path: seen.append(costs.effects.catalogue_names()) or (1.0, 1.0),
+    )
+    assert costs.drawn(1, 20, 5) == 1.0
+    assert len(seen[0]) == 5
+    assert "contact-impedance" in seen[0]
+
+
+def test_costs_stand_beside_those_of_their_group(monkeypatch):
+    class Here:
+        def __init__(self, *_, **__): ...
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_): ...
+        def submit(self, work, run, *given):
+            return Done(float(given[0]))
+
+    class Done:
+        def __init__(self, value):
+            self.result = lambda: value
+
+    monkeypatch.setattr(costs, "ProcessPoolExecutor", Here)
+    told = {row["name"]: row for row in costs.scaled(2)}
+    assert told["diagnosis, 1000 frames"]["ratio"] == 2.0
+    assert told["diagnosis, six presses, 32 electrodes"]["ratio"] == 2.0
+    assert told["diagnosis, 500 frames"]["runs"] == 2

@@ -46,7 +46,13 @@ def test_a_bench_without_its_file_is_said_not_to_be_measured(tmp_path):
 
 @pytest.mark.parametrize(
     ("unit", "ours", "short"),
-    [("samples/s", 1.9, True), ("samples/s", 2.1, False), ("s", 2.1, True), ("MiB", 1.9, False)],
+    [
+        ("samples/s", 1.9, True),
+        ("samples/s", 2.1, False),
+        ("diagnoses/h", 1.9, True),
+        ("s", 2.1, True),
+        ("MiB", 1.9, False),
+    ],
 )
 def test_rates_fall_short_below_and_times_above(unit, ours, short):
     assert page.falls_short(rows.row("a", unit, [ours], "limit", [2.0])) is short

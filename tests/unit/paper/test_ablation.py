@@ -148,4 +148,5 @@ def test_tables_are_written_with_their_columns(tmp_path):
         in text
     )
     ablation.write([], [], *paths)
+    assert "latent loss" not in paths[2].read_text(encoding="utf-8")  # nothing was compared
     assert list(pd.read_csv(paths[0])) == list(ablation.VARIED)
