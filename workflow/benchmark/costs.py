@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import yaml
 
-from benchmark import rows, speed
+from benchmark import diagnoses, rows
 from eitskin import effects
 from eitskin.data import recording
 from eitskin.physics.accuracy import untouched_error
@@ -22,11 +22,13 @@ from eitskin.physics.protocol import channel_table
 from eitskin.physics.touch import Touch
 from eitskin.progress import patient
 from eitskin.simulate import twin
+from eitskin.simulate.layout import polar_grid
 from witness import cases
 
 ELECTRODES = (16, 32, 64)
 TOUCH = [Touch(20.0, 31.0, 5.0, contrast=4.0)]
-PLACES_MM = [(76.0 * x, 76.0 * y, 5.0) for x, y in speed.PLACES]
+GRID = polar_grid(80.0, 8, 24, 0.095, 0.855, 0.0)
+PLACES_MM = [(x, y, 5.0) for x, y in zip(GRID["x_mm"], GRID["y_mm"], strict=True)]
 CONTRASTS = np.linspace(0.9, 9.0, 5)
 ERROR = 1e-3  # of the median |v|, the noise of a very good rig
 SOLVES = 5
@@ -110,7 +112,7 @@ def drawn(seed: int, frames: int, names: int) -> float:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "drawn.parquet"
         recording.write(case.recorded, path)
-        return speed.diagnosis(path)[0]
+        return diagnoses.diagnosis(path)[0]
 
 
 def twinned(seed: int, count: int) -> float:
@@ -124,7 +126,7 @@ def twinned(seed: int, count: int) -> float:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "twin.parquet"
         twin.write(path, **given | {"seed": seed})
-        return speed.diagnosis(path)[0]
+        return diagnoses.diagnosis(path)[0]
 
 
 def scaled(runs: int) -> list[dict]:
@@ -133,7 +135,7 @@ def scaled(runs: int) -> list[dict]:
     whole = len(effects.catalogue_names())
     names = whole // 4, whole // 2, whole
     groups: tuple[tuple[str, dict[str, tuple]], ...] = (
-        (f"{speed.FRAMES} frames", {f"{n} frames": (drawn, n, whole) for n in FRAMES}),
+        (f"{diagnoses.FRAMES} frames", {f"{n} frames": (drawn, n, whole) for n in FRAMES}),
         (
             f"six presses, {ELECTRODES[0]} electrodes",
             {f"six presses, {n} electrodes": (twinned, n) for n in ELECTRODES[:2]},

@@ -11,15 +11,12 @@ timing, every solver on pyEIT's mesh must give the same voltages. The others: se
 """
 
 import argparse
-import contextlib
 import inspect
-import io
 import json
 import math
 import os
 import resource
 import shlex
-import statistics
 import sys
 import time
 from collections.abc import Callable
@@ -34,18 +31,15 @@ import yaml
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
-from benchmark import rows
+from benchmark import costs, diagnoses, rows, sweep
 from benchmark.finite_elements import FiniteElements, straight_mesh
-from eitskin import cli
 from eitskin.atomic import atomic_path
-from eitskin.data import recording
 from eitskin.physics.forward import Forward, channel_values
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table
 from eitskin.progress import patient
 from eitskin.simulate import chain, layout, sets
 from eitskin.simulate.stages import Stage
-from witness import cases
 
 N = 16
 CHANNELS = channel_table(N)
@@ -63,16 +57,7 @@ AGREEMENT = 1e-10
 TIMES = {"radii": 5, "angles": 4}  # of the grid's: 20 times the places
 LIMIT_S, LIMIT_MIB = 120.0, 2048.0
 SKINS_A_SECOND = 10.0  # five times what was measured before
-FRAMES = 500
-DRAWN = (
-    "null+rig",
-    "single:contact-impedance+rig",
-    "pair",
-    "single:conductivity-drift+rig",
-    "outside:gain-range+rig",
-)
 TRAINED, EPOCHS = 8000, 40
-DIAGNOSIS_S, WORST_S, DIAGNOSIS_MIB = 30.0, 120.0, 4096.0
 
 Samples = list[tuple[int, int]]
 Solver = Callable[[Samples], np.ndarray]
@@ -404,57 +389,6 @@ def trained(runs: int) -> list[dict]:
     return [rows.row("trained", "samples/s", ours, "subnormal numbers kept", peer)]
 
 
-def diagnose(kind: str, seed: int, frames: int, cores: int) -> tuple[float, float]:
-    """Draw a recording and diagnose it as `eitskin diagnose` does on so many cores, report and all.
-
-    Returns seconds and the process's peak memory in MiB, of the diagnosis: call it in a fresh
-    process. Raises RuntimeError where the diagnosis fails.
-    """
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "drawn.parquet"
-        os.environ["OMP_NUM_THREADS"] = str(cores)
-        case = cases.draw(kind, seed, frames)
-        recording.write(case.recorded, path)
-        return diagnosis(path)
-
-
-def diagnosis(path: Path) -> tuple[float, float]:
-    """Seconds of `eitskin diagnose` of a recording, and the process's peak memory in MiB; its
-    folder is made beside the file. Raises RuntimeError where it fails."""
-    start = time.perf_counter()
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        code = cli.main(["diagnose", str(path), "--out", str(path.with_name("out"))])
-    seconds = time.perf_counter() - start
-    if code:
-        raise RuntimeError(f"the diagnosis of {path.name} ended with code {code}")
-    return seconds, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-
-
-def diagnosed(runs: int) -> list[dict]:
-    """Seconds and peak memory of diagnoses of 500 frames, beside what they may take.
-
-    `runs` recordings of 16 electrodes, of the kinds DRAWN in turn, drawn by `witness`; each in a
-    fresh process, first one after the other on two cores, then two at a time on one each.
-    """
-    found = []
-    for at_once, words in ((1, ""), (2, ", two at once")):
-        cores = 2 // at_once
-        drawn = [(DRAWN[i % len(DRAWN)], 1 + i // len(DRAWN), FRAMES, cores) for i in range(runs)]
-        pool = ProcessPoolExecutor(at_once, get_context("spawn"), max_tasks_per_child=1)
-        with pool:
-            done = pool.map(diagnose, *zip(*drawn, strict=True))
-            told = [next(done) for _ in patient(range(runs), f"diagnosed{words}, runs")]
-        seconds, peaks = zip(*told, strict=True)
-        for name, unit, values, limit, of in (
-            ("median", "s", seconds, DIAGNOSIS_S, statistics.median),
-            ("worst", "s", seconds, WORST_S, max),
-            ("memory, most", "MiB", peaks, DIAGNOSIS_MIB, max),
-        ):
-            title = f"limit for {FRAMES} frames"
-            found.append(rows.row(f"diagnosed{words}, {name}", unit, values, title, [limit], of))
-    return found
-
-
 def streamed(runs: int) -> list[dict]:
     """Milliseconds from a frame to its verdict, by every model of Table I: `benchmark.latency`."""
     from benchmark import latency  # here, as it brings torch
@@ -462,36 +396,15 @@ def streamed(runs: int) -> list[dict]:
     return latency.streamed(runs)
 
 
-def electrodes(runs: int) -> list[dict]:
-    """New skins of 16, 32 and 64 electrodes, derivatives, errors: `benchmark.costs`."""
-    from benchmark import costs  # here, as it takes from this module
-
-    return costs.electrodes(runs)
-
-
-def scaled(runs: int) -> list[dict]:
-    """Diagnoses against frames, electrodes and names: `benchmark.costs`."""
-    from benchmark import costs
-
-    return costs.scaled(runs)
-
-
-def swept(runs: int) -> list[dict]:
-    """A sweep of diagnoses on one, two and four slots: `benchmark.sweep`."""
-    from benchmark import sweep  # here, as it needs the blocks of the calibration
-
-    return sweep.swept(runs)
-
-
 BENCHES = {
     "clean": clean,
     "skins": skins,
-    "electrodes": electrodes,
+    "electrodes": costs.electrodes,
     "perturbed": perturbed,
     "trained": trained,
-    "diagnosed": diagnosed,
-    "scaled": scaled,
-    "swept": swept,
+    "diagnosed": diagnoses.diagnosed,
+    "scaled": costs.scaled,
+    "swept": sweep.swept,
     "streamed": streamed,
 }
 

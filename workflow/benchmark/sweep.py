@@ -8,8 +8,9 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import pandas as pd
+
 from benchmark import rows
-from calibration.blocks import batches
 from eitskin.progress import patient
 
 BLOCK, SIZE = "ordinary-report", "full"
@@ -21,27 +22,27 @@ PARTS = ("workflow", "envs", "profiles")  # folders of the repository that the w
 def sweep(slots: int) -> tuple[float, float]:
     """Diagnoses an hour by the clock and processor seconds of a diagnosis, Snakemake's own among
     them, of the first BATCHES of a block. Raises RuntimeError where the run fails."""
-    count = sum(len(batch) for batch in batches(BLOCK, SIZE)[:BATCHES])
+    made = [f"results/calibration/{BLOCK}/batches/{SIZE}-{number}.csv" for number in range(BATCHES)]
     with TemporaryDirectory() as folder:
         for name in PARTS:
             ignored = shutil.ignore_patterns("__pycache__")
             shutil.copytree(rows.ROOT / name, Path(folder) / name, ignore=ignored)
         for name in ("Snakefile", "config.yaml"):
             shutil.copy(rows.ROOT / name, folder)
-        made = f"results/calibration/{BLOCK}/batches/{SIZE}-"
         run = [sys.executable, "-m", "snakemake", "--cores", str(slots), "--quiet", "all"]
         one = {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(Path(folder) / "workflow")}
         start, before = time.perf_counter(), _children()
         done = subprocess.run(
-            [*run, "--", *(f"{made}{number}.csv" for number in range(BATCHES))],
+            [*run, "--", *made],
             cwd=folder,
             env=os.environ | one,
             capture_output=True,
             text=True,
         )
         seconds, busy = time.perf_counter() - start, _children() - before
-    if done.returncode:
-        raise RuntimeError(f"the sweep on {slots} slots failed: {done.stderr[-2000:]}")
+        if done.returncode:
+            raise RuntimeError(f"the sweep on {slots} slots failed: {done.stderr[-2000:]}")
+        count = sum(len(pd.read_csv(Path(folder) / file)) for file in made)
     return 3600.0 * count / seconds, busy / count
 
 

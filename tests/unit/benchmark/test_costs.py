@@ -32,7 +32,7 @@ def test_names_are_left_out_of_the_catalogue_but_the_true_ones(monkeypatch):
     monkeypatch.setattr(costs.effects, "EFFECTS", dict(costs.effects.EFFECTS))
     monkeypatch.setattr(costs.os, "environ", dict(costs.os.environ))
     monkeypatch.setattr(
-        costs.speed,
+        costs.diagnoses,
         "diagnosis",
         lambda path: seen.append(costs.effects.catalogue_names()) or (1.0, 1.0),
     )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from benchmark import rows, speed
+from benchmark import diagnoses, rows, speed
 
 pytest.importorskip("pyeit")
 
@@ -101,6 +101,6 @@ def test_a_perturbed_set_runs_the_whole_chain(small):
 
 @pytest.mark.long
 def test_a_drawn_recording_is_diagnosed():
-    seconds, peak = speed.diagnose("null", 1, 60, 1)
+    seconds, peak = diagnoses.diagnose("null", 1, 60, 1)
     assert seconds > 0
     assert peak > 10
