@@ -14,7 +14,6 @@ import yaml
 
 from benchmark import diagnoses, rows
 from eitskin import effects
-from eitskin.data import recording
 from eitskin.physics.accuracy import untouched_error
 from eitskin.physics.forward import ACCURACIES, Forward
 from eitskin.physics.geometry import Geometry
@@ -23,7 +22,6 @@ from eitskin.physics.touch import Touch
 from eitskin.progress import patient
 from eitskin.simulate import twin
 from eitskin.simulate.layout import polar_grid
-from witness import cases
 
 ELECTRODES = (16, 32, 64)
 TOUCH = [Touch(20.0, 31.0, 5.0, contrast=4.0)]
@@ -32,8 +30,9 @@ PLACES_MM = [(x, y, 5.0) for x, y in zip(GRID["x_mm"], GRID["y_mm"], strict=True
 CONTRASTS = np.linspace(0.9, 9.0, 5)
 ERROR = 1e-3  # of the median |v|, the noise of a very good rig
 SOLVES = 5
-CORES = "2"  # of a diagnosis
-KIND = "single:contact-impedance+rig"
+CORES = 2  # of a diagnosis
+LEFT_OUT = "contact-impedance"
+KIND = f"single:{LEFT_OUT}+rig"
 FRAMES = (100, 200, 500, 1000)
 SOME = 200  # frames of a diagnosis against names
 
@@ -102,23 +101,17 @@ def _error(geometry: Geometry, channels: np.ndarray, accuracy: str) -> float:
 
 def drawn(seed: int, frames: int, names: int) -> float:
     """Seconds of the diagnosis of a drawn recording of KIND, with so many names left in the
-    catalogue, those of the recording's truth among them: call it in a fresh process."""
-    os.environ["OMP_NUM_THREADS"] = CORES
-    case = cases.draw(KIND, seed, frames)
-    true = {effect["name"] for effect in case.effects}
-    others = [name for name in effects.catalogue_names() if name not in true]
-    for name in others[names - len(true) :]:
+    catalogue, that of the recording's truth among them: call it in a fresh process."""
+    others = [name for name in effects.catalogue_names() if name != LEFT_OUT]
+    for name in others[names - 1 :]:
         del effects.EFFECTS[name]
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "drawn.parquet"
-        recording.write(case.recorded, path)
-        return diagnoses.diagnosis(path)[0]
+    return diagnoses.diagnose(KIND, seed, frames, CORES)[0]
 
 
 def twinned(seed: int, count: int) -> float:
     """Seconds of the diagnosis of `config.yaml`'s twin with so many electrodes and six presses:
     call it in a fresh process."""
-    os.environ["OMP_NUM_THREADS"] = CORES
+    os.environ["OMP_NUM_THREADS"] = str(CORES)
     given = yaml.safe_load((rows.ROOT / "config.yaml").read_text(encoding="utf-8"))["twin"]
     given["skin"]["electrode_deg"] = (360.0 / count * np.arange(count)).tolist()
     given["touch_grid"] |= {"radii": 2, "angles": 3}
