@@ -14,6 +14,7 @@ import yaml
 
 from benchmark import diagnoses, rows
 from eitskin import effects
+from eitskin.data import recording, subset
 from eitskin.physics.accuracy import untouched_error
 from eitskin.physics.forward import ACCURACIES, Forward
 from eitskin.physics.geometry import Geometry
@@ -22,6 +23,7 @@ from eitskin.physics.touch import Touch
 from eitskin.progress import patient
 from eitskin.simulate import twin
 from eitskin.simulate.layout import polar_grid
+from witness import cases
 
 ELECTRODES = (16, 32, 64)
 TOUCH = [Touch(20.0, 31.0, 5.0, contrast=4.0)]
@@ -35,6 +37,7 @@ LEFT_OUT = "contact-impedance"
 KIND = f"single:{LEFT_OUT}+rig"
 FRAMES = (100, 200, 500, 1000)
 SOME = 200  # frames of a diagnosis against names
+GROWN = 50  # frames by which a recording grows
 
 
 def skin(electrodes: int, number: int) -> Geometry:
@@ -122,9 +125,23 @@ def twinned(seed: int, count: int) -> float:
         return diagnoses.diagnosis(path)[0]
 
 
+def grown(seed: int, earlier: bool) -> float:
+    """Seconds of the diagnosis of a drawn recording of KIND that has grown by GROWN frames, begun
+    with the effects that it had before, or with none: call it in a fresh process."""
+    os.environ["OMP_NUM_THREADS"] = str(CORES)
+    whole = cases.draw(KIND, seed, diagnoses.FRAMES + GROWN).recorded
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "drawn.parquet"
+        recording.write(subset.stretch(whole, 0, diagnoses.FRAMES - 1, str(path)), path)
+        diagnoses.diagnosis(path)
+        recording.write(whole, path)
+        effects = path.with_name("out") / "effects.yaml"
+        return diagnoses.diagnosis(path, *(["--earlier", str(effects)] if earlier else []))[0]
+
+
 def scaled(runs: int) -> list[dict]:
-    """Seconds by the clock of diagnoses on two cores: against frames, electrodes, and the number of
-    names. Each run has recordings of its own."""
+    """Seconds by the clock of diagnoses on two cores: against frames, electrodes, the number of
+    names, and what was found before. Each run has recordings of its own."""
     whole = len(effects.catalogue_names())
     names = whole // 4, whole // 2, whole
     groups: tuple[tuple[str, dict[str, tuple]], ...] = (
@@ -136,6 +153,13 @@ def scaled(runs: int) -> list[dict]:
         (
             f"{SOME} frames, {whole} names",
             {f"{SOME} frames, {n} names": (drawn, SOME, n) for n in names},
+        ),
+        (
+            f"{GROWN} frames more, begun anew",
+            {
+                f"{GROWN} frames more, begun anew": (grown, False),
+                f"{GROWN} frames more, begun with what was found": (grown, True),
+            },
         ),
     )
     jobs = {name: job for _, group in groups for name, job in group.items()}

@@ -42,12 +42,12 @@ def diagnose(kind: str, seed: int, frames: int, cores: int) -> tuple[float, floa
         return diagnosis(path)
 
 
-def diagnosis(path: Path) -> tuple[float, float]:
+def diagnosis(path: Path, *options: str) -> tuple[float, float]:
     """Seconds of `eitskin diagnose` of a recording, and the process's peak memory in MiB; its
-    folder is made beside the file. Raises RuntimeError where it fails."""
+    folder `out` is made beside the file. Raises RuntimeError where it fails."""
     start = time.perf_counter()
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        code = cli.main(["diagnose", str(path), "--out", str(path.with_name("out"))])
+        code = cli.main(["diagnose", str(path), "--out", str(path.with_name("out")), *options])
     seconds = time.perf_counter() - start
     if code:
         raise RuntimeError(f"the diagnosis of {path.name} ended with code {code}")

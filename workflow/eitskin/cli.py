@@ -55,6 +55,7 @@ examples:
   eitskin diagnose skin.parquet
   eitskin diagnose skin.parquet --skin skin.yaml --out monday
   eitskin diagnose skin.parquet --query elsewhere.parquet --json > monday.json
+  eitskin diagnose longer.parquet --earlier monday/effects.yaml
 """,
     "compare": """\
 examples:
@@ -159,6 +160,8 @@ def _parser() -> argparse.ArgumentParser:
         metavar="GIB",
         help="what it may take, by default %(default)s GiB: as many frames as fit are diagnosed",
     )
+    words = "the effects.yaml of an earlier diagnosis: what it found is tried first"
+    _add_path(diagnosing, "--earlier", words)
     _add_anyway(diagnosing)
     comparing = command("compare", _compare, "say what changed between two recordings of one skin")
     _add_path(comparing, "control", "the earlier recording, in any known format")
@@ -356,11 +359,13 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     # seconds, which other commands spare
     from eitskin.diagnose import apart, memory, result, words
     from eitskin.diagnose.report import page
+    from eitskin.diagnose.search import start
 
     recorded = _source(arguments)
     recording.voltages(recorded, arguments.file)
     if arguments.query is not None:
         result.read_query(arguments.query, recorded)
+    earlier = arguments.earlier and start.read(arguments.earlier, recorded.channels)
     name = _stem(arguments.file, arguments.frames)
     out = Path(arguments.out or f"diagnosis-{name}")
     report, predicted = out / "report.html", out / "predicted.parquet"
@@ -380,7 +385,9 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         _forget(answer)
         source = folder / "recording.parquet"
         recording.write(recorded, source)
-        found = apart.diagnose(recorded, progress=True, memory_GiB=arguments.memory)
+        found = apart.diagnose(
+            recorded, progress=True, memory_GiB=arguments.memory, earlier=earlier
+        )
         said = result.write(found, name, folder, SCHEMA, arguments.query)
         if not arguments.json:
             for head, sentences in words.of_parts(said) or [("", words.told(said))]:

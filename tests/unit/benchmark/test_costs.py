@@ -1,5 +1,7 @@
 """What skins of more electrodes cost, and that their derivatives and errors are measured."""
 
+from pathlib import Path
+
 import pytest
 
 from benchmark import costs
@@ -41,6 +43,22 @@ def test_names_are_left_out_of_the_catalogue_but_the_true_ones(monkeypatch):
     assert "contact-impedance" in seen[0]
 
 
+@pytest.mark.parametrize("earlier", [False, True])
+def test_a_recording_that_grew_begins_with_what_was_found_where_that_is_asked(monkeypatch, earlier):
+    seen = []
+
+    def diagnosis(path, *options):
+        frames = len(costs.recording.read(path).frames)
+        seen.append((frames, options and Path(options[1]).parent == path.with_name("out")))
+        return float(frames), 1.0
+
+    monkeypatch.setattr(costs.diagnoses, "diagnosis", diagnosis)
+    monkeypatch.setattr(costs.diagnoses, "FRAMES", 60)
+    monkeypatch.setattr(costs.os, "environ", dict(costs.os.environ))
+    assert costs.grown(1, earlier) == 110.0
+    assert seen == [(60, ()), (110, True if earlier else ())]
+
+
 def test_costs_stand_beside_those_of_their_group(monkeypatch):
     class Here:
         def __init__(self, *_, **__): ...
@@ -49,7 +67,7 @@ def test_costs_stand_beside_those_of_their_group(monkeypatch):
 
         def __exit__(self, *_): ...
         def submit(self, work, run, *given):
-            return Done(float(given[0]))
+            return Done(float(given[0]) or 1.0)
 
     class Done:
         def __init__(self, value):

@@ -491,13 +491,13 @@ def test_rivals_begin_with_what_is_named_where_that_is_told(written, tmp_path):
 
 
 def test_what_was_found_first_on_fewer_frames_is_on_the_path(written, tmp_path):
-    assert "Start: found first" not in Page(page_of(written, "explained")).text
+    assert "Start: found before" not in Page(page_of(written, "explained")).text
     folder, _ = diagnosed(tmp_path, "explained")
     path = folder / "evidence" / "search.csv"
     pd.read_csv(path).replace({"action": {"add": "start"}}).to_csv(path, index=False)
     text = Page(rewritten(folder)).text
     assert "startelectrode-widthelectrodes 7" in text
-    assert "Start: found first" in text
+    assert "Start: found before" in text
 
 
 def test_several_of_one_start_say_the_misfit_of_all_once(tmp_path):

@@ -11,6 +11,7 @@ from eitskin.diagnose import diagnosis, result
 from eitskin.diagnose.fit import fit
 from eitskin.diagnose.search import resorts
 from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.search.start import Start
 from shared_data import shared_data
 from small_skin import candidates_of, problem_of, small_recording
 
@@ -85,7 +86,7 @@ def test_what_is_not_borne_out_leaves_nothing_of_its_noise(monkeypatch):
     monkeypatch.setattr(Search, "_confirmed", lambda self, state: before)
     search.unblur()
     assert search.problem is plain
-    again, state = search.run(found)
+    again, state = search.run(Start.of(found))
     assert search.problem is not plain and resorts.foreign(state.effects)
     assert not again.effects
 

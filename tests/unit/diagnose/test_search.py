@@ -20,6 +20,7 @@ from eitskin.diagnose.rig_sizes import SETTLED
 from eitskin.diagnose.search import fitting, proposals, search
 from eitskin.diagnose.search.screen import NULL_DRAWS, score
 from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.search.start import Start
 from eitskin.diagnose.search.state import State
 from eitskin.diagnose.tangents import Tangents
 from eitskin.effects import EFFECTS
@@ -129,7 +130,7 @@ def test_what_few_frames_showed_must_stand_on_all_of_them(contact):
     recorded, found = contact
     _, again, _ = diagnosis.begun(recorded, 1)
     few = found.after
-    _, after = again.run(few)
+    _, after = again.run(Start.of(few))
     assert [c.key for c in after.effects] == [c.key for c in few.effects]
     begun = [row for row in again.path if row["action"] == "start"]
     assert [(row["effect"], row["sites"]) for row in begun] == [("contact-impedance", "3")]

@@ -21,7 +21,6 @@ def first_of(recorded):
 def test_what_is_far_off_is_explained_without_the_touches():
     start, lines = first_of(small_recording(OVAL, noise=NOISE))
     assert start.effects and "nobody touches" in lines[0]
-    assert start.fit.chi2 < 1.3 * start.fit.problem.whitening.size
 
 
 @pytest.mark.long

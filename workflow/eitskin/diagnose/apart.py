@@ -19,6 +19,7 @@ from eitskin.diagnose.diagnosis import Diagnosis
 from eitskin.diagnose.excerpt import LIMIT_GIB
 from eitskin.diagnose.result import OF_A_PART, result
 from eitskin.diagnose.words import stretch
+from eitskin.effects.effect import Setting
 from eitskin.errors import InputError
 
 
@@ -27,6 +28,7 @@ def diagnose(
     seed: int = 1,
     progress: bool = False,
     memory_GiB: float = LIMIT_GIB,
+    earlier: list[Setting] | None = None,
 ) -> Diagnosis:
     """`diagnosis.diagnose` of a recording without steps; else of the longest part that can be
     diagnosed, which is the `told` one of `parts`, with `parts` and `steps` as of Diagnosis.
@@ -35,7 +37,7 @@ def diagnose(
     """
     begins = [step.frame for step in steps(recorded)]
     if not begins:
-        return diagnosis.diagnose(recorded, seed, progress, memory_GiB)
+        return diagnosis.diagnose(recorded, seed, progress, memory_GiB, earlier)
     rows = np.arange(len(recorded.frames))
     ends = pairwise([0, *begins, len(rows)])
     parts = [subset.of_frames(recorded, (first <= rows) & (rows < end)) for first, end in ends]
@@ -46,7 +48,7 @@ def diagnose(
         if progress:
             print(f"  of {stretch(frames)}", file=sys.stderr, flush=True)
         try:
-            found = diagnosis.diagnose(part, seed, progress, memory_GiB)
+            found = diagnosis.diagnose(part, seed, progress, memory_GiB, earlier)
         except InputError as refusal:
             refusals.append(refusal)
             entries.append({"frames": frames, "refused": str(refusal)})

@@ -130,6 +130,25 @@ class Candidate:
                 values[key] = value if per_site and sites is not None else float(value[0])
         return Setting(self.effect, sites, values, self.kind)
 
+    def coordinates(self, values: dict) -> np.ndarray:
+        """(size,): those at which `setting` has these values, as near as it can."""
+        found = np.zeros(self.size)
+        for key in dict.fromkeys(name for name, _ in self.names):
+            at = [i for i, (name, _) in enumerate(self.names) if name == key]
+            parameter = self.effect.parameters[key]
+            neutral = self.start.get(key, self.effect.neutral(key, self.skin))
+            assert neutral is not None
+            value = np.asarray(neutral if values[key] is None else values[key], float)
+            if np.size(value) > len(at):
+                value = np.mean(value)
+            moved = np.log(value / neutral) if _logarithmic(parameter) else value - neutral
+            if self.effect.polar and key == self.effect.polar[0]:
+                _, other, multiple = self.effect.polar
+                angle = multiple * np.radians(values[other])
+                moved = moved * np.array([np.cos(angle), np.sin(angle)])
+            found[at] = moved / self.scales.of(parameter)
+        return found
+
     def at_bound(self, key: str, value: np.ndarray) -> np.ndarray:
         """Which bound each of a parameter's values is at, `low` or `high`; None: at neither, or not
         fitted. A size of 0, which has no direction, is at none."""

@@ -29,11 +29,13 @@ from eitskin.diagnose.rivals import Rival, rivals
 from eitskin.diagnose.search.fitting import GROSS, STANDARD_ERRORS, UNEXPLAINED
 from eitskin.diagnose.search.resorts import foreign
 from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.search.start import Start
 from eitskin.diagnose.search.state import State
 from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.steadiness import refine
 from eitskin.diagnose.verdict import acceptable
 from eitskin.diagnose.whitening import COHERENT, Whitening
+from eitskin.effects.effect import Setting
 from eitskin.effects.settings import site_counts
 from eitskin.errors import InputError
 from eitskin.physics import outline
@@ -90,19 +92,28 @@ def diagnose(
     seed: int = 1,
     progress: bool = False,
     memory_GiB: float = LIMIT_GIB,
+    earlier: list[Setting] | None = None,
 ) -> Diagnosis:
     """Diagnose a recording: locate, name and model what its simulation leaves out.
 
     Of a long recording, an excerpt, as long as memory_GiB are foretold to allow; a search on a few
-    frames of it is where that on all begins. Equal seeds give equal results, bit for bit. Raises
-    InputError where nothing can be simulated, and where it would take more memory.
+    frames of it is where that on all begins, or else the effects of an earlier diagnosis, as of
+    `start.read`, each of which has to be borne out. Equal seeds and earlier effects give equal
+    results, bit for bit. Raises InputError where nothing can be simulated, for earlier effects that
+    are not sought in this recording, and where it would take more memory.
     """
     # Shared out among cores, small products take longer, and their sums are of other bytes.
     with threadpool_limits(1, user_api="blas"):
-        return _diagnosed(recorded, seed, progress, memory_GiB)
+        return _diagnosed(recorded, seed, progress, memory_GiB, earlier)
 
 
-def _diagnosed(recorded: Recording, seed: int, progress: bool, memory_GiB: float) -> Diagnosis:
+def _diagnosed(
+    recorded: Recording,
+    seed: int,
+    progress: bool,
+    memory_GiB: float,
+    earlier: list[Setting] | None,
+) -> Diagnosis:
     voltages(recorded, "recording")
     outline.refuse(recorded.skin, "recording")
 
@@ -119,9 +130,16 @@ def _diagnosed(recorded: Recording, seed: int, progress: bool, memory_GiB: float
     seen = replace(recorded, voltage=np.where(there, recorded.readings, np.nan))
     begun_with = search.problem
     put_aside = _put_aside(begun_with, recorded, noise, kept)
-    start, cut_short = _untouched_first(search, seen, seed, report), False
+    start: Start | None = None
     calibrated: State | None = None
-    if len(recorded.frames) >= 2 * FIRST_FRAMES:
+    cut_short = False
+    if earlier is not None:
+        start = Start.at(earlier, [*search.candidates, *search.resorts], search.problem)
+        names = ", ".join(one.name for one in start.effects) or "no effect"
+        report(f"first what was found earlier: {names}")
+    else:
+        start = _untouched_first(search, seen, seed, report)
+    if earlier is None and len(recorded.frames) >= 2 * FIRST_FRAMES:
         few = partial(_few_first, search, seen, seed, report, start)
         both: list[Callable[[], tuple]] = [few, lambda: (search.calibrated(), search.rig)]
         (start, cut_short), (calibrated, search.rig) = search.apart(lambda of: of(), both)
@@ -361,18 +379,18 @@ def _few_first(
     recorded: Recording,
     seed: int,
     report: Callable[[str], None],
-    start: State | None,
-) -> tuple[State, bool]:
+    start: Start | None,
+) -> tuple[Start, bool]:
     """What FIRST_FRAMES frames show, from a start, and whether the search on them was cut short."""
     few = excerpt(recorded, FIRST_FRAMES)
     report(f"first on {len(few.frames)} frames")
     first = _on_frames(search, recorded, few, seed, report, FIRST_SHARE)
-    return first.run(start)[1], first.spent
+    return Start.of(first.run(start)[1]), first.spent
 
 
 def _untouched_first(
     search: Search, recorded: Recording, seed: int, report: Callable[[str], None]
-) -> State | None:
+) -> Start | None:
     """What explains the frames in which nobody touches, where more than BARE of their readings is
     left unexplained: so far off, touches would be followed to anywhere. None where nothing does:
     a wrong name would stay."""
@@ -392,7 +410,7 @@ def _untouched_first(
     if foreign(start.effects):
         return None  # in noise of its own making it would explain anything
     left = first.named(start, start.fit).chi2 / first.problem.whitening.size
-    return start if start.effects and left < EXPLAINED else None
+    return Start.of(start) if start.effects and left < EXPLAINED else None
 
 
 def _named(search: Search, state: State, white: Whitening) -> Fit:

@@ -19,6 +19,7 @@ from eitskin.diagnose.search import channels, resorts
 from eitskin.diagnose.search.fitting import GROSS
 from eitskin.diagnose.search.proposals import SIGNIFICANT, Proposals
 from eitskin.diagnose.search.screen import Score, chance, choices
+from eitskin.diagnose.search.start import Start
 from eitskin.diagnose.search.state import State, added, per_dof
 from eitskin.diagnose.tangents import Tangents
 from eitskin.diagnose.whitening import Whitening
@@ -27,7 +28,7 @@ from eitskin.errors import InputError
 MOST_EFFECTS = 5
 LEAST_EVIDENCE = 3.0  # nats by which an effect, or a further site of one, must raise the evidence
 LEAD = 1.0  # nats by which another name in an effect's place must be better
-START = "start"  # the step on the path of an effect that was found on fewer frames
+START = "start"  # the step on the path of an effect that was found before
 CUT_SHORT = "cut short"  # the step on the path that says so
 UNLIKE = "unlike"  # the step on the path that says so
 FEW_SITES = 2  # of a sparse effect; with more, single sites are tried in its place
@@ -48,9 +49,9 @@ class Search(Proposals):
     path: list[dict] = field(default_factory=list)
     _plain: tuple[Problem, Rig | None] | None = None
 
-    def run(self, start: State | None = None, before: State | None = None) -> tuple[State, State]:
-        """The state before and the state found; start: what was found on fewer frames; before: as
-        of `calibrated`, where it is known."""
+    def run(self, start: Start | None = None, before: State | None = None) -> tuple[State, State]:
+        """The state before and the state found; start: what was found before; before: as of
+        `calibrated`, where it is known."""
         before = state = before or self.calibrated()
         self.step("calibrate", None, state)
         if start is not None and start.effects:
@@ -81,18 +82,18 @@ class Search(Proposals):
             found = self._explained(self._drop(free))
         return before, found
 
-    def _begun(self, before: State, start: State) -> State | None:
+    def _begun(self, before: State, start: Start) -> State | None:
         """The effects of a start fitted to all frames; None where that is no better than without
         them, or where no such skin is fitted."""
         try:
-            known = fit(self.problem, start.effects, start.fit.theta, polish=True)
+            known = fit(self.problem, start.effects, start.theta, polish=True)
             state = self.state(known, start.p_values)
         except InputError:
             return None
         if state.log_evidence <= before.log_evidence or self.unlike(state):
             return None
         for effect in state.effects:
-            self.step(START, effect, state, state.p_value(effect))
+            self.step(START, effect, state, state.p_value(effect) if start.p_values else None)
         return state
 
     def cut_short(self, state: State) -> None:
@@ -318,8 +319,8 @@ class Search(Proposals):
             self.catalogue_of = state.key
 
     def _confirmed(self, state: State) -> State:
-        """A state that was found on fewer frames, less the effects that all of them do not bear
-        out, each with the p-value of its likelihood ratio on all of them."""
+        """A state that was found before, less the effects that all frames do not bear out, each
+        with the p-value of its likelihood ratio on all of them."""
         self.draw_null(self.linearised(state))
         while True:
             for index, less in self.each_without(state, len(state.effects)):
