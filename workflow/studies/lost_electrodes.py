@@ -1,11 +1,12 @@
 """What estimates are worth without an electrode or two: `python -m studies.lost_electrodes EXPORT
 DATASET SPLIT [--samples N]`, with `config.yaml` beside it.
 
-Of N touches drawn from the test part, every electrode's channels are taken away in turn, then those
-of PAIRS drawn pairs. A line each: the root mean squared error of the force, that of the place and
-its median, beside those with all channels, and the share of the truth that the intervals hold. Of a
-continuous set also the limit: the errors of the posterior mean of the channels that are left, of
-the same touches, and how many times as large the estimate's are.
+Every electrode's channels are taken away in turn, then those of PAIRS drawn pairs, each set's from
+N touches of its own, drawn from the test part. A line each, and one of all single electrodes and of
+all pairs together: the root mean squared error of the force, that of the place and its median, and
+the share of the truth that the intervals hold. Of a continuous set also the limit: the errors of
+the posterior mean of the channels that are left, of the same touches, how many times as large the
+estimate's are, and 95 % of that over touches.
 """
 
 import argparse
@@ -26,8 +27,10 @@ from eitskin.limit.posterior_mean import Starts, estimate, experiment_of
 from eitskin.progress import patient
 
 PAIRS, SEED = 30, 1
-SAMPLES = 100  # of the test part
+SAMPLES = 20  # touches of a set
+SIZES = ("none", "one", "two")
 DRAWN = 32  # pairs of draws from each posterior
+DRAWS = 1000  # of the bootstrap
 
 
 def errors(predictor: Predictor, change: np.ndarray, lost: tuple[int, ...]) -> tuple:
@@ -58,29 +61,74 @@ def limit(
     return np.array(found)
 
 
-def table(
-    predictor: Predictor, change: np.ndarray, truth: np.ndarray, model: SessionModel | None = None
-) -> pd.DataFrame:
-    """A row without electrodes lost, one an electrode, one a drawn pair; states (N, T) in the order
-    x, y, F; model: whose posterior means are the limit, beside them."""
-    count = 1 + int(np.max(predictor.header["dataset"]["channels"]))
-    pairs = list(combinations(range(count), 2))
+def sets_of(electrodes: int) -> list[tuple[int, ...]]:
+    """No electrode, each alone, and PAIRS drawn pairs."""
+    pairs = list(combinations(range(electrodes), 2))
     drawn = np.random.default_rng(SEED).choice(len(pairs), min(PAIRS, len(pairs)), replace=False)
-    sets = [(), *((k,) for k in range(count)), *(pairs[k] for k in np.sort(drawn))]
-    rows = []
+    return [(), *((k,) for k in range(electrodes)), *(pairs[k] for k in np.sort(drawn))]
+
+
+def rows_of(tested: np.ndarray, sets: list[tuple[int, ...]], samples: int) -> list[np.ndarray]:
+    """Touches of its own for every set, drawn of those `tested`: so many, with all channels as many
+    as of all single electrodes together."""
+    singles = sum(len(lost) == 1 for lost in sets)
+    found = []
+    for number, lost in enumerate(sets):
+        count = min(samples if lost else samples * singles, len(tested))
+        rng = np.random.default_rng([SEED, number])
+        found.append(np.sort(rng.choice(tested, count, replace=False)))
+    return found
+
+
+def table(
+    predictor: Predictor,
+    change: np.ndarray,
+    truth: np.ndarray,
+    sets: list[tuple[int, ...]],
+    rows: list[np.ndarray],
+    model: SessionModel | None = None,
+) -> pd.DataFrame:
+    """A row a set, of its touches `rows` among changes (N, M) and states (N, T), in the order x, y,
+    F; then one of each size of set, all its touches together. model: whose posterior means are the
+    limit, beside them."""
     starts = None if model is None else Starts(model)
-    for lost in patient(sets, "sets of lost electrodes"):
-        state, half = errors(predictor, change, lost)
-        held = (np.abs(state - truth) <= half).mean(axis=0)
-        sizes = _sizes(state - truth)
-        row: dict = {"lost": " ".join(map(str, lost)) or "none", **sizes}
-        row |= {f"held_{name}": share for name, share in zip("xyF", held, strict=True)}
+    told: dict[str, list[tuple]] = {}
+    for lost, own in zip(patient(sets, "sets of lost electrodes"), rows, strict=True):
+        state, half = errors(predictor, change[own], lost)
+        off, least = state - truth[own], None
         if model is not None and starts is not None:
-            least = _sizes(limit(model, starts, change, lost) - truth)
-            row |= {f"limit_{key}": value for key, value in least.items()}
-            row |= {f"times_{key}": sizes[key] / value for key, value in least.items()}
-        rows.append(row)
-    return pd.DataFrame(rows)
+            least = limit(model, starts, change[own], lost) - truth[own]
+        found = off, np.abs(off) <= half, least
+        told.setdefault(" ".join(map(str, lost)) or SIZES[0], []).append(found)
+        if lost:
+            told.setdefault(SIZES[len(lost)], []).append(found)
+    together = [name for name in told if name in SIZES[1:]]
+    order = [*(name for name in told if name not in together), *together]
+    return pd.DataFrame([_row(name, told[name]) for name in order])
+
+
+def _row(name: str, found: list[tuple]) -> dict:
+    """Of one set, or of several together: errors, shares of the truth held, the limit's errors, how
+    many times as large the estimate's are, and 95 % of that by a bootstrap over touches."""
+    off, held = (np.concatenate([one[k] for one in found]) for k in (0, 1))
+    row: dict = {"lost": name, "touches": len(off), **_sizes(off)}
+    row |= {f"held_{key}": share for key, share in zip("xyF", held.mean(axis=0), strict=True)}
+    if any(one[2] is None for one in found):
+        return row
+    least = np.concatenate([one[2] for one in found])
+    row |= {f"limit_{key}": value for key, value in _sizes(least).items()}
+    rng = np.random.default_rng(SEED)
+    drawn = [rng.integers(len(off), size=len(off)) for _ in range(DRAWS)]
+    times = [_times(off[k], least[k]) for k in drawn]
+    for key, value in _times(off, least).items():
+        low, high = np.quantile([one[key] for one in times], [0.025, 0.975])
+        row |= {f"times_{key}": value, f"times_{key}_low": low, f"times_{key}_high": high}
+    return row
+
+
+def _times(off: np.ndarray, least: np.ndarray) -> dict[str, float]:
+    ours, theirs = _sizes(off), _sizes(least)
+    return {key: ours[key] / theirs[key] for key in ours}
 
 
 def _sizes(off: np.ndarray) -> dict[str, float]:
@@ -112,14 +160,13 @@ def main() -> int:
     given = parser.parse_args()
     data = dataset.read(given.dataset)
     tested = np.flatnonzero(splits.read(given.split, data.table) == "test")
-    drawn = np.random.default_rng(SEED).choice(
-        tested, min(given.samples, len(tested)), replace=False
-    )
-    tested = np.sort(drawn)
     predictor = read(given.export)
-    change, truth = data.delta_V[tested].astype(float), data.states()[tested]
+    sets = sets_of(1 + int(np.max(predictor.header["dataset"]["channels"])))
+    rows = rows_of(tested, sets, given.samples)
     model = model_of(data, configuration.read("config.yaml"))
-    table(predictor, change, truth, model).to_csv(sys.stdout, index=False, float_format="%.3f")
+    change, truth = data.delta_V.astype(float), data.states()
+    found = table(predictor, change, truth, sets, rows, model)
+    found.to_csv(sys.stdout, index=False, float_format="%.3f")
     return 0
 
 

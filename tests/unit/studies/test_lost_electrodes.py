@@ -44,3 +44,47 @@ def test_a_set_whose_samples_have_no_likelihood_has_no_limit():
     for name in ("simulated-authors", "another-skin"):
         data = SimpleNamespace(metadata={"name": name})
         assert lost_electrodes.model_of(data, config) is None
+
+
+def test_every_set_has_touches_of_its_own_and_all_channels_as_many_as_single_electrodes():
+    sets = lost_electrodes.sets_of(8)
+    assert [len(lost) for lost in sets].count(2) == min(lost_electrodes.PAIRS, 28)
+    rows = lost_electrodes.rows_of(np.arange(500, 900), sets, 20)
+    assert [len(own) for own in rows] == [160, *[20] * (len(sets) - 1)]
+    assert all(len(set(own)) == len(own) and own.min() >= 500 for own in rows)
+    assert not np.array_equal(rows[1], rows[2])
+    assert all(map(np.array_equal, rows, lost_electrodes.rows_of(np.arange(500, 900), sets, 20)))
+
+
+def test_sets_of_one_size_are_told_together(monkeypatch):
+    """Estimates twice as far off as the limit, of which the intervals hold half."""
+    rng = np.random.default_rng(1)
+    truth = rng.normal(size=(60, 3))
+    off = {"one": rng.normal(size=(60, 3))}
+
+    def errors(predictor, change, lost):
+        at = change[:, 0].astype(int)
+        half = np.where(at[:, None] % 2 == 0, np.inf, 0.0) * np.ones(3)
+        return truth[at] + 2.0 * off["one"][at], half
+
+    def limit(model, starts, change, lost):
+        at = change[:, 0].astype(int)
+        return truth[at] + off["one"][at]
+
+    monkeypatch.setattr(lost_electrodes, "errors", errors)
+    monkeypatch.setattr(lost_electrodes, "limit", limit)
+    monkeypatch.setattr(lost_electrodes, "Starts", lambda model: "starts")
+    sets = [(), (0,), (1,), (0, 1)]
+    rows = [np.arange(20), np.arange(20, 30), np.arange(30, 40), np.arange(40, 60)]
+    change = np.arange(60.0)[:, None]
+    found = lost_electrodes.table(None, change, truth, sets, rows, object()).set_index("lost")
+    assert list(found.index) == ["none", "0", "1", "0 1", "one", "two"]
+    assert list(found["touches"]) == [20, 10, 10, 20, 20, 20]
+    for key in ("rmse_F_N", "rmse_place_mm", "median_place_mm"):
+        for part in ("", "_low", "_high"):
+            assert np.allclose(found[f"times_{key}{part}"], 2.0)
+    assert (found["held_x"] == 0.5).all()
+    together = np.sqrt(np.mean((2.0 * off["one"][20:40, 2]) ** 2))
+    assert found.loc["one", "rmse_F_N"] == pytest.approx(together)
+    plain = lost_electrodes.table(None, change, truth, sets, rows)
+    assert not any("times" in name for name in plain.columns)

@@ -19,7 +19,7 @@ from eitskin.learn.train import Budget, Optimiser, deterministic, fit, standardi
 
 WIDTHS = (512, 256, 128)  # the recipe's, of `config.yaml`
 OPTIMISER = Optimiser(learning_rate=2e-3)
-SINGLE = 0.6  # share of batches that lack one electrode; the others lack two
+SINGLE = 0.6  # share of touches that lack one electrode; the others lack two
 
 
 def sets_of(electrodes: int) -> list[tuple[int, ...]]:
@@ -45,6 +45,43 @@ class Without(nn.Module):
         return unstandardised(self.net(self.standardised(given)), self.scalers)
 
 
+class _Lacking:
+    """What the network takes of changes z (N, M) in units of `channels`, each touch without a set
+    of electrodes of its own, all drawn anew after N touches were asked for."""
+
+    def __init__(
+        self, module: Without, z: np.ndarray, channels: Channels, table: np.ndarray, seed: int
+    ):
+        self.module, self.z, self.channels = module, z, channels
+        self.sets = sets_of(module.electrodes)
+        self.gone = [np.flatnonzero(using(table, lost)) for lost in self.sets]
+        self.scale = module.scalers["voltage_scale"].numpy()
+        self.draw = np.random.default_rng(seed)
+        self.given = torch.empty(len(z), z.shape[1] + module.electrodes)
+        self.left = 0
+
+    def __call__(self, rows: Tensor) -> Tensor:
+        """(B, M + n) float32 of touches rows (B,)."""
+        if self.left <= 0:
+            self._draw_anew()
+        self.left -= len(rows)
+        return self.given[rows]
+
+    def _draw_anew(self) -> None:
+        electrodes, count = self.module.electrodes, len(self.z)
+        single = self.draw.integers(electrodes, size=count)
+        double = self.draw.integers(electrodes, len(self.sets), size=count)
+        own = np.where(self.draw.random(count) < SINGLE, single, double)
+        for k in np.unique(own).tolist():
+            rows = np.flatnonzero(own == k)
+            which = np.zeros((len(rows), electrodes))
+            which[:, self.sets[k]] = 1.0
+            filled = self.channels.filled_alike(self.z[rows], self.gone[k]) * self.scale
+            given = torch.from_numpy(np.hstack([filled, which]))
+            self.given[rows] = self.module.standardised(given)
+        self.left = count
+
+
 def train(
     change: np.ndarray,
     state: np.ndarray,
@@ -54,26 +91,20 @@ def train(
     epochs: int,
     seed: int,
 ) -> Without:
-    """The perceptron, trained on changes (N, M) and states (N, T); every batch lacks a set of
-    electrodes of its own, drawn by the seed. The model's scalers; its voltage scale is the unit of
-    `channels`."""
+    """The perceptron, trained on changes (N, M) and states (N, T); in every epoch each touch lacks
+    a set of electrodes of its own, drawn by the seed. The model's scalers; its voltage scale is the
+    unit of `channels`."""
     deterministic()
-    electrodes = int(table.max()) + 1
-    sets = sets_of(electrodes)
-    gone = [np.flatnonzero(using(table, lost)) for lost in sets]
     torch.manual_seed(seed)
-    module, draw = Without(scalers, electrodes), np.random.default_rng(seed)
-    scale = scalers["voltage_scale"].numpy()
+    module = Without(scalers, int(table.max()) + 1)
+    z = change / scalers["voltage_scale"].numpy()
+    lacking = _Lacking(module, z, channels, table, seed)
 
-    def loss(net: nn.Module, z: Tensor, target: Tensor) -> Tensor:
-        alone = draw.random() < SINGLE
-        k = int(draw.integers(electrodes) if alone else draw.integers(electrodes, len(sets)))
-        which = np.zeros((len(z), electrodes))
-        which[:, sets[k]] = 1.0
-        given = np.hstack([channels.filled_alike(z.numpy(), gone[k]) * scale, which])
-        return (net(module.standardised(torch.from_numpy(given))) - target).square().mean()
+    def loss(net: nn.Module, rows: Tensor, target: Tensor) -> Tensor:
+        return (net(lacking(rows)) - target).square().mean()
 
-    part = torch.from_numpy(change / scale), standardise(torch.from_numpy(state), scalers, "state")
+    target = standardise(torch.from_numpy(state), scalers, "state")
+    part = torch.arange(len(z)), target
     checked = [values[:2] for values in part]  # nothing is chosen by it
     fit(module.net, part, checked, loss, OPTIMISER, Budget(None, epochs, validated=False), seed)
     return module.eval().requires_grad_(False)
