@@ -133,10 +133,11 @@ def grown(seed: int, earlier: bool) -> float:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "drawn.parquet"
         recording.write(subset.stretch(whole, 0, diagnoses.FRAMES - 1, str(path)), path)
-        diagnoses.diagnosis(path)
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+            pool.submit(diagnoses.diagnosis, path).result()
         recording.write(whole, path)
-        effects = path.with_name("out") / "effects.yaml"
-        return diagnoses.diagnosis(path, *(["--earlier", str(effects)] if earlier else []))[0]
+        found = path.with_name("out") / "effects.yaml"
+        return diagnoses.diagnosis(path, *(["--earlier", str(found)] if earlier else []))[0]
 
 
 def scaled(runs: int) -> list[dict]:

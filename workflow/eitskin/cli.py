@@ -365,7 +365,9 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     recording.voltages(recorded, arguments.file)
     if arguments.query is not None:
         result.read_query(arguments.query, recorded)
-    earlier = arguments.earlier and start.read(arguments.earlier, recorded.channels)
+    earlier = None
+    if arguments.earlier is not None:
+        earlier = start.read(arguments.earlier, recorded.channels)
     name = _stem(arguments.file, arguments.frames)
     out = Path(arguments.out or f"diagnosis-{name}")
     report, predicted = out / "report.html", out / "predicted.parquet"

@@ -2,11 +2,11 @@
 DATASET SPLIT [--samples N]`, with `config.yaml` beside it.
 
 Every electrode's channels are taken away in turn, then those of PAIRS drawn pairs, each set's from
-N touches of its own, drawn from the test part. A line each, and one of all single electrodes and of
-all pairs together: the root mean squared error of the force, that of the place and its median, and
+N touches of its own, drawn from the test part; with all channels there are as many as of all single
+electrodes. A line each, and one of all single electrodes and of all pairs together: the root mean squared error of the force, that of the place and its median, and
 the share of the truth that the intervals hold. Of a continuous set also the limit: the errors of
 the posterior mean of the channels that are left, of the same touches, how many times as large the
-estimate's are, and 95 % of that over touches.
+estimate's are, and 95 % of that over sessions.
 """
 
 import argparse
@@ -69,28 +69,26 @@ def sets_of(electrodes: int) -> list[tuple[int, ...]]:
 
 
 def rows_of(tested: np.ndarray, sets: list[tuple[int, ...]], samples: int) -> list[np.ndarray]:
-    """Touches of its own for every set, drawn of those `tested`: so many, with all channels as many
-    as of all single electrodes together."""
+    """Touches for every set, drawn of those `tested`: so many, with all channels as many as of all
+    single electrodes together. No touch is drawn again before all have been."""
     singles = sum(len(lost) == 1 for lost in sets)
-    found = []
-    for number, lost in enumerate(sets):
-        count = min(samples if lost else samples * singles, len(tested))
-        rng = np.random.default_rng([SEED, number])
-        found.append(np.sort(rng.choice(tested, count, replace=False)))
-    return found
+    counts = [samples if lost else samples * singles for lost in sets]
+    order = np.resize(np.random.default_rng(SEED).permutation(tested), sum(counts))
+    return [np.sort(own) for own in np.split(order, np.cumsum(counts)[:-1])]
 
 
 def table(
     predictor: Predictor,
     change: np.ndarray,
     truth: np.ndarray,
+    session: np.ndarray,
     sets: list[tuple[int, ...]],
     rows: list[np.ndarray],
     model: SessionModel | None = None,
 ) -> pd.DataFrame:
     """A row a set, of its touches `rows` among changes (N, M) and states (N, T), in the order x, y,
-    F; then one of each size of set, all its touches together. model: whose posterior means are the
-    limit, beside them."""
+    F, of sessions (N,); then one of each size of set, all its touches together. model: whose
+    posterior means are the limit, beside them."""
     starts = None if model is None else Starts(model)
     told: dict[str, list[tuple]] = {}
     for lost, own in zip(patient(sets, "sets of lost electrodes"), rows, strict=True):
@@ -98,7 +96,7 @@ def table(
         off, least = state - truth[own], None
         if model is not None and starts is not None:
             least = limit(model, starts, change[own], lost) - truth[own]
-        found = off, np.abs(off) <= half, least
+        found = off, np.abs(off) <= half, session[own], least
         told.setdefault(" ".join(map(str, lost)) or SIZES[0], []).append(found)
         if lost:
             told.setdefault(SIZES[len(lost)], []).append(found)
@@ -109,17 +107,20 @@ def table(
 
 def _row(name: str, found: list[tuple]) -> dict:
     """Of one set, or of several together: errors, shares of the truth held, the limit's errors, how
-    many times as large the estimate's are, and 95 % of that by a bootstrap over touches."""
-    off, held = (np.concatenate([one[k] for one in found]) for k in (0, 1))
+    many times as large the estimate's are, and 95 % of that by a bootstrap over sessions."""
+    off, held, session = (np.concatenate([one[k] for one in found]) for k in range(3))
     row: dict = {"lost": name, "touches": len(off), **_sizes(off)}
     row |= {f"held_{key}": share for key, share in zip("xyF", held.mean(axis=0), strict=True)}
-    if any(one[2] is None for one in found):
+    if any(one[3] is None for one in found):
         return row
-    least = np.concatenate([one[2] for one in found])
+    least = np.concatenate([one[3] for one in found])
     row |= {f"limit_{key}": value for key, value in _sizes(least).items()}
     rng = np.random.default_rng(SEED)
-    drawn = [rng.integers(len(off), size=len(off)) for _ in range(DRAWS)]
-    times = [_times(off[k], least[k]) for k in drawn]
+    groups = [np.flatnonzero(session == one) for one in np.unique(session)]
+    times = []
+    for _ in range(DRAWS):
+        drawn = np.concatenate([groups[k] for k in rng.integers(len(groups), size=len(groups))])
+        times.append(_times(off[drawn], least[drawn]))
     for key, value in _times(off, least).items():
         low, high = np.quantile([one[key] for one in times], [0.025, 0.975])
         row |= {f"times_{key}": value, f"times_{key}_low": low, f"times_{key}_high": high}
@@ -165,7 +166,8 @@ def main() -> int:
     rows = rows_of(tested, sets, given.samples)
     model = model_of(data, configuration.read("config.yaml"))
     change, truth = data.delta_V.astype(float), data.states()
-    found = table(predictor, change, truth, sets, rows, model)
+    session = data.table["session"].to_numpy()
+    found = table(predictor, change, truth, session, sets, rows, model)
     found.to_csv(sys.stdout, index=False, float_format="%.3f")
     return 0
 

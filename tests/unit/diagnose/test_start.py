@@ -1,8 +1,10 @@
 """A diagnosis that begins with what an earlier one found: each effect has to be borne out anew."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from hypothesis import given
@@ -10,14 +12,15 @@ from hypothesis import strategies as st
 
 from eitskin import cli
 from eitskin.data import recording, subset
-from eitskin.diagnose import corrected, diagnosis
-from eitskin.diagnose.search import start
+from eitskin.diagnose import apart, diagnosis
+from eitskin.diagnose.search import start, tones
 from eitskin.diagnose.search.screen import sparse
 from eitskin.diagnose.search.start import Start
-from eitskin.effects.effect import Setting
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from small_skin import CHANNELS, candidates_of, kinds_of, problem_of, small_recording
+
+pytestmark = pytest.mark.xdist_group("start")  # share what takes seconds
 
 RECORDED = small_recording(places=2)
 PROBLEM, SCALES = problem_of(RECORDED)
@@ -32,41 +35,81 @@ NOISE = 5e-4
 @given(st.sampled_from(KINDS), st.integers(0, 10**6))
 def test_what_effects_yaml_says_is_a_candidate_again(candidate, seed):
     """The same name, sites and scope; the start that is nearest, of which the values are the
-    same."""
+    same. What a recording decides, effects.yaml says as well."""
     if candidate.effect.tone:
         candidate = replace(candidate, start={"frequency_Hz": 50.0})
     coordinates = np.random.default_rng(seed).uniform(-0.4, 0.4, candidate.size)
-    (given_back,) = settings([candidate.item(coordinates)], site_counts(CHANNELS), (0, 0))
+    item = candidate.item(coordinates)
+    for key, value in candidate.effect.recorded_values(PROBLEM.model.force_max_N).items():
+        item["parameters"].setdefault(key, value)
+    (given_back,) = settings([item], site_counts(CHANNELS), (0, 0))
     found = Start.at([given_back], CANDIDATES, PROBLEM)
     (again,) = found.effects
     assert (again.name, again.kind, again.sites) == candidate.key[:3]
     assert again.scope == candidate.scope
+    assert again.looks == candidate.looks or candidate.effect.tone
+    assert again.start.keys() == candidate.start.keys()
     assert np.array_equal(found.theta[:KNOBS], np.zeros(KNOBS)) and not found.p_values
     values = again.setting(found.theta[KNOBS:]).values
     for key, value in candidate.setting(coordinates).values.items():
-        if value is not None:
+        if value is None:
+            assert values[key] is None
+        else:
             wanted = np.asarray(value, float)
             assert values[key] == pytest.approx(wanted, rel=1e-6, abs=1e-9), key
 
 
-def test_an_effect_that_is_not_sought_is_refused(tmp_path):
+def test_a_tone_is_one_of_as_many_as_were_looked_at():
+    tone = next(c for c in CANDIDATES if c.effect.tone)
+    model = PROBLEM.model
+    time_s = model.states["time_s"].to_numpy()
+    _, looks = tones.strongest(np.ones((len(time_s), len(CHANNELS))), time_s, model.frame_s)
+    assert tones.at(tone, 50.0, model).looks == looks > 100
+
+
+def test_an_effect_that_is_not_sought_begins_nothing():
     timeless = candidates_of(RECORDED, PROBLEM, SCALES, timed=False)
-    item = {"name": "conductivity-drift", "parameters": {"per_minute": 1e-4}}
-    chosen: list[Setting] = settings([item], site_counts(CHANNELS), (0, 0))
-    with pytest.raises(InputError, match="conductivity-drift, expected an effect that is sought"):
-        Start.at(chosen, timeless, PROBLEM)
+    drift = {"name": "conductivity-drift", "parameters": {"per_minute": 1e-4}}
+    chosen = settings([CONTACT, drift], site_counts(CHANNELS), (0, 0))
+    assert Start.at(chosen, timeless, PROBLEM) is None
+    assert len(Start.at(chosen[:1], timeless, PROBLEM).effects) == 1
+
+
+AT_DRIVE = {"name": "drive-gain", "drives": [2], "parameters": {"gain": 1.1}}
 
 
 @pytest.mark.parametrize(
     ("content", "found"),
     [
-        ({"skin": {}}, "twin.effects: found None"),
-        ({"twin": {"effects": CONTACT}}, "twin.effects: found"),
-        ({"twin": {"effects": [{"name": "contact"}]}}, "name: found 'contact'"),
-        ({"twin": {"effects": [CONTACT | {"electrodes": [19]}]}}, "found [19]"),
+        ({"skin": {}}, "twin.effects: found None, expected the list of effects"),
+        ({"twin": {"effects": CONTACT}}, "twin.effects: found {'"),
+        ({"twin": {"effects": [CONTACT, "x"]}}, "twin.effects[1]: found x, expected an effect"),
+        ({"twin": {"effects": [{"name": "contact"}]}}, "name: found 'contact', expected one of"),
+        ({"twin": {"effects": [CONTACT | {"electrodes": [19]}]}}, "electrodes: found [19]"),
+        (
+            {"twin": {"effects": [CONTACT | {"electrodes": 3}]}},
+            "twin.effects[0].electrodes: found 3, expected a list of whole numbers",
+        ),
+        ({"twin": {"effects": [CONTACT | {"electrodes": [3.7]}]}}, "found [3.7]"),
+        (
+            {"twin": {"effects": [CONTACT | {"electrode": [3]}]}},
+            "twin.effects[0]: found electrode, expected name, parameters or one of",
+        ),
+        (
+            {"twin": {"effects": [CONTACT | {"parameters": None}]}},
+            "twin.effects[0].parameters: found None, expected a mapping",
+        ),
+        (
+            {"twin": {"effects": [CONTACT | {"parameters": {"ratio": {"sd": 0.1}}}]}},
+            "twin.effects[0].parameters.ratio: found {'sd': 0.1}, expected a number",
+        ),
+        (
+            {"twin": {"effects": [AT_DRIVE], "protocol": {"drive": "opposite"}}},
+            "twin.protocol: found {'drive': 'opposite'}, expected what makes the recording's",
+        ),
     ],
 )
-def test_a_file_without_effects_is_refused_before_anything_is_written(
+def test_another_file_is_refused_before_anything_is_written(
     content, found, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
@@ -74,26 +117,28 @@ def test_a_file_without_effects_is_refused_before_anything_is_written(
     (tmp_path / "effects.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
     assert cli.main(["diagnose", "skin.parquet", "--earlier", "effects.yaml"]) == cli.REFUSED
     said = capsys.readouterr().err
-    assert said.startswith("effects.yaml: ") and found in said
+    assert said.startswith("effects.yaml: ") and found in said and said.count("\n") == 1
     assert not (tmp_path / "diagnosis-skin").exists()
 
 
 @pytest.fixture(scope="module")
 def grown(tmp_path_factory):
     """A recording, its diagnosis, and the effects.yaml of its first part's."""
+    folder = tmp_path_factory.mktemp("earlier")
     recorded = small_recording(CONTACT, noise=NOISE, places=5)
     part = subset.of_frames(recorded, np.arange(len(recorded.frames)) < 0.8 * len(recorded.frames))
-    found = diagnosis.diagnose(part)
-    path = tmp_path_factory.mktemp("earlier") / "effects.yaml"
-    text = corrected.text(found.after.fit, part, found.noise.sd, "part")
-    path.write_text(text, encoding="utf-8")
-    return recorded, diagnosis.diagnose(recorded), path
+    recording.write(part, folder / "part.parquet")
+    assert cli.main(["diagnose", str(folder / "part.parquet"), "--out", str(folder)]) == 0
+    return recorded, diagnosis.diagnose(recorded), folder / "effects.yaml"
+
+
+def earlier(path, recorded):
+    return diagnosis.diagnose(recorded, earlier=start.read(path, recorded.channels))
 
 
 def test_a_recording_that_grew_has_the_diagnosis_that_it_has_from_nothing(grown):
     recorded, plain, path = grown
-    earlier = start.read(path, recorded.channels)
-    found = diagnosis.diagnose(recorded, earlier=earlier)
+    found = earlier(path, recorded)
     actions = [(row["action"], row["effect"], row["sites"]) for row in found.search.path]
     assert actions == [("calibrate", "", ""), ("start", "contact-impedance", "3")]
     assert found.search.path[1]["p_value"] is None  # chance is asked after, on all frames
@@ -101,26 +146,57 @@ def test_a_recording_that_grew_has_the_diagnosis_that_it_has_from_nothing(grown)
     assert found.after.log_evidence == pytest.approx(plain.after.log_evidence, abs=0.01)
     (effect,) = found.after.effects
     assert found.after.p_value(effect) == pytest.approx(plain.after.p_value(effect), rel=1e-6)
-    again = diagnosis.diagnose(recorded, earlier=earlier)
+    again = earlier(path, recorded)
     assert np.array_equal(found.after.fit.theta, again.after.fit.theta)
 
 
-def test_what_was_found_earlier_and_is_not_there_is_not_found(grown):
+def test_the_command_begins_with_what_it_is_given(grown, tmp_path, capsys):
+    recorded, _, path = grown
+    file = tmp_path / "whole.parquet"
+    recording.write(recorded, file)
+    command = ["diagnose", str(file), "--earlier", str(path), "--out", str(tmp_path / "out")]
+    assert cli.main(command) == 0
+    assert "first what was found earlier: contact-impedance\n" in capsys.readouterr().err
+    steps = pd.read_csv(tmp_path / "out" / "evidence" / "search.csv")
+    assert steps["action"].tolist() == ["calibrate", "start"]
+    assert "Start: found before" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_what_was_found_earlier_and_is_not_there_is_not_found(grown, tmp_path):
+    """Nor is a wire that has been mended since, which no value makes little of."""
     _, _, path = grown
     nothing = small_recording(noise=NOISE, places=4)
-    found = diagnosis.diagnose(nothing, earlier=start.read(path, nothing.channels))
+    found = earlier(path, nothing)
     assert found.after.effects == []
     assert [row["action"] for row in found.search.path] == ["calibrate"]
+    swapped = {"name": "electrode-swap", "electrodes": [1, 5]}
+    other = tmp_path / "effects.yaml"
+    other.write_text(yaml.safe_dump({"twin": {"effects": [CONTACT, swapped]}}), encoding="utf-8")
+    mended = earlier(other, small_recording(CONTACT, noise=NOISE, places=4))
+    assert [(c.name, c.sites) for c in mended.after.effects] == [("contact-impedance", (3,))]
 
 
 def test_what_came_since_is_found_beside_what_was_found_earlier(grown):
-    """And what has gone beside it gives way."""
     _, _, path = grown
-    other = {"name": "measurement-gain", "measures": [5], "parameters": {"gain": 1.02}}
-    recorded = small_recording(CONTACT, other, noise=NOISE, places=4)
-    found = diagnosis.diagnose(recorded, earlier=start.read(path, recorded.channels))
+    other = {"name": "measurement-gain", "measures": [5], "parameters": {"gain": 1.001}}
+    found = earlier(path, small_recording(CONTACT, other, noise=NOISE, places=4))
+    assert found.search.path[1]["action"] == "start"
     names = {c.name: c.sites for c in found.after.effects}
     assert names == {"contact-impedance": (3,), "measurement-gain": (5,)}
-    changed = small_recording(other, noise=NOISE, places=4)
-    found = diagnosis.diagnose(changed, earlier=start.read(path, changed.channels))
-    assert [(c.name, c.sites) for c in found.after.effects] == [("measurement-gain", (5,))]
+
+
+def test_of_a_recording_with_a_step_every_part_begins_with_it(grown, monkeypatch):
+    recorded, _, path = grown
+    chosen = start.read(path, recorded.channels)
+    seen = []
+
+    def diagnosed(part, seed, progress, memory_GiB, earlier):
+        seen.append(earlier)
+        raise InputError("recording", "frames", "a part", "nothing")
+
+    monkeypatch.setattr(apart.diagnosis, "diagnose", diagnosed)
+    for steps in ([], [SimpleNamespace(frame=12)]):
+        monkeypatch.setattr(apart, "steps", lambda recorded, found=steps: found)
+        with pytest.raises(InputError):
+            apart.diagnose(recorded, earlier=chosen)
+    assert [one is chosen for one in seen] == [True, True, True]

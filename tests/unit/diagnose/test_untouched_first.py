@@ -20,7 +20,7 @@ def first_of(recorded):
 @pytest.mark.long
 def test_what_is_far_off_is_explained_without_the_touches():
     start, lines = first_of(small_recording(OVAL, noise=NOISE))
-    assert start.effects and "nobody touches" in lines[0]
+    assert [c.name for c in start.effects] == ["domain-shape"] and "nobody touches" in lines[0]
 
 
 @pytest.mark.long

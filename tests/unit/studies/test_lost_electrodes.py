@@ -51,9 +51,16 @@ def test_every_set_has_touches_of_its_own_and_all_channels_as_many_as_single_ele
     assert [len(lost) for lost in sets].count(2) == min(lost_electrodes.PAIRS, 28)
     rows = lost_electrodes.rows_of(np.arange(500, 900), sets, 20)
     assert [len(own) for own in rows] == [160, *[20] * (len(sets) - 1)]
-    assert all(len(set(own)) == len(own) and own.min() >= 500 for own in rows)
-    assert not np.array_equal(rows[1], rows[2])
-    assert all(map(np.array_equal, rows, lost_electrodes.rows_of(np.arange(500, 900), sets, 20)))
+    tested = np.arange(500, 1500)
+    rows = lost_electrodes.rows_of(tested, sets, 20)
+    together = np.concatenate(rows)
+    assert len(set(together)) == len(together) == 160 + 20 * (len(sets) - 1)
+    assert all(map(np.array_equal, rows, lost_electrodes.rows_of(tested, sets, 20)))
+    again = np.concatenate(lost_electrodes.rows_of(tested[:100], sets, 20))
+    assert set(np.unique(again, return_counts=True)[1]) <= {
+        len(again) // 100,
+        len(again) // 100 + 1,
+    }
 
 
 def test_sets_of_one_size_are_told_together(monkeypatch):
@@ -76,8 +83,10 @@ def test_sets_of_one_size_are_told_together(monkeypatch):
     monkeypatch.setattr(lost_electrodes, "Starts", lambda model: "starts")
     sets = [(), (0,), (1,), (0, 1)]
     rows = [np.arange(20), np.arange(20, 30), np.arange(30, 40), np.arange(40, 60)]
-    change = np.arange(60.0)[:, None]
-    found = lost_electrodes.table(None, change, truth, sets, rows, object()).set_index("lost")
+    change, session = np.arange(60.0)[:, None], np.arange(60) // 4
+    found = lost_electrodes.table(None, change, truth, session, sets, rows, object()).set_index(
+        "lost"
+    )
     assert list(found.index) == ["none", "0", "1", "0 1", "one", "two"]
     assert list(found["touches"]) == [20, 10, 10, 20, 20, 20]
     for key in ("rmse_F_N", "rmse_place_mm", "median_place_mm"):
@@ -86,5 +95,5 @@ def test_sets_of_one_size_are_told_together(monkeypatch):
     assert (found["held_x"] == 0.5).all()
     together = np.sqrt(np.mean((2.0 * off["one"][20:40, 2]) ** 2))
     assert found.loc["one", "rmse_F_N"] == pytest.approx(together)
-    plain = lost_electrodes.table(None, change, truth, sets, rows)
+    plain = lost_electrodes.table(None, change, truth, session, sets, rows)
     assert not any("times" in name for name in plain.columns)

@@ -97,10 +97,10 @@ def diagnose(
     """Diagnose a recording: locate, name and model what its simulation leaves out.
 
     Of a long recording, an excerpt, as long as memory_GiB are foretold to allow; a search on a few
-    frames of it is where that on all begins, or else the effects of an earlier diagnosis, as of
-    `start.read`, each of which has to be borne out. Equal seeds and earlier effects give equal
-    results, bit for bit. Raises InputError where nothing can be simulated, for earlier effects that
-    are not sought in this recording, and where it would take more memory.
+    frames of it is where that on all begins, or the effects of an earlier diagnosis, as of
+    `start.read`, where these explain it: each has to be borne out. Equal seeds and earlier effects
+    give equal results, bit for bit. Raises InputError where nothing can be simulated, and where it
+    would take more memory.
     """
     # Shared out among cores, small products take longer, and their sums are of other bytes.
     with threadpool_limits(1, user_api="blas"):
@@ -130,21 +130,19 @@ def _diagnosed(
     seen = replace(recorded, voltage=np.where(there, recorded.readings, np.nan))
     begun_with = search.problem
     put_aside = _put_aside(begun_with, recorded, noise, kept)
-    start: Start | None = None
-    calibrated: State | None = None
     cut_short = False
-    if earlier is not None:
-        start = Start.at(earlier, [*search.candidates, *search.resorts], search.problem)
-        names = ", ".join(one.name for one in start.effects) or "no effect"
-        report(f"first what was found earlier: {names}")
+    known = _earlier(search, earlier, report) if earlier else None
+    if known is not None:
+        before, after = search.grown(*known)
     else:
         start = _untouched_first(search, seen, seed, report)
-    if earlier is None and len(recorded.frames) >= 2 * FIRST_FRAMES:
-        few = partial(_few_first, search, seen, seed, report, start)
-        both: list[Callable[[], tuple]] = [few, lambda: (search.calibrated(), search.rig)]
-        (start, cut_short), (calibrated, search.rig) = search.apart(lambda of: of(), both)
-        report(f"then on {len(recorded.frames)}")
-    before, after = search.run(start, calibrated)
+        calibrated: State | None = None
+        if len(recorded.frames) >= 2 * FIRST_FRAMES:
+            few = partial(_few_first, search, seen, seed, report, start)
+            both: list[Callable[[], tuple]] = [few, lambda: (search.calibrated(), search.rig)]
+            (start, cut_short), (calibrated, search.rig) = search.apart(lambda of: of(), both)
+            report(f"then on {len(recorded.frames)}")
+        before, after = search.run(start, calibrated)
     after, judged = _kept_effects(search, before, after, put_aside, recorded, noise)
     search.renew_catalogue_p(after)
     if not after.effects:
@@ -372,6 +370,26 @@ def _on_frames(
     return _search(
         problem, candidates, recorded.channels, seed, report, search.converter_step, share
     )
+
+
+def _earlier(
+    search: Search, earlier: list[Setting], report: Callable[[str], None]
+) -> tuple[State, State] | None:
+    """The state before, and one of what was found earlier; None, and a line of it, where that does
+    not explain the recording: far from its optimum a search would go astray from there."""
+    names = ", ".join(one.effect.name for one in earlier)
+    report(f"first what was found earlier: {names}")
+    start = Start.at(earlier, search.candidates, search.problem)
+    if start is None:
+        report("not all of it is sought in this recording; begun anew")
+        return None
+    before = search.calibrated()
+    begun = search.begun(before, start)
+    size = search.problem.whitening.size
+    if begun is None or search.named(begun, begun.fit).chi2 > EXPLAINED * size:
+        report("it does not explain this recording; begun anew")
+        return None
+    return before, begun
 
 
 def _few_first(

@@ -640,9 +640,9 @@ def _record(found: Evidence) -> str:
     if (search["action"] == START).any():
         parts.append(
             f"<p>{START.capitalize()}: found before, on the frames in which nobody touches or on"
-            " some of all, with p there, or by an earlier diagnosis, and fitted to all frames; χ²"
-            " and log evidence of several stand at the last of them, for they are of all"
-            " together.</p>"
+            " some of all, with p there, and fitted to all frames; those of an earlier diagnosis"
+            " have no p there. χ² and log evidence of several stand at the last of them, for they"
+            " are of all together.</p>"
         )
     if (search["action"] == CUT_SHORT).any():
         parts.append(

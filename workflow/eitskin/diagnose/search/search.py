@@ -50,20 +50,27 @@ class Search(Proposals):
     _plain: tuple[Problem, Rig | None] | None = None
 
     def run(self, start: Start | None = None, before: State | None = None) -> tuple[State, State]:
-        """The state before and the state found; start: what was found before; before: as of
-        `calibrated`, where it is known."""
-        before = state = before or self.calibrated()
+        """The state before and the state found; start: what was found on fewer frames; before: as
+        of `calibrated`, where it is known."""
+        before = before or self.calibrated()
+        begun = self.begun(before, start) if start is not None and start.effects else None
+        return self.grown(before, begun)
+
+    def grown(self, before: State, begun: State | None = None) -> tuple[State, State]:
+        """As of `run`; begun: the state that is begun with, in place of the one before."""
+        state = before
         self.step("calibrate", None, state)
-        if start is not None and start.effects:
-            begun = self._begun(before, start)
-            if begun is not None and resorts.foreign(begun.effects):
-                found = self._drop(self._confirmed(self._blurred(begun)))
-                if resorts.foreign(found.effects):
-                    return before, found
-                self.unblur()
-                self.step("not kept", None, before)
-            elif begun is not None:
+        if begun is not None:
+            for effect in begun.effects:
+                known = begun.p_value(effect) if begun.p_values else None
+                self.step(START, effect, begun, known)
+            if not resorts.foreign(begun.effects):
                 return before, self._explained(self._drop(self._confirmed(begun)))
+            found = self._drop(self._confirmed(self._blurred(begun)))
+            if resorts.foreign(found.effects):
+                return before, found
+            self.unblur()
+            self.step("not kept", None, before)
         while (plain := self._gross(state)) is not None:
             state = plain
         if self.unlike(state):
@@ -82,7 +89,7 @@ class Search(Proposals):
             found = self._explained(self._drop(free))
         return before, found
 
-    def _begun(self, before: State, start: Start) -> State | None:
+    def begun(self, before: State, start: Start) -> State | None:
         """The effects of a start fitted to all frames; None where that is no better than without
         them, or where no such skin is fitted."""
         try:
@@ -92,8 +99,6 @@ class Search(Proposals):
             return None
         if state.log_evidence <= before.log_evidence or self.unlike(state):
             return None
-        for effect in state.effects:
-            self.step(START, effect, state, state.p_value(effect) if start.p_values else None)
         return state
 
     def cut_short(self, state: State) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 
 from eitskin.diagnose.candidates import Candidate, Scales
 from eitskin.diagnose.search import screen
+from eitskin.diagnose.simulator import RecordingSimulator
 from eitskin.diagnose.tangents import Tangents
 from eitskin.effects.effect import Effect
 from eitskin.physics.skin import Skin
@@ -33,6 +34,30 @@ def score(tangents: Tangents, effect: Effect, skin: Skin, scales: Scales) -> scr
     return None if found is None else replace(found, choices=looks)
 
 
+def at(candidate: Candidate, frequency_Hz: float, model: RecordingSimulator) -> Candidate:
+    """A tone of a frequency that is known already: one of as many as `score` looks at."""
+    start, looks = {"frequency_Hz": frequency_Hz}, candidate.looks
+    if model.frame_s:
+        time_s = model.states["time_s"].to_numpy()
+        looks = _looks(_whole(time_s, model.frame_s), len(model.channels), model.frame_s)
+    return replace(candidate, start=start, looks=looks)
+
+
+def _whole(time_s: np.ndarray, frame_s: float) -> float:
+    """Seconds from the first frame's beginning to the last one's end."""
+    return float(time_s[-1] - time_s[0] + frame_s)
+
+
+def _coarse(width: int, frame_s: float) -> np.ndarray:
+    """Frequencies in Hz, half a period a frame apart, up to a channel's Nyquist frequency."""
+    return np.arange(0.5 / frame_s, 0.5 * width / frame_s, 0.5 / frame_s)
+
+
+def _looks(total: float, width: int, frame_s: float) -> int:
+    """How many independent frequencies there are."""
+    return int(np.ceil(2 * total * _coarse(width, frame_s)[-1]))
+
+
 def strongest(weighted: np.ndarray, time_s: np.ndarray, frame_s: float) -> tuple[float, int]:
     """Frequency in Hz of the strongest tone in weighted residuals (N, M), and how many independent
     frequencies were looked at.
@@ -40,10 +65,10 @@ def strongest(weighted: np.ndarray, time_s: np.ndarray, frame_s: float) -> tuple
     Coarse: each frame's spectrum over its channels; fine: the frames' phases together.
     """
     _, width = weighted.shape
-    total = float(time_s[-1] - time_s[0] + frame_s)
+    total = _whole(time_s, frame_s)
     coarse_step = 0.5 / frame_s
     channel = np.arange(width) * frame_s / width
-    coarse = np.arange(coarse_step, 0.5 * width / frame_s, coarse_step)
+    coarse = _coarse(width, frame_s)
     fine_step = 1.0 / (OVERSAMPLING * total)
     fine_count = max(2, int(np.ceil(coarse_step / fine_step)))
     if len(coarse) * fine_count > MOST_LINES:
@@ -54,5 +79,4 @@ def strongest(weighted: np.ndarray, time_s: np.ndarray, frame_s: float) -> tuple
     phases = np.exp(-2j * np.pi * np.outer(fine, time_s))
     power = np.abs(phases @ turned) ** 2
     i, j = np.unravel_index(np.argmax(power), power.shape)
-    looks = int(np.ceil(2 * total * coarse[-1]))
-    return float(coarse[j] + fine[i]), looks
+    return float(coarse[j] + fine[i]), _looks(total, width, frame_s)
