@@ -3,10 +3,11 @@ DATASET SPLIT [--samples N]`, with `config.yaml` beside it.
 
 Every electrode's channels are taken away in turn, then those of PAIRS drawn pairs, each set's from
 N touches of its own, drawn from the test part; with all channels there are as many as of all single
-electrodes. A line each, and one of all single electrodes and of all pairs together: the root mean squared error of the force, that of the place and its median, and
-the share of the truth that the intervals hold. Of a continuous set also the limit: the errors of
-the posterior mean of the channels that are left, of the same touches, how many times as large the
-estimate's are, and 95 % of that over sessions.
+electrodes. A line each, and one of all single electrodes and of all pairs together: the root mean
+squared error of the force, that of the place and its median, and the share of the truth that the
+intervals hold. Of a continuous set also the limit: the errors of the posterior mean of the channels
+that are left, of the same touches, how many times as large the estimate's are, and 95 % of that
+over sessions.
 """
 
 import argparse

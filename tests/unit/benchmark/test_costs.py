@@ -1,10 +1,31 @@
 """What skins of more electrodes cost, and that their derivatives and errors are measured."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from benchmark import costs
+
+
+class Here:
+    """A pool of this process."""
+
+    def __init__(self, of):
+        self.of = of
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_): ...
+
+    def submit(self, *given):
+        value = self.of(*given)
+        return SimpleNamespace(result=lambda: value)
+
+
+def called(work, *given):
+    return work(*given)
 
 
 def test_a_row_of_each_kind_for_every_number_of_electrodes(monkeypatch):
@@ -53,6 +74,7 @@ def test_a_recording_that_grew_begins_with_what_was_found_where_that_is_asked(mo
         return float(frames), 1.0
 
     monkeypatch.setattr(costs.diagnoses, "diagnosis", diagnosis)
+    monkeypatch.setattr(costs, "ProcessPoolExecutor", lambda *_, **__: Here(called))
     monkeypatch.setattr(costs.diagnoses, "FRAMES", 60)
     monkeypatch.setattr(costs.os, "environ", dict(costs.os.environ))
     assert costs.grown(1, earlier) == 110.0
@@ -60,20 +82,10 @@ def test_a_recording_that_grew_begins_with_what_was_found_where_that_is_asked(mo
 
 
 def test_costs_stand_beside_those_of_their_group(monkeypatch):
-    class Here:
-        def __init__(self, *_, **__): ...
-        def __enter__(self):
-            return self
+    def done(work, run, *given):
+        return float(given[0]) or 1.0
 
-        def __exit__(self, *_): ...
-        def submit(self, work, run, *given):
-            return Done(float(given[0]) or 1.0)
-
-    class Done:
-        def __init__(self, value):
-            self.result = lambda: value
-
-    monkeypatch.setattr(costs, "ProcessPoolExecutor", Here)
+    monkeypatch.setattr(costs, "ProcessPoolExecutor", lambda *_, **__: Here(done))
     told = {row["name"]: row for row in costs.scaled(2)}
     assert told["diagnosis, 1000 frames"]["ratio"] == 2.0
     assert told["diagnosis, six presses, 32 electrodes"]["ratio"] == 2.0
