@@ -125,24 +125,42 @@ def twinned(seed: int, count: int) -> float:
         return diagnoses.diagnosis(path)[0]
 
 
-def grown(seed: int, earlier: bool) -> float:
-    """Seconds of the diagnosis of a drawn recording of KIND that has grown by GROWN frames, begun
-    with the effects that it had before, or with none: call it in a fresh process."""
+def begun(path: Path, *options: str) -> float:
+    """Seconds of `eitskin diagnose` of a recording, with options, on CORES: call it in a fresh
+    process."""
     os.environ["OMP_NUM_THREADS"] = str(CORES)
-    whole = cases.draw(KIND, seed, diagnoses.FRAMES + GROWN).recorded
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "drawn.parquet"
-        recording.write(subset.stretch(whole, 0, diagnoses.FRAMES - 1, str(path)), path)
-        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-            pool.submit(diagnoses.diagnosis, path).result()
-        recording.write(whole, path)
-        found = path.with_name("out") / "effects.yaml"
-        return diagnoses.diagnosis(path, *(["--earlier", str(found)] if earlier else []))[0]
+    return diagnoses.diagnosis(path, *options)[0]
+
+
+def grown(runs: int) -> list[dict]:
+    """Seconds by the clock of diagnoses of recordings of KIND that have grown by GROWN frames, with
+    the effects that they had before to begin with, beside begun anew. Each run has its own."""
+    found: dict[bool, list[float]] = {False: [], True: []}
+    for run in patient(range(1, runs + 1), "grown, runs"):
+        whole = cases.draw(KIND, run, diagnoses.FRAMES + GROWN).recorded
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "drawn.parquet"
+            recording.write(subset.stretch(whole, 0, diagnoses.FRAMES - 1, str(path)), path)
+            _fresh(begun, path)
+            effects_file = Path(folder) / "effects.yaml"
+            path.with_name("out").joinpath("effects.yaml").replace(effects_file)
+            recording.write(whole, path)
+            for earlier, seconds in found.items():
+                options = ["--earlier", str(effects_file)] if earlier else []
+                seconds.append(_fresh(begun, path, *options))
+    name = f"diagnosis, {GROWN} frames more, begun with what was found"
+    return [rows.row(name, "s", found[True], "begun anew", found[False])]
+
+
+def _fresh(work: Callable[..., float], *given: object) -> float:
+    """What a function returns in a process of its own."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(work, *given).result()
 
 
 def scaled(runs: int) -> list[dict]:
-    """Seconds by the clock of diagnoses on two cores: against frames, electrodes, the number of
-    names, and what was found before. Each run has recordings of its own."""
+    """Seconds by the clock of diagnoses on two cores: against frames, electrodes, and the number of
+    names. Each run has recordings of its own."""
     whole = len(effects.catalogue_names())
     names = whole // 4, whole // 2, whole
     groups: tuple[tuple[str, dict[str, tuple]], ...] = (
@@ -155,21 +173,13 @@ def scaled(runs: int) -> list[dict]:
             f"{SOME} frames, {whole} names",
             {f"{SOME} frames, {n} names": (drawn, SOME, n) for n in names},
         ),
-        (
-            f"{GROWN} frames more, begun anew",
-            {
-                f"{GROWN} frames more, begun anew": (grown, False),
-                f"{GROWN} frames more, begun with what was found": (grown, True),
-            },
-        ),
     )
     jobs = {name: job for _, group in groups for name, job in group.items()}
     found: dict[str, list[float]] = {name: [] for name in jobs}
     for run in range(1, runs + 1):
         for name in patient(list(jobs), f"scaled, run {run} of {runs}"):
             work, *given = jobs[name]
-            with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-                found[name].append(pool.submit(work, run, *given).result())
+            found[name].append(_fresh(work, run, *given))
     return [
         rows.row(f"diagnosis, {name}", "s", found[name], peer, found[peer])
         for peer, group in groups

@@ -47,9 +47,12 @@ diagnose` does on two cores, then two at once on one each, beside what they may 
 recording.""",
     "scaled": """\
 By the clock, diagnoses on two cores, report and all: of a recording with an impedance left out by a
-rig with errors, against its frames; of six presses of the twin, against its electrodes; against how
-many names the catalogue has; and of a recording that grew from 500 frames to 550, begun anew and
-with `--earlier`. A run is a recording.""",
+rig with errors, against its frames; of six presses of the twin, against its electrodes; and against
+how many names the catalogue has. A run is a recording.""",
+    "grown": """\
+By the clock, diagnoses on two cores, report and all, of recordings that have grown from 500 frames
+to 550, an impedance left out by a rig with errors: with the effects of the first 500 to begin with
+(`--earlier`), beside begun anew. A run is a recording.""",
     "swept": """\
 Diagnoses an hour by the workflow, the first 32 recordings of the calibration's block
 `ordinary-report` in four jobs: on one slot, and on more beside as many times what one does; and the

@@ -404,6 +404,7 @@ BENCHES = {
     "trained": trained,
     "diagnosed": diagnoses.diagnosed,
     "scaled": costs.scaled,
+    "grown": costs.grown,
     "swept": sweep.swept,
     "streamed": streamed,
 }

@@ -64,21 +64,23 @@ def test_names_are_left_out_of_the_catalogue_but_the_true_ones(monkeypatch):
     assert "contact-impedance" in seen[0]
 
 
-@pytest.mark.parametrize("earlier", [False, True])
-def test_a_recording_that_grew_begins_with_what_was_found_where_that_is_asked(monkeypatch, earlier):
+def test_a_recording_that_grew_is_diagnosed_anew_and_with_what_was_found(monkeypatch):
     seen = []
 
     def diagnosis(path, *options):
         frames = len(costs.recording.read(path).frames)
-        seen.append((frames, options and Path(options[1]).parent == path.with_name("out")))
-        return float(frames), 1.0
+        seen.append((frames, options and Path(options[1]).read_text(encoding="utf-8")))
+        path.with_name("out").mkdir(exist_ok=True)
+        (path.with_name("out") / "effects.yaml").write_text(f"of {frames}", encoding="utf-8")
+        return (1.0 if options else 4.0), 1.0
 
     monkeypatch.setattr(costs.diagnoses, "diagnosis", diagnosis)
     monkeypatch.setattr(costs, "ProcessPoolExecutor", lambda *_, **__: Here(called))
     monkeypatch.setattr(costs.diagnoses, "FRAMES", 60)
     monkeypatch.setattr(costs.os, "environ", dict(costs.os.environ))
-    assert costs.grown(1, earlier) == 110.0
-    assert seen == [(60, ()), (110, True if earlier else ())]
+    (told,) = costs.grown(2)
+    assert (told["ours"], told["ratio"], told["runs"]) == (1.0, 0.25, 2)
+    assert seen == 2 * [(60, ()), (110, ()), (110, "of 60")]
 
 
 def test_costs_stand_beside_those_of_their_group(monkeypatch):
