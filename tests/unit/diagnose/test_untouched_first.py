@@ -2,7 +2,9 @@
 
 import pytest
 
+from eitskin.data.subset import of_frames
 from eitskin.diagnose import diagnosis
+from eitskin.diagnose.fit import fit
 from small_skin import small_recording
 from witness import owned
 
@@ -19,8 +21,13 @@ def first_of(recorded):
 
 @pytest.mark.long
 def test_what_is_far_off_is_explained_without_the_touches():
-    start, lines = first_of(small_recording(OVAL, noise=NOISE))
-    assert [c.name for c in start.effects] == ["domain-shape"] and "nobody touches" in lines[0]
+    """By names that read alike there, whichever they are."""
+    recorded = small_recording(OVAL, noise=NOISE)
+    start, lines = first_of(recorded)
+    assert "nobody touches" in lines[0]
+    few = of_frames(recorded, ~recorded.frames["touch"].to_numpy(bool))
+    problem = diagnosis.begun(few, 1)[1].problem
+    assert fit(problem, start.effects, start.theta).chi2 < 1.3 * problem.whitening.size
 
 
 @pytest.mark.long
