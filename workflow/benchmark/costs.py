@@ -114,7 +114,6 @@ def drawn(seed: int, frames: int, names: int) -> float:
 def twinned(seed: int, count: int) -> float:
     """Seconds of the diagnosis of `config.yaml`'s twin with so many electrodes and six presses:
     call it in a fresh process."""
-    os.environ["OMP_NUM_THREADS"] = str(CORES)
     given = yaml.safe_load((rows.ROOT / "config.yaml").read_text(encoding="utf-8"))["twin"]
     given["skin"]["electrode_deg"] = (360.0 / count * np.arange(count)).tolist()
     given["touch_grid"] |= {"radii": 2, "angles": 3}
@@ -122,7 +121,7 @@ def twinned(seed: int, count: int) -> float:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "twin.parquet"
         twin.write(path, **given | {"seed": seed})
-        return diagnoses.diagnosis(path)[0]
+        return begun(path)
 
 
 def begun(path: Path, *options: str) -> float:

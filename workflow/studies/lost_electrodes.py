@@ -25,13 +25,13 @@ from eitskin.exported.electrodes import using
 from eitskin.exported.predictor import Predictor, read
 from eitskin.limit.observation import SessionModel
 from eitskin.limit.posterior_mean import Starts, estimate, experiment_of
+from eitskin.limit.score import sessions_again
 from eitskin.progress import patient
 
 PAIRS, SEED = 30, 1
 SAMPLES = 20  # touches of a set
 SIZES = ("none", "one", "two")
 DRAWN = 32  # pairs of draws from each posterior
-DRAWS = 1000  # of the bootstrap
 
 
 def errors(predictor: Predictor, change: np.ndarray, lost: tuple[int, ...]) -> tuple:
@@ -116,12 +116,8 @@ def _row(name: str, found: list[tuple]) -> dict:
         return row
     least = np.concatenate([one[3] for one in found])
     row |= {f"limit_{key}": value for key, value in _sizes(least).items()}
-    rng = np.random.default_rng(SEED)
-    groups = [np.flatnonzero(session == one) for one in np.unique(session)]
-    times = []
-    for _ in range(DRAWS):
-        drawn = np.concatenate([groups[k] for k in rng.integers(len(groups), size=len(groups))])
-        times.append(_times(off[drawn], least[drawn]))
+    again = sessions_again(pd.DataFrame({"session": session}), SEED)
+    times = [_times(off[drawn], least[drawn]) for drawn in again]
     for key, value in _times(off, least).items():
         low, high = np.quantile([one[key] for one in times], [0.025, 0.975])
         row |= {f"times_{key}": value, f"times_{key}_low": low, f"times_{key}_high": high}
