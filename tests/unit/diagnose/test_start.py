@@ -59,6 +59,13 @@ def test_what_effects_yaml_says_is_a_candidate_again(candidate, seed):
             assert values[key] == pytest.approx(wanted, rel=1e-6, abs=1e-9), key
 
 
+def test_what_the_recording_decides_does_not_count():
+    """effects.yaml has half of that recording's largest force, a longer recording another."""
+    gain = {"name": "force-dependent-gain", "parameters": {"per_N": 0.002, "F_mid_N": 4.9}}
+    found = Start.at(settings([gain], site_counts(CHANNELS), (0, 0)), CANDIDATES, PROBLEM)
+    assert [c.name for c in found.effects] == ["force-dependent-gain"]
+
+
 def test_a_tone_is_one_of_as_many_as_were_looked_at():
     tone = next(c for c in CANDIDATES if c.effect.tone)
     model = PROBLEM.model
