@@ -7,11 +7,11 @@ import numpy as np
 from eitskin.physics import neumann
 from eitskin.physics.conformal import DiscMap
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.harmonics import Harmonics, symmetric
+from eitskin.physics.harmonics import Harmonics, RimMoments, symmetric
 from eitskin.physics.kept_touches import Place
-from eitskin.physics.touch import MOST_EVEN_NODES, ROUND, Circle, TouchAccuracy, even_nodes, rim_gap
+from eitskin.physics.touch import MOST_EVEN_NODES, Circle, TouchAccuracy, even_nodes, rim_gaps
 
-AT_ONCE_BYTES = 1 << 19  # of an array between nodes and rim: what a core's cache may hold
+AT_ONCE_BYTES = 1 << 20  # of an array between nodes and rim: what a core's cache may hold
 
 
 class EvenTouches:
@@ -30,21 +30,20 @@ class EvenTouches:
     ):
         self.places = places
         t, weight = even_nodes(count)
-        self.zeta, tangent, curvature = _circles(places, geometry, disc).mapped(t, 2)
-        self.dzeta = tangent * weight
-        harmonics = Harmonics.around(self.zeta, degree)
-        self.values = harmonics.values(self.zeta)
-        kernel = neumann.own_flux_kernel(self.zeta, tangent, curvature, weight, jump=-0.5)
-        across = np.swapaxes(harmonics.flux(self.zeta, self.dzeta), -1, -2)
-        self.mass = symmetric(across @ self.values)
-        self.self_response = self.mass + symmetric(across @ (kernel @ self.values))
+        x, y, radius = np.array(places).T[:, :, None]
+        zeta, tangent, curvature = Circle(x + 1j * y, radius, geometry, disc).mapped(t, 2)
+        dzeta = tangent * weight
+        harmonics = Harmonics.around(zeta, degree)
+        values = harmonics.values(zeta)
+        kernel = neumann.own_flux_kernel(zeta, tangent, curvature, weight, jump=-0.5)
+        across = np.swapaxes(harmonics.flux(zeta, dzeta), -1, -2)
+        self.mass = symmetric(across @ values)
+        self.self_response = self.mass + symmetric(across @ (kernel @ values))
+        self.moments = RimMoments.of(harmonics, zeta, dzeta, values)
 
     def rim_response(self, rim: np.ndarray) -> np.ndarray:
         """(P, points, 2 degree): as TouchEdge's."""
-        kernel = neumann.rim_flux_kernel(
-            rim[:, None], self.zeta[:, None, :], self.dzeta[:, None, :]
-        )
-        return kernel @ self.values
+        return self.moments.at(rim)
 
 
 def even_touches(
@@ -60,7 +59,8 @@ def even_touches(
     if not places:
         return
     alike: dict[tuple[int, int], list[Place]] = {}
-    gaps = rim_gap(_circles(places, geometry, disc).mapped(ROUND, 0)[0])
+    x, y, radius = np.array(places).T
+    gaps = rim_gaps(x + 1j * y, radius, geometry, disc)
     for place, gap in zip(places, gaps, strict=True):
         for_rim = accuracy.across(gap)
         if gap >= accuracy.rim_gap and for_rim <= MOST_EVEN_NODES:
@@ -69,8 +69,3 @@ def even_touches(
         most = max(AT_ONCE_BYTES // (16 * count * max(count, rim_points)), 1)
         for start in range(0, len(own), most):
             yield EvenTouches(own[start : start + most], geometry, disc, degree, count)
-
-
-def _circles(places: Sequence[Place], geometry: Geometry, disc: DiscMap) -> Circle:
-    x, y, radius = np.array(places).T[:, :, None]
-    return Circle(x + 1j * y, radius, geometry, disc)

@@ -1,9 +1,11 @@
-"""The harmonics inside a touch."""
+"""The harmonics inside a touch, and the field of their polarisation outside it."""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+
+MORE = 4  # moments than degrees
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,48 @@ class Harmonics:
         """(..., points, 2 degree): their flux through the line elements `dzeta`."""
         slope = self.powers(zeta, 1) * dzeta[..., None]
         return np.concatenate([slope.imag, -slope.real], axis=-1)
+
+
+@dataclass(frozen=True)
+class RimMoments:
+    """The field on the rim of a charge on a curve inside it, by the curve's moments.
+
+    int dN(x, y)/dn_y v(y) ds_y = (1 / pi) Im sum_j m_j (x - centre)^-j with m_j = int v(y) (y -
+    centre)^(j - 1) dy: on the rim both logarithms of N agree. moments (..., 2 J, columns): real and
+    imaginary parts, lengths over `radius`.
+    """
+
+    centre: np.ndarray
+    radius: np.ndarray
+    moments: np.ndarray
+
+    @classmethod
+    def of(
+        cls, harmonics: Harmonics, zeta: np.ndarray, dzeta: np.ndarray, values: np.ndarray
+    ) -> "RimMoments":
+        """Of harmonics' values (..., points, columns) on even nodes of a closed curve: MORE moments
+        than degrees, or as many as the nodes tell."""
+        centre, radius = harmonics.centre, harmonics.radius
+        count = min(harmonics.degree + MORE, zeta.shape[-1] - harmonics.degree - 2)
+        line = dzeta / (np.pi * radius[..., None])
+        powers = _powers((zeta - centre[..., None]) / radius[..., None], line, count)
+        return cls(centre, radius, np.swapaxes(powers, -1, -2) @ values)
+
+    def at(self, rim: np.ndarray) -> np.ndarray:
+        """(..., points, columns): the field at rim points (points,)."""
+        step = self.radius[..., None] / (rim - self.centre[..., None])
+        powers = _powers(step, step, self.moments.shape[-2] // 2)
+        real, imag = np.split(powers, 2, axis=-1)
+        return np.concatenate([imag, real], axis=-1) @ self.moments
+
+
+def _powers(step: np.ndarray, first: np.ndarray, count: int) -> np.ndarray:
+    """(..., points, 2 count): first step^j for j = 0 and up, real parts, then imaginary ones."""
+    powers = np.empty((*step.shape, 2 * count))
+    for j in range(count):
+        powers[..., j], powers[..., count + j] = first.real, first.imag
+        first = first * step
+    return powers
 
 
 def symmetric(matrix: np.ndarray) -> np.ndarray:

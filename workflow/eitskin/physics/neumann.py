@@ -67,5 +67,11 @@ def own_flux_kernel(
 
 
 def rim_flux_kernel(rim: np.ndarray, y: np.ndarray, dy: np.ndarray) -> np.ndarray:
-    """dN(x, y)/dn_y ds_y for x on the rim."""
-    return -(dy / (y - rim)).imag / np.pi
+    """(R, N): `flux_kernel` from a curve's nodes y (N,) to rim points (R,)."""
+    kernel = np.empty((len(rim), len(y)))
+    rows = max(CACHED_BYTES // (16 * max(len(y), 1)), 1)
+    line = dy / -np.pi
+    for start in range(0, len(rim), rows):
+        some = slice(start, start + rows)
+        kernel[some] = (line / (y - rim[some, None])).imag
+    return kernel

@@ -25,12 +25,13 @@ from eitskin.physics.geometry import Geometry
 from eitskin.physics.kept_touches import Coupled, Entered, KeptTouches, Place
 from eitskin.physics.touch import (
     NODE_COUNTS,
+    ROUND,
     Circle,
     Touch,
     TouchAccuracy,
     TouchEdge,
     even_nodes,
-    rim_gap,
+    rim_gaps,
 )
 
 LEAST_GAP = 0.03  # of a patch to the rim, in its radii
@@ -54,11 +55,9 @@ class PatchEdge(Circle):
         self.factor, self.accuracy = patch.contrast, accuracy
         self.reflection = 2.0 * (self.factor - 1.0) / (self.factor + 1.0)
         self.digits = -np.log(accuracy.tolerance)
-        round_it = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
         with np.errstate(over="ignore", invalid="ignore"):
-            zeta = self.mapped(round_it, 0)[0]
-            gap = rim_gap(zeta)
-        on_skin = np.abs(self.place(round_it)).max() < np.abs(geometry.rim(round_it)).max()
+            gap = rim_gaps([self.centre], [self.radius], geometry, disc)[0]
+        on_skin = np.abs(self.place(ROUND)).max() < np.abs(geometry.rim(ROUND)).max()
         if not (on_skin and gap > LEAST_GAP):
             place = f"({patch.x_mm:g}, {patch.y_mm:g}) mm, radius {patch.radius_mm:g} mm"
             expected = f"a disc within the skin, off its rim by {LEAST_GAP:g} of its radius"
@@ -212,7 +211,7 @@ class PatchedTouch:
         response += current[on_edge:].T @ (edge.rim_kernel @ values[:on_edge])
         response += mass + current.T @ (to_touch @ charge)
         electrodes = forward.electrodes
-        kernel = neumann.rim_flux_kernel(electrodes.rim[:, None], edge.zeta, dzeta[:on_edge])
+        kernel = neumann.rim_flux_kernel(electrodes.rim, edge.zeta, dzeta[:on_edge])
         potential = kernel @ values[:on_edge]
         if edge.clipped:
             covered = edge.covers(electrodes.rim)
@@ -321,7 +320,7 @@ class PatchForward(Forward):
 
     def _change(self, electrodes: Electrodes) -> np.ndarray:
         """(n order, n order): what the patch changes of the power of the electrodes' modes."""
-        flux = neumann.rim_flux_kernel(electrodes.rim[:, None], self.patch.zeta, self.patch.dzeta)
+        flux = neumann.rim_flux_kernel(electrodes.rim, self.patch.zeta, self.patch.dzeta)
         change = self.at_patch.T @ self.patch.charge(electrodes.project(flux).T)
         return 0.5 * (change + change.T)
 

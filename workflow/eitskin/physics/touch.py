@@ -19,7 +19,7 @@ from eitskin.physics import neumann
 from eitskin.physics.conformal import DiscMap, MapVelocity
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
-from eitskin.physics.harmonics import Harmonics, symmetric
+from eitskin.physics.harmonics import Harmonics, RimMoments, symmetric
 
 NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 MOST_EVEN_NODES = 128  # against the rim; nearer to it, nodes are graded
@@ -30,6 +30,8 @@ FLATTEST = 1e-6  # shortest panel, however flat the crossing
 TOUCHING = 1e-5  # squared sine of a crossing so flat that the circles touch
 MOST_PANELS = 150  # from one crossing to the next
 ROUND = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)  # where an edge is looked for the rim
+FEW = 4  # times fewer points tell how far the rim is
+NEAR = 0.1  # radii off the rim, within which they do not
 
 Clearance = Callable[[np.ndarray], np.ndarray | float]
 Panels = tuple[float, float, int]  # longest, shortest, nodes
@@ -201,12 +203,13 @@ class TouchEdge(Circle):
     def _place_nodes(self, apart: float, beside: Circle | None) -> int:
         """Choose the nodes; returns the multipoles needed."""
         accuracy = self.accuracy
-        t = ROUND
-        zeta = self.mapped(t, 0)[0]
-        if not np.abs(zeta).min() < 1:
+        gap = float(rim_gaps([self.centre], [self.radius], self.geometry, self.disc)[0])
+        outside = np.zeros(len(ROUND), bool)
+        if not gap >= 0:
+            outside = ~(np.abs(self.mapped(ROUND, 0)[0]) <= 1.0)
+        if outside.all():
             place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm"
             raise InputError("touch", "place", place, "a place on the skin")
-        gap = float(rim_gap(zeta))
         self.held_off = bool(abs(gap) < accuracy.rim_gap)
         if self.held_off:
             self.radius *= 1.0 + gap - accuracy.rim_gap
@@ -223,11 +226,11 @@ class TouchEdge(Circle):
         self.rim_theta = self.rim_weight = np.zeros(0)
         self.clipped = gap < 0
         if self.clipped:
-            self._clip(t, np.abs(zeta) > 1.0, panels, beside)
+            self._clip(outside, panels, beside)
         elif self.even:
             self.t, self.weight = even_nodes(count)
         else:
-            nearest = t[np.abs(zeta).argmax()]
+            nearest = ROUND[np.abs(self.mapped(ROUND, 0)[0]).argmax()]
             end = nearest + 2.0 * np.pi
             self.t, self.weight = self.panels(nearest, end, beside, self._rim_clearance, panels)
         self.zeta, self.tangent, self.curvature = self.mapped(self.t, 2)
@@ -252,16 +255,14 @@ class TouchEdge(Circle):
         zeta, tangent = self.mapped(t, 1)
         return np.abs(1.0 - np.abs(zeta)) / np.abs(tangent)
 
-    def _clip(
-        self, t: np.ndarray, outside: np.ndarray, panels: Panels, beside: Circle | None
-    ) -> None:
+    def _clip(self, outside: np.ndarray, panels: Panels, beside: Circle | None) -> None:
         leaves = np.flatnonzero(~outside & np.roll(outside, -1))
         enters = np.flatnonzero(outside & np.roll(~outside, -1))
         if len(leaves) != 1 or self.radius > 0.5 * self.geometry.radius_mm:
             place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm"
             raise InputError("touch", "edge", f"{place} cut by the rim", "cut twice at most")
-        leave = self._crossing(t[leaves[0]], t[leaves[0]] + t[1])
-        enter = self._crossing(t[enters[0]], t[enters[0]] + t[1])
+        leave = self._crossing(ROUND[leaves[0]], ROUND[leaves[0]] + ROUND[1])
+        enter = self._crossing(ROUND[enters[0]], ROUND[enters[0]] + ROUND[1])
         end = leave if leave > enter else leave + 2.0 * np.pi
         self.t, self.weight = self.panels(enter, end, beside, self._rim_clearance, panels)
         arc = self.mapped(np.concatenate([[enter, end], self.t]), 0)[0]
@@ -294,7 +295,7 @@ class TouchEdge(Circle):
         self.rim_flux = self.harmonics.flux(rim, drim)
         edge = self.zeta, self.tangent, self.curvature, self.weight
         self.kernel = neumann.own_flux_kernel(*edge, jump=-0.5)
-        self.rim_kernel = neumann.flux_kernel(rim[:, None], self.zeta, dzeta)
+        self.rim_kernel = neumann.rim_flux_kernel(rim, self.zeta, dzeta)
         rim_values = self.harmonics.values(rim)
         if self.bulk:
             self._tilt(rim, drim, rim_values)
@@ -346,8 +347,12 @@ class TouchEdge(Circle):
 
     def rim_response(self, rim: np.ndarray) -> np.ndarray:
         """(points, 2 degree): potential at rim points that the multipoles' polarisation makes."""
-        kernel = neumann.rim_flux_kernel(rim[:, None], self.zeta, self.tangent * self.weight)
-        response = kernel @ self.values
+        dzeta = self.tangent * self.weight
+        if self.even:
+            moments = RimMoments.of(self.harmonics, self.zeta, dzeta, self.values)
+            response = moments.at(rim)
+        else:
+            response = neumann.rim_flux_kernel(rim, self.zeta, dzeta) @ self.values
         if self.bulk:
             response -= neumann.potential(rim[:, None], self.zeta) @ self.bent
         if self.clipped:
@@ -366,7 +371,7 @@ class TouchEdge(Circle):
         kernel = neumann.flux_kernel(self.zeta[:, None], other.zeta, dzeta)
         response = self.flux.T @ (kernel @ other.values)
         rim = np.exp(1j * self.rim_theta)
-        kernel = neumann.flux_kernel(rim[:, None], other.zeta, dzeta)
+        kernel = neumann.rim_flux_kernel(rim, other.zeta, dzeta)
         response += self.rim_flux.T @ (kernel @ other.values)
         if self.bulk:
             log = neumann.potential(self.zeta[:, None], other.zeta)
@@ -478,7 +483,7 @@ class TouchEdge(Circle):
         kernel_dot = kernel_dot + motion.tangent * self.weight / apart - dy * motion.zeta / apart**2
         slope = self._combine(self.harmonics.powers(y, 1), amplitude)
         value_dot = (slope * motion.zeta[:, None]).real
-        kernel = neumann.rim_flux_kernel(rim[:, None], y, dy)
+        kernel = neumann.rim_flux_kernel(rim, y, dy)
         return -(kernel_dot.imag / np.pi) @ value + kernel @ value_dot
 
     def inner_response_slope(
@@ -514,11 +519,21 @@ class TouchEdge(Circle):
         return flux_dot.T @ (kernel @ value) + flux.T @ (slope_of_kernel + kernel @ value_dot)
 
 
-def rim_gap(zeta: np.ndarray) -> np.ndarray:
-    """(...,): distance to the rim of edges (..., points) in the unit disc, in their radii; below 0
-    for one that crosses it."""
-    radius = np.abs(zeta - zeta.mean(-1, keepdims=True)).max(-1)
-    return (1.0 - np.abs(zeta).max(-1)) / radius
+def rim_gaps(centre: Any, radius: Any, geometry: Geometry, disc: DiscMap) -> np.ndarray:
+    """(P,): distance to the rim of circles, centre and radius (P,) in mm, as mapped onto the unit
+    disc and in their radii there; below 0 for one that crosses it."""
+
+    def gaps(some: np.ndarray, t: np.ndarray) -> np.ndarray:
+        zeta = Circle(centre[some, None], radius[some, None], geometry, disc).mapped(t, 0)[0]
+        within = np.abs(zeta - zeta.mean(-1, keepdims=True)).max(-1)
+        return (1.0 - np.abs(zeta).max(-1)) / within
+
+    centre, radius = np.asarray(centre), np.asarray(radius)
+    found = gaps(np.ones(len(centre), bool), ROUND[::FEW])
+    near = ~(found >= NEAR)
+    if near.any():
+        found[near] = gaps(near, ROUND)
+    return found
 
 
 def even_nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
