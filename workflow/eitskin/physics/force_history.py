@@ -4,8 +4,9 @@ Linear in time between the frames of a press, rising from 0 in the 0.5 s before 
 at its last slope after its last (never below 0). A press of one frame has the slope of its rise.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -34,8 +35,8 @@ class ForceHistory:
         time = np.insert(time_s[own], first, time_s[own[first]] - RISE_S)
         force = np.insert(force_N[own], first, 0.0)
         begin = first + np.arange(len(first))
-        knots = zip(np.split(time, begin)[1:], np.split(force, begin)[1:], strict=True)
-        return cls(time_s, tuple(np.split(own, first)[1:]), tuple(knots))
+        knots = zip(_split(time, begin), _split(force, begin), strict=True)
+        return cls(time_s, tuple(_split(own, first)), tuple(knots))
 
     def earlier(self, lag_s: float) -> "ForceHistory":
         """The same forces, each `lag_s` earlier."""
@@ -86,6 +87,11 @@ class ForceHistory:
         for rows, (time, force) in zip(self.rows, self.knots, strict=True):
             result[rows] = value(self.time_s[rows], time, force)
         return result
+
+
+def _split(values: np.ndarray, begin: np.ndarray) -> Iterator[np.ndarray]:
+    """The parts of (N,) that begin there, as np.split at a tenth of its time."""
+    return (values[a:b] for a, b in pairwise([*begin.tolist(), len(values)]))
 
 
 def _slope(time: np.ndarray, force: np.ndarray) -> float:

@@ -53,14 +53,13 @@ def own_flux_kernel(
     (..., N); jump: what a node has of itself besides, -1/2 from inside a closed curve.
     """
     *stack, count = y.shape
-    dy, apart = slope * weight, np.eye(count)
+    dy = slope * weight
     kernel = np.empty((*stack, count, count))
     rows = max(CACHED_BYTES // (16 * y.size), 1)
-    for start in range(0, count, rows):
-        some = slice(start, start + rows)
-        kernel[..., some, :] = flux_kernel(
-            y[..., some, None], y[..., None, :] + apart[some], dy[..., None, :]
-        )
+    with np.errstate(divide="ignore", invalid="ignore"):  # on the diagonal, which has a limit
+        for start in range(0, count, rows):
+            some = slice(start, start + rows)
+            kernel[..., some, :] = flux_kernel(y[..., some, None], y[..., None, :], dy[..., None, :])
     own = flux_kernel_diagonal(y, dy, (bend / slope).imag * weight)
     kernel[..., range(count), range(count)] = own + jump
     return kernel

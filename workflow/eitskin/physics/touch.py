@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 
 from eitskin.errors import InputError
 from eitskin.physics import neumann
@@ -28,6 +27,7 @@ CROSSED_PANEL = 0.03
 CROSSED_NODES = 6
 FLATTEST = 1e-6  # shortest panel, however flat the crossing
 TOUCHING = 1e-5  # squared sine of a crossing so flat that the circles touch
+MOST_STEPS, LAST_STEP = 60, 1e-11  # to a crossing, in radians
 MOST_PANELS = 150  # from one crossing to the next
 ROUND = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)  # where an edge is looked for the rim
 FEW = 4  # times fewer points tell how far the rim is
@@ -261,8 +261,7 @@ class TouchEdge(Circle):
         if len(leaves) != 1 or self.radius > 0.5 * self.geometry.radius_mm:
             place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm"
             raise InputError("touch", "edge", f"{place} cut by the rim", "cut twice at most")
-        leave = self._crossing(ROUND[leaves[0]], ROUND[leaves[0]] + ROUND[1])
-        enter = self._crossing(ROUND[enters[0]], ROUND[enters[0]] + ROUND[1])
+        leave, enter = self._crossings(np.array([leaves[0], enters[0]]))
         end = leave if leave > enter else leave + 2.0 * np.pi
         self.t, self.weight = self.panels(enter, end, beside, self._rim_clearance, panels)
         arc = self.mapped(np.concatenate([[enter, end], self.t]), 0)[0]
@@ -277,14 +276,25 @@ class TouchEdge(Circle):
             start, stop, clearance, panels[0] * scale, panels[1] * scale, panels[2]
         )
 
-    def _crossing(self, low: float, high: float) -> float:
-        def beyond(t: float) -> float:
-            return float(np.abs(self.mapped(np.array([t]), 0)[0][0]) - 1.0)
-
-        inside, outside = beyond(low), beyond(high)
-        if inside * outside > 0.0:  # one of them lies on the rim, but for rounding
-            return low if abs(inside) < abs(outside) else high
-        return brentq(beyond, low, high, xtol=1e-15)
+    def _crossings(self, first: np.ndarray) -> np.ndarray:
+        """Angles (2,) at which the edge crosses the rim, each between a point of ROUND, `first`,
+        and the next: Newton's rule, halving where it leaves the bracket."""
+        low = ROUND[first]
+        high, t = low + ROUND[1], low + 0.5 * ROUND[1]
+        sign = np.where(np.abs(self.mapped(low, 0)[0]) < 1.0, 1.0, -1.0)
+        for _ in range(MOST_STEPS):
+            zeta, tangent = self.mapped(t, 1)
+            size = np.abs(zeta)
+            beyond = size - 1.0
+            before = sign * beyond < 0.0
+            low, high = np.where(before, t, low), np.where(before, high, t)
+            step = beyond * size / (zeta.conj() * tangent).real
+            ahead = t - step
+            inside = (low <= ahead) & (ahead <= high)
+            t = np.where(inside, ahead, 0.5 * (low + high))
+            if (inside & (np.abs(step) < LAST_STEP)).all():
+                break
+        return t
 
     def _build_modes(self) -> None:
         dzeta = self.tangent * self.weight
