@@ -69,8 +69,8 @@ class Accuracy:
 KNEE = 0.02
 BEST_CONTACT = 2e-4
 ACCURACIES = {
-    "train": Accuracy(8, TouchAccuracy(10, 1e-4, 8, 2e-3), 64),
-    "diagnose": Accuracy(16, TouchAccuracy(24, 1e-8, 12, 5e-4), 64),
+    "train": Accuracy(8, TouchAccuracy(10, 1e-4, 6, 2e-3), 64),
+    "diagnose": Accuracy(16, TouchAccuracy(24, 1e-8, 10, 5e-4), 64),
 }
 
 

@@ -204,10 +204,7 @@ class TouchEdge(Circle):
         """Choose the nodes; returns the multipoles needed."""
         accuracy = self.accuracy
         gap = float(rim_gaps([self.centre], [self.radius], self.geometry, self.disc)[0])
-        outside = np.zeros(len(ROUND), bool)
-        if not gap >= 0:
-            outside = ~(np.abs(self.mapped(ROUND, 0)[0]) <= 1.0)
-        if outside.all():
+        if not gap >= 0 and not (self._off_rim() > 0).any():
             place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm"
             raise InputError("touch", "place", place, "a place on the skin")
         self.held_off = bool(abs(gap) < accuracy.rim_gap)
@@ -226,13 +223,14 @@ class TouchEdge(Circle):
         self.rim_theta = self.rim_weight = np.zeros(0)
         self.clipped = gap < 0
         if self.clipped:
-            self._clip(outside, panels, beside)
+            self._clip(panels, beside)
         elif self.even:
             self.t, self.weight = even_nodes(count)
         else:
-            nearest = ROUND[np.abs(self.mapped(ROUND, 0)[0]).argmax()]
+            off = self._off_rim()
+            nearest = ROUND[off.argmin()]
             end = nearest + 2.0 * np.pi
-            self.t, self.weight = self.panels(nearest, end, beside, self._rim_clearance, panels)
+            self.t, self.weight = self.panels(nearest, end, beside, _clearance(off), panels)
         self.zeta, self.tangent, self.curvature = self.mapped(self.t, 2)
         return degree
 
@@ -251,11 +249,14 @@ class TouchEdge(Circle):
             len(self.t),
         )
 
-    def _rim_clearance(self, t: np.ndarray) -> np.ndarray:
-        zeta, tangent = self.mapped(t, 1)
-        return np.abs(1.0 - np.abs(zeta)) / np.abs(tangent)
+    def _off_rim(self) -> np.ndarray:
+        """Distance to the rim, in radians of the edge, at the points of ROUND; below 0 outside."""
+        zeta, tangent = self.mapped(ROUND, 1)
+        return (1.0 - np.abs(zeta)) / np.abs(tangent)
 
-    def _clip(self, outside: np.ndarray, panels: Panels, beside: Circle | None) -> None:
+    def _clip(self, panels: Panels, beside: Circle | None) -> None:
+        off = self._off_rim()
+        outside = off < 0
         leaves = np.flatnonzero(~outside & np.roll(outside, -1))
         enters = np.flatnonzero(outside & np.roll(~outside, -1))
         if len(leaves) != 1 or self.radius > 0.5 * self.geometry.radius_mm:
@@ -263,7 +264,7 @@ class TouchEdge(Circle):
             raise InputError("touch", "edge", f"{place} cut by the rim", "cut twice at most")
         leave, enter = self._crossings(np.array([leaves[0], enters[0]]))
         end = leave if leave > enter else leave + 2.0 * np.pi
-        self.t, self.weight = self.panels(enter, end, beside, self._rim_clearance, panels)
+        self.t, self.weight = self.panels(enter, end, beside, _clearance(off), panels)
         arc = self.mapped(np.concatenate([[enter, end], self.t]), 0)[0]
         start = np.angle(arc[1])
         stop = start + (np.angle(arc[0]) - start) % (2.0 * np.pi)
@@ -544,6 +545,12 @@ def rim_gaps(centre: Any, radius: Any, geometry: Geometry, disc: DiscMap) -> np.
     if near.any():
         found[near] = gaps(near, ROUND)
     return found
+
+
+def _clearance(off: np.ndarray) -> Clearance:
+    """The distance at any angle, from signed ones at the points of ROUND."""
+    angle, signed = np.append(ROUND, 2.0 * np.pi), np.append(off, off[0])
+    return lambda t: np.abs(np.interp(t % (2.0 * np.pi), angle, signed))
 
 
 def even_nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
