@@ -31,9 +31,9 @@ def test_they_are_those_found_one_by_one(geometry, accuracy, places):
     rim, found = skin.electrodes.rim, set()
     with np.errstate(all="ignore"):  # far outside the rim the map's series is nonsense
         every = list(even_touches(places, geometry, skin.disc, ACCURACIES[accuracy].touch, 100))
-    for some in every:
+    for here, some in every:
         response = some.rim_response(rim)
-        for i, place in enumerate(some.places):
+        for i, place in enumerate(here):
             edge = skin.edge(Touch(*place))
             assert edge.even and not edge.clipped and not edge.held_off
             assert np.array_equal(some.mass[i], edge.mass)

@@ -5,45 +5,47 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from eitskin.physics import neumann
+from eitskin.physics.arrays import as_in
 from eitskin.physics.conformal import DiscMap
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.harmonics import Harmonics, RimMoments, symmetric
 from eitskin.physics.kept_touches import Place
-from eitskin.physics.touch import MOST_EVEN_NODES, Circle, TouchAccuracy, even_nodes, rim_gaps
+from eitskin.physics.touch import MOST_EVEN_NODES, Circle, TouchAccuracy, even_nodes
 
 AT_ONCE_BYTES = 1 << 20  # of an array between nodes and rim: what a core's cache may hold
 
 
 class EvenTouches:
-    """Several touches, at `places`, of as many multipoles and even nodes each: as TouchEdge is one.
+    """Several touches, of as many multipoles and even nodes each: as TouchEdge is one.
 
     mass, self_response (P, 2 degree, 2 degree).
     """
 
-    def __init__(
-        self,
-        places: Sequence[Place],
-        geometry: Geometry,
-        disc: DiscMap,
-        degree: int,
-        count: int,
-    ):
-        self.places = places
-        t, weight = even_nodes(count)
-        x, y, radius = np.array(places).T[:, :, None]
-        zeta, tangent, curvature = Circle(x + 1j * y, radius, geometry, disc).mapped(t, 2)
+    def __init__(self, circles: Circle, degree: int, count: int):
+        t, weight = (as_in(values, circles.radius) for values in even_nodes(count))
+        zeta, tangent, curvature = circles.mapped(t, 2)
         dzeta = tangent * weight
         harmonics = Harmonics.around(zeta, degree)
         values = harmonics.values(zeta)
         kernel = neumann.own_flux_kernel(zeta, tangent, curvature, weight, jump=-0.5)
-        across = np.swapaxes(harmonics.flux(zeta, dzeta), -1, -2)
+        across = harmonics.flux(zeta, dzeta).mT
         self.mass = symmetric(across @ values)
         self.self_response = self.mass + symmetric(across @ (kernel @ values))
         self.moments = RimMoments.of(harmonics, zeta, dzeta, values)
 
     def rim_response(self, rim: np.ndarray) -> np.ndarray:
-        """(P, points, 2 degree): as TouchEdge's."""
+        """(P, points, 2 degree): as TouchEdge's; rim (points,), or each touch's own (P, points)."""
         return self.moments.at(rim)
+
+
+def alike(gaps: np.ndarray, accuracy: TouchAccuracy) -> dict[tuple[int, int], np.ndarray]:
+    """The touches (K,) of gaps (P,) to the rim that have even nodes, by multipoles and nodes."""
+    found: dict[tuple[int, int], list[int]] = {}
+    for i, gap in enumerate(gaps.tolist()):
+        for_rim = accuracy.across(gap)
+        if gap >= accuracy.rim_gap and for_rim <= MOST_EVEN_NODES:
+            found.setdefault(accuracy.resolution(for_rim), []).append(i)
+    return {resolution: np.array(own) for resolution, own in found.items()}
 
 
 def even_touches(
@@ -52,20 +54,16 @@ def even_touches(
     disc: DiscMap,
     accuracy: TouchAccuracy,
     rim_points: int,
-) -> Iterator[EvenTouches]:
+) -> Iterator[tuple[list[Place], EvenTouches]]:
     """Those of the places whose touches have even nodes, some at once: as many as are to act on so
     many rim points from a core's cache."""
     places = [place for place in places if place[2] > 0]
     if not places:
         return
-    alike: dict[tuple[int, int], list[Place]] = {}
-    x, y, radius = np.array(places).T
-    gaps = rim_gaps(x + 1j * y, radius, geometry, disc)
-    for place, gap in zip(places, gaps, strict=True):
-        for_rim = accuracy.across(gap)
-        if gap >= accuracy.rim_gap and for_rim <= MOST_EVEN_NODES:
-            alike.setdefault(accuracy.resolution(for_rim), []).append(place)
-    for (degree, count), own in alike.items():
+    x, y, radius = np.array(places).T[:, :, None]
+    circles = Circle(x + 1j * y, radius, geometry, disc)
+    for (degree, count), own in alike(circles.rim_gaps(), accuracy).items():
         most = max(AT_ONCE_BYTES // (16 * count * max(count, rim_points)), 1)
         for start in range(0, len(own), most):
-            yield EvenTouches(own[start : start + most], geometry, disc, degree, count)
+            some = own[start : start + most]
+            yield [places[i] for i in some], EvenTouches(circles.only(some), degree, count)

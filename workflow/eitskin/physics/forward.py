@@ -272,10 +272,10 @@ class Forward:
         if self.bulk:
             return found
         accuracy, rim = self.accuracy.touch, self.electrodes.rim
-        for some in even_touches(places, self.geometry, self.disc, accuracy, len(rim)):
+        for here, some in even_touches(places, self.geometry, self.disc, accuracy, len(rim)):
             coupling = self.electrodes.project(some.rim_response(rim))
             each = zip(some.mass, some.self_response, coupling, strict=True)
-            found.update(zip(some.places, starmap(Coupled, each), strict=True))
+            found.update(zip(here, starmap(Coupled, each), strict=True))
         return found
 
     def _places(self, places: list[Place], known: dict[Place, Coupled]) -> list[TouchModes]:

@@ -5,6 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
+from eitskin.physics.arrays import as_in, library
+
 MORE = 4  # moments than degrees
 
 
@@ -23,9 +25,13 @@ class Harmonics:
     @classmethod
     def around(cls, boundary: np.ndarray, degree: int) -> "Harmonics":
         """Those on the circle about the middle of a boundary (..., points)."""
-        across, up = boundary.real, boundary.imag
-        centre = 0.5 * (across.min(-1) + across.max(-1) + 1j * (up.min(-1) + up.max(-1)))
-        return cls(degree, centre, np.abs(boundary - centre[..., None]).max(-1))
+        xp = library(boundary)
+
+        def middle(along: np.ndarray) -> np.ndarray:
+            return 0.5 * (xp.min(along, axis=-1) + xp.max(along, axis=-1))
+
+        centre = middle(boundary.real) + 1j * middle(boundary.imag)
+        return cls(degree, centre, xp.max(abs(boundary - centre[..., None]), axis=-1))
 
     @cached_property
     def order(self) -> np.ndarray:
@@ -34,24 +40,25 @@ class Harmonics:
 
     def powers(self, zeta: np.ndarray, derivative: int = 0) -> np.ndarray:
         """(..., points, degree) complex, or their derivative by zeta, once or twice."""
+        xp = library(zeta)
         scaled = (zeta - self.centre[..., None]) / self.radius[..., None]
-        step = np.ones((*scaled.shape, self.degree), complex)
+        step = xp.ones((*scaled.shape, self.degree), dtype=scaled.dtype, device=zeta.device)
         step[..., derivative:] = scaled[..., None]
         factor = 1.0 / np.sqrt(self.order * np.pi)
         for lower in range(derivative):
             factor = factor * (self.order - lower)
-        scale = np.asarray(self.radius)[..., None, None] ** -derivative
-        return factor * scale * np.multiply.accumulate(step, axis=-1)
+        scale = self.radius[..., None, None] ** -derivative
+        return as_in(factor, zeta) * scale * xp.cumulative_prod(step, axis=-1)
 
     def values(self, zeta: np.ndarray) -> np.ndarray:
         """(..., points, 2 degree): real and imaginary parts of the powers."""
         powers = self.powers(zeta)
-        return np.concatenate([powers.real, powers.imag], axis=-1)
+        return library(powers).concat([powers.real, powers.imag], axis=-1)
 
     def flux(self, zeta: np.ndarray, dzeta: np.ndarray) -> np.ndarray:
         """(..., points, 2 degree): their flux through the line elements `dzeta`."""
         slope = self.powers(zeta, 1) * dzeta[..., None]
-        return np.concatenate([slope.imag, -slope.real], axis=-1)
+        return library(slope).concat([slope.imag, -slope.real], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -60,7 +67,7 @@ class RimMoments:
 
     int dN(x, y)/dn_y v(y) ds_y = (1 / pi) Im sum_j m_j (x - centre)^-j with m_j = int v(y) (y -
     centre)^(j - 1) dy: on the rim both logarithms of N agree. moments (..., 2 J, columns): real and
-    imaginary parts, lengths over `radius`.
+    imaginary parts of conj(m_j) / pi, lengths over `radius`.
     """
 
     centre: np.ndarray
@@ -75,21 +82,20 @@ class RimMoments:
         than degrees, or as many as the nodes tell."""
         centre, radius = harmonics.centre, harmonics.radius
         count = min(harmonics.degree + MORE, zeta.shape[-1] - harmonics.degree - 2)
-        line = dzeta / (np.pi * radius[..., None])
-        powers = _powers((zeta - centre[..., None]) / radius[..., None], line, count)
-        return cls(centre, radius, np.swapaxes(powers, -1, -2) @ values)
+        step = (zeta - centre[..., None]).conj() / radius[..., None]
+        line = dzeta.conj() / (np.pi * radius[..., None])
+        return cls(centre, radius, _powers(line, step, count).mT @ values)
 
     def at(self, rim: np.ndarray) -> np.ndarray:
-        """(..., points, columns): the field at rim points (points,)."""
+        """(..., points, columns): the field at rim points (points,), or (..., points)."""
         step = self.radius[..., None] / (rim - self.centre[..., None])
-        powers = _powers(step, step, self.moments.shape[-2] // 2)
-        real, imag = np.split(powers, 2, axis=-1)
-        return np.concatenate([imag, real], axis=-1) @ self.moments
+        return _powers(-1j * step, step, self.moments.shape[-2] // 2) @ self.moments
 
 
-def _powers(step: np.ndarray, first: np.ndarray, count: int) -> np.ndarray:
+def _powers(first: np.ndarray, step: np.ndarray, count: int) -> np.ndarray:
     """(..., points, 2 count): first step^j for j = 0 and up, real parts, then imaginary ones."""
-    powers = np.empty((*step.shape, 2 * count))
+    xp = library(step)
+    powers = xp.empty((*step.shape, 2 * count), dtype=step.real.dtype, device=step.device)
     for j in range(count):
         powers[..., j], powers[..., count + j] = first.real, first.imag
         first = first * step
@@ -98,4 +104,4 @@ def _powers(step: np.ndarray, first: np.ndarray, count: int) -> np.ndarray:
 
 def symmetric(matrix: np.ndarray) -> np.ndarray:
     """The symmetric part of (..., K, K)."""
-    return 0.5 * (matrix + np.swapaxes(matrix, -1, -2))
+    return 0.5 * (matrix + matrix.mT)

@@ -2,18 +2,21 @@
 
 N(x, y) = -(1 / 2 pi) (ln|x - y| + ln|1 - x conj(y)|): the potential at x of a unit current that
 enters at y, for sources that sum to zero (constants and the return current's quadratic drop out
-then). Points are complex numbers. On the rim both logarithms agree. A line element dy with outward
+then). Points are complex numbers, of NumPy or of another library. On the rim both logarithms agree. A line element dy with outward
 normal n obeys d/dn Re g(y) ds = Im(g'(y) dy), counter-clockwise round the region.
 """
 
 import numpy as np
+
+from eitskin.physics.arrays import library
 
 CACHED_BYTES = 1 << 17  # of an array that is made of many others of its size
 
 
 def rim_potential(angle: np.ndarray) -> np.ndarray:
     """N between two rim points `angle` radians apart (not 0)."""
-    return -np.log(2.0 * np.abs(np.sin(angle / 2.0))) / np.pi
+    xp = library(angle)
+    return -xp.log(2.0 * abs(xp.sin(angle / 2.0))) / np.pi
 
 
 def rim_potential_slope(angle: np.ndarray) -> np.ndarray:
@@ -29,7 +32,7 @@ def potential(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def flux_kernel(x: np.ndarray, y: np.ndarray, dy: np.ndarray) -> np.ndarray:
     """dN(x, y)/dn_y ds_y for y inside or on the rim; x and y apart."""
-    conj = np.conj(x)
+    conj = x.conj()
     apart, below = y - x, 1.0 - conj * y
     return ((below - conj * apart) / (apart * below) * (dy / (-2.0 * np.pi))).imag
 
@@ -40,7 +43,7 @@ def flux_kernel_diagonal(y: np.ndarray, dy: np.ndarray, turn: np.ndarray) -> np.
     `turn` is Im(y'' / y') dt, the angle by which the tangent turns; half of it is the curve's own
     part.
     """
-    image = np.conj(y) * dy / (1.0 - np.abs(y) ** 2)
+    image = y.conj() * dy / (1.0 - abs(y) ** 2)
     return -(0.5 * turn - image.imag) / (2.0 * np.pi)
 
 
@@ -52,16 +55,17 @@ def own_flux_kernel(
     y, slope, bend (..., N): nodes, first and second derivatives by the parameter; weight (N,) or
     (..., N); jump: what a node has of itself besides, -1/2 from inside a closed curve.
     """
-    *stack, count = y.shape
+    xp, (*stack, count) = library(y), y.shape
     dy = slope * weight
-    kernel = np.empty((*stack, count, count))
-    rows = max(CACHED_BYTES // (16 * y.size), 1)
+    kernel = xp.empty((*stack, count, count), dtype=y.real.dtype, device=y.device)
+    rows = max(CACHED_BYTES // (16 * y.size), 1) if xp is np else count
     with np.errstate(divide="ignore", invalid="ignore"):  # on the diagonal, which has a limit
         for start in range(0, count, rows):
             some = slice(start, start + rows)
             kernel[..., some, :] = flux_kernel(y[..., some, None], y[..., None, :], dy[..., None, :])
     own = flux_kernel_diagonal(y, dy, (bend / slope).imag * weight)
-    kernel[..., range(count), range(count)] = own + jump
+    each = xp.arange(count, device=y.device)
+    kernel[..., each, each] = own + jump
     return kernel
 
 

@@ -31,7 +31,6 @@ from eitskin.physics.touch import (
     TouchAccuracy,
     TouchEdge,
     even_nodes,
-    rim_gaps,
 )
 
 LEAST_GAP = 0.03  # of a patch to the rim, in its radii
@@ -56,7 +55,7 @@ class PatchEdge(Circle):
         self.reflection = 2.0 * (self.factor - 1.0) / (self.factor + 1.0)
         self.digits = -np.log(accuracy.tolerance)
         with np.errstate(over="ignore", invalid="ignore"):
-            gap = rim_gaps([self.centre], [self.radius], geometry, disc)[0]
+            gap = self.rim_gap()
         on_skin = np.abs(self.place(ROUND)).max() < np.abs(geometry.rim(ROUND)).max()
         if not (on_skin and gap > LEAST_GAP):
             place = f"({patch.x_mm:g}, {patch.y_mm:g}) mm, radius {patch.radius_mm:g} mm"

@@ -15,6 +15,7 @@ import numpy as np
 
 from eitskin.errors import InputError
 from eitskin.physics import neumann
+from eitskin.physics.arrays import as_in, library
 from eitskin.physics.conformal import DiscMap, MapVelocity
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
@@ -95,7 +96,8 @@ class EdgeMotion:
 class Circle:
     """A circle of the skin, centre (complex) and radius in mm, mapped onto the unit disc.
 
-    Of several at once, centre and radius (P, 1), `place` and `mapped` give (P, points).
+    Of several at once, centre and radius (P, 1), `place` and `mapped` give (P, points). Angles are
+    arrays of the same library as these.
     """
 
     def __init__(self, centre: Any, radius: Any, geometry: Geometry, disc: DiscMap):
@@ -104,11 +106,11 @@ class Circle:
 
     def place(self, t: np.ndarray) -> np.ndarray:
         """The skin's points, mm, at angles t."""
-        return self.centre + self.radius * np.exp(1j * t)
+        return self.centre + self.radius * library(t).exp(1j * t)
 
     def mapped(self, t: np.ndarray, order: int) -> list[np.ndarray]:
         """Points of the unit disc at angles t and their derivatives by t up to `order` <= 2."""
-        ray = self.radius * np.exp(1j * t)
+        ray = self.radius * library(t).exp(1j * t)
         f = self.disc.derivatives(self.geometry.unfold(self.centre + ray), order)
         first = self.geometry.unfold(1j * ray)
         mapped = [f[0]]
@@ -117,6 +119,24 @@ class Circle:
         if order >= 2:
             mapped.append(f[2] * first**2 + f[1] * self.geometry.unfold(-ray))
         return mapped
+
+    def only(self, which: np.ndarray) -> "Circle":
+        """Of several, those at `which`, indices or a mask."""
+        return Circle(self.centre[which], self.radius[which], self.geometry, self.disc)
+
+    def rim_gaps(self) -> np.ndarray:
+        """(P,): distance to the rim of several, as mapped onto the unit disc and in their radii
+        there; below 0 for one that crosses it."""
+        found = _gaps(self.mapped(as_in(ROUND[::FEW], self.radius), 0)[0])
+        near = ~(found >= NEAR)
+        if near.any():
+            found[near] = _gaps(self.only(near).mapped(as_in(ROUND, self.radius), 0)[0])
+        return found
+
+    def rim_gap(self) -> float:
+        """As rim_gaps, of one."""
+        centre, radius = np.array([[self.centre]]), np.array([[self.radius]])
+        return float(Circle(centre, radius, self.geometry, self.disc).rim_gaps()[0])
 
     def gap(self, other: "Circle") -> float:
         """Least distance between the two circles, mm; 0 where they cross."""
@@ -203,7 +223,7 @@ class TouchEdge(Circle):
     def _place_nodes(self, apart: float, beside: Circle | None) -> int:
         """Choose the nodes; returns the multipoles needed."""
         accuracy = self.accuracy
-        gap = float(rim_gaps([self.centre], [self.radius], self.geometry, self.disc)[0])
+        gap = self.rim_gap()
         if not gap >= 0 and not (self._off_rim() > 0).any():
             place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm"
             raise InputError("touch", "place", place, "a place on the skin")
@@ -530,21 +550,10 @@ class TouchEdge(Circle):
         return flux_dot.T @ (kernel @ value) + flux.T @ (slope_of_kernel + kernel @ value_dot)
 
 
-def rim_gaps(centre: Any, radius: Any, geometry: Geometry, disc: DiscMap) -> np.ndarray:
-    """(P,): distance to the rim of circles, centre and radius (P,) in mm, as mapped onto the unit
-    disc and in their radii there; below 0 for one that crosses it."""
-
-    def gaps(some: np.ndarray, t: np.ndarray) -> np.ndarray:
-        zeta = Circle(centre[some, None], radius[some, None], geometry, disc).mapped(t, 0)[0]
-        within = np.abs(zeta - zeta.mean(-1, keepdims=True)).max(-1)
-        return (1.0 - np.abs(zeta).max(-1)) / within
-
-    centre, radius = np.asarray(centre), np.asarray(radius)
-    found = gaps(np.ones(len(centre), bool), ROUND[::FEW])
-    near = ~(found >= NEAR)
-    if near.any():
-        found[near] = gaps(near, ROUND)
-    return found
+def _gaps(zeta: np.ndarray) -> np.ndarray:
+    xp = library(zeta)
+    within = xp.max(abs(zeta - xp.mean(zeta, axis=-1, keepdims=True)), axis=-1)
+    return (1.0 - xp.max(abs(zeta), axis=-1)) / within
 
 
 def _clearance(off: np.ndarray) -> Clearance:
