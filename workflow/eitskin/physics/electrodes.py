@@ -11,6 +11,7 @@ import copy
 import numpy as np
 
 from eitskin.physics import neumann
+from eitskin.physics.arrays import as_in, library
 from eitskin.physics.conformal import DiscMap, MapVelocity
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
@@ -66,43 +67,15 @@ class Electrodes:
         self.arc_slope = 1e-3 * np.abs(g.rim(self.phi, 1))
 
     def _interaction(self) -> np.ndarray:
-        n, q = self.theta.shape
-        theta = self.theta.ravel()
-        apart = theta[:, None] - theta
-        own = np.kron(np.eye(n, dtype=bool), np.ones((q, q), dtype=bool))
-        apart[own] = 1.0
-        kernel = neumann.rim_potential(apart)
         if self.geometry.points:
-            kernel[own] = np.nan
-            return self._with_bulk(self.factor.ravel()[:, None] * kernel * self.factor.ravel())
-        kernel[own] = self._own_kernel().ravel()
-        matrix = np.einsum(
-            "iq,aqbr,jr->aibj",
-            self.modes,
-            (self.factor.ravel()[:, None] * kernel * self.factor.ravel()).reshape(n, q, n, q),
-            self.modes,
-            optimize=True,
-        )
-        singular = (self.factor**2).mean(axis=1)[:, None, None] * legendre_log(self.order)
-        matrix[range(n), :, range(n), :] -= singular / (4.0 * np.pi)
-        return self._with_bulk(matrix.reshape(n * self.order, n * self.order))
+            return self._with_bulk(_between_points(self.theta.ravel(), self.factor.ravel()))
+        slope = self.theta_slope * self.half_width[:, None]
+        return self._with_bulk(interaction(self.t, self.modes, self.theta, slope, self.factor))
 
     def _with_bulk(self, matrix: np.ndarray) -> np.ndarray:
         if self.bulk:
             matrix = matrix + self.spread @ self.bulk.matrix @ self.spread.T
         return matrix
-
-    def _own_kernel(self) -> np.ndarray:
-        """(n, q, q): the Neumann function on one electrode, without -ln|t - t'| / pi."""
-        apart = self.theta[:, :, None] - self.theta[:, None, :]
-        t_apart = np.abs(self.t[:, None] - self.t)
-        diagonal = np.eye(len(self.t), dtype=bool)
-        kernel = neumann.rim_potential(np.where(diagonal, 1.0, apart))
-        share = (self.factor**2).mean(axis=1)[:, None, None]
-        share = share / (self.factor[:, :, None] * self.factor[:, None, :])
-        kernel += share * np.log(np.where(diagonal, 1.0, t_apart)) / np.pi
-        kernel[:, diagonal] = -np.log(self.theta_slope * self.half_width[:, None]) / np.pi
-        return kernel
 
     def _contact_matrix(self) -> np.ndarray:
         """Contact drop of the modes, block diagonal (0 for points)."""
@@ -115,8 +88,8 @@ class Electrodes:
     def contact_blocks(self) -> np.ndarray:
         """(n, order, order): sigma z_l int P_k P_k' / 4 / (ds/dt) dt, ds in m."""
         length = self.geometry.contact_impedivity_ohm_m2 * self.geometry.conductivity_S_per_m
-        drop = length[:, None] / (self.arc_slope * self.half_width[:, None]) / self.weight
-        return (self.modes * drop[:, None, :]) @ self.modes.T
+        arc = self.arc_slope * self.half_width[:, None]
+        return contact_drop(self.modes, self.weight, length, arc)
 
     def density(self, amplitude: np.ndarray) -> np.ndarray:
         """(n q, drives): weighted current at the nodes of mode amplitudes (n order, drives)."""
@@ -202,6 +175,61 @@ class ElectrodeMotion:
     def rim_velocity(self) -> np.ndarray:
         """Angular velocities in one row, as Electrodes.rim orders its nodes."""
         return self.theta.ravel()
+
+
+def interaction(
+    t: np.ndarray, modes: np.ndarray, theta: np.ndarray, slope: np.ndarray, factor: np.ndarray
+) -> np.ndarray:
+    """(..., n order, n order): power of the modes' currents, without the contacts' drop.
+
+    t (q,), modes (order, q): nodes across an electrode, weighted modes; theta, slope, factor (...,
+    n, q): angles on the unit circle, d theta / dt, and sqrt(s) where the conductivity rises.
+    """
+    xp, (*stack, n, q) = library(theta), theta.shape
+    angle = theta.reshape(*stack, n * q)
+    own = as_in(np.kron(np.eye(n, dtype=bool), np.ones((q, q), dtype=bool)), theta)
+    apart = xp.where(own, 1.0, angle[..., :, None] - angle[..., None, :])
+    kernel = neumann.rim_potential(apart).reshape(*stack, n, q, n, q)
+    each = xp.arange(n, device=theta.device)
+    kernel[..., each, :, each, :] = xp.moveaxis(_own_kernel(t, theta, slope, factor), -3, 0)
+    kernel *= factor[..., :, :, None, None] * factor[..., None, None, :, :]
+    order = len(modes)
+    tested = modes @ kernel.reshape(*stack, n, q, n * q)
+    matrix = tested.reshape(*stack, n * order, n, q) @ modes.T
+    matrix = matrix.reshape(*stack, n, order, n, order)
+    singular = xp.mean(factor**2, axis=-1)[..., None, None] * as_in(legendre_log(order), theta)
+    matrix[..., each, :, each, :] -= xp.moveaxis(singular, -3, 0) / (4.0 * np.pi)
+    return matrix.reshape(*stack, n * order, n * order)
+
+
+def _own_kernel(
+    t: np.ndarray, theta: np.ndarray, slope: np.ndarray, factor: np.ndarray
+) -> np.ndarray:
+    """(..., n, q, q): the Neumann function on one electrode, without -ln|t - t'| / pi."""
+    xp, diagonal = library(theta), as_in(np.eye(len(t), dtype=bool), theta)
+    apart = xp.where(diagonal, 1.0, theta[..., :, None] - theta[..., None, :])
+    t_apart = xp.where(diagonal, 1.0, abs(t[:, None] - t))
+    share = xp.mean(factor**2, axis=-1)[..., None, None]
+    share = share / (factor[..., :, None] * factor[..., None, :])
+    kernel = neumann.rim_potential(apart) + share * xp.log(t_apart) / np.pi
+    kernel[..., diagonal] = -xp.log(slope) / np.pi
+    return kernel
+
+
+def _between_points(theta: np.ndarray, factor: np.ndarray) -> np.ndarray:
+    """(n, n): power of the currents of point electrodes, NaN with themselves."""
+    own = np.eye(len(theta), dtype=bool)
+    kernel = neumann.rim_potential(np.where(own, 1.0, theta[:, None] - theta))
+    return np.where(own, np.nan, factor[:, None] * kernel * factor)
+
+
+def contact_drop(
+    modes: np.ndarray, weight: np.ndarray, length: np.ndarray, arc: np.ndarray
+) -> np.ndarray:
+    """(..., n, order, order): sigma z_l int P_k P_k' / 4 / (ds/dt) dt, with z sigma (..., n) and
+    ds/dt (..., n, q) in m."""
+    drop = length[..., None] / arc / weight
+    return (modes * drop[..., None, :]) @ modes.T
 
 
 def legendre_log(order: int) -> np.ndarray:
