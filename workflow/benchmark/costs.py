@@ -19,6 +19,7 @@ from eitskin.physics.accuracy import untouched_error
 from eitskin.physics.forward import ACCURACIES, Forward
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.protocol import channel_table
+from eitskin.physics.sheets import Sheets
 from eitskin.physics.touch import Touch
 from eitskin.progress import patient
 from eitskin.simulate import twin
@@ -30,6 +31,9 @@ TOUCH = [Touch(20.0, 31.0, 5.0, contrast=4.0)]
 GRID = polar_grid(80.0, 8, 24, 0.095, 0.855, 0.0)
 PLACES_MM = [(x, y, 5.0) for x, y in zip(GRID["x_mm"], GRID["y_mm"], strict=True)]
 CONTRASTS = np.linspace(0.9, 9.0, 5)
+SKINS, GPU_SKINS = 16, 256  # at once
+SAMPLES = SKINS * len(PLACES_MM) * len(CONTRASTS)
+SAMPLES_A_SECOND = 1e6
 ERROR = 1e-3  # of the median |v|, the noise of a very good rig
 SOLVES = 5
 CORES = 2  # of a diagnosis
@@ -69,6 +73,54 @@ def electrodes(runs: int) -> list[dict]:
             errors = [_error(skin(count, run), channels, accuracy) for run in range(runs)]
             told.append(rows.row(f"error, {title}", "of median |v|", errors, "limit", [ERROR]))
     return told
+
+
+def together(runs: int) -> list[dict]:
+    """Samples of SKINS new skins, each pressed at all places with five forces. A processor second
+    on one core, all skins at once, on NumPy and on PyTorch, beside one by one; where there is a
+    GPU, a second by the clock on it, beside a mark."""
+    import torch  # here, as the other benches' memory is counted without it
+
+    torch.set_num_threads(1)
+    channels = channel_table(ELECTRODES[0])
+    ways: dict[str, Callable[[list[Geometry]], object]] = {
+        "one by one": partial(_press_each, channels=channels),
+        "new skins at once, NumPy": partial(_press_all, channels=channels, device=None),
+        "new skins at once, PyTorch": partial(_press_all, channels=channels, device="cpu"),
+    }
+    found: dict[str, list[float]] = {name: [] for name in ways}
+    for run in patient(range(runs + 1), "together, runs"):
+        several = [skin(ELECTRODES[0], SKINS * run + k) for k in range(SKINS)]
+        for name, way in ways.items():
+            start = time.process_time()
+            way(several)
+            found[name].append(SAMPLES / (time.process_time() - start))
+    (peer, alone), *ours = ((name, rates[1:]) for name, rates in found.items())
+    told = [rows.row(name, "samples/s", rates, peer, alone) for name, rates in ours]
+    if torch.cuda.is_available():
+        rates = [_on_gpu(channels, run) for run in range(runs + 1)][1:]
+        name = f"new skins at once, {torch.cuda.get_device_name()}"
+        told.append(rows.row(name, "samples/s", rates, "mark", [SAMPLES_A_SECOND]))
+    return told
+
+
+def _on_gpu(channels: np.ndarray, run: int) -> float:
+    import torch  # as in `together`
+
+    several = [skin(ELECTRODES[0], GPU_SKINS * run + k) for k in range(GPU_SKINS)]
+    start = time.perf_counter()
+    _press_all(several, channels, "cuda")
+    torch.cuda.synchronize()
+    return SAMPLES / SKINS * GPU_SKINS / (time.perf_counter() - start)
+
+
+def _press_all(several: list[Geometry], channels: np.ndarray, device: str | None) -> None:
+    Sheets(several, "train", device).channel_change(PLACES_MM, channels, CONTRASTS)
+
+
+def _press_each(several: list[Geometry], channels: np.ndarray) -> None:
+    for geometry in several:
+        _press(geometry, channels)
 
 
 def _press(geometry: Geometry, channels: np.ndarray) -> None:

@@ -34,6 +34,11 @@ New skins of 16, 32 and 64 electrodes, driven and measured between neighbours: p
 one pressed at 192 places with five forces, beside 16 electrodes; of the derivatives by everything
 (58, 106, 202 parameters) with one touch, beside five solves of it; and the root mean square error
 of untouched voltages, beside a good rig's noise.""",
+    "together": """\
+Samples of 16 new skins, each with electrodes of its own, pressed at 192 places with five forces,
+from geometries to changed voltages: a processor second, all skins at once, as
+`eitskin.physics.sheets` has them, on NumPy and on PyTorch, beside one by one. Where there is a GPU,
+256 skins on it a second by the clock, beside a million samples.""",
     "perturbed": """\
 Processor seconds of the perturbed sets of `config.yaml`, from nothing to the data set, in one
 process, beside what they may take. `crossed` presses every skin at all places. The authors' set

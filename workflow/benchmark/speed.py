@@ -400,6 +400,7 @@ BENCHES = {
     "clean": clean,
     "skins": skins,
     "electrodes": costs.electrodes,
+    "together": costs.together,
     "perturbed": perturbed,
     "trained": trained,
     "diagnosed": diagnoses.diagnosed,

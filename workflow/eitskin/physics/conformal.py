@@ -149,7 +149,7 @@ class Series:
     def __call__(self, z: np.ndarray, order: int) -> np.ndarray:
         """(order + 1, *z.shape): value and derivatives up to `order` <= 3."""
         xp, (_, *stack, _, _) = library(z), self._blocks.shape
-        x = (z / self.scale).reshape(*stack, -1)
+        x = z.reshape(*stack, -1) / self.scale
         found = xp.empty((order + 1, *x.shape), dtype=x.dtype, device=x.device)
         points = x.shape[-1]
         step = max(AT_ONCE // math.prod(stack) if xp is np else points, 1)

@@ -7,6 +7,7 @@ current. The Galerkin equations of the complete electrode model, U_l - u = (z_l 
 """
 
 import copy
+from functools import cached_property
 
 import numpy as np
 
@@ -20,9 +21,9 @@ from eitskin.physics.gradient import GradientBulk
 class Electrodes:
     """Nodes, modes and Galerkin matrix of a skin's electrodes; `order` modes each (1 for points).
 
-    matrix (n order, n order): power of the modes' currents per unit sheet resistance 1 / (sigma
-    h), mode-major within an electrode. The singular ln|t - t'| of an electrode with itself is
-    integrated in closed form; what is left is smooth.
+    Matrices are per unit sheet resistance 1 / (sigma h), mode-major within an electrode. The
+    singular ln|t - t'| of an electrode with itself is integrated in closed form; what is left is
+    smooth.
     """
 
     def __init__(
@@ -43,14 +44,36 @@ class Electrodes:
         if bulk:
             self.factor = bulk.factor(geometry.rim(self.phi))
             self.spread = self.project(bulk.terms(self.rim))
-        self.interaction = self._interaction()
-        self.matrix = self.interaction + self._contact_matrix()
+
+    @cached_property
+    def interaction(self) -> np.ndarray:
+        """(n order, n order): `matrix` without the contacts' drop."""
+        if self.geometry.points:
+            found = _between_points(self.theta.ravel(), self.factor.ravel())
+        else:
+            found = interaction(self.t, self.modes, self.theta, self.stretch, self.factor)
+        return found + self.spread @ self.bulk.matrix @ self.spread.T if self.bulk else found
+
+    @cached_property
+    def matrix(self) -> np.ndarray:
+        """(n order, n order): power of the modes' currents."""
+        return self.interaction + self._contact_matrix()
+
+    @property
+    def stretch(self) -> np.ndarray:
+        """(n, q): d theta / dt, t from -1 to 1 across an electrode."""
+        return self.theta_slope * self.half_width[:, None]
+
+    @property
+    def arc_m(self) -> np.ndarray:
+        """(n, q): ds / dt, m."""
+        return self.arc_slope * self.half_width[:, None]
 
     def with_contacts(self, geometry: Geometry) -> "Electrodes":
         """The same electrodes on a geometry of the same outline: other contacts, other material."""
         other = copy.copy(self)
         other.geometry = geometry
-        other.matrix = other.interaction + other._contact_matrix()
+        other.__dict__.pop("matrix", None)
         return other
 
     def _angles(self) -> None:
@@ -66,17 +89,6 @@ class Electrodes:
         self.theta_bend = bend.imag
         self.arc_slope = 1e-3 * np.abs(g.rim(self.phi, 1))
 
-    def _interaction(self) -> np.ndarray:
-        if self.geometry.points:
-            return self._with_bulk(_between_points(self.theta.ravel(), self.factor.ravel()))
-        slope = self.theta_slope * self.half_width[:, None]
-        return self._with_bulk(interaction(self.t, self.modes, self.theta, slope, self.factor))
-
-    def _with_bulk(self, matrix: np.ndarray) -> np.ndarray:
-        if self.bulk:
-            matrix = matrix + self.spread @ self.bulk.matrix @ self.spread.T
-        return matrix
-
     def _contact_matrix(self) -> np.ndarray:
         """Contact drop of the modes, block diagonal (0 for points)."""
         n, p = self.n, self.order
@@ -88,8 +100,7 @@ class Electrodes:
     def contact_blocks(self) -> np.ndarray:
         """(n, order, order): sigma z_l int P_k P_k' / 4 / (ds/dt) dt, ds in m."""
         length = self.geometry.contact_impedivity_ohm_m2 * self.geometry.conductivity_S_per_m
-        arc = self.arc_slope * self.half_width[:, None]
-        return contact_drop(self.modes, self.weight, length, arc)
+        return contact_drop(self.modes, self.weight, length, self.arc_m)
 
     def density(self, amplitude: np.ndarray) -> np.ndarray:
         """(n q, drives): weighted current at the nodes of mode amplitudes (n order, drives)."""
@@ -99,9 +110,7 @@ class Electrodes:
     def project(self, potential: np.ndarray) -> np.ndarray:
         """(..., n order, k): potentials at the nodes (..., n q, k) tested with the modes; where the
         conductivity rises across the skin, potentials as at its centre."""
-        *stack, _, k = potential.shape
-        per = potential.reshape(*stack, self.n, len(self.t), k) * self.factor[:, :, None]
-        return (self.modes @ per).reshape(*stack, self.n * self.order, k)
+        return tested(self.modes, potential * self.factor.reshape(-1, 1), self.n)
 
     def angle_motion(self, electrode: int) -> "ElectrodeMotion":
         """Velocity with electrode_deg of one electrode."""
@@ -155,11 +164,9 @@ class Electrodes:
         moved = (motion.theta.ravel()[:, None] * density).T @ field
         if self.geometry.points:
             return moved + moved.T
-        half = self.half_width[:, None]
-        stretch = motion.slope / (self.theta_slope * half)
+        stretch = motion.slope / self.stretch
         length = self.geometry.contact_impedivity_ohm_m2 * self.geometry.conductivity_S_per_m
-        arc = self.arc_slope * half
-        drop = -length[:, None] * motion.arc / arc**2 / self.weight
+        drop = -length[:, None] * motion.arc / self.arc_m**2 / self.weight
         per_node = drop.ravel() - stretch.ravel() / np.pi
         return moved + moved.T + (density * per_node[:, None]).T @ density
 
@@ -194,12 +201,18 @@ def interaction(
     kernel[..., each, :, each, :] = xp.moveaxis(_own_kernel(t, theta, slope, factor), -3, 0)
     kernel *= factor[..., :, :, None, None] * factor[..., None, None, :, :]
     order = len(modes)
-    tested = modes @ kernel.reshape(*stack, n, q, n * q)
-    matrix = tested.reshape(*stack, n * order, n, q) @ modes.T
+    matrix = modes @ kernel.reshape(*stack, n, q, n * q)
+    matrix = matrix.reshape(*stack, n * order, n, q) @ modes.T
     matrix = matrix.reshape(*stack, n, order, n, order)
     singular = xp.mean(factor**2, axis=-1)[..., None, None] * as_in(legendre_log(order), theta)
     matrix[..., each, :, each, :] -= xp.moveaxis(singular, -3, 0) / (4.0 * np.pi)
     return matrix.reshape(*stack, n * order, n * order)
+
+
+def tested(modes: np.ndarray, potential: np.ndarray, n: int) -> np.ndarray:
+    """(..., n order, k): potentials at the nodes (..., n q, k) tested with modes (order, q)."""
+    (*stack, _, k), (order, q) = potential.shape, modes.shape
+    return (modes @ potential.reshape(*stack, n, q, k)).reshape(*stack, n * order, k)
 
 
 def _own_kernel(

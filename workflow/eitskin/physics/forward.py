@@ -20,6 +20,7 @@ from scipy.linalg import block_diag, cho_factor, cho_solve, solve_triangular
 
 from eitskin import cores
 from eitskin.errors import InputError
+from eitskin.physics.arrays import as_in, library
 from eitskin.physics.conformal import DiscMap
 from eitskin.physics.contact_current import EvenCurrent
 from eitskin.physics.electrodes import ElectrodeMotion, Electrodes
@@ -101,28 +102,31 @@ def measurable(values: np.ndarray) -> np.ndarray:
 class TouchModes:
     """What one place does to the transfer impedance, for every contrast.
 
-    gains (n, K) ohm^(1/2), poles (K,): R(c) = R0 - sum_k gains_k gains_k^T c / (1 + c poles_k).
+    gains (n, K) ohm^(1/2), poles (K,): R(c) = R0 - sum_k gains_k gains_k^T c / (1 + c poles_k). Of
+    several places gains (..., n, K) and poles (..., K).
     """
 
     gains: np.ndarray
     poles: np.ndarray
 
     def weights(self, contrast: ArrayLike) -> np.ndarray:
-        """(F, K): c / (1 + c d_k) for contrasts (F,). Raises InputError for -1 and less."""
-        contrast = np.asarray(contrast, float)[:, None]
-        if not (contrast > -1.0).all():
-            raise InputError("touch", "contrast", contrast.min(), "more than -1")
-        return contrast / (1.0 + contrast * self.poles)
+        """(..., F, K): c / (1 + c d_k) for contrasts (F,). Raises InputError for -1 and less."""
+        each = np.asarray(contrast, float)[:, None]
+        if not (each > -1.0).all():
+            raise InputError("touch", "contrast", each.min(), "more than -1")
+        each = as_in(each, self.poles)
+        return each / (1.0 + each * self.poles[..., None, :])
 
     def impedance_change(self, contrast: ArrayLike) -> np.ndarray:
         """(F, n, n) ohm: R(c) - R0."""
         return -(self.gains * self.weights(contrast)[:, None, :]) @ self.gains.T
 
     def channel_change(self, channels: np.ndarray, contrast: ArrayLike) -> np.ndarray:
-        """(F, M) V per A: change of every channel."""
-        source, sink, plus, minus = channels.T
-        drive = self.gains[source] - self.gains[sink]
-        return -self.weights(contrast) @ (drive * (self.gains[plus] - self.gains[minus])).T
+        """(..., F, M) V per A: change of every channel."""
+        source, sink, plus, minus = as_in(channels, self.gains).T
+        drive = self.gains[..., source, :] - self.gains[..., sink, :]
+        measured = self.gains[..., plus, :] - self.gains[..., minus, :]
+        return -self.weights(contrast) @ (drive * measured).mT
 
 
 @dataclass(frozen=True)
@@ -172,7 +176,7 @@ class Forward:
             self._kept = near._kept
             self.electrodes = near.electrodes.with_contacts(geometry)
         else:
-            self.disc = _disc_map(geometry)
+            self.disc = disc_map(geometry)
             self._kept = KeptTouches()
             self.bulk = GradientBulk(geometry, self.disc) if geometry.gradient_across else None
             self.electrodes = Electrodes(geometry, self.disc, modes, self.bulk)
@@ -290,7 +294,7 @@ class Forward:
                 for name in ("mass", "response", "coupling")
             )
             gains, response = self._relaxed(coupling, response)
-            turn, poles = _separated(mass, response)
+            turn, poles = separated(mass, response)
             gains = np.sqrt(self.sheet_resistance) * gains @ turn
             found.update(zip(indices, map(TouchModes, gains, poles), strict=True))
         return [found[i] for i in range(len(places))]
@@ -310,7 +314,7 @@ class Forward:
             np.column_stack([touch.coupling, current.to_electrodes]),
             np.block([[touch.response, to_touch[:, None]], [to_touch, power]]),
         )
-        turn, poles = _separated(touch.mass, response[:-1, :-1])
+        turn, poles = separated(touch.mass, response[:-1, :-1])
         modes = np.vstack([gains[:, :-1], response[-1, :-1]]) @ turn
         inner = np.append(np.zeros(len(gains)), np.sqrt(current.inner_power))
         own = np.zeros((len(gains) + 1, len(gains) + 1))
@@ -533,18 +537,20 @@ class _Slopes:
         return total
 
 
-def _separated(mass: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def separated(mass: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Turn (..., 2 degree, 2 degree) to multipoles of unit mass that respond to themselves alone,
     and how much: poles (..., 2 degree). What has no mass takes no part in them."""
-    weight, vectors = np.linalg.eigh(mass)
+    xp = library(mass)
+    weight, vectors = xp.linalg.eigh(mass)
     kept = weight > NO_MASS * weight[..., -1:]
-    scale = np.where(kept, 1.0 / np.sqrt(np.where(kept, weight, 1.0)), 0.0)
+    scale = xp.where(kept, 1.0 / xp.sqrt(xp.where(kept, weight, 1.0)), 0.0)
     basis = vectors * scale[..., None, :]
-    poles, turn = np.linalg.eigh(np.swapaxes(basis, -1, -2) @ response @ basis)
+    poles, turn = xp.linalg.eigh(basis.mT @ response @ basis)
     return basis @ turn, poles
 
 
-def _disc_map(geometry: Geometry) -> DiscMap:
+def disc_map(geometry: Geometry) -> DiscMap:
+    """The map of a skin onto the unit disc. Raises InputError where its rim is too rough."""
     try:
         return DiscMap(geometry.unfold(geometry.rim(RIM_PHI)))
     except ValueError as error:

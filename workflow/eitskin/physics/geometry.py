@@ -1,6 +1,7 @@
 """The shape of a skin: its rim, where its electrodes lie, how its conductivity is directed."""
 
-from collections.abc import Collection
+import copy
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 
 from eitskin.errors import InputError
 from eitskin.physics import outline
+from eitskin.physics.arrays import as_in
 from eitskin.physics.skin import Skin
 
 MATERIAL = ("thickness_mm", "conductivity_S_per_m", "contact_impedivity_ohm_m2")
@@ -169,6 +171,26 @@ class Geometry:
         binomial = [[1], [1, 1], [1, 2, 1]][order]
         z = sum(binomial[n] * radius[n] * 1j ** (order - n) for n in range(order + 1))
         return self.stretch(self.radius_mm * z * np.exp(1j * phi))
+
+
+class Unfoldings:
+    """The unfolding of several skins, each of its own places: a z + b conj(z), as it is linear in
+    (x, y). Of arrays like `array`: its library and device."""
+
+    def __init__(self, geometries: Sequence[Geometry], array: Any):
+        one, up = (np.array([g.unfold(np.array(z)) for g in geometries]) for z in (1.0, 1j))
+        self.a, self.b = (as_in(0.5 * (one + sign * 1j * up), array) for sign in (-1.0, 1.0))
+
+    def only(self, which: Any) -> "Unfoldings":
+        """Those of the skins at indices (P,), which may repeat."""
+        some = copy.copy(self)
+        some.a, some.b = self.a[which], self.b[which]
+        return some
+
+    def unfold(self, z: Any) -> Any:
+        """Unfolded places of the skins' own (S, ...)."""
+        a, b = (v.reshape(-1, *[1] * (z.ndim - 1)) for v in (self.a, self.b))
+        return a * z + b * z.conj()
 
 
 def _axis_stretch(z: np.ndarray, x: float, y: float) -> np.ndarray:

@@ -84,20 +84,20 @@ class RimMoments:
         count = min(harmonics.degree + MORE, zeta.shape[-1] - harmonics.degree - 2)
         step = (zeta - centre[..., None]).conj() / radius[..., None]
         line = dzeta.conj() / (np.pi * radius[..., None])
-        return cls(centre, radius, _powers(line, step, count).mT @ values)
+        return cls(centre, radius, _powers(line, step, count) @ values)
 
     def at(self, rim: np.ndarray) -> np.ndarray:
         """(..., points, columns): the field at rim points (points,), or (..., points)."""
         step = self.radius[..., None] / (rim - self.centre[..., None])
-        return _powers(-1j * step, step, self.moments.shape[-2] // 2) @ self.moments
+        return _powers(-1j * step, step, self.moments.shape[-2] // 2).mT @ self.moments
 
 
 def _powers(first: np.ndarray, step: np.ndarray, count: int) -> np.ndarray:
-    """(..., points, 2 count): first step^j for j = 0 and up, real parts, then imaginary ones."""
-    xp = library(step)
-    powers = xp.empty((*step.shape, 2 * count), dtype=step.real.dtype, device=step.device)
+    """(..., 2 count, points): first step^j for j = 0 and up, real parts, then imaginary ones."""
+    xp, (*stack, points) = library(step), step.shape
+    powers = xp.empty((*stack, 2 * count, points), dtype=step.real.dtype, device=step.device)
     for j in range(count):
-        powers[..., j], powers[..., count + j] = first.real, first.imag
+        powers[..., j, :], powers[..., count + j, :] = first.real, first.imag
         first = first * step
     return powers
 

@@ -2,8 +2,9 @@
 
 N(x, y) = -(1 / 2 pi) (ln|x - y| + ln|1 - x conj(y)|): the potential at x of a unit current that
 enters at y, for sources that sum to zero (constants and the return current's quadratic drop out
-then). Points are complex numbers, of NumPy or of another library. On the rim both logarithms agree. A line element dy with outward
-normal n obeys d/dn Re g(y) ds = Im(g'(y) dy), counter-clockwise round the region.
+then). Points are complex numbers, of NumPy or of PyTorch. On the rim both logarithms agree. A line
+element dy with outward normal n obeys d/dn Re g(y) ds = Im(g'(y) dy), counter-clockwise round the
+region.
 """
 
 import numpy as np
@@ -62,7 +63,9 @@ def own_flux_kernel(
     with np.errstate(divide="ignore", invalid="ignore"):  # on the diagonal, which has a limit
         for start in range(0, count, rows):
             some = slice(start, start + rows)
-            kernel[..., some, :] = flux_kernel(y[..., some, None], y[..., None, :], dy[..., None, :])
+            kernel[..., some, :] = flux_kernel(
+                y[..., some, None], y[..., None, :], dy[..., None, :]
+            )
     own = flux_kernel_diagonal(y, dy, (bend / slope).imag * weight)
     each = xp.arange(count, device=y.device)
     kernel[..., each, each] = own + jump

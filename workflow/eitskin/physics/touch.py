@@ -97,10 +97,11 @@ class Circle:
     """A circle of the skin, centre (complex) and radius in mm, mapped onto the unit disc.
 
     Of several at once, centre and radius (P, 1), `place` and `mapped` give (P, points). Angles are
-    arrays of the same library as these.
+    arrays of the same library as these. Of several skins, geometry and disc are Unfoldings and
+    DiscMaps.
     """
 
-    def __init__(self, centre: Any, radius: Any, geometry: Geometry, disc: DiscMap):
+    def __init__(self, centre: Any, radius: Any, geometry: Any, disc: Any):
         self.centre, self.radius = centre, radius
         self.geometry, self.disc = geometry, disc
 

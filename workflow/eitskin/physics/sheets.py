@@ -1,0 +1,211 @@
+"""Several sheets at once, each with a rim and electrodes of its own, on NumPy or on a device of
+PyTorch: for sets of touches over many new skins.
+
+The formulas are Forward's; what is smooth runs over all skins and touches together. Touches whose
+edges are graded towards the rim are found one by one, by Forward.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from eitskin.errors import InputError
+from eitskin.physics.arrays import NUMPY, as_in, library
+from eitskin.physics.conformal import DiscMaps
+from eitskin.physics.depth import span
+from eitskin.physics.electrodes import Electrodes, contact_drop, interaction, tested
+from eitskin.physics.even_touches import EvenTouches, alike
+from eitskin.physics.forward import (
+    ACCURACIES,
+    Accuracy,
+    Forward,
+    TouchModes,
+    channel_values,
+    disc_map,
+    separated,
+)
+from eitskin.physics.geometry import Geometry, Unfoldings
+from eitskin.physics.harmonics import symmetric
+from eitskin.physics.touch import Circle
+
+CORE_BYTES, DEVICE_BYTES = 1 << 22, 1 << 30  # of an array of touches that are found together
+INSIDE_MM = 1.0  # radius of a touch in the middle that stands for one that is found on its own
+
+
+class Sheets:
+    """Sheets of as many electrodes each, ready to be touched.
+
+    device: None for NumPy; else a device of PyTorch, as "cpu" or "cuda", on which results lie, too.
+    Raises InputError for a body, a patch, a gradient of the conductivity, point electrodes, and
+    numbers of electrodes that differ.
+    """
+
+    def __init__(
+        self,
+        geometries: Sequence[Geometry],
+        accuracy: str | Accuracy = "train",
+        device: str | None = None,
+    ):
+        _check(geometries)
+        self.geometries = geometries
+        self.accuracy = ACCURACIES[accuracy] if isinstance(accuracy, str) else accuracy
+        self._array: Any = NUMPY if device is None else _on(device)
+        discs = [disc_map(geometry) for geometry in geometries]
+        order = max(self.accuracy.modes(geometry) for geometry in geometries)
+        each = list(map(Electrodes, geometries, discs, [order] * len(discs)))
+        self.maps, self.unfoldings = (
+            DiscMaps(discs, self._array),
+            Unfoldings(geometries, self._array),
+        )
+        self.n, self.order = each[0].n, order
+        self.modes = self._stacked([each[0].modes])[0]
+        theta, stretch, factor, arc = (
+            self._stacked([getattr(one, name) for one in each])
+            for name in ("theta", "stretch", "factor", "arc_m")
+        )
+        self.rim = library(theta).exp(1j * theta.reshape(len(each), -1))
+        sheet = [1e3 / (g.conductivity_S_per_m * g.thickness_mm) for g in geometries]
+        self.sheet_resistance = self._stacked(sheet)
+        length = [1e-3 * g.contact_length_mm for g in geometries]
+        t, weight = self._stacked([each[0].t])[0], self._stacked([each[0].weight])[0]
+        matrix = interaction(t, self.modes, theta, stretch, factor)
+        drop = contact_drop(self.modes, weight, self._stacked(length), arc)
+        self._relax(matrix, drop)
+
+    def _stacked(self, values: Any) -> Any:
+        return as_in(np.array(values, float), self._array)
+
+    def _relax(self, matrix: Any, drop: Any) -> None:
+        """The electrodes' own modes at the least power, as Forward's: the Schur complement."""
+        xp, skins = library(matrix), len(self.geometries)
+        mode = np.arange(self.n * self.order)
+        own = xp.arange(self.n, device=matrix.device)
+        split = matrix.reshape(skins, self.n, self.order, self.n, self.order)
+        split[:, own, :, own, :] += xp.moveaxis(drop, 1, 0)
+        self._whole, self._inner = (
+            as_in(mode[which], matrix) for which in (mode % self.order == 0, mode % self.order > 0)
+        )
+        rows = matrix[:, self._inner]
+        self._white = xp.linalg.inv(xp.linalg.cholesky(symmetric(rows[:, :, self._inner])))
+        coupled = self._white @ rows[:, :, self._whole]
+        self._currents = -(coupled.mT @ self._white)
+        relative = matrix[:, self._whole][:, :, self._whole]
+        self._relative = symmetric(relative - coupled.mT @ coupled)
+
+    def voltages(self, channels: np.ndarray) -> Any:
+        """(S, M) V per A, untouched."""
+        impedance = self.sheet_resistance[:, None, None] * self._relative
+        return channel_values(impedance, as_in(channels, impedance))
+
+    def channel_change(self, places: ArrayLike, channels: np.ndarray, contrast: ArrayLike) -> Any:
+        """(S, P, F, M) V per A: change of every channel.
+
+        places (P, 3) or each skin's own (S, P, 3): x_mm, y_mm, radius_mm; contrast (F,). Raises
+        InputError as Forward.places.
+        """
+        skins = len(self.geometries)
+        places = np.broadcast_to(places, (skins, *np.shape(places)[-2:]))
+        if not (places[..., 2] > 0).all():
+            raise InputError("touch", "radius_mm", places[..., 2].min(), "more than 0")
+        x, y, radius = (self._stacked(places[..., k, None]) for k in range(3))
+        circles = _Circles(x + 1j * y, radius, self.unfoldings, self.maps)
+        gaps = np.array(circles.rim_gaps().tolist())
+        even, resolutions = self._resolved(gaps)
+        xp = library(x)
+        middle = as_in(~even[..., None], x)
+        circles.centre = xp.where(middle, 0.0, circles.centre)
+        circles.radius = xp.where(middle, INSIDE_MM, circles.radius)
+        shape = (skins, places.shape[1], len(np.atleast_1d(contrast)), len(channels))
+        found = xp.empty(shape, dtype=x.dtype, device=x.device)
+        for (degree, count), here in self._groups(resolutions):
+            modes = self._touched(circles.at(as_in(here, x)), degree, count)
+            found[:, here] = modes.channel_change(channels, contrast)
+        for skin in np.flatnonzero(~even.all(axis=1)).tolist():
+            alone = np.flatnonzero(~even[skin])
+            forward = Forward(self.geometries[skin], self.accuracy)
+            own = forward.places([tuple(place) for place in places[skin, alone].tolist()])
+            for i, modes in zip(alone, own, strict=True):
+                found[skin, i] = as_in(modes.channel_change(channels, contrast), x)
+        return found
+
+    def _resolved(self, gaps: np.ndarray) -> tuple[np.ndarray, dict[int, tuple[int, int]]]:
+        """Which touches (S, P) are even, and the multipoles and nodes that serve each place on all
+        skins."""
+        even = np.zeros(gaps.shape, bool)
+        finest: dict[int, tuple[int, int]] = {}
+        for (degree, count), own in alike(gaps.ravel(), self.accuracy.touch).items():
+            even.ravel()[own] = True
+            for place in np.unique(own % gaps.shape[1]).tolist():
+                before = finest.get(place, (0, 0))
+                finest[place] = max(degree, before[0]), max(count, before[1])
+        return even, finest
+
+    def _groups(
+        self, resolutions: dict[int, tuple[int, int]]
+    ) -> Iterator[tuple[tuple[int, int], np.ndarray]]:
+        """Places of one resolution, as many as are found together."""
+        on_core = library(self._array) is np or self._array.device.type == "cpu"
+        most_bytes = CORE_BYTES if on_core else DEVICE_BYTES
+        for resolution in sorted(set(resolutions.values())):
+            degree, count = resolution
+            nodes = max(count**2, self.rim.shape[-1] * 2 * degree)
+            most = max(most_bytes // (16 * nodes * len(self.geometries)), 1)
+            own = np.array([place for place, one in resolutions.items() if one == resolution])
+            for start in range(0, len(own), most):
+                yield resolution, own[start : start + most]
+
+    def _touched(self, circles: Circle, degree: int, count: int) -> TouchModes:
+        """Of touches (S, P) with even nodes."""
+        touches = EvenTouches(circles, degree, count)
+        coupling = tested(self.modes, touches.rim_response(self.rim[:, None, :]), self.n)
+        skins, places, _, columns = coupling.shape
+        inner = library(coupling).moveaxis(coupling[:, :, self._inner], 2, 1)
+        inner = inner.reshape(skins, -1, places * columns)
+
+        def per_place(values: Any) -> Any:
+            split = values.reshape(skins, -1, places, columns)
+            return library(values).moveaxis(split, 2, 1)
+
+        gains = coupling[:, :, self._whole] + per_place(self._currents @ inner)
+        white = per_place(self._white @ inner)
+        turn, poles = separated(touches.mass, touches.self_response - white.mT @ white)
+        return TouchModes(self.sheet_resistance[:, None, None, None] ** 0.5 * gains @ turn, poles)
+
+
+class _Circles(Circle):
+    """Circles (S, P, 1) on several skins."""
+
+    def at(self, places: Any) -> Circle:
+        """Those at places (K,) on every skin."""
+        return Circle(self.centre[:, places], self.radius[:, places], self.geometry, self.disc)
+
+    def only(self, which: Any) -> Circle:
+        """Those at a mask (S, P), as circles (K, 1) each on its skin."""
+        skin = which.nonzero()[0] if library(which) is np else which.nonzero(as_tuple=True)[0]
+        return Circle(
+            self.centre[which], self.radius[which], self.geometry.only(skin), self.disc.only(skin)
+        )
+
+
+def _on(device: str) -> Any:
+    import torch  # here, as NumPy alone needs none
+
+    return torch.zeros(0, dtype=torch.float64, device=device)
+
+
+def _check(geometries: Sequence[Geometry]) -> None:
+    for geometry in geometries:
+        for key, found in (
+            ("gradient_across", geometry.gradient_across),
+            ("patch", geometry.patch),
+            ("deep", span(geometry)),
+        ):
+            if found:
+                raise InputError("skin", key, found, "none, for several sheets at once")
+        if geometry.points:
+            raise InputError("skin", "electrode_width_mm", 0, "more than 0, for several at once")
+    counts = sorted({len(geometry.electrode_deg) for geometry in geometries})
+    if len(counts) != 1:
+        raise InputError("skin", "electrodes", counts or "no skin", "as many on each")
