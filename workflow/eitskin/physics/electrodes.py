@@ -7,6 +7,7 @@ current. The Galerkin equations of the complete electrode model, U_l - u = (z_l 
 """
 
 import copy
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -114,24 +115,27 @@ class Electrodes:
 
     def angle_motion(self, electrode: int) -> "ElectrodeMotion":
         """Velocity with electrode_deg of one electrode."""
-        speed = np.zeros_like(self.phi)
-        speed[electrode] = np.radians(1.0)
-        return self._along(speed, np.zeros(self.n))
+        return self._along(electrode, np.full((1, len(self.t)), np.radians(1.0)), 0.0)
 
     def width_motion(self, electrode: int) -> "ElectrodeMotion":
         """Velocity with electrode_width_mm of one electrode."""
-        growth = np.zeros(self.n)
-        growth[electrode] = 0.5 / self.geometry.radius_mm
-        return self._along(growth[:, None] * self.t, growth)
+        growth = 0.5 / self.geometry.radius_mm
+        return self._along(electrode, growth * self.t[None], growth)
 
-    def _along(self, phi_dot: np.ndarray, half_width_dot: np.ndarray) -> "ElectrodeMotion":
-        g, half = self.geometry, self.half_width[:, None]
-        first, second = g.rim(self.phi, 1), g.rim(self.phi, 2)
-        arc_bend = 1e-6 * (np.conj(first) * second).real / self.arc_slope
+    def _along(
+        self, electrode: int, phi_dot: np.ndarray, half_width_dot: float
+    ) -> "ElectrodeMotion":
+        """Of one electrode along the rim, phi_dot (1, q)."""
+        g, one = self.geometry, slice(electrode, electrode + 1)
+        phi, half = self.phi[one], self.half_width[one, None]
+        first, second = g.rim(phi, 1), g.rim(phi, 2)
+        arc_bend = 1e-6 * (np.conj(first) * second).real / self.arc_slope[one]
+        slope = self.theta_slope[one]
         return ElectrodeMotion(
-            theta=self.theta_slope * phi_dot,
-            slope=self.theta_bend * phi_dot * half + self.theta_slope * half_width_dot[:, None],
-            arc=arc_bend * phi_dot * half + self.arc_slope * half_width_dot[:, None],
+            one,
+            theta=slope * phi_dot,
+            slope=self.theta_bend[one] * phi_dot * half + slope * half_width_dot,
+            arc=arc_bend * phi_dot * half + self.arc_slope[one] * half_width_dot,
         )
 
     def skin_motion(self, motion: RimMotion, map_velocity: MapVelocity) -> "ElectrodeMotion":
@@ -147,7 +151,7 @@ class Electrodes:
         slope = slope - moved * f[1] * first / f[0]
         physical, physical_dot = g.rim(self.phi, 1), motion.rim(self.phi, 1)
         arc = 1e-6 * (np.conj(physical) * physical_dot).real / self.arc_slope
-        return ElectrodeMotion(moved.imag, slope.imag * half, arc * half)
+        return ElectrodeMotion(slice(0, self.n), moved.imag, slope.imag * half, arc * half)
 
     def field(self, density: np.ndarray) -> np.ndarray:
         """(n q, drives): d potential / d theta at the nodes, of other nodes' weighted currents."""
@@ -161,26 +165,36 @@ class Electrodes:
     ) -> np.ndarray:
         """(drives, drives): change of the electrodes' power with a motion, contact drop
         included."""
+        density, field, some = density[motion.nodes], field[motion.nodes], motion.electrodes
         moved = (motion.theta.ravel()[:, None] * density).T @ field
         if self.geometry.points:
             return moved + moved.T
-        stretch = motion.slope / self.stretch
+        stretch = motion.slope / self.stretch[some]
         length = self.geometry.contact_impedivity_ohm_m2 * self.geometry.conductivity_S_per_m
-        drop = -length[:, None] * motion.arc / self.arc_m**2 / self.weight
+        drop = -length[some, None] * motion.arc / self.arc_m[some] ** 2 / self.weight
         per_node = drop.ravel() - stretch.ravel() / np.pi
         return moved + moved.T + (density * per_node[:, None]).T @ density
 
 
+@dataclass(frozen=True)
 class ElectrodeMotion:
-    """Velocities (n, q) of theta, of d theta / dt and of the arc length ds / dt (m) at the
-    nodes."""
+    """Velocities (m, q) of theta, of d theta / dt and of the arc length ds / dt (m) at the nodes of
+    the electrodes that move."""
 
-    def __init__(self, theta: np.ndarray, slope: np.ndarray, arc: np.ndarray):
-        self.theta, self.slope, self.arc = theta, slope, arc
+    electrodes: slice
+    theta: np.ndarray
+    slope: np.ndarray
+    arc: np.ndarray
+
+    @property
+    def nodes(self) -> slice:
+        """The nodes that move, as Electrodes.rim orders them."""
+        count = self.theta.shape[1]
+        return slice(self.electrodes.start * count, self.electrodes.stop * count)
 
     @property
     def rim_velocity(self) -> np.ndarray:
-        """Angular velocities in one row, as Electrodes.rim orders its nodes."""
+        """Their angular velocities in one row."""
         return self.theta.ravel()
 
 

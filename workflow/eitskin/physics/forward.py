@@ -465,6 +465,7 @@ class _Slopes:
         self.density = self.electrodes.density(currents)
         self.field = self.electrodes.field(self.density)
         self.amplitude = currents.reshape(self.electrodes.n, self.electrodes.order, -1)
+        self.contact_blocks = self.electrodes.contact_blocks()
 
     def of(self, name: str) -> np.ndarray:
         kind, _, index = name.rstrip("]").partition("[")
@@ -492,7 +493,7 @@ class _Slopes:
     def _contact_drop(self, electrode: int) -> np.ndarray:
         if self.geometry.points:
             return np.zeros_like(self.relative)
-        block = self.electrodes.contact_blocks()[electrode]
+        block = self.contact_blocks[electrode]
         amplitude = self.amplitude[electrode]
         return amplitude.T @ block @ amplitude
 
@@ -507,18 +508,19 @@ class _Slopes:
     def _moved(
         self, electrode_motion: ElectrodeMotion | None, edge_motions: dict[int, EdgeMotion]
     ) -> np.ndarray:
-        rim = self.electrodes.rim
+        rim, density = self.electrodes.rim, self.density
         total = np.zeros_like(self.relative)
         rim_dot = np.zeros(len(rim), complex)
         if electrode_motion is not None:
-            total += self.electrodes.power_slope(self.density, self.field, electrode_motion)
+            total += self.electrodes.power_slope(density, self.field, electrode_motion)
+            rim, density = rim[electrode_motion.nodes], density[electrode_motion.nodes]
             rim_dot = 1j * rim * electrode_motion.rim_velocity
         for i, (edge, amplitude) in enumerate(zip(self.edges, self.multipoles, strict=True)):
             motion = edge_motions.get(i)
             change = np.zeros_like(total)
             if motion is not None or electrode_motion is not None:
                 response = edge.rim_response_slope(rim, rim_dot, amplitude, motion)
-                change += self.density.T @ response
+                change += density.T @ response
             if motion is not None:
                 contrast = edge.touch.contrast
                 change += 0.5 * edge.response_slope(amplitude, contrast, motion)
