@@ -10,7 +10,7 @@ and every derivative from R's stationarity, dR = X^T dS X.
 import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from itertools import chain, starmap
 from typing import Any
 
@@ -465,7 +465,11 @@ class _Slopes:
         self.density = self.electrodes.density(currents)
         self.field = self.electrodes.field(self.density)
         self.amplitude = currents.reshape(self.electrodes.n, self.electrodes.order, -1)
-        self.contact_blocks = self.electrodes.contact_blocks()
+
+    @cached_property
+    def contact_blocks(self) -> np.ndarray:
+        """(n, order, order): of the electrodes."""
+        return self.electrodes.contact_blocks()
 
     def of(self, name: str) -> np.ndarray:
         kind, _, index = name.rstrip("]").partition("[")
