@@ -273,3 +273,16 @@ def test_other_rims_against_finite_elements(values):
     found = Forward(geometry).voltages(CHANNELS)
     assert relative(Forward(skin(5.0, 2e-3)).voltages(CHANNELS), expected) > 0.05
     assert relative(found, expected) < 1e-3
+
+
+@given(beyond=st.floats(-0.95, 0.95), angle=st.floats(0.0, 6.3), radius=st.floats(1.0, 12.0))
+def test_a_clipped_touch_ends_where_its_circle_crosses_the_rim(beyond, angle, radius):
+    """Lengths of both arcs, as two circles have them."""
+    skin = Forward(Geometry(80.0, 3.0, 0.5, np.arange(16) * 22.5, 5.0, 1e-3), "train")
+    away = 80.0 + beyond * radius
+    edge = skin.edge(Touch(away * np.cos(angle), away * np.sin(angle), radius))
+    assert edge.clipped
+    inside = np.arccos((away**2 + radius**2 - 80.0**2) / (2.0 * away * radius))
+    on_rim = np.arccos((away**2 + 80.0**2 - radius**2) / (2.0 * away * 80.0))
+    assert edge.weight.sum() == pytest.approx(2.0 * inside, rel=1e-9)
+    assert edge.rim_weight.sum() == pytest.approx(2.0 * on_rim, rel=1e-9)
