@@ -11,10 +11,10 @@ ROOT = Path(__file__).parents[3]
 
 
 def ran(page: str) -> dict:
-    """The names that the only example of a page leaves behind."""
+    """The names that the examples of a page leave behind, run one after the other."""
     path, names = ROOT / "docs" / page, {}
-    (code,) = re.findall(r"```python\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL)
-    exec(compile(code, str(path), "exec"), names)
+    for code in re.findall(r"```python\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL):
+        exec(compile(code, str(path), "exec"), names)
     return names
 
 
@@ -24,6 +24,7 @@ def test_a_skin_is_simulated():
     assert names["untouched"].shape == names["by_angle"].shape == (208,)
     assert names["change"].shape == (50, 208)
     assert np.abs(names["change"][0]).max() == 0 < np.abs(names["change"][1]).min()
+    assert names["changes"].shape == (16, 2, 5, 208)
 
 
 def test_a_query_is_written_that_a_diagnosis_reads(tmp_path, monkeypatch):
