@@ -118,11 +118,12 @@ class Jacobian:
             found[np.ix_(self.at, block.coordinates)] = shared
             found[np.ix_(block.coordinates, self.at)] = shared.T
             for other in self.blocks[: i + 1]:
-                both = (block.column * other.column).sum(axis=0)
-                same = block.channels[:, None] == other.channels
-                part = same * both[other.channels]
-                found[np.ix_(block.coordinates, other.coordinates)] = part
-                found[np.ix_(other.coordinates, block.coordinates)] = part.T
+                shared, here, there = np.intersect1d(
+                    block.channels, other.channels, assume_unique=True, return_indices=True
+                )
+                both = (block.column * other.column).sum(axis=0)[shared]
+                mine, others = block.coordinates[here], other.coordinates[there]
+                found[mine, others] = found[others, mine] = both
         return found
 
     def learn(self, step: np.ndarray, missed: np.ndarray) -> None:
