@@ -6,7 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import polynomial
 
+from eitskin.errors import InputError
 from eitskin.physics.conformal import MOST_ORDER, DiscMap, DiscMaps, Series
+from eitskin.physics.forward import RIM_PHI, disc_map
+from eitskin.physics.geometry import Geometry
 
 ROUND = np.exp(2j * np.pi * np.arange(256) / 256)
 
@@ -21,6 +24,23 @@ def test_a_disc_about_another_centre_is_mapped_by_moebius(centre):
     slope = (1.0 - abs(w0) ** 2) / (1.0 - np.conj(w0) * w) ** 2
     np.testing.assert_allclose(found(z), moebius, atol=1e-10)
     np.testing.assert_allclose(found.derivatives(z, 1)[1], slope, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    "values", [{"stretch_x": 2.0}, {"anisotropy_ratio": 4.0}, {"shape_cos": {1: 0.3}}]
+)
+def test_far_from_a_disc_the_rim_goes_to_the_circle(values):
+    """The largest distance, between the points fitted."""
+    geometry = Geometry(80.0, 3.0, 0.5, np.arange(16) * 22.5, 5.0, 1e-3, **values)
+    between = geometry.unfold(geometry.rim(RIM_PHI + 0.5 * RIM_PHI[1]))
+    assert np.abs(np.abs(disc_map(geometry)(between)) - 1.0).max() < 1e-9
+
+
+@pytest.mark.parametrize("values", [{"stretch_x": np.nan}, {"shape_cos": {2: np.nan}}])
+def test_a_rim_that_is_no_number_is_refused(values):
+    geometry = Geometry(80.0, 3.0, 0.5, np.arange(16) * 22.5, 5.0, 1e-3, **values)
+    with pytest.raises(InputError, match="domain shape"):
+        disc_map(geometry)
 
 
 @given(terms=st.integers(1, 49), scale=st.floats(0.5, 90.0), seed=st.integers(0, 99))

@@ -1,8 +1,10 @@
 """The forward model against closed forms, Fourier series, symmetry and its own convergence."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import reference_disc as reference
@@ -275,14 +277,30 @@ def test_other_rims_against_finite_elements(values):
     assert relative(found, expected) < 1e-3
 
 
-@given(beyond=st.floats(-0.95, 0.95), angle=st.floats(0.0, 6.3), radius=st.floats(1.0, 12.0))
-def test_a_clipped_touch_ends_where_its_circle_crosses_the_rim(beyond, angle, radius):
+@given(
+    beyond=st.floats(-0.95, 0.95),
+    angle=st.floats(0.0, 6.3),
+    radius=st.floats(1.0, 12.0),
+    skin_mm=st.just(80.0),
+)
+# On a point of the grid in which the crossing is looked for, to the bit.
+@example(beyond=-2.0 / 14.0, angle=0.0, radius=14.0, skin_mm=50.0)
+@example(beyond=-1.6 / 11.2, angle=0.0, radius=11.2, skin_mm=40.0)
+def test_a_clipped_touch_ends_where_its_circle_crosses_the_rim(beyond, angle, radius, skin_mm):
     """Lengths of both arcs, as two circles have them."""
-    skin = Forward(Geometry(80.0, 3.0, 0.5, np.arange(16) * 22.5, 5.0, 1e-3), "train")
-    away = 80.0 + beyond * radius
-    edge = skin.edge(Touch(away * np.cos(angle), away * np.sin(angle), radius))
+    forward = Forward(Geometry(skin_mm, 3.0, 0.5, ELECTRODES, 5.0, 1e-3), "train")
+    away = skin_mm + beyond * radius
+    edge = forward.edge(Touch(away * np.cos(angle), away * np.sin(angle), radius))
     assert edge.clipped
-    inside = np.arccos((away**2 + radius**2 - 80.0**2) / (2.0 * away * radius))
-    on_rim = np.arccos((away**2 + 80.0**2 - radius**2) / (2.0 * away * 80.0))
+    inside = np.arccos((away**2 + radius**2 - skin_mm**2) / (2.0 * away * radius))
+    on_rim = np.arccos((away**2 + skin_mm**2 - radius**2) / (2.0 * away * skin_mm))
     assert edge.weight.sum() == pytest.approx(2.0 * inside, rel=1e-9)
     assert edge.rim_weight.sum() == pytest.approx(2.0 * on_rim, rel=1e-9)
+
+
+@pytest.mark.parametrize("accuracy", ["train", "diagnose"])
+@pytest.mark.parametrize("touch", [Touch(200.0, 0.0, 130.0), Touch(300.0, 0.0, 240.0)])
+def test_a_touch_far_off_a_shaped_skin_is_refused(accuracy, touch):
+    forward = Forward(skin(shape_cos={1: 0.1}), accuracy)
+    with pytest.raises(InputError, match="a place on the skin"):
+        forward.transfer_impedance([replace(touch, contrast=1.0)])

@@ -1,13 +1,14 @@
 """Harmonics of touches and what their polarisation makes on the rim, against closed forms."""
 
 import numpy as np
-from hypothesis import given
+import pytest
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from eitskin.physics import neumann
 from eitskin.physics.forward import Forward
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.harmonics import Harmonics, RimMoments
+from eitskin.physics.harmonics import Harmonics, RimField
 from eitskin.physics.touch import Circle, even_nodes
 
 RIM = np.exp(1j * np.linspace(0.1, 6.2, 50))
@@ -22,18 +23,25 @@ def test_on_a_circle_each_multipole_makes_its_own_power(away, angle, radius):
     zeta = centre + radius * np.exp(1j * t)
     harmonics = Harmonics(DEGREE, centre, np.array(radius))
     dzeta = 1j * (zeta - centre) * weight
-    found = RimMoments.of(harmonics, zeta, dzeta, harmonics.values(zeta)).at(RIM)
+    found = RimField(harmonics, zeta, dzeta, harmonics.values(zeta)).at(RIM)
     order = np.arange(1, DEGREE + 1)
     power = (radius / (RIM[:, None] - centre)) ** order / np.sqrt(np.pi * order)
     np.testing.assert_allclose(found, np.hstack([power.real, -power.imag]), atol=1e-13)
 
 
+SKIN = Geometry(80.0, 3.0, 0.5, np.arange(16) * 22.5, 5.0, 1e-3)
+SKINS = [
+    Forward(SKIN.with_values(shape_cos={2: 0.03, 3: 0.01})),
+    Forward(SKIN.with_values(anisotropy_ratio=3.0)),
+]
+
+
+@pytest.mark.parametrize("skin", SKINS, ids=["shaped", "anisotropic"])
 @given(away=st.floats(0.0, 60.0), angle=st.floats(0.0, 6.3))
-def test_on_a_shaped_skin_moments_are_the_double_layer(away, angle):
+@example(away=60.0, angle=0.0)
+@example(away=60.0, angle=0.5 * np.pi)
+def test_the_field_is_the_double_layer(skin, away, angle):
     """As its integral over many more nodes, to the nodes' own error."""
-    skin = Forward(
-        Geometry(80.0, 3.0, 0.5, np.arange(16) * 22.5, 5.0, 1e-3, shape_cos={2: 0.03, 3: 0.01})
-    )
     circle = Circle(away * np.exp(1j * angle), 6.0, skin.geometry, skin.disc)
     found = {}
     for count in (32, 512):
@@ -42,7 +50,7 @@ def test_on_a_shaped_skin_moments_are_the_double_layer(away, angle):
         harmonics = Harmonics.around(circle.mapped(even_nodes(32)[0], 0)[0], DEGREE)
         values = harmonics.values(zeta)
         if count == 32:
-            found[count] = RimMoments.of(harmonics, zeta, tangent * weight, values).at(RIM)
+            found[count] = RimField(harmonics, zeta, tangent * weight, values).at(RIM)
         else:
             found[count] = neumann.rim_flux_kernel(RIM, zeta, tangent * weight) @ values
     size = np.abs(found[512]).max()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import torch
 
 from eitskin.errors import InputError
 from eitskin.physics import sheets
@@ -72,6 +73,21 @@ def test_every_skin_has_places_of_its_own(device):
     assert_close(np.asarray(found), np.array(expected), 2e-4)
 
 
+@pytest.mark.parametrize("device", DEVICES)
+def test_on_very_anisotropic_skins_they_are_as_alone(device):
+    several = [BASE.with_values(anisotropy_ratio=ratio) for ratio in (1.0, 3.0)]
+    places = np.array([(65.0, 0.0, 5.0), (0.0, 65.0, 5.0), (20.0, 20.0, 5.0)])
+    found = np.asarray(Sheets(several, "train", device).channel_change(places, CHANNELS, CONTRASTS))
+    finest = np.array([alone(geometry, places, "diagnose") for geometry in several])
+    assert_close(found, finest, 1e-3)
+
+
+@pytest.mark.parametrize("places", [(0.0, 0.0, 5.0), np.zeros((2, 4, 3)), [(0.0, 5.0)]])
+def test_places_of_another_shape_are_told(places):
+    with pytest.raises(InputError, match="shape of the places"):
+        Sheets(SKINS).channel_change(places, CHANNELS, CONTRASTS)
+
+
 def test_few_at_a_time_are_those_of_all(monkeypatch):
     whole = Sheets(SKINS).channel_change(PLACES, CHANNELS, CONTRASTS)
     monkeypatch.setattr(sheets, "CORE_BYTES", 1)
@@ -80,7 +96,6 @@ def test_few_at_a_time_are_those_of_all(monkeypatch):
 
 
 def test_results_stay_where_they_were_found():
-    torch = pytest.importorskip("torch")
     found = Sheets(SKINS[:1], device="cpu").channel_change(PLACES[:1], CHANNELS, CONTRASTS)
     assert isinstance(found, torch.Tensor) and found.dtype == torch.float64
 

@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import polynomial
+from scipy.linalg import solve_triangular
 
 from eitskin.physics.arrays import NUMPY, as_in, library
 
 DEGREE = 48
 MOST_ORDER = 3  # of a derivative
-AT_ONCE = 1 << 11  # points
+AT_ONCE, LEAST = 1 << 11, 1 << 5  # points, and of each of many maps
 ROUNDING = 3e-15  # what is under it in a coefficient is the rounding of its linear system
 
 
@@ -26,21 +27,24 @@ class DiscMap:
     """f: skin -> unit disc with f(0) = 0, f'(0) > 0, from points on the rim.
 
     `rim` (P,) complex: points on the rim, once round, evenly dense; P > 2 * DEGREE.
-    Lengths are in any one unit. Raises ValueError where the rim is not star-shaped or too rough for
-    a polynomial of DEGREE: `defect`, the largest | |f| - 1 | at the rim points, then exceeds 1e-7.
+    Lengths are in any one unit. Raises ValueError where the rim is no number, not star-shaped or
+    too rough for a polynomial of DEGREE: `defect`, the largest | |f| - 1 | at the rim points, then
+    exceeds 1e-7.
     """
 
     def __init__(self, rim: np.ndarray):
+        if not np.isfinite(rim).all():
+            raise ValueError("a rim that is no number")
         self.scale = np.abs(rim).max()
         self._rim = rim
         self._basis = _real_basis(rim / self.scale)
-        self._gram = self._basis.T @ self._basis
+        self._directions, self._triangle = np.linalg.qr(self._basis)
         whole = self._fitted(-np.log(np.abs(rim)))
         kept = np.flatnonzero(np.abs(whole[1:]) > ROUNDING)
         coefficients = whole[: kept.max(initial=-1) + 2]
         self.series = Series(coefficients, self.scale)
         self.defect = float(np.abs(np.abs(self(rim)) - 1.0).max())
-        if self.defect > 1e-7:
+        if not self.defect <= 1e-7:
             raise ValueError(f"rim too rough for a conformal map: | |f| - 1 | = {self.defect:.1e}")
 
     def __call__(self, z: np.ndarray) -> np.ndarray:
@@ -59,11 +63,11 @@ class DiscMap:
 
     def _fitted(self, rim_values: np.ndarray) -> np.ndarray:
         """Coefficients (DEGREE + 1,) complex whose real part on the rim is nearest to values (P,):
-        normal equations, once refined."""
+        least squares by QR, once refined."""
         found = np.zeros(self._basis.shape[1])
         for _ in range(2):
-            left = rim_values - self._basis @ found
-            found += np.linalg.solve(self._gram, self._basis.T @ left)
+            left = self._directions.T @ (rim_values - self._basis @ found)
+            found += solve_triangular(self._triangle, left, check_finite=False)
         return _to_complex(found)
 
 
@@ -129,7 +133,7 @@ class Series:
     """
 
     def __init__(self, coefficients: np.ndarray, scale: Any, array: Any = NUMPY):
-        self.coefficients = coefficients
+        self.coefficients = as_in(coefficients, array)
         *stack, terms = coefficients.shape
         size = math.ceil(math.sqrt(terms))
         count = math.ceil(terms / size)
@@ -143,6 +147,7 @@ class Series:
     def only(self, which: Any) -> "Series":
         """Of several, those at indices (P,)."""
         some = copy.copy(self)
+        some.coefficients = self.coefficients[which]
         some._blocks, some.scale = self._blocks[:, which], self.scale[which]
         return some
 
@@ -152,7 +157,7 @@ class Series:
         x = z.reshape(*stack, -1) / self.scale
         found = xp.empty((order + 1, *x.shape), dtype=x.dtype, device=x.device)
         points = x.shape[-1]
-        step = max(AT_ONCE // math.prod(stack) if xp is np else points, 1)
+        step = max(AT_ONCE // math.prod(stack), LEAST) if xp is np else max(points, 1)
         for start in range(0, points, step):
             some = slice(start, start + step)
             found[..., some] = self._at(x[..., some], self._blocks[: order + 1])

@@ -100,7 +100,7 @@ class Electrodes:
 
     def contact_blocks(self) -> np.ndarray:
         """(n, order, order): sigma z_l int P_k P_k' / 4 / (ds/dt) dt, ds in m."""
-        length = self.geometry.contact_impedivity_ohm_m2 * self.geometry.conductivity_S_per_m
+        length = 1e-3 * self.geometry.contact_length_mm
         return contact_drop(self.modes, self.weight, length, self.arc_m)
 
     def density(self, amplitude: np.ndarray) -> np.ndarray:
@@ -170,7 +170,7 @@ class Electrodes:
         if self.geometry.points:
             return moved + moved.T
         stretch = motion.slope / self.stretch[some]
-        length = self.geometry.contact_impedivity_ohm_m2 * self.geometry.conductivity_S_per_m
+        length = 1e-3 * self.geometry.contact_length_mm
         drop = -length[some, None] * motion.arc / self.arc_m[some] ** 2 / self.weight
         per_node = drop.ravel() - stretch.ravel() / np.pi
         return moved + moved.T + (density * per_node[:, None]).T @ density

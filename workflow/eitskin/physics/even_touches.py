@@ -8,11 +8,11 @@ from eitskin.physics import neumann
 from eitskin.physics.arrays import as_in
 from eitskin.physics.conformal import DiscMap
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.harmonics import Harmonics, RimMoments, symmetric
+from eitskin.physics.harmonics import MORE, Harmonics, RimField, symmetric
 from eitskin.physics.kept_touches import Place
 from eitskin.physics.touch import MOST_EVEN_NODES, Circle, TouchAccuracy, even_nodes
 
-AT_ONCE_BYTES = 1 << 20  # of an array between nodes and rim: what a core's cache may hold
+AT_ONCE_BYTES = 1 << 18  # of the largest array of touches found together
 
 
 class EvenTouches:
@@ -31,11 +31,11 @@ class EvenTouches:
         across = harmonics.flux(zeta, dzeta).mT
         self.mass = symmetric(across @ values)
         self.self_response = self.mass + symmetric(across @ (kernel @ values))
-        self.moments = RimMoments.of(harmonics, zeta, dzeta, values)
+        self.field = RimField(harmonics, zeta, dzeta, values)
 
     def rim_response(self, rim: np.ndarray) -> np.ndarray:
         """(P, points, 2 degree): as TouchEdge's; rim (points,), or each touch's own (P, points)."""
-        return self.moments.at(rim)
+        return self.field.at(rim)
 
 
 def alike(gaps: np.ndarray, accuracy: TouchAccuracy) -> dict[tuple[int, int], np.ndarray]:
@@ -48,6 +48,13 @@ def alike(gaps: np.ndarray, accuracy: TouchAccuracy) -> dict[tuple[int, int], np
     return {resolution: np.array(own) for resolution, own in found.items()}
 
 
+def together(nbytes: int, degree: int, count: int, rim_points: int) -> int:
+    """How many touches of so many multipoles and nodes are found together, their largest array of
+    at most so many bytes."""
+    each = max(16 * count**2, 16 * rim_points * (degree + MORE))
+    return max(nbytes // each, 1)
+
+
 def even_touches(
     places: Sequence[Place],
     geometry: Geometry,
@@ -55,15 +62,15 @@ def even_touches(
     accuracy: TouchAccuracy,
     rim_points: int,
 ) -> Iterator[tuple[list[Place], EvenTouches]]:
-    """Those of the places whose touches have even nodes, some at once: as many as are to act on so
-    many rim points from a core's cache."""
+    """Those of the places whose touches have even nodes, some at once: as many as a core's cache
+    holds, with so many rim points to act on."""
     places = [place for place in places if place[2] > 0]
     if not places:
         return
     x, y, radius = np.array(places).T[:, :, None]
     circles = Circle(x + 1j * y, radius, geometry, disc)
     for (degree, count), own in alike(circles.rim_gaps(), accuracy).items():
-        most = max(AT_ONCE_BYTES // (16 * count * max(count, rim_points)), 1)
+        most = together(AT_ONCE_BYTES, degree, count, rim_points)
         for start in range(0, len(own), most):
             some = own[start : start + most]
             yield [places[i] for i in some], EvenTouches(circles.only(some), degree, count)

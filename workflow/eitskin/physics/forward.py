@@ -118,8 +118,9 @@ class TouchModes:
         return each / (1.0 + each * self.poles[..., None, :])
 
     def impedance_change(self, contrast: ArrayLike) -> np.ndarray:
-        """(F, n, n) ohm: R(c) - R0."""
-        return -(self.gains * self.weights(contrast)[:, None, :]) @ self.gains.T
+        """(..., F, n, n) ohm: R(c) - R0."""
+        gains = self.gains[..., None, :, :]
+        return -(gains * self.weights(contrast)[..., None, :]) @ gains.mT
 
     def channel_change(self, channels: np.ndarray, contrast: ArrayLike) -> np.ndarray:
         """(..., F, M) V per A: change of every channel."""
@@ -180,7 +181,7 @@ class Forward:
             self._kept = KeptTouches()
             self.bulk = GradientBulk(geometry, self.disc) if geometry.gradient_across else None
             self.electrodes = Electrodes(geometry, self.disc, modes, self.bulk)
-        self.sheet_resistance = 1e3 / (geometry.conductivity_S_per_m * geometry.thickness_mm)
+        self.sheet_resistance = geometry.sheet_resistance_ohm
         self._relax_electrodes(self.electrodes.matrix)
 
     @property

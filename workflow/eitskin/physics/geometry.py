@@ -143,6 +143,11 @@ class Geometry:
         return bool((self.electrode_width_mm == 0).all())
 
     @property
+    def sheet_resistance_ohm(self) -> float:
+        """1 / (sigma h)."""
+        return 1e3 / (self.conductivity_S_per_m * self.thickness_mm)
+
+    @property
     def contact_length_mm(self) -> np.ndarray:
         """(n,): z sigma of every electrode, over which its contact spreads the current."""
         return 1e3 * self.contact_impedivity_ohm_m2 * self.conductivity_S_per_m

@@ -5,9 +5,11 @@ from functools import cached_property
 
 import numpy as np
 
+from eitskin.physics import neumann
 from eitskin.physics.arrays import as_in, library
 
 MORE = 4  # moments than degrees
+MOST_OVAL = 0.2  # foci of an edge whose moments are taken, over its centre's distance to the rim
 
 
 @dataclass(frozen=True)
@@ -61,35 +63,39 @@ class Harmonics:
         return library(slope).concat([slope.imag, -slope.real], axis=-1)
 
 
-@dataclass(frozen=True)
-class RimMoments:
-    """The field on the rim of a charge on a curve inside it, by the curve's moments.
+class RimField:
+    """The field on the rim of harmonics' values (..., nodes, columns) as a charge on even nodes of
+    a closed curve, a touch's edge: int dN(x, y)/dn_y v(y) ds_y.
 
-    int dN(x, y)/dn_y v(y) ds_y = (1 / pi) Im sum_j m_j (x - centre)^-j with m_j = int v(y) (y -
-    centre)^(j - 1) dy: on the rim both logarithms of N agree. moments (..., 2 J, columns): real and
-    imaginary parts of conj(m_j) / pi, lengths over `radius`.
+    It is (1 / pi) Im sum_j m_j (x - centre)^-j with the moments m_j = int v(y) (y - centre)^(j - 1)
+    dy: on the rim both logarithms of N agree. MORE moments are taken than degrees, or as many as
+    the nodes tell. They converge beyond the foci of an oval edge; where these are not well within
+    the distance to the rim, the integral is taken as it stands.
     """
 
-    centre: np.ndarray
-    radius: np.ndarray
-    moments: np.ndarray
-
-    @classmethod
-    def of(
-        cls, harmonics: Harmonics, zeta: np.ndarray, dzeta: np.ndarray, values: np.ndarray
-    ) -> "RimMoments":
-        """Of harmonics' values (..., points, columns) on even nodes of a closed curve: MORE moments
-        than degrees, or as many as the nodes tell."""
-        centre, radius = harmonics.centre, harmonics.radius
+    def __init__(
+        self, harmonics: Harmonics, zeta: np.ndarray, dzeta: np.ndarray, values: np.ndarray
+    ):
+        xp = library(zeta)
+        self.centre, self.radius = harmonics.centre, harmonics.radius
+        self.zeta, self.dzeta, self.values = zeta, dzeta, values
+        step = (zeta - self.centre[..., None]).conj() / self.radius[..., None]
+        foci = xp.sqrt(abs(1.0 - xp.min(abs(step), axis=-1) ** 2)) * self.radius
+        self.oval = foci > MOST_OVAL * (1.0 - abs(self.centre))
         count = min(harmonics.degree + MORE, zeta.shape[-1] - harmonics.degree - 2)
-        step = (zeta - centre[..., None]).conj() / radius[..., None]
-        line = dzeta.conj() / (np.pi * radius[..., None])
-        return cls(centre, radius, _powers(line, step, count) @ values)
+        line = dzeta.conj() / (np.pi * self.radius[..., None])
+        # (..., 2 J, columns): real and imaginary parts of conj(m_j) / pi, lengths over the radius.
+        self.moments = _powers(line, step, count) @ values
 
     def at(self, rim: np.ndarray) -> np.ndarray:
-        """(..., points, columns): the field at rim points (points,), or (..., points)."""
+        """(..., points, columns): at rim points (points,), or (..., points)."""
         step = self.radius[..., None] / (rim - self.centre[..., None])
-        return _powers(-1j * step, step, self.moments.shape[-2] // 2).mT @ self.moments
+        found = _powers(-1j * step, step, self.moments.shape[-2] // 2).mT @ self.moments
+        rim = library(rim).broadcast_to(rim, step.shape)
+        for one in map(tuple, np.argwhere(self.oval.tolist())):
+            kernel = neumann.rim_flux_kernel(rim[one], self.zeta[one], self.dzeta[one])
+            found[one] = kernel @ self.values[one]
+        return found
 
 
 def _powers(first: np.ndarray, step: np.ndarray, count: int) -> np.ndarray:

@@ -74,8 +74,9 @@ def own_flux_kernel(
 
 def rim_flux_kernel(rim: np.ndarray, y: np.ndarray, dy: np.ndarray) -> np.ndarray:
     """(R, N): `flux_kernel` from a curve's nodes y (N,) to rim points (R,)."""
-    kernel = np.empty((len(rim), len(y)))
-    rows = max(CACHED_BYTES // (16 * max(len(y), 1)), 1)
+    xp = library(y)
+    kernel = xp.empty((len(rim), len(y)), dtype=y.real.dtype, device=y.device)
+    rows = max(CACHED_BYTES // (16 * max(len(y), 1)), 1) if xp is np else max(len(rim), 1)
     line = dy / -np.pi
     for start in range(0, len(rim), rows):
         some = slice(start, start + rows)

@@ -54,8 +54,7 @@ class PatchEdge(Circle):
         self.factor, self.accuracy = patch.contrast, accuracy
         self.reflection = 2.0 * (self.factor - 1.0) / (self.factor + 1.0)
         self.digits = -np.log(accuracy.tolerance)
-        with np.errstate(over="ignore", invalid="ignore"):
-            gap = self.rim_gap()
+        gap = self.rim_gap()
         on_skin = np.abs(self.place(ROUND)).max() < np.abs(geometry.rim(ROUND)).max()
         if not (on_skin and gap > LEAST_GAP):
             place = f"({patch.x_mm:g}, {patch.y_mm:g}) mm, radius {patch.radius_mm:g} mm"

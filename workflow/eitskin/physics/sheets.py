@@ -16,7 +16,7 @@ from eitskin.physics.arrays import NUMPY, as_in, library
 from eitskin.physics.conformal import DiscMaps
 from eitskin.physics.depth import span
 from eitskin.physics.electrodes import Electrodes, contact_drop, interaction, tested
-from eitskin.physics.even_touches import EvenTouches, alike
+from eitskin.physics.even_touches import EvenTouches, alike, together
 from eitskin.physics.forward import (
     ACCURACIES,
     Accuracy,
@@ -28,7 +28,7 @@ from eitskin.physics.forward import (
 )
 from eitskin.physics.geometry import Geometry, Unfoldings
 from eitskin.physics.harmonics import symmetric
-from eitskin.physics.touch import Circle
+from eitskin.physics.touch import ROUND, Circle
 
 CORE_BYTES, DEVICE_BYTES = 1 << 22, 1 << 30  # of an array of touches that are found together
 INSIDE_MM = 1.0  # radius of a touch in the middle that stands for one that is found on its own
@@ -52,6 +52,8 @@ class Sheets:
         self.geometries = geometries
         self.accuracy = ACCURACIES[accuracy] if isinstance(accuracy, str) else accuracy
         self._array: Any = NUMPY if device is None else _on(device)
+        nbytes = CORE_BYTES if device in (None, "cpu") else DEVICE_BYTES
+        self._most_bytes = nbytes // len(geometries)
         discs = [disc_map(geometry) for geometry in geometries]
         order = max(self.accuracy.modes(geometry) for geometry in geometries)
         each = list(map(Electrodes, geometries, discs, [order] * len(discs)))
@@ -66,8 +68,7 @@ class Sheets:
             for name in ("theta", "stretch", "factor", "arc_m")
         )
         self.rim = library(theta).exp(1j * theta.reshape(len(each), -1))
-        sheet = [1e3 / (g.conductivity_S_per_m * g.thickness_mm) for g in geometries]
-        self.sheet_resistance = self._stacked(sheet)
+        self.sheet_resistance = self._stacked([g.sheet_resistance_ohm for g in geometries])
         length = [1e-3 * g.contact_length_mm for g in geometries]
         t, weight = self._stacked([each[0].t])[0], self._stacked([each[0].weight])[0]
         matrix = interaction(t, self.modes, theta, stretch, factor)
@@ -103,21 +104,19 @@ class Sheets:
         """(S, P, F, M) V per A: change of every channel.
 
         places (P, 3) or each skin's own (S, P, 3): x_mm, y_mm, radius_mm; contrast (F,). Raises
-        InputError as Forward.places.
+        InputError as Forward.places, and for places of another shape.
         """
-        skins = len(self.geometries)
-        places = np.broadcast_to(places, (skins, *np.shape(places)[-2:]))
-        if not (places[..., 2] > 0).all():
-            raise InputError("touch", "radius_mm", places[..., 2].min(), "more than 0")
+        skins, channels = len(self.geometries), np.array(channels, np.int64)
+        places = self._placed(places)
         x, y, radius = (self._stacked(places[..., k, None]) for k in range(3))
         circles = _Circles(x + 1j * y, radius, self.unfoldings, self.maps)
-        gaps = np.array(circles.rim_gaps().tolist())
+        gaps = self._gaps(circles)
         even, resolutions = self._resolved(gaps)
         xp = library(x)
         middle = as_in(~even[..., None], x)
         circles.centre = xp.where(middle, 0.0, circles.centre)
         circles.radius = xp.where(middle, INSIDE_MM, circles.radius)
-        shape = (skins, places.shape[1], len(np.atleast_1d(contrast)), len(channels))
+        shape = (skins, places.shape[1], np.size(contrast), len(channels))
         found = xp.empty(shape, dtype=x.dtype, device=x.device)
         for (degree, count), here in self._groups(resolutions):
             modes = self._touched(circles.at(as_in(here, x)), degree, count)
@@ -129,6 +128,30 @@ class Sheets:
             for i, modes in zip(alone, own, strict=True):
                 found[skin, i] = as_in(modes.channel_change(channels, contrast), x)
         return found
+
+    def _placed(self, places: ArrayLike) -> np.ndarray:
+        """(S, P, 3). Raises InputError."""
+        given, skins = np.asarray(places, float), len(self.geometries)
+        if (
+            given.ndim not in (2, 3)
+            or given.shape[-1] != 3
+            or given.shape[:-2] not in ((), (skins,))
+        ):
+            expected = f"(P, 3) or ({skins}, P, 3)"
+            raise InputError("touch", "shape of the places", given.shape, expected)
+        if not (given[..., 2] > 0).all():
+            raise InputError("touch", "radius_mm", given[..., 2].min(), "more than 0")
+        return np.broadcast_to(given, (skins, *given.shape[-2:]))
+
+    def _gaps(self, circles: "_Circles") -> np.ndarray:
+        """(S, P): as Circle.rim_gaps, as many places at once as others are found."""
+        count = circles.radius.shape[1]
+        most = max(self._most_bytes // (16 * len(ROUND)), 1)
+        parts = [np.zeros((len(self.geometries), 0))]
+        for start in range(0, count, most):
+            some = slice(start, start + most)
+            parts.append(np.array(circles.at(some).rim_gaps().tolist()))
+        return np.concatenate(parts, axis=1)
 
     def _resolved(self, gaps: np.ndarray) -> tuple[np.ndarray, dict[int, tuple[int, int]]]:
         """Which touches (S, P) are even, and the multipoles and nodes that serve each place on all
@@ -146,12 +169,8 @@ class Sheets:
         self, resolutions: dict[int, tuple[int, int]]
     ) -> Iterator[tuple[tuple[int, int], np.ndarray]]:
         """Places of one resolution, as many as are found together."""
-        on_core = library(self._array) is np or self._array.device.type == "cpu"
-        most_bytes = CORE_BYTES if on_core else DEVICE_BYTES
         for resolution in sorted(set(resolutions.values())):
-            degree, count = resolution
-            nodes = max(count**2, self.rim.shape[-1] * 2 * degree)
-            most = max(most_bytes // (16 * nodes * len(self.geometries)), 1)
+            most = together(self._most_bytes, *resolution, self.rim.shape[-1])
             own = np.array([place for place, one in resolutions.items() if one == resolution])
             for start in range(0, len(own), most):
                 yield resolution, own[start : start + most]
@@ -177,9 +196,9 @@ class Sheets:
 class _Circles(Circle):
     """Circles (S, P, 1) on several skins."""
 
-    def at(self, places: Any) -> Circle:
-        """Those at places (K,) on every skin."""
-        return Circle(self.centre[:, places], self.radius[:, places], self.geometry, self.disc)
+    def at(self, places: Any) -> "_Circles":
+        """Those at places, indices (K,) or a slice, on every skin."""
+        return _Circles(self.centre[:, places], self.radius[:, places], self.geometry, self.disc)
 
     def only(self, which: Any) -> Circle:
         """Those at a mask (S, P), as circles (K, 1) each on its skin."""

@@ -19,7 +19,7 @@ from eitskin.physics.arrays import as_in, library
 from eitskin.physics.conformal import DiscMap, MapVelocity
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
-from eitskin.physics.harmonics import Harmonics, RimMoments, symmetric
+from eitskin.physics.harmonics import Harmonics, RimField, symmetric
 
 NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
 MOST_EVEN_NODES = 128  # against the rim; nearer to it, nodes are graded
@@ -31,6 +31,7 @@ TOUCHING = 1e-5  # squared sine of a crossing so flat that the circles touch
 MOST_STEPS, LAST_STEP = 60, 1e-11  # to a crossing, in radians
 MOST_PANELS = 150  # from one crossing to the next
 ROUND = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)  # where an edge is looked for the rim
+OFF_SKIN: dict[str, Any] = {"over": "ignore", "invalid": "ignore"}  # where the map says nothing
 FEW = 4  # times fewer points tell how far the rim is
 NEAR = 0.1  # radii off the rim, within which they do not
 
@@ -128,10 +129,11 @@ class Circle:
     def rim_gaps(self) -> np.ndarray:
         """(P,): distance to the rim of several, as mapped onto the unit disc and in their radii
         there; below 0 for one that crosses it."""
-        found = _gaps(self.mapped(as_in(ROUND[::FEW], self.radius), 0)[0])
-        near = ~(found >= NEAR)
-        if near.any():
-            found[near] = _gaps(self.only(near).mapped(as_in(ROUND, self.radius), 0)[0])
+        with np.errstate(**OFF_SKIN):
+            found = _gaps(self.mapped(as_in(ROUND[::FEW], self.radius), 0)[0])
+            near = ~(found >= NEAR)
+            if near.any():
+                found[near] = _gaps(self.only(near).mapped(as_in(ROUND, self.radius), 0)[0])
         return found
 
     def rim_gap(self) -> float:
@@ -225,7 +227,7 @@ class TouchEdge(Circle):
         """Choose the nodes; returns the multipoles needed."""
         accuracy = self.accuracy
         gap = self.rim_gap()
-        if not gap >= 0 and not (self._off_rim() > 0).any():
+        if not (gap >= 0 or (np.isfinite(gap) and self._meets())):
             place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm"
             raise InputError("touch", "place", place, "a place on the skin")
         self.held_off = bool(abs(gap) < accuracy.rim_gap)
@@ -270,10 +272,16 @@ class TouchEdge(Circle):
             len(self.t),
         )
 
+    def _meets(self) -> bool:
+        """Whether a part of the edge lies on the skin."""
+        near = np.abs(self.geometry.unfold(self.place(ROUND))) <= self.disc.scale
+        return bool((near & (self._off_rim() > 0)).any())
+
     def _off_rim(self) -> np.ndarray:
         """Distance to the rim, in radians of the edge, at the points of ROUND; below 0 outside."""
-        zeta, tangent = self.mapped(ROUND, 1)
-        return (1.0 - np.abs(zeta)) / np.abs(tangent)
+        with np.errstate(**OFF_SKIN):
+            zeta, tangent = self.mapped(ROUND, 1)
+            return (1.0 - np.abs(zeta)) / np.abs(tangent)
 
     def _clip(self, panels: Panels, beside: Circle | None) -> None:
         off = self._off_rim()
@@ -303,7 +311,7 @@ class TouchEdge(Circle):
         and the next: Newton's rule, halving where it leaves the bracket."""
         low = ROUND[first]
         high, t = low + ROUND[1], low + 0.5 * ROUND[1]
-        sign = np.where(np.abs(self.mapped(low, 0)[0]) < 1.0, 1.0, -1.0)
+        sign = np.where(np.abs(self.mapped(low, 0)[0]) <= 1.0, 1.0, -1.0)
         for _ in range(MOST_STEPS):
             zeta, tangent = self.mapped(t, 1)
             size = np.abs(zeta)
@@ -381,8 +389,7 @@ class TouchEdge(Circle):
         """(points, 2 degree): potential at rim points that the multipoles' polarisation makes."""
         dzeta = self.tangent * self.weight
         if self.even:
-            moments = RimMoments.of(self.harmonics, self.zeta, dzeta, self.values)
-            response = moments.at(rim)
+            response = RimField(self.harmonics, self.zeta, dzeta, self.values).at(rim)
         else:
             response = neumann.rim_flux_kernel(rim, self.zeta, dzeta) @ self.values
         if self.bulk:
