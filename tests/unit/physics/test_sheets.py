@@ -1,4 +1,4 @@
-"""Several sheets at once are each as Forward has it, on NumPy and on PyTorch's processor."""
+"""Several sheets at once are each as Forward has it, on NumPy, on PyTorch and on a GPU, if any."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ SKINS = [
 PLACES = np.array(
     [(0.0, 0.0, 5.0), (30.0, 41.0, 7.5), (-71.0, 0.0, 5.0), (5.0, -60.0, 2.0), (76.0, 5.0, 5.0)]
 )
-DEVICES = [None, "cpu"]
+DEVICES = [None, "cpu", *["cuda"] * torch.cuda.is_available()]
 
 
 def alone(geometry: Geometry, places: np.ndarray, accuracy: str) -> np.ndarray:
@@ -38,8 +38,14 @@ def alone(geometry: Geometry, places: np.ndarray, accuracy: str) -> np.ndarray:
     return np.array([one.channel_change(CHANNELS, CONTRASTS) for one in modes])
 
 
-def assert_close(found: np.ndarray, expected: np.ndarray, tolerance: float) -> None:
+def here(found) -> np.ndarray:
+    """What lies on a device."""
+    return found.cpu().numpy() if isinstance(found, torch.Tensor) else found
+
+
+def assert_close(found, expected: np.ndarray, tolerance: float) -> None:
     """Of each place and contrast, over channels."""
+    found = here(found)
     size = np.linalg.norm(expected, axis=-1)
     assert (np.linalg.norm(found - expected, axis=-1) < tolerance * size).all()
 
@@ -49,18 +55,18 @@ def assert_close(found: np.ndarray, expected: np.ndarray, tolerance: float) -> N
 def test_they_are_each_as_alone(accuracy, tolerance, device):
     """To the accuracy: a place has on all skins the multipoles that it needs on one."""
     several = Sheets(SKINS, accuracy, device)
-    found = np.asarray(several.channel_change(PLACES, CHANNELS, CONTRASTS))
+    found = several.channel_change(PLACES, CHANNELS, CONTRASTS)
     expected = np.array([alone(geometry, PLACES, accuracy) for geometry in SKINS])
     assert_close(found, expected, tolerance)
     untouched = np.array([Forward(g, accuracy).voltages(CHANNELS) for g in SKINS])
-    off = np.abs(np.asarray(several.voltages(CHANNELS)) - untouched).max(axis=1)
+    off = np.abs(here(several.voltages(CHANNELS)) - untouched).max(axis=1)
     assert (off < tolerance * np.median(np.abs(untouched), axis=1)).all()
 
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_a_skin_by_itself_is_forward_to_rounding(device):
     found = Sheets(SKINS[1:2], "train", device).channel_change(PLACES, CHANNELS, CONTRASTS)
-    assert_close(np.asarray(found)[0], alone(SKINS[1], PLACES, "train"), 1e-11)
+    assert_close(found[0], alone(SKINS[1], PLACES, "train"), 1e-11)
 
 
 @pytest.mark.parametrize("device", DEVICES)
@@ -70,14 +76,14 @@ def test_every_skin_has_places_of_its_own(device):
     expected = [
         alone(geometry, places, "train") for geometry, places in zip(SKINS, own, strict=True)
     ]
-    assert_close(np.asarray(found), np.array(expected), 2e-4)
+    assert_close(found, np.array(expected), 2e-4)
 
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_on_very_anisotropic_skins_they_are_as_alone(device):
     several = [BASE.with_values(anisotropy_ratio=ratio) for ratio in (1.0, 3.0)]
     places = np.array([(65.0, 0.0, 5.0), (0.0, 65.0, 5.0), (20.0, 20.0, 5.0)])
-    found = np.asarray(Sheets(several, "train", device).channel_change(places, CHANNELS, CONTRASTS))
+    found = Sheets(several, "train", device).channel_change(places, CHANNELS, CONTRASTS)
     finest = np.array([alone(geometry, places, "diagnose") for geometry in several])
     assert_close(found, finest, 1e-3)
 
