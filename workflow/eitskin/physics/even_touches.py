@@ -12,7 +12,7 @@ from eitskin.physics.harmonics import MORE, Harmonics, RimField, symmetric
 from eitskin.physics.kept_touches import Place
 from eitskin.physics.touch import MOST_EVEN_NODES, Circle, TouchAccuracy, even_nodes
 
-AT_ONCE_BYTES = 1 << 18  # of the largest array of touches found together
+AT_ONCE_BYTES = 1 << 19  # of the largest array of touches found together
 
 
 class EvenTouches:

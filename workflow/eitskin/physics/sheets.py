@@ -31,7 +31,7 @@ from eitskin.physics.harmonics import symmetric
 from eitskin.physics.touch import ROUND, Circle
 
 CORE_BYTES, DEVICE_BYTES = 1 << 22, 1 << 30  # of an array of touches that are found together
-INSIDE_MM = 1.0  # radius of a touch in the middle that stands for one that is found on its own
+INSIDE_MM = 1.0  # radius of a touch in the middle, which stands for one that Forward finds
 
 
 class Sheets:
@@ -57,10 +57,8 @@ class Sheets:
         discs = [disc_map(geometry) for geometry in geometries]
         order = max(self.accuracy.modes(geometry) for geometry in geometries)
         each = list(map(Electrodes, geometries, discs, [order] * len(discs)))
-        self.maps, self.unfoldings = (
-            DiscMaps(discs, self._array),
-            Unfoldings(geometries, self._array),
-        )
+        self.maps = DiscMaps(discs, self._array)
+        self.unfoldings = Unfoldings(geometries, self._array)
         self.n, self.order = each[0].n, order
         self.modes = self._stacked([each[0].modes])[0]
         theta, stretch, factor, arc = (
@@ -98,7 +96,7 @@ class Sheets:
     def voltages(self, channels: np.ndarray) -> Any:
         """(S, M) V per A, untouched."""
         impedance = self.sheet_resistance[:, None, None] * self._relative
-        return channel_values(impedance, as_in(channels, impedance))
+        return channel_values(impedance, as_in(np.array(channels, np.int64), impedance))
 
     def channel_change(self, places: ArrayLike, channels: np.ndarray, contrast: ArrayLike) -> Any:
         """(S, P, F, M) V per A: change of every channel.
@@ -106,37 +104,32 @@ class Sheets:
         places (P, 3) or each skin's own (S, P, 3): x_mm, y_mm, radius_mm; contrast (F,). Raises
         InputError as Forward.places, and for places of another shape.
         """
-        skins, channels = len(self.geometries), np.array(channels, np.int64)
-        places = self._placed(places)
-        x, y, radius = (self._stacked(places[..., k, None]) for k in range(3))
+        placed, channels = self._placed(places), np.array(channels, np.int64)
+        x, y, radius = (self._stacked(placed[..., k, None]) for k in range(3))
         circles = _Circles(x + 1j * y, radius, self.unfoldings, self.maps)
-        gaps = self._gaps(circles)
-        even, resolutions = self._resolved(gaps)
-        xp = library(x)
-        middle = as_in(~even[..., None], x)
-        circles.centre = xp.where(middle, 0.0, circles.centre)
-        circles.radius = xp.where(middle, INSIDE_MM, circles.radius)
-        shape = (skins, places.shape[1], np.size(contrast), len(channels))
-        found = xp.empty(shape, dtype=x.dtype, device=x.device)
+        even, resolutions = self._resolved(self._gaps(circles))
+        circles.move_inside(as_in(~even[..., None], x))
+        shape = (*even.shape, np.size(contrast), len(channels))
+        found = library(x).empty(shape, dtype=x.dtype, device=x.device)
         for (degree, count), here in self._groups(resolutions):
             modes = self._touched(circles.at(as_in(here, x)), degree, count)
             found[:, here] = modes.channel_change(channels, contrast)
         for skin in np.flatnonzero(~even.all(axis=1)).tolist():
             alone = np.flatnonzero(~even[skin])
-            forward = Forward(self.geometries[skin], self.accuracy)
-            own = forward.places([tuple(place) for place in places[skin, alone].tolist()])
-            for i, modes in zip(alone, own, strict=True):
-                found[skin, i] = as_in(modes.channel_change(channels, contrast), x)
+            graded = self._graded(skin, placed[skin, alone])
+            each = np.array([modes.channel_change(channels, contrast) for modes in graded])
+            found[skin, alone] = as_in(each, x)
         return found
+
+    def _graded(self, skin: int, places: np.ndarray) -> list[TouchModes]:
+        """Of touches at places (K, 3) on one skin, on the processor."""
+        forward = Forward(self.geometries[skin], self.accuracy)
+        return forward.places([(x, y, radius) for x, y, radius in places.tolist()])
 
     def _placed(self, places: ArrayLike) -> np.ndarray:
         """(S, P, 3). Raises InputError."""
         given, skins = np.asarray(places, float), len(self.geometries)
-        if (
-            given.ndim not in (2, 3)
-            or given.shape[-1] != 3
-            or given.shape[:-2] not in ((), (skins,))
-        ):
+        if given.ndim < 2 or given.shape[-1] != 3 or given.shape[:-2] not in ((), (skins,)):
             expected = f"(P, 3) or ({skins}, P, 3)"
             raise InputError("touch", "shape of the places", given.shape, expected)
         if not (given[..., 2] > 0).all():
@@ -195,6 +188,12 @@ class Sheets:
 
 class _Circles(Circle):
     """Circles (S, P, 1) on several skins."""
+
+    def move_inside(self, which: Any) -> None:
+        """Those at a mask (S, P, 1) to where nothing is near them."""
+        where = library(self.radius).where
+        self.centre = where(which, 0.0, self.centre)
+        self.radius = where(which, INSIDE_MM, self.radius)
 
     def at(self, places: Any) -> "_Circles":
         """Those at places, indices (K,) or a slice, on every skin."""
