@@ -298,6 +298,13 @@ def test_a_clipped_touch_ends_where_its_circle_crosses_the_rim(beyond, angle, ra
     assert edge.rim_weight.sum() == pytest.approx(2.0 * on_rim, rel=1e-9)
 
 
+def test_a_touch_that_barely_meets_the_rim_is_held_off_it():
+    """Its nearest point lies between those that tell how far others are."""
+    away, angle = 80.0 - 5.0 * (1.0 + 3e-4), np.pi / 128
+    touch = Touch(away * np.cos(angle), away * np.sin(angle), 5.0)
+    assert Forward(skin(), "diagnose").edge(touch).held_off
+
+
 @pytest.mark.parametrize("accuracy", ["train", "diagnose"])
 @pytest.mark.parametrize("touch", [Touch(200.0, 0.0, 130.0), Touch(300.0, 0.0, 240.0)])
 def test_a_touch_far_off_a_shaped_skin_is_refused(accuracy, touch):

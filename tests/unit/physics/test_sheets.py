@@ -88,6 +88,15 @@ def test_on_very_anisotropic_skins_they_are_as_alone(device):
     assert_close(found, finest, 1e-3)
 
 
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_node_on_the_rim_of_one_skin_does_no_harm(device):
+    several = [BASE.with_values(radius_mm=radius_mm) for radius_mm in (50.0, 80.0)]
+    places = np.array([(48.0, 0.0, 14.0)])  # crosses the smaller rim at a right angle
+    found = Sheets(several, "train", device).channel_change(places, CHANNELS, CONTRASTS)
+    expected = np.array([alone(geometry, places, "train") for geometry in several])
+    assert_close(found, expected, 1e-9)
+
+
 @pytest.mark.parametrize("places", [(0.0, 0.0, 5.0), np.zeros((2, 4, 3)), [(0.0, 5.0)]])
 def test_places_of_another_shape_are_told(places):
     with pytest.raises(InputError, match="shape of the places"):

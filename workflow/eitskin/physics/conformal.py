@@ -37,8 +37,7 @@ class DiscMap:
             raise ValueError("a rim that is no number")
         self.scale = np.abs(rim).max()
         self._rim = rim
-        self._basis = _real_basis(rim / self.scale)
-        self._directions, self._triangle = np.linalg.qr(self._basis)
+        self._directions, self._triangle = np.linalg.qr(_real_basis(rim / self.scale))
         whole = self._fitted(-np.log(np.abs(rim)))
         kept = np.flatnonzero(np.abs(whole[1:]) > ROUNDING)
         coefficients = whole[: kept.max(initial=-1) + 2]
@@ -62,13 +61,10 @@ class DiscMap:
         return MapVelocity(self, self._fitted(change))
 
     def _fitted(self, rim_values: np.ndarray) -> np.ndarray:
-        """Coefficients (DEGREE + 1,) complex whose real part on the rim is nearest to values (P,):
-        least squares by QR, once refined."""
-        found = np.zeros(self._basis.shape[1])
-        for _ in range(2):
-            left = self._directions.T @ (rim_values - self._basis @ found)
-            found += solve_triangular(self._triangle, left, check_finite=False)
-        return _to_complex(found)
+        """Coefficients (DEGREE + 1,) complex whose real part on the rim is nearest to values
+        (P,)."""
+        along = self._directions.T @ rim_values
+        return _to_complex(solve_triangular(self._triangle, along, check_finite=False))
 
 
 class MapVelocity:
