@@ -78,7 +78,6 @@ REASONS = (  # of rows that fall short, the first that fits
         "a convolution or attention is several NumPy calls here, and one kernel in PyTorch",
     ),
     (r"streamed, (?!.*processor time)", "by the clock, what else the machine does counts in"),
-    (r"derivatives, 64", "each of the 202 is matrix products of its own"),
     (r"new skin of", "it has more electrodes than what stands beside it"),
     (r"diagnosis, 1000", "it has twice the frames"),
     (r"diagnosis, .* 32", "it has 928 channels in place of 208"),
