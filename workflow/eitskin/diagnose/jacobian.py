@@ -118,10 +118,10 @@ class Jacobian:
             found[np.ix_(self.at, block.coordinates)] = shared
             found[np.ix_(block.coordinates, self.at)] = shared.T
             for other in self.blocks[: i + 1]:
-                shared, here, there = np.intersect1d(
+                common, here, there = np.intersect1d(
                     block.channels, other.channels, assume_unique=True, return_indices=True
                 )
-                both = (block.column * other.column).sum(axis=0)[shared]
+                both = (block.column * other.column).sum(axis=0)[common]
                 mine, others = block.coordinates[here], other.coordinates[there]
                 found[mine, others] = found[others, mine] = both
         return found
