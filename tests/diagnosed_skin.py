@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table
-from eitskin.diagnose.words import finding
+from eitskin.diagnose.verdict.words import finding
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
 from eitskin.effects.settings import settings, site_counts

@@ -5,9 +5,9 @@ import pandas as pd
 
 from eitskin.data.recording import Recording, frames_table, presses
 from eitskin.diagnose import diagnosis
-from eitskin.diagnose.candidates import Candidate, Scales, catalogue
-from eitskin.diagnose.fit import Fit, Problem, fit
-from eitskin.diagnose.noise import Noise
+from eitskin.diagnose.fitting.candidates import Candidate, Scales, catalogue
+from eitskin.diagnose.fitting.fit import Fit, Problem, fit
+from eitskin.diagnose.noise.estimate import Noise
 from eitskin.effects.settings import settings, site_counts
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin

@@ -15,7 +15,7 @@ import numpy as np
 from calibration.real_sets import listed
 from eitskin.data import importers
 from eitskin.data.recording import TOUCH_KEYS, Recording, presses
-from eitskin.diagnose.held_out import reciprocal_groups, units, with_frames_before
+from eitskin.diagnose.fitting.held_out import reciprocal_groups, units, with_frames_before
 from eitskin.errors import InputError
 from witness import cases
 from witness.outside import OUTSIDE

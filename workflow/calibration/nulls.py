@@ -9,8 +9,8 @@ from dataclasses import replace
 
 from eitskin import cores
 from eitskin.diagnose import diagnosis
+from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.search.screen import Null
-from eitskin.diagnose.tangents import Tangents
 from witness import cases
 from witness.cases import Case
 

@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 
 from calibration.blocks import ORDINARY_SIZES
 from calibration.trial import file_of, run
-from eitskin.diagnose.remainder import PRIOR, log_bayes_factor
+from eitskin.diagnose.verdict.remainder import PRIOR, log_bayes_factor
 from witness.outside import OUTSIDE
 from witness.strengths import DRAWN
 

@@ -9,7 +9,7 @@ import numpy as np
 from calibration.asked import Asked, without_channels
 from eitskin.data.check import WARNING, Check, clipping, measures, steps
 from eitskin.data.recording import Recording
-from eitskin.diagnose.held_out import units
+from eitskin.diagnose.fitting.held_out import units
 from witness.owned import Owned
 
 

@@ -16,10 +16,10 @@ import pandas as pd
 from calibration.intervals import rms, wilson
 from eitskin.atomic import atomic_path
 from eitskin.diagnose import diagnosis
-from eitskin.diagnose.estimates import NORMAL_90
-from eitskin.diagnose.noise import Noise
-from eitskin.diagnose.rig import COMPONENTS, SLOW_WALKS, WALKS
-from eitskin.diagnose.rig_sizes import findings
+from eitskin.diagnose.fitting.estimates import NORMAL_90
+from eitskin.diagnose.noise.estimate import Noise
+from eitskin.diagnose.noise.rig import COMPONENTS, SLOW_WALKS, WALKS
+from eitskin.diagnose.noise.rig_sizes import findings
 from eitskin.diagnose.search.state import State
 from witness import cases, rig_errors
 from witness.rig_errors import USUAL, RigError

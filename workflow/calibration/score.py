@@ -20,7 +20,7 @@ from calibration.intervals import wilson
 from calibration.lines import SUMMARY, line, median, over, share
 from calibration.trial import file_of
 from eitskin.atomic import atomic_path
-from eitskin.diagnose.verdict import LIKELY
+from eitskin.diagnose.verdict.verdict import LIKELY
 from eitskin.effects import EFFECTS
 from witness.strengths import DRAWN
 

@@ -16,14 +16,15 @@ from eitskin import cores
 from eitskin.atomic import atomic_path
 from eitskin.data import check, importers, recording
 from eitskin.data.recording import Recording
-from eitskin.diagnose import apart, diagnosis, result
-from eitskin.diagnose.candidates import Candidate, gross
-from eitskin.diagnose.estimates import NORMAL_90
-from eitskin.diagnose.fit import Fit, fit
-from eitskin.diagnose.gaps import Gap, gaps
-from eitskin.diagnose.harm import harm
+from eitskin.diagnose import apart, diagnosis
+from eitskin.diagnose.fitting.candidates import Candidate, gross
+from eitskin.diagnose.fitting.estimates import NORMAL_90
+from eitskin.diagnose.fitting.fit import Fit, fit
+from eitskin.diagnose.fitting.harm import harm
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.search.state import State
+from eitskin.diagnose.verdict import result
+from eitskin.diagnose.verdict.gaps import Gap, gaps
 from eitskin.effects import catalogue_names, modules
 from eitskin.errors import InputError
 from eitskin.fingerprint import fingerprint

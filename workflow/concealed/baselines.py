@@ -26,19 +26,19 @@ from concealed.verdicts import FINAL, refuse_sealed
 from eitskin.atomic import atomic_path
 from eitskin.data import recording
 from eitskin.data.recording import Recording, presses
-from eitskin.diagnose.candidates import Candidate, discrete, log_ways
 from eitskin.diagnose.diagnosis import begun, simulator
-from eitskin.diagnose.excerpt import excerpt
-from eitskin.diagnose.fit import Fit, Problem, difference, fit
-from eitskin.diagnose.jacobian import Jacobian
-from eitskin.diagnose.result import read_query
+from eitskin.diagnose.fitting.candidates import Candidate, discrete, log_ways
+from eitskin.diagnose.fitting.excerpt import excerpt
+from eitskin.diagnose.fitting.fit import Fit, Problem, difference, fit
+from eitskin.diagnose.fitting.jacobian import Jacobian
+from eitskin.diagnose.fitting.simulator import RecordingSimulator
+from eitskin.diagnose.fitting.tangents import Tangents
+from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.diagnose.search import tones
 from eitskin.diagnose.search.proposals import SIGNIFICANT
 from eitskin.diagnose.search.screen import log_evidence
 from eitskin.diagnose.search.search import LEAST_EVIDENCE, MOST_EFFECTS, Search
-from eitskin.diagnose.simulator import RecordingSimulator
-from eitskin.diagnose.tangents import Tangents
-from eitskin.diagnose.whitening import Whitening
+from eitskin.diagnose.verdict.result import read_query
 from eitskin.effects.effect import SITES
 from eitskin.effects.ellipse import Ellipse
 from eitskin.effects.mains_interference import MainsInterference

@@ -16,7 +16,7 @@ from eitskin.data import parquet
 from eitskin.diagnose.report import evidence
 from eitskin.diagnose.report.evidence import Evidence
 from eitskin.diagnose.report.figures import draw_matrices, layout, matrix_bar
-from eitskin.diagnose.words import where
+from eitskin.diagnose.verdict.words import where
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
 from eitskin.plotting import AFTER, BEFORE, CULPRIT, MARKERS, QUIET, log_limits, style

@@ -19,7 +19,7 @@ from eitskin.atomic import atomic_path
 from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table
 from eitskin.diagnose.diagnosis import begun, problem_of
-from eitskin.diagnose.noise import Noise
+from eitskin.diagnose.noise.estimate import Noise
 from eitskin.errors import InputError
 from eitskin.physics.solver import Spent
 from witness import rig_errors

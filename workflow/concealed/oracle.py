@@ -16,14 +16,15 @@ from calibration.trial import candidate_of, snr_left, with_all
 from concealed import cache, opened, planted
 from eitskin.data import recording
 from eitskin.data.recording import Recording
-from eitskin.diagnose import diagnosis, result
-from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose import diagnosis
 from eitskin.diagnose.diagnosis import begun, simulator
-from eitskin.diagnose.estimates import estimates
-from eitskin.diagnose.excerpt import excerpt
-from eitskin.diagnose.result import read_query
+from eitskin.diagnose.fitting.candidates import Candidate
+from eitskin.diagnose.fitting.estimates import estimates
+from eitskin.diagnose.fitting.excerpt import excerpt
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.search.state import State
+from eitskin.diagnose.verdict import result
+from eitskin.diagnose.verdict.result import read_query
 from eitskin.effects.effect import SITES
 from eitskin.physics.solver import Spent
 

@@ -24,7 +24,7 @@ from calibration.judge import site_kind, sites_right
 from calibration.real_sets import listed
 from eitskin.data import importers
 from eitskin.data.recording import Recording, presses
-from eitskin.diagnose.noise import estimate
+from eitskin.diagnose.noise.estimate import estimate
 from eitskin.errors import InputError
 from eitskin.physics.skin import Skin
 from witness import laws, strengths

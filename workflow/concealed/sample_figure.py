@@ -16,8 +16,9 @@ from concealed import case_figure
 from eitskin import figure_files
 from eitskin.cli import SCHEMA
 from eitskin.data import recording
-from eitskin.diagnose import diagnosis, result
+from eitskin.diagnose import diagnosis
 from eitskin.diagnose.report import evidence
+from eitskin.diagnose.verdict import result
 
 
 def write(folder: Path, out: Path) -> None:

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from eitskin.atomic import atomic_path
 from eitskin.data import recording
-from eitskin.diagnose import diagnosis, result
+from eitskin.diagnose import diagnosis
+from eitskin.diagnose.verdict import result
 from eitskin.errors import InputError
 
 MADE = "made.json"
@@ -20,7 +21,7 @@ SECONDS = "seconds"  # folder of what each took, which no seal is over: it is ne
 def run(names: list[str], block: Path, schema: Path, seed: int, code: str) -> None:
     """The verdict of every case in the folder of its block, each whole before the next begins.
 
-    verdicts/<name> holds what `eitskin.diagnose.result.write` writes, and made.json: {code,
+    verdicts/<name> holds what `eitskin.diagnose.verdict.result.write` writes, and made.json: {code,
     recording, query}, the fingerprint of the diagnosis and the SHA-256 of what it was given. A case
     that breaks off leaves {recording, failed: why} for diagnosis.json. A verdict of the same files
     by the same code stays, in the final block one by any code. InputError in a sealed block.

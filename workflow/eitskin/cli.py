@@ -20,7 +20,7 @@ from eitskin.atomic import held_folder
 from eitskin.capture import cli as rig
 from eitskin.data import check, importers, recording, stated, subset
 from eitskin.data.recording import Recording
-from eitskin.diagnose.excerpt import LIMIT_GIB
+from eitskin.diagnose.fitting.excerpt import LIMIT_GIB
 from eitskin.errors import InputError, named, refused
 from eitskin.physics.outline import EXPECTED, no_disc
 from eitskin.quantities import listed, plain
@@ -357,9 +357,11 @@ def _import(arguments: argparse.Namespace) -> int:
 
 def _diagnose(arguments: argparse.Namespace) -> int:
     # seconds, which other commands spare
-    from eitskin.diagnose import apart, memory, result, words
+    from eitskin.diagnose import apart
+    from eitskin.diagnose.fitting import memory
     from eitskin.diagnose.report import page
     from eitskin.diagnose.search import start
+    from eitskin.diagnose.verdict import result, words
 
     recorded = _source(arguments)
     recording.voltages(recorded, arguments.file)

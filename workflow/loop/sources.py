@@ -19,11 +19,11 @@ import yaml
 from eitskin.data import dataset
 from eitskin.data.dataset import Dataset
 from eitskin.data.recording import Recording, presses
-from eitskin.diagnose import corrected
 from eitskin.diagnose.diagnosis import problem_of
-from eitskin.diagnose.excerpt import excerpt
-from eitskin.diagnose.fit import fit
-from eitskin.diagnose.noise import estimate
+from eitskin.diagnose.fitting.excerpt import excerpt
+from eitskin.diagnose.fitting.fit import fit
+from eitskin.diagnose.noise.estimate import estimate
+from eitskin.diagnose.verdict import corrected
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.physics.skin import Skin

@@ -15,9 +15,9 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from eitskin.atomic import atomic_path
-from eitskin.diagnose.candidates import Candidate, Scales
+from eitskin.diagnose.fitting.candidates import Candidate, Scales
 from eitskin.diagnose.report.figures import draw_change, scale
-from eitskin.diagnose.words import sites
+from eitskin.diagnose.verdict.words import sites
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Effect, LeakEffect, Setting
 from eitskin.errors import InputError

@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from eitskin.data import recording
-from eitskin.diagnose import apart, result
+from eitskin.diagnose import apart
+from eitskin.diagnose.verdict import result
 from eitskin.errors import named, reported
 
 with reported(snakemake.log[0]):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from eitskin.data.recording import Recording
-from eitskin.diagnose.words import certain
+from eitskin.diagnose.verdict.words import certain
 
 
 def row(said: dict, recorded: Recording) -> dict:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.other_probability import PLAN, fitted
-from eitskin.diagnose.remainder import PRIOR
+from eitskin.diagnose.verdict.remainder import PRIOR
 
 
 def test_the_weight_of_drawn_odds_is_found():

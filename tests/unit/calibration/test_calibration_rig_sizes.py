@@ -8,7 +8,7 @@ import pytest
 
 from calibration import rig_sizes
 from calibration.intervals import wilson
-from eitskin.diagnose.noise import Noise
+from eitskin.diagnose.noise.estimate import Noise
 from witness import cases, rig_errors
 from witness.rig_errors import RigError
 

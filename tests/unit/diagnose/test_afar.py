@@ -7,13 +7,13 @@ import pytest
 
 from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis
-from eitskin.diagnose.candidates import catalogue
-from eitskin.diagnose.classes import CONFUSED
-from eitskin.diagnose.gaps import gaps
-from eitskin.diagnose.held_out import folds
-from eitskin.diagnose.noise import Noise
+from eitskin.diagnose.fitting.candidates import catalogue
+from eitskin.diagnose.fitting.held_out import folds
+from eitskin.diagnose.noise.estimate import Noise
 from eitskin.diagnose.search import afar
+from eitskin.diagnose.search.gates import CONFUSED
 from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.verdict.gaps import gaps
 from eitskin.effects import EFFECTS
 from eitskin.effects.settings import site_counts
 from small_skin import CHANNELS, SKIN, small_recording

@@ -10,9 +10,10 @@ from diagnosed_skin import SCHEMA
 from eitskin import cli
 from eitskin.data import recording
 from eitskin.data.recording import Recording
-from eitskin.diagnose import apart, diagnosis, result
-from eitskin.diagnose.validation import validate
-from eitskin.diagnose.words import of_parts
+from eitskin.diagnose import apart, diagnosis
+from eitskin.diagnose.verdict import result
+from eitskin.diagnose.verdict.validation import validate
+from eitskin.diagnose.verdict.words import of_parts
 from eitskin.errors import InputError
 from small_skin import small_recording
 from witness import owned

@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import binomtest, kstest
 
 from eitskin.data.recording import Recording, presses
-from eitskin.diagnose.atlas import COLUMNS, atlas
+from eitskin.diagnose.verdict.atlas import COLUMNS, atlas
 from eitskin.effects.settings import settings, site_counts
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin

@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from diagnosed_skin import SCHEMA, diagnosed
-from eitskin.diagnose import words
-from eitskin.diagnose.estimates import amounts, calibration, estimates
-from eitskin.diagnose.fit import fit
+from eitskin.diagnose.fitting.estimates import amounts, calibration, estimates
+from eitskin.diagnose.fitting.fit import fit
+from eitskin.diagnose.fitting.simulator import MOST, UNKNOWN, Calibration
 from eitskin.diagnose.report import page
-from eitskin.diagnose.simulator import MOST, UNKNOWN, Calibration
-from eitskin.diagnose.validation import validate
+from eitskin.diagnose.verdict import words
+from eitskin.diagnose.verdict.validation import validate
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from small_skin import SKIN, candidates_of, problem_of, small_recording

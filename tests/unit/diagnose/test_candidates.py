@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eitskin.diagnose.candidates import discrete, log_ways, without_site
+from eitskin.diagnose.fitting.candidates import discrete, log_ways, without_site
 from eitskin.effects.settings import settings, site_counts
 from small_skin import CHANNELS, candidates_of, kinds_of, problem_of, small_recording
 

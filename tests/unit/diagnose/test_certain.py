@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from eitskin.diagnose import diagnosis, result, words
-from eitskin.diagnose.classes import CONFUSED
-from eitskin.diagnose.verdict import LIKELY
+from eitskin.diagnose import diagnosis
+from eitskin.diagnose.search.gates import CONFUSED
+from eitskin.diagnose.verdict import result, words
+from eitskin.diagnose.verdict.verdict import LIKELY
 from small_skin import small_recording
 
 

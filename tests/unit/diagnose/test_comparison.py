@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 from eitskin.data.recording import Recording, validate
-from eitskin.diagnose.candidates import Candidate, catalogue
 from eitskin.diagnose.comparison.compare import (
     _discovered,
     _runs,
@@ -19,12 +18,13 @@ from eitskin.diagnose.comparison.compare import (
 from eitskin.diagnose.comparison.joint import CALIBRATED, _carried, _merged, fitted, union
 from eitskin.diagnose.comparison.result import result, write
 from eitskin.diagnose.diagnosis import Diagnosis, diagnose, problem_of
-from eitskin.diagnose.fit import fit
-from eitskin.diagnose.gaps import Gap
-from eitskin.diagnose.held_out import folds
-from eitskin.diagnose.noise import estimate
+from eitskin.diagnose.fitting.candidates import Candidate, catalogue
+from eitskin.diagnose.fitting.fit import fit
+from eitskin.diagnose.fitting.held_out import folds
+from eitskin.diagnose.noise.estimate import estimate
 from eitskin.diagnose.report import comparison_page
 from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.verdict.gaps import Gap
 from eitskin.effects.settings import site_counts
 from eitskin.errors import InputError
 from skin_sessions import CHANNELS, CONTACT, GAIN, OPEN, SKIN, recorded

@@ -9,11 +9,11 @@ import yaml
 
 from eitskin.configuration import validate
 from eitskin.data import recording
-from eitskin.diagnose import corrected
-from eitskin.diagnose.candidates import Candidate
-from eitskin.diagnose.fit import fit
-from eitskin.diagnose.jacobian import Jacobian
-from eitskin.diagnose.simulator import RecordingSimulator
+from eitskin.diagnose.fitting.candidates import Candidate
+from eitskin.diagnose.fitting.fit import fit
+from eitskin.diagnose.fitting.jacobian import Jacobian
+from eitskin.diagnose.fitting.simulator import RecordingSimulator
+from eitskin.diagnose.verdict import corrected
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from diagnosed_skin import KINDS, RIG, SCHEMA, diagnosed, with_rig
-from eitskin.diagnose.validation import schema, validate
+from eitskin.diagnose.verdict.validation import schema, validate
 from eitskin.effects import EFFECTS, catalogue_names
 from eitskin.effects.effect import SITES
 from eitskin.errors import InputError

@@ -5,7 +5,7 @@ import pytest
 
 from eitskin.data.recording import presses
 from eitskin.diagnose import diagnosis
-from eitskin.diagnose.excerpt import excerpt
+from eitskin.diagnose.fitting.excerpt import excerpt
 from small_skin import problem_of, small_recording
 
 

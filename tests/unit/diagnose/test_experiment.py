@@ -9,15 +9,15 @@ import pytest
 
 from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table
-from eitskin.diagnose import experiment
-from eitskin.diagnose.candidates import Candidate, catalogue
-from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.diagnosis import problem_of
-from eitskin.diagnose.experiment import NOTHING, SAME, Budget, propose
-from eitskin.diagnose.fit import Problem, fit
-from eitskin.diagnose.gaps import Gap, gaps
-from eitskin.diagnose.noise import Noise
+from eitskin.diagnose.fitting.candidates import Candidate, catalogue
+from eitskin.diagnose.fitting.fit import Problem, fit
+from eitskin.diagnose.noise.estimate import Noise
+from eitskin.diagnose.search.gates import CONFUSED
 from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.verdict import experiment
+from eitskin.diagnose.verdict.experiment import NOTHING, SAME, Budget, propose
+from eitskin.diagnose.verdict.gaps import Gap, gaps
 from eitskin.effects import EFFECTS
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError

@@ -11,12 +11,20 @@ from hypothesis.extra.numpy import arrays
 from scipy.optimize import least_squares
 
 from eitskin.data.recording import presses
-from eitskin.diagnose import fit as diagnose_fit
-from eitskin.diagnose.estimates import NORMAL_90, calibration, estimates
-from eitskin.diagnose.fit import ENOUGH, Fit, derivative, fit, inverse_root, stepped, whitened_anew
-from eitskin.diagnose.held_out import FOLDS, folds, held_out
-from eitskin.diagnose.jacobian import Jacobian
-from eitskin.diagnose.whitening import Whitening
+from eitskin.diagnose.fitting import fit as diagnose_fit
+from eitskin.diagnose.fitting.estimates import NORMAL_90, calibration, estimates
+from eitskin.diagnose.fitting.fit import (
+    ENOUGH,
+    Fit,
+    derivative,
+    fit,
+    inverse_root,
+    stepped,
+    whitened_anew,
+)
+from eitskin.diagnose.fitting.held_out import FOLDS, folds, held_out
+from eitskin.diagnose.fitting.jacobian import Jacobian
+from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.physics.protocol import reciprocal_channels
 from small_skin import CHANNELS, METADATA, calibrated, candidates_of, problem_of, small_recording
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm, t
 
-from eitskin.diagnose.harm import harm
+from eitskin.diagnose.fitting.harm import harm
 
 UNIT = np.repeat(np.arange(4), 3)[:, None] * np.ones((1, 2), int)
 

@@ -10,9 +10,9 @@ from scipy.stats import ttest_1samp
 
 from eitskin.data.recording import Recording, presses
 from eitskin.data.subset import of_frames
-from eitskin.diagnose import diagnosis, result
-from eitskin.diagnose.fit import Fit, Problem, fit, whitened_anew
-from eitskin.diagnose.held_out import (
+from eitskin.diagnose import diagnosis
+from eitskin.diagnose.fitting.fit import Fit, Problem, fit, whitened_anew
+from eitskin.diagnose.fitting.held_out import (
     LEAST_PRESSES,
     HeldOut,
     aside,
@@ -20,9 +20,10 @@ from eitskin.diagnose.held_out import (
     reciprocal_groups,
     units,
 )
-from eitskin.diagnose.judged import Judged
-from eitskin.diagnose.noise import Noise
+from eitskin.diagnose.fitting.reserve import Judged
+from eitskin.diagnose.noise.estimate import Noise
 from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.verdict import result
 from eitskin.physics.protocol import reciprocal_channels
 from small_skin import CHANNELS, METADATA, candidates_of, problem_of, small_recording, states
 

@@ -10,11 +10,12 @@ from hypothesis import settings as example_settings
 from hypothesis import strategies as st
 
 from eitskin.data.recording import Recording, frames_table
-from eitskin.diagnose import diagnosis, result
-from eitskin.diagnose.classes import CONFUSED
-from eitskin.diagnose.gaps import gaps
-from eitskin.diagnose.identities import IDENTITIES, carried, declared, readings
+from eitskin.diagnose import diagnosis
+from eitskin.diagnose.search.gates import CONFUSED
 from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.verdict import result
+from eitskin.diagnose.verdict.gaps import gaps
+from eitskin.diagnose.verdict.identities import IDENTITIES, carried, declared, readings
 from eitskin.effects import catalogue_names
 from eitskin.effects.effect import START
 from eitskin.physics.forward import Forward, channel_values

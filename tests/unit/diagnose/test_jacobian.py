@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eitskin.diagnose.fit import _slopes, derivative, fit, stepped, whitened_anew
-from eitskin.diagnose.jacobian import Jacobian
-from eitskin.diagnose.whitening import RigErrors
+from eitskin.diagnose.fitting.fit import _slopes, derivative, fit, stepped, whitened_anew
+from eitskin.diagnose.fitting.jacobian import Jacobian
+from eitskin.diagnose.noise.whitening import RigErrors
 from small_skin import CHANNELS, candidates_of, problem_of, small_recording
 
 GAINS = {"name": "channel-gain", "parameters": {"gain": {"sd": 0.01}}}

@@ -8,8 +8,8 @@ import pytest
 from eitskin import cli
 from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table, presses
-from eitskin.diagnose.excerpt import LIMIT_GIB, MOST_FRAMES
-from eitskin.diagnose.memory import GIB, LEAST_FRAMES, Counts, foretold, most_frames
+from eitskin.diagnose.fitting.excerpt import LIMIT_GIB, MOST_FRAMES
+from eitskin.diagnose.fitting.memory import GIB, LEAST_FRAMES, Counts, foretold, most_frames
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles

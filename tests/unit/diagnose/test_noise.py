@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import kstest
 
 from eitskin.data.recording import Recording
-from eitskin.diagnose.noise import FLOOR, converter_step, estimate, parity, rounding_alike
+from eitskin.diagnose.noise.estimate import FLOOR, converter_step, estimate, parity, rounding_alike
 from eitskin.effects.settings import settings, site_counts
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eitskin.diagnose.atlas import COLUMNS
-from eitskin.diagnose.remainder import (
+from eitskin.diagnose.verdict.atlas import COLUMNS
+from eitskin.diagnose.verdict.remainder import (
     MOST,
     PRIOR,
     WEIGHT,

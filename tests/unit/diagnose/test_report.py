@@ -23,9 +23,9 @@ from diagnosed_skin import (
     with_rig,
 )
 from eitskin import plotting
-from eitskin.diagnose import rig_words
 from eitskin.diagnose.report import evidence, figures, page
-from eitskin.diagnose.result import OF_A_PART
+from eitskin.diagnose.verdict import rig_words
+from eitskin.diagnose.verdict.result import OF_A_PART
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from eitskin.quantities import MINUS

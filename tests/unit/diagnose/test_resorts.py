@@ -7,11 +7,12 @@ import pytest
 
 from eitskin.data import importers
 from eitskin.data.subset import of_frames
-from eitskin.diagnose import diagnosis, result
-from eitskin.diagnose.fit import fit
+from eitskin.diagnose import diagnosis
+from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.search import resorts
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.search.start import Start
+from eitskin.diagnose.verdict import result
 from shared_data import shared_data
 from small_skin import candidates_of, problem_of, small_recording
 

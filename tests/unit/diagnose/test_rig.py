@@ -11,11 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eitskin.diagnose import rig_sizes, rig_words, whitening
 from eitskin.diagnose.diagnosis import begun
-from eitskin.diagnose.noise import Noise
-from eitskin.diagnose.rig import COMPONENTS, LASTING, TAIL, TOGETHER, Rig, _phases, _walk
-from eitskin.diagnose.rig_sizes import (
+from eitskin.diagnose.fitting.touches import straight
+from eitskin.diagnose.noise import rig_sizes, whitening
+from eitskin.diagnose.noise.estimate import Noise
+from eitskin.diagnose.noise.rig import COMPONENTS, LASTING, TAIL, TOGETHER, Rig, _phases, _walk
+from eitskin.diagnose.noise.rig_sizes import (
     HARDLY,
     MOST,
     NORMAL_90,
@@ -24,8 +25,8 @@ from eitskin.diagnose.rig_sizes import (
     findings,
     learned,
 )
-from eitskin.diagnose.touches import straight
-from eitskin.diagnose.whitening import Whitening
+from eitskin.diagnose.noise.whitening import Whitening
+from eitskin.diagnose.verdict import rig_words
 from small_skin import calibrated, problem_of, small_recording
 
 FRAMES, CHANNELS, PRESSES = 44, 30, 20

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from eitskin.data.recording import Recording
-from eitskin.diagnose import diagnosis, result
+from eitskin.diagnose import diagnosis
+from eitskin.diagnose.verdict import result
 from witness import cases
 
 OF_MEDIAN = ("common-noise", "channel-drift")  # sizes that the witness tells over the median |v|

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from eitskin.diagnose import rig_words
+from eitskin.diagnose.verdict import rig_words
 
 SP = "\N{NO-BREAK SPACE}"
 UNITS = {

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eitskin.diagnose import diagnosis, result
+from eitskin.diagnose import diagnosis
+from eitskin.diagnose.verdict import result
 from small_skin import small_recording
 
 

@@ -8,8 +8,9 @@ import pytest
 from scipy.special import chdtrc
 from scipy.stats import binom, kstest
 
-from eitskin.diagnose.candidates import discrete
-from eitskin.diagnose.fit import fit
+from eitskin.diagnose.fitting.candidates import discrete
+from eitskin.diagnose.fitting.fit import fit
+from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.search import channels
 from eitskin.diagnose.search.screen import (
     Null,
@@ -21,7 +22,6 @@ from eitskin.diagnose.search.screen import (
     sparse,
     subset,
 )
-from eitskin.diagnose.tangents import Tangents
 from small_skin import SKIN, calibrated, candidates_of, problem_of, small_recording
 
 PROBLEM, SCALES = problem_of(small_recording(places=2))

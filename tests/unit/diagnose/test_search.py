@@ -11,18 +11,19 @@ from scipy.stats import binom
 from calibration.trial import true_gaps
 from eitskin import cores
 from eitskin.data.recording import Recording, presses
-from eitskin.diagnose import diagnosis, result
-from eitskin.diagnose.atlas import atlas
-from eitskin.diagnose.corrected import items
-from eitskin.diagnose.fit import fit, promised, stepped, whitened_anew
-from eitskin.diagnose.rig import COMPONENTS
-from eitskin.diagnose.rig_sizes import SETTLED
+from eitskin.diagnose import diagnosis
+from eitskin.diagnose.fitting.fit import fit, promised, stepped, whitened_anew
+from eitskin.diagnose.fitting.tangents import Tangents
+from eitskin.diagnose.noise.rig import COMPONENTS
+from eitskin.diagnose.noise.rig_sizes import SETTLED
 from eitskin.diagnose.search import fitting, proposals, search
 from eitskin.diagnose.search.screen import NULL_DRAWS, score
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.search.start import Start
 from eitskin.diagnose.search.state import State
-from eitskin.diagnose.tangents import Tangents
+from eitskin.diagnose.verdict import result
+from eitskin.diagnose.verdict.atlas import atlas
+from eitskin.diagnose.verdict.corrected import items
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from small_skin import (

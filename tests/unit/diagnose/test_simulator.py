@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from eitskin.diagnose.diagnosis import problem_of
-from eitskin.diagnose.noise import Noise
-from eitskin.diagnose.simulator import RecordingSimulator
+from eitskin.diagnose.fitting.simulator import RecordingSimulator
+from eitskin.diagnose.noise.estimate import Noise
 from eitskin.errors import InputError
 from small_skin import small_recording
 

@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 
 from eitskin.data.recording import Recording
-from eitskin.diagnose.noise import Noise, parity
-from eitskin.diagnose.steadiness import refine
+from eitskin.diagnose.noise.estimate import Noise, parity
+from eitskin.diagnose.noise.steadiness import refine
 from eitskin.physics.protocol import channel_table
 
 FRAMES, SD = 90, 1e-3

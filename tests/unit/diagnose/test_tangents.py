@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eitskin.diagnose.candidates import discrete
-from eitskin.diagnose.fit import fit
-from eitskin.diagnose.tangents import SPREAD, Tangents
+from eitskin.diagnose.fitting.candidates import discrete
+from eitskin.diagnose.fitting.fit import fit
+from eitskin.diagnose.fitting.tangents import SPREAD, Tangents
 from eitskin.effects.effect import LeakEffect
 from eitskin.physics.skin import Skin
 from small_skin import calibrated, candidates_of, kinds_of, problem_of, small_recording

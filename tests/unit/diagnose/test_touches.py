@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eitskin.diagnose import touches
-from eitskin.diagnose.fit import Problem
-from eitskin.diagnose.rig import Rig
+from eitskin.diagnose.fitting import touches
+from eitskin.diagnose.fitting.fit import Problem
+from eitskin.diagnose.noise.rig import Rig
 from small_skin import calibrated, problem_of, small_recording
 
 NOISE = 3e-4

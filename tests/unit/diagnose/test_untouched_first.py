@@ -4,7 +4,7 @@ import pytest
 
 from eitskin.data.subset import of_frames
 from eitskin.diagnose import diagnosis
-from eitskin.diagnose.fit import fit
+from eitskin.diagnose.fitting.fit import fit
 from small_skin import small_recording
 from witness import owned
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eitskin.diagnose.verdict import verdict
+from eitskin.diagnose.verdict.verdict import verdict
 
 probabilities = st.floats(0.0, 1.0)
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eitskin.diagnose.whitening import LONGEST_LINKED, TOGETHER, RigErrors, Whitening
+from eitskin.diagnose.noise.whitening import LONGEST_LINKED, TOGETHER, RigErrors, Whitening
 
 LEAK = "in lasting noise a press's error reaches the frame after it, of another press or of none"
 HUGE = 1e4  # sd of a constant that is as good as free

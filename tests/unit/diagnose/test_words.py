@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eitskin import quantities
-from eitskin.diagnose import words
+from eitskin.diagnose.verdict import words
 from eitskin.effects import EFFECTS
 
 COUNTS = {"electrodes": 16, "drives": 16, "measures": 16, "channels": 208}

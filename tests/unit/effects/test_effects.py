@@ -5,7 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from eitskin.diagnose.candidates import Candidate, Scales
+from eitskin.diagnose.fitting.candidates import Candidate, Scales
 from eitskin.effects import EFFECTS, on_readings
 from eitskin.effects.effect import START, Frames, Moment
 from eitskin.effects.settings import settings, site_counts

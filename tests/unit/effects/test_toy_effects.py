@@ -14,10 +14,11 @@ from diagnosed_skin import SCHEMA
 from eitskin import effects
 from eitskin.configuration import validate
 from eitskin.data import recording
-from eitskin.diagnose import diagnosis, result
-from eitskin.diagnose.candidates import discrete
+from eitskin.diagnose import diagnosis
+from eitskin.diagnose.fitting.candidates import discrete
+from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.report import page
-from eitskin.diagnose.tangents import Tangents
+from eitskin.diagnose.verdict import result
 from eitskin.effects.effect import Moment
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from eitskin import cores
-from eitskin.diagnose.whitening import RigErrors, Whitening
+from eitskin.diagnose.noise.whitening import RigErrors, Whitening
 from eitskin.errors import InputError
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eitskin.diagnose import result
+from eitskin.diagnose.verdict import result
 
 ROOT = Path(__file__).parents[3]
 

@@ -9,7 +9,7 @@ import pytest
 from eitskin import cli
 from eitskin.data import check, recording, stated
 from eitskin.diagnose import diagnosis
-from eitskin.diagnose.simulator import beliefs
+from eitskin.diagnose.fitting.simulator import beliefs
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
 

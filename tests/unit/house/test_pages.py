@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from eitskin.data import recording
-from eitskin.diagnose import diagnosis, result
+from eitskin.diagnose import diagnosis
+from eitskin.diagnose.verdict import result
 from manual.__main__ import PAGES as WRITTEN
 from witness.sample import sample
 

@@ -6,7 +6,7 @@ import pytest
 
 from eitskin.data import dataset
 from eitskin.data.recording import Recording
-from eitskin.diagnose.noise import estimate
+from eitskin.diagnose.noise.estimate import estimate
 from eitskin.errors import InputError
 from loop import sources
 from loop_skin import FORCES, JITTER, LAW

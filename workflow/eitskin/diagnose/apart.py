@@ -16,9 +16,9 @@ from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.comparison.difference_words import compared
 from eitskin.diagnose.diagnosis import Diagnosis
-from eitskin.diagnose.excerpt import LIMIT_GIB
-from eitskin.diagnose.result import OF_A_PART, result
-from eitskin.diagnose.words import stretch
+from eitskin.diagnose.fitting.excerpt import LIMIT_GIB
+from eitskin.diagnose.verdict.result import OF_A_PART, result
+from eitskin.diagnose.verdict.words import stretch
 from eitskin.effects.effect import Setting
 from eitskin.errors import InputError
 

@@ -12,29 +12,29 @@ from threadpoolctl import threadpool_limits
 from eitskin.data.check import named
 from eitskin.data.recording import Recording, voltages
 from eitskin.data.subset import of_frames
-from eitskin.diagnose.atlas import atlas
-from eitskin.diagnose.candidates import Scales, catalogue
-from eitskin.diagnose.carried import carried, unknown
-from eitskin.diagnose.excerpt import LIMIT_GIB, excerpt
-from eitskin.diagnose.fit import Fit, Problem, difference, fit, whitened_anew
-from eitskin.diagnose.gaps import Gap, gaps, strengths
-from eitskin.diagnose.held_out import aside, folds, units
-from eitskin.diagnose.judged import Judged
-from eitskin.diagnose.memory import most_frames
-from eitskin.diagnose.noise import Noise, estimate
-from eitskin.diagnose.remainder import Other, other, unlike
-from eitskin.diagnose.rig import Rig
-from eitskin.diagnose.rig_sizes import findings
-from eitskin.diagnose.rivals import Rival, rivals
+from eitskin.diagnose.fitting.candidates import Scales, catalogue
+from eitskin.diagnose.fitting.channel_mapping import carried, unknown
+from eitskin.diagnose.fitting.excerpt import LIMIT_GIB, excerpt
+from eitskin.diagnose.fitting.fit import Fit, Problem, difference, fit, whitened_anew
+from eitskin.diagnose.fitting.held_out import aside, folds, units
+from eitskin.diagnose.fitting.memory import most_frames
+from eitskin.diagnose.fitting.reserve import Judged
+from eitskin.diagnose.fitting.simulator import RecordingSimulator
+from eitskin.diagnose.noise.estimate import Noise, estimate
+from eitskin.diagnose.noise.rig import Rig
+from eitskin.diagnose.noise.rig_sizes import findings
+from eitskin.diagnose.noise.steadiness import refine
+from eitskin.diagnose.noise.whitening import COHERENT, Whitening
 from eitskin.diagnose.search.fitting import GROSS, STANDARD_ERRORS, UNEXPLAINED
 from eitskin.diagnose.search.resorts import foreign
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.search.start import Start
 from eitskin.diagnose.search.state import State
-from eitskin.diagnose.simulator import RecordingSimulator
-from eitskin.diagnose.steadiness import refine
-from eitskin.diagnose.verdict import acceptable
-from eitskin.diagnose.whitening import COHERENT, Whitening
+from eitskin.diagnose.verdict.atlas import atlas
+from eitskin.diagnose.verdict.gaps import Gap, gaps, strengths
+from eitskin.diagnose.verdict.remainder import Other, other, unlike
+from eitskin.diagnose.verdict.rivals import Rival, rivals
+from eitskin.diagnose.verdict.verdict import acceptable
 from eitskin.effects.effect import Setting
 from eitskin.effects.settings import site_counts
 from eitskin.errors import InputError

@@ -26,7 +26,7 @@ from eitskin.diagnose.comparison.joint import (
 )
 from eitskin.diagnose.comparison.tested import Comparison, Tested
 from eitskin.diagnose.diagnosis import Diagnosis
-from eitskin.diagnose.estimates import calibration, estimates
+from eitskin.diagnose.fitting.estimates import calibration, estimates
 from eitskin.errors import InputError
 
 DISCOVERY = 0.01  # q below which a value is said to have changed

@@ -16,7 +16,7 @@ from eitskin.diagnose.comparison.difference import (
 )
 from eitskin.diagnose.comparison.evidence import Explained
 from eitskin.diagnose.comparison.objects import EXPLAINS, NAME, Disc, ends, objects_of
-from eitskin.diagnose.words import sites
+from eitskin.diagnose.verdict.words import sites
 from eitskin.effects.effect import SITES
 from eitskin.physics.protocol import reciprocal_channels
 from eitskin.quantities import MINUS, listed, number, percent

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from eitskin.diagnose.candidates import Candidate
-from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.diagnosis import Diagnosis
-from eitskin.diagnose.fit import Fit, Problem, fit
-from eitskin.diagnose.held_out import HeldOut, held_out
-from eitskin.diagnose.simulator import MOST, Calibration, RecordingSimulator
+from eitskin.diagnose.fitting.candidates import Candidate
+from eitskin.diagnose.fitting.fit import Fit, Problem, fit
+from eitskin.diagnose.fitting.held_out import HeldOut, held_out
+from eitskin.diagnose.fitting.simulator import MOST, Calibration, RecordingSimulator
+from eitskin.diagnose.search.gates import CONFUSED
 from eitskin.effects.effect import Parameter
 from eitskin.errors import InputError
 

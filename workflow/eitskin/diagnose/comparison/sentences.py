@@ -1,6 +1,5 @@
 """What a comparison found, in words."""
 
-from eitskin.diagnose.candidates import Candidate
 from eitskin.diagnose.comparison.joint import (
     CALIBRATED,
     Part,
@@ -8,9 +7,10 @@ from eitskin.diagnose.comparison.joint import (
     View,
 )
 from eitskin.diagnose.comparison.tested import Tested
-from eitskin.diagnose.estimates import estimates
-from eitskin.diagnose.words import CALIBRATIONS
-from eitskin.diagnose.words import finding as in_words
+from eitskin.diagnose.fitting.candidates import Candidate
+from eitskin.diagnose.fitting.estimates import estimates
+from eitskin.diagnose.verdict.words import CALIBRATIONS
+from eitskin.diagnose.verdict.words import finding as in_words
 from eitskin.effects.effect import SITES
 from eitskin.quantities import interval, listed
 

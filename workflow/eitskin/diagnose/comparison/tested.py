@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from eitskin.diagnose.comparison.joint import (
     Shared,
 )
-from eitskin.diagnose.held_out import HeldOut
+from eitskin.diagnose.fitting.held_out import HeldOut
 
 
 @dataclass(frozen=True)

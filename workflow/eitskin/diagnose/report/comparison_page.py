@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from eitskin.atomic import atomic_path
 from eitskin.diagnose.comparison.sentences import NOTHING
 from eitskin.diagnose.report.page import CSS
-from eitskin.diagnose.words import NATS, sites
+from eitskin.diagnose.verdict.words import NATS, sites
 from eitskin.plotting import AFTER, CULPRIT, QUIET, WIDTH_IN, style, svg
 from eitskin.quantities import chance, listed, number
 

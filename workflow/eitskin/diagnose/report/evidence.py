@@ -10,7 +10,7 @@ import pandas as pd
 import pyarrow.compute as pc
 
 from eitskin.data import parquet, recording
-from eitskin.diagnose.validation import validate
+from eitskin.diagnose.verdict.validation import validate
 from eitskin.errors import InputError
 
 NUMBER, TEXT, FLAG = "numbers", "texts", "true or false"

@@ -14,10 +14,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
-from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.report.evidence import Evidence
-from eitskin.diagnose.verdict import LIKELY
-from eitskin.diagnose.words import certain, sites, where
+from eitskin.diagnose.search.gates import CONFUSED
+from eitskin.diagnose.verdict.verdict import LIKELY
+from eitskin.diagnose.verdict.words import certain, sites, where
 from eitskin.effects import EFFECTS
 from eitskin.physics.geometry import even_angles
 from eitskin.plotting import (

@@ -13,13 +13,13 @@ import pandas as pd
 from eitskin import cores, plotting
 from eitskin.atomic import atomic_path
 from eitskin.data import check
-from eitskin.diagnose import rig_words
-from eitskin.diagnose.classes import CONFUSED, WEAK
 from eitskin.diagnose.report import evidence, figures
 from eitskin.diagnose.report.evidence import Evidence
+from eitskin.diagnose.search.gates import CONFUSED, WEAK
 from eitskin.diagnose.search.search import CUT_SHORT, START
-from eitskin.diagnose.verdict import LIKELY
-from eitskin.diagnose.words import (
+from eitskin.diagnose.verdict import rig_words
+from eitskin.diagnose.verdict.verdict import LIKELY
+from eitskin.diagnose.verdict.words import (
     ABOUT,
     NATS,
     UNITS,

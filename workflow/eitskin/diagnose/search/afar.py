@@ -11,8 +11,8 @@ from itertools import product
 
 import numpy as np
 
-from eitskin.diagnose.candidates import Candidate
-from eitskin.diagnose.fit import Problem
+from eitskin.diagnose.fitting.candidates import Candidate
+from eitskin.diagnose.fitting.fit import Problem
 from eitskin.errors import InputError
 
 # Calibrations of which the first that there is scales the readings, and by which power.

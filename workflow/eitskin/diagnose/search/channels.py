@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from eitskin.diagnose.candidates import Candidate, log_ways
-from eitskin.diagnose.jacobian import in_groups
+from eitskin.diagnose.fitting.candidates import Candidate, log_ways
+from eitskin.diagnose.fitting.jacobian import in_groups
+from eitskin.diagnose.fitting.tangents import LEAST, Tangents
 from eitskin.diagnose.search.screen import (
     AMPLITUDES,
     MOST_SITES,
@@ -13,7 +14,6 @@ from eitskin.diagnose.search.screen import (
     evidence_along,
     sparse,
 )
-from eitskin.diagnose.tangents import LEAST, Tangents
 from eitskin.effects.effect import InstrumentEffect
 
 # Of a channel's squared length: where less is left, single precision does not tell how much.

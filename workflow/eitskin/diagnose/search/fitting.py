@@ -6,9 +6,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from eitskin.diagnose import touches
-from eitskin.diagnose.candidates import Candidate, discrete
-from eitskin.diagnose.fit import (
+from eitskin.diagnose.fitting import touches
+from eitskin.diagnose.fitting.candidates import Candidate, discrete
+from eitskin.diagnose.fitting.fit import (
     MOST_ROUNDS,
     RENEWALS,
     Fit,
@@ -19,12 +19,12 @@ from eitskin.diagnose.fit import (
     stepped,
     whitened_anew,
 )
-from eitskin.diagnose.held_out import HeldOut, held_out
-from eitskin.diagnose.rig import COMPONENTS, Rig
-from eitskin.diagnose.rig_sizes import SETTLED, KeptScoring, learned
+from eitskin.diagnose.fitting.held_out import HeldOut, held_out
+from eitskin.diagnose.fitting.tangents import Tangents
+from eitskin.diagnose.noise.rig import COMPONENTS, Rig
+from eitskin.diagnose.noise.rig_sizes import SETTLED, KeptScoring, learned
 from eitskin.diagnose.search import afar
 from eitskin.diagnose.search.state import State, likelihood, occam
-from eitskin.diagnose.tangents import Tangents
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from eitskin.physics.solver import Spent

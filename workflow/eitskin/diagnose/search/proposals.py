@@ -7,15 +7,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from eitskin import cores
-from eitskin.diagnose.candidates import Candidate, discrete, of_channels, of_tangents
-from eitskin.diagnose.fit import Fit, whitened_anew
-from eitskin.diagnose.rig import COMPONENTS
+from eitskin.diagnose.fitting.candidates import Candidate, discrete, of_channels, of_tangents
+from eitskin.diagnose.fitting.fit import Fit, whitened_anew
+from eitskin.diagnose.fitting.tangents import Tangents
+from eitskin.diagnose.noise.rig import COMPONENTS
 from eitskin.diagnose.search import afar, channels, tones
 from eitskin.diagnose.search.fitting import GROSS, Fitting
 from eitskin.diagnose.search.screen import Null, Score, best_few, chance, null, score
 from eitskin.diagnose.search.shortlist import shortlist
 from eitskin.diagnose.search.state import State, added
-from eitskin.diagnose.tangents import Tangents
 
 SIGNIFICANT = 1e-3
 # Trials are fitted where the best score has this global p-value, or this log evidence ...

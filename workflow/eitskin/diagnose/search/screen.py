@@ -7,8 +7,8 @@ import numpy as np
 from scipy.special import chdtrc
 
 from eitskin import cores
-from eitskin.diagnose.candidates import Candidate, log_ways
-from eitskin.diagnose.tangents import Tangents
+from eitskin.diagnose.fitting.candidates import Candidate, log_ways
+from eitskin.diagnose.fitting.tangents import Tangents
 
 NULL_DRAWS = 20_000
 BATCH = 4_000

@@ -11,18 +11,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from eitskin.diagnose.candidates import Candidate, gross, of_channels, without_site
-from eitskin.diagnose.fit import Problem, fit
-from eitskin.diagnose.rig import Rig
-from eitskin.diagnose.rig_sizes import KeptScoring
+from eitskin.diagnose.fitting.candidates import Candidate, gross, of_channels, without_site
+from eitskin.diagnose.fitting.fit import Problem, fit
+from eitskin.diagnose.fitting.tangents import Tangents
+from eitskin.diagnose.noise.rig import Rig
+from eitskin.diagnose.noise.rig_sizes import KeptScoring
+from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.diagnose.search import channels, resorts
 from eitskin.diagnose.search.fitting import GROSS
 from eitskin.diagnose.search.proposals import SIGNIFICANT, Proposals
 from eitskin.diagnose.search.screen import Score, chance, choices
 from eitskin.diagnose.search.start import Start
 from eitskin.diagnose.search.state import State, added, per_dof
-from eitskin.diagnose.tangents import Tangents
-from eitskin.diagnose.whitening import Whitening
 from eitskin.errors import InputError
 
 MOST_EFFECTS = 5

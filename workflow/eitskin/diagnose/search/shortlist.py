@@ -1,6 +1,6 @@
 """Which scores are worth a nonlinear fit."""
 
-from eitskin.diagnose.candidates import Candidate
+from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.diagnose.search.screen import Score
 from eitskin.effects import EFFECTS
 

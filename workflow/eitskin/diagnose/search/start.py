@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from eitskin import yaml_file
-from eitskin.diagnose.candidates import Candidate
-from eitskin.diagnose.carried import NAMED_BY
-from eitskin.diagnose.fit import Problem
+from eitskin.diagnose.fitting.candidates import Candidate
+from eitskin.diagnose.fitting.channel_mapping import NAMED_BY
+from eitskin.diagnose.fitting.fit import Problem
 from eitskin.diagnose.search import tones
 from eitskin.diagnose.search.screen import sparse
 from eitskin.diagnose.search.state import State

@@ -6,10 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
-from eitskin.diagnose.candidates import Candidate
-from eitskin.diagnose.fit import Fit
-from eitskin.diagnose.held_out import HeldOut, held_out
-from eitskin.diagnose.rig import Rig
+from eitskin.diagnose.fitting.candidates import Candidate
+from eitskin.diagnose.fitting.fit import Fit
+from eitskin.diagnose.fitting.held_out import HeldOut, held_out
+from eitskin.diagnose.noise.rig import Rig
 from eitskin.diagnose.search.screen import AMPLITUDES, Score
 from eitskin.effects import EFFECTS
 

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from eitskin.diagnose.candidates import Candidate, Scales
+from eitskin.diagnose.fitting.candidates import Candidate, Scales
+from eitskin.diagnose.fitting.simulator import RecordingSimulator
+from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.search import screen
-from eitskin.diagnose.simulator import RecordingSimulator
-from eitskin.diagnose.tangents import Tangents
 from eitskin.effects.effect import Effect
 from eitskin.physics.skin import Skin
 

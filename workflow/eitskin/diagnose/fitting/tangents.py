@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from eitskin import cores
-from eitskin.diagnose.candidates import Candidate, own_channels
-from eitskin.diagnose.fit import STEP, Fit
-from eitskin.diagnose.whitening import TOGETHER, Whitening
+from eitskin.diagnose.fitting.candidates import Candidate, own_channels
+from eitskin.diagnose.fitting.fit import STEP, Fit
+from eitskin.diagnose.noise.whitening import TOGETHER, Whitening
 from eitskin.effects.contact_impedance import ContactImpedance
 from eitskin.effects.effect import Setting, SkinEffect
 from eitskin.errors import InputError

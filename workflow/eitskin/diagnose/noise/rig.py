@@ -13,9 +13,9 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from eitskin.data.recording import elapsed
-from eitskin.diagnose.fit import Fit, Problem
-from eitskin.diagnose.simulator import RecordingSimulator
-from eitskin.diagnose.whitening import RigErrors, Whitening, frames_of_presses
+from eitskin.diagnose.fitting.fit import Fit, Problem
+from eitskin.diagnose.fitting.simulator import RecordingSimulator
+from eitskin.diagnose.noise.whitening import RigErrors, Whitening, frames_of_presses
 from eitskin.errors import InputError
 
 STEP_MM = 0.05  # of a place, inwards

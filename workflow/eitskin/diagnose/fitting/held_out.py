@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eitskin.data.recording import TOUCH_KEYS, Recording, presses
-from eitskin.diagnose.fit import ENOUGH, FARTHEST, Fit, inverse_root
+from eitskin.diagnose.fitting.fit import ENOUGH, FARTHEST, Fit, inverse_root
 from eitskin.errors import InputError
 from eitskin.physics.protocol import tied_channels
 

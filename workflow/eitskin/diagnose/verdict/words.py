@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from eitskin.diagnose.estimates import UNTOLD
+from eitskin.diagnose.fitting.estimates import UNTOLD
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Effect, site_of
 from eitskin.quantities import alike, interval, listed, number, quantity

@@ -7,8 +7,8 @@ from typing import Protocol
 
 import numpy as np
 
-from eitskin.diagnose.candidates import Candidate
-from eitskin.diagnose.fit import Problem
+from eitskin.diagnose.fitting.candidates import Candidate
+from eitskin.diagnose.fitting.fit import Problem
 
 NORMAL_90 = 1.6449
 NUDGE = 1e-4

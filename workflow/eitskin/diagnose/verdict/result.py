@@ -13,16 +13,16 @@ from eitskin import cores
 from eitskin.atomic import atomic_path
 from eitskin.data import parquet, recording
 from eitskin.data.recording import Recording
-from eitskin.diagnose import corrected, identities, validation, words
-from eitskin.diagnose.classes import CONFUSED
 from eitskin.diagnose.diagnosis import Diagnosis, predict
-from eitskin.diagnose.estimates import amounts, calibration, estimates
-from eitskin.diagnose.experiment import propose
-from eitskin.diagnose.fit import whitened_anew
-from eitskin.diagnose.gaps import OBSERVABLE
-from eitskin.diagnose.held_out import HeldOut, held_out
+from eitskin.diagnose.fitting.estimates import amounts, calibration, estimates
+from eitskin.diagnose.fitting.fit import whitened_anew
+from eitskin.diagnose.fitting.held_out import HeldOut, held_out
+from eitskin.diagnose.search.gates import CONFUSED
 from eitskin.diagnose.search.state import State
-from eitskin.diagnose.verdict import LIKELY, acceptable, verdict
+from eitskin.diagnose.verdict import corrected, identities, validation, words
+from eitskin.diagnose.verdict.experiment import propose
+from eitskin.diagnose.verdict.gaps import OBSERVABLE
+from eitskin.diagnose.verdict.verdict import LIKELY, acceptable, verdict
 from eitskin.effects import EFFECTS, catalogue_names
 from eitskin.errors import InputError
 

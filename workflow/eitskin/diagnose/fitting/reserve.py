@@ -6,14 +6,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import norm
 
-from eitskin.diagnose import touches
-from eitskin.diagnose.fit import Fit, Problem, difference
-from eitskin.diagnose.harm import harm
-from eitskin.diagnose.held_out import HeldOut, put_aside
-from eitskin.diagnose.rig import Rig
+from eitskin.diagnose.fitting import touches
+from eitskin.diagnose.fitting.fit import Fit, Problem, difference
+from eitskin.diagnose.fitting.harm import harm
+from eitskin.diagnose.fitting.held_out import HeldOut, put_aside
+from eitskin.diagnose.noise.rig import Rig
+from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.diagnose.search.fitting import STANDARD_ERRORS
 from eitskin.diagnose.search.resorts import foreign
-from eitskin.diagnose.whitening import Whitening
 
 MOST_RATIO = 1.05  # of the rms errors with and without an effect
 

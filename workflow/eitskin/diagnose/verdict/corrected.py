@@ -8,7 +8,7 @@ import pandas as pd
 import yaml
 
 from eitskin.data.recording import Recording
-from eitskin.diagnose.fit import Fit
+from eitskin.diagnose.fitting.fit import Fit
 from eitskin.effects.settings import site_counts
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table

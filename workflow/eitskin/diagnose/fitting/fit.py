@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from scipy.special import erf
 
-from eitskin.diagnose.candidates import Candidate, own_channels
-from eitskin.diagnose.jacobian import Block, Jacobian, in_groups
-from eitskin.diagnose.simulator import RecordingSimulator
-from eitskin.diagnose.whitening import Whitening
+from eitskin.diagnose.fitting.candidates import Candidate, own_channels
+from eitskin.diagnose.fitting.jacobian import Block, Jacobian, in_groups
+from eitskin.diagnose.fitting.simulator import RecordingSimulator
+from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.effects.effect import Setting
 from eitskin.errors import InputError
 

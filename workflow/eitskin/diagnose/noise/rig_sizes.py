@@ -12,10 +12,10 @@ import numpy as np
 from scipy.optimize import nnls
 
 from eitskin import cores
-from eitskin.diagnose.estimates import NORMAL_90
-from eitskin.diagnose.noise import Noise
-from eitskin.diagnose.rig import COMPONENTS, Rig, summed
-from eitskin.diagnose.whitening import ORDER, Whitening, met
+from eitskin.diagnose.fitting.estimates import NORMAL_90
+from eitskin.diagnose.noise.estimate import Noise
+from eitskin.diagnose.noise.rig import COMPONENTS, Rig, summed
+from eitskin.diagnose.noise.whitening import ORDER, Whitening, met
 
 ROUNDS, REFITTED = 8, 2  # of Fisher scoring; where a component is taken out
 LEAST_SHARE = 0.05  # of a step of it, that is tried

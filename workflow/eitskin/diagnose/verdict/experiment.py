@@ -13,13 +13,13 @@ import numpy as np
 import pandas as pd
 
 from eitskin.data.recording import Recording
-from eitskin.diagnose.classes import CONFUSED, WEAK
 from eitskin.diagnose.diagnosis import Diagnosis
-from eitskin.diagnose.fit import Problem, fit
-from eitskin.diagnose.gaps import CLOSE, gaps
+from eitskin.diagnose.fitting.fit import Problem, fit
+from eitskin.diagnose.fitting.simulator import RecordingSimulator
+from eitskin.diagnose.noise.whitening import Whitening
+from eitskin.diagnose.search.gates import CONFUSED, WEAK
 from eitskin.diagnose.search.search import Search
-from eitskin.diagnose.simulator import RecordingSimulator
-from eitskin.diagnose.whitening import Whitening
+from eitskin.diagnose.verdict.gaps import CLOSE, gaps
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Setting
 from eitskin.errors import InputError

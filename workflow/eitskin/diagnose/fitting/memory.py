@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from eitskin.data.recording import Recording
-from eitskin.diagnose.excerpt import LIMIT_GIB, MOST_FRAMES
-from eitskin.diagnose.jacobian import AT_ONCE, GROUP
-from eitskin.diagnose.simulator import KEPT, KEPT_BYTES, beliefs
+from eitskin.diagnose.fitting.excerpt import LIMIT_GIB, MOST_FRAMES
+from eitskin.diagnose.fitting.jacobian import AT_ONCE, GROUP
+from eitskin.diagnose.fitting.simulator import KEPT, KEPT_BYTES, beliefs
 from eitskin.effects.third_dimension import HEIGHTS
 from eitskin.errors import InputError
 from eitskin.physics import kept_touches

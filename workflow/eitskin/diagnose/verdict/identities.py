@@ -14,15 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from eitskin.diagnose.candidates import Candidate
-from eitskin.diagnose.classes import CONFUSED
-from eitskin.diagnose.estimates import estimates
-from eitskin.diagnose.fit import fit
+from eitskin.diagnose.fitting.candidates import Candidate
+from eitskin.diagnose.fitting.estimates import estimates
+from eitskin.diagnose.fitting.fit import fit
+from eitskin.diagnose.fitting.simulator import RecordingSimulator
+from eitskin.diagnose.fitting.tangents import Tangents
+from eitskin.diagnose.search.gates import CONFUSED
 from eitskin.diagnose.search.screen import explained, sparse
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.search.state import State
-from eitskin.diagnose.simulator import RecordingSimulator
-from eitskin.diagnose.tangents import Tangents
 from eitskin.effects.anisotropy import Anisotropy
 from eitskin.effects.contact_impedance import ContactImpedance
 from eitskin.effects.domain_shape import DomainShape

@@ -17,7 +17,7 @@ from scipy.special import expit, logit
 from scipy.stats import chi2, f
 
 from eitskin.data.recording import Recording, elapsed
-from eitskin.diagnose.noise import (
+from eitskin.diagnose.noise.estimate import (
     ALPHA,
     FLOOR,
     MOST_LOST,
@@ -27,7 +27,7 @@ from eitskin.diagnose.noise import (
     parity,
     rank_above_noise,
 )
-from eitskin.diagnose.outliers import loud_frames, spiked, spread
+from eitskin.diagnose.noise.outliers import loud_frames, spiked, spread
 
 WRONG = 0.05  # of a course, by which a reading may be off
 SHOWN = 0.5  # of the noise in one course, that so much must be to matter

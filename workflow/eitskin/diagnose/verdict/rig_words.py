@@ -1,6 +1,6 @@
 """The rig in words: what a recording shows of its noise, its robot and its load cell."""
 
-from eitskin.diagnose.words import UNITS
+from eitskin.diagnose.verdict.words import UNITS
 from eitskin.quantities import interval, listed, quantity
 
 MOST_LISTED = 6  # frames; more are counted

@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from eitskin.diagnose.fit import Fit, Problem
-from eitskin.diagnose.rig import Rig, tangents
-from eitskin.diagnose.simulator import RecordingSimulator
+from eitskin.diagnose.fitting.fit import Fit, Problem
+from eitskin.diagnose.fitting.simulator import RecordingSimulator
+from eitskin.diagnose.noise.rig import Rig, tangents
 from eitskin.errors import InputError
 
 STRAYS = 3.0  # sd by which touches are followed: more is another fault's

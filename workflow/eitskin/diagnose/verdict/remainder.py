@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from eitskin.diagnose.atlas import DISCOVERY
+from eitskin.diagnose.verdict.atlas import DISCOVERY
 
 PRIOR = 0.05  # that physics outside the catalogue is present, before looking
 # What a Bayes factor's logarithm counts, and the most that it may be: a p-value is no smaller than

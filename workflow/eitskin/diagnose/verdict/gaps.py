@@ -9,15 +9,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eitskin.diagnose.candidates import Candidate, discrete, gross, of_tangents
-from eitskin.diagnose.classes import CONFUSED
-from eitskin.diagnose.fit import Fit, Problem, fit, whitened_anew
-from eitskin.diagnose.identities import TWO_SIDED, declared
+from eitskin.diagnose.fitting.candidates import Candidate, discrete, gross, of_tangents
+from eitskin.diagnose.fitting.fit import Fit, Problem, fit, whitened_anew
+from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.search import afar
+from eitskin.diagnose.search.gates import CONFUSED
 from eitskin.diagnose.search.screen import explained, sparse
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.search.state import State
-from eitskin.diagnose.tangents import Tangents
+from eitskin.diagnose.verdict.identities import TWO_SIDED, declared
 from eitskin.errors import InputError
 
 CLOSE = 6.0  # a linear gap, times this, under which the rival is fitted on the nonlinear model

@@ -1,0 +1,1 @@
+"""Named effects fitted to a recording under the covariance of its noise."""
