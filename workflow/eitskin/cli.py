@@ -360,7 +360,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     from eitskin.diagnose import apart
     from eitskin.diagnose.fitting import memory
     from eitskin.diagnose.report import page
-    from eitskin.diagnose.search import start
+    from eitskin.diagnose.search import starting_point
     from eitskin.diagnose.verdict import result, words
 
     recorded = _source(arguments)
@@ -369,7 +369,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         result.read_query(arguments.query, recorded)
     earlier = None
     if arguments.earlier is not None:
-        earlier = start.read(arguments.earlier, recorded.channels)
+        earlier = starting_point.read(arguments.earlier, recorded.channels)
     name = _stem(arguments.file, arguments.frames)
     out = Path(arguments.out or f"diagnosis-{name}")
     report, predicted = out / "report.html", out / "predicted.parquet"

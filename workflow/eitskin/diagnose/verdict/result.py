@@ -13,16 +13,24 @@ from eitskin import cores
 from eitskin.atomic import atomic_path
 from eitskin.data import parquet, recording
 from eitskin.data.recording import Recording
-from eitskin.diagnose.diagnosis import Diagnosis, predict
+from eitskin.diagnose.diagnosis import Diagnosis
 from eitskin.diagnose.fitting.estimates import amounts, calibration, estimates
 from eitskin.diagnose.fitting.fit import whitened_anew
 from eitskin.diagnose.fitting.held_out import HeldOut, held_out
-from eitskin.diagnose.search.gates import CONFUSED
-from eitskin.diagnose.search.state import State
+from eitskin.diagnose.fitting.query import predict
+from eitskin.diagnose.search.explanation import Explanation
+from eitskin.diagnose.search.gates import (
+    ACCEPTABLE,
+    DISTINCT,
+    NOTHING_UNNAMED,
+    OBSERVABLE,
+    REMAINDER,
+    STANDS_OUT,
+)
+from eitskin.diagnose.search.refits import as_reported, reduced, without_discrepancy
 from eitskin.diagnose.verdict import corrected, identities, validation, words
 from eitskin.diagnose.verdict.experiment import propose
-from eitskin.diagnose.verdict.gaps import OBSERVABLE
-from eitskin.diagnose.verdict.verdict import LIKELY, acceptable, verdict
+from eitskin.diagnose.verdict.verdict import verdict
 from eitskin.effects import EFFECTS, catalogue_names
 from eitskin.errors import InputError
 
@@ -32,12 +40,12 @@ OF_A_PART = ("verdict", "effects", "other", "fit")  # what diagnosis.json has of
 def result(found: Diagnosis, name: str) -> dict:
     """diagnosis.json of a diagnosis, as an object."""
     fits = {"before": found.before.fit, "after": found.after.fit}
-    judged, noise, left = found.judged, found.noise, found.other
-    held = {when: judged.by(fit) for when, fit in fits.items()}
-    white = {when: judged.by_white(fit) for when, fit in fits.items()}
-    named = found.search.named(found.after, found.after.fit)
+    judged, noise, left = found.reserve, found.noise, found.other
+    held = {when: judged.predicted(fit) for when, fit in fits.items()}
+    white = {when: judged.predicted_in_white(fit) for when, fit in fits.items()}
+    named = without_discrepancy(found.after, found.after.fit)
     p = judged.p_value(named, noise.dof)
-    entries = [_entry(found, i, acceptable(p)) for i in range(len(found.after.effects))]
+    entries = [_entry(found, i, ACCEPTABLE.admits(p)) for i in range(len(found.after.effects))]
     said: dict[str, Any] = {
         "format": "eit-diagnosis",
         "version": 1,
@@ -47,11 +55,11 @@ def result(found: Diagnosis, name: str) -> dict:
         "noise_V": float(np.median(noise.sd)),
         "noise": {
             "components": found.rig,
-            "loud_frames": found.recorded.frames["frame"].iloc[[*noise.loud_frames]].tolist(),
+            "loud_frames": found.recording.frames["frame"].iloc[[*noise.loud_frames]].tolist(),
             "jumps": [step["frame"] for step in found.steps],
             "spikes": {
                 "readings": noise.spikes,
-                "share": noise.spikes / found.recorded.readings.size,
+                "share": noise.spikes / found.recording.readings.size,
             },
         },
         "effects": entries,
@@ -90,7 +98,7 @@ def unobservable(found: Diagnosis) -> list[str]:
         for name in catalogue_names()
         if name not in there
         and not EFFECTS[name].last_resort
-        and found.strengths.get(name, 0.0) < OBSERVABLE
+        and found.strengths.get(name, 0.0) < OBSERVABLE.threshold
     )
 
 
@@ -102,17 +110,17 @@ def _entry(found: Diagnosis, index: int, accepted: bool) -> dict:
     candidate = state.effects[index]
     rivals = found.rivals[index]
     named = found.gaps[index]
-    alternatives = [g.rival for g in named if g.gap < CONFUSED]
-    stands_out = not named or named[0].snr >= CONFUSED
+    alternatives = [g.rival for g in named if not DISTINCT.admits(g.gap)]
+    stands_out = not named or STANDS_OUT.admits(named[0].snr)
     left = found.other
-    nearest = min((g.gap for g in named if g.gap >= CONFUSED), default=np.inf)
-    told_apart = left.probability < LIKELY or nearest >= left.snr
+    nearest = min((g.gap for g in named if DISTINCT.admits(g.gap)), default=np.inf)
+    told_apart = NOTHING_UNNAMED.admits(left.probability) or REMAINDER.admits(nearest - left.snr)
     if not stands_out:  # gaps as small as it is tell nothing: those first that were fitted in place
         ahead = {rival.name: rival.gain for rival in rivals}
         alternatives.sort(key=lambda name: ahead.get(name, np.inf))
-    judged = found.judged
-    before, after = judged.by(found.before.fit), judged.by(state.fit)
-    without = judged.by(search.less(state, index).fit)
+    judged = found.reserve
+    before, after = judged.predicted(found.before.fit), judged.predicted(state.fit)
+    without = judged.predicted(reduced(search, state, index).fit)
     gain, error = min((rival.gain, rival.error) for rival in rivals)
     beyond = before.chi2.sum() - before.readings
     share = (without.chi2.sum() - after.chi2.sum()) / beyond if beyond > 0.0 else 0.0
@@ -153,11 +161,13 @@ def write(
     validation.validate(said, schema, folder / "diagnosis.json")
     (folder / "evidence").mkdir(parents=True, exist_ok=True)
     if query_path is not None:
-        voltage, sd = predict(found, read_query(query_path, found.recorded))
+        voltage, sd = predict(
+            found.after.fit, found.recording, read_query(query_path, found.recording)
+        )
         _write_predicted(query_path, voltage, sd, folder / "predicted.parquet")
     _write_evidence(found, folder / "evidence")
     with atomic_path(folder / "effects.yaml") as path:
-        text = corrected.text(found.after.fit, found.recorded, found.noise.sd, name)
+        text = corrected.text(found.after.fit, found.recording, found.noise.sd, name)
         path.write_text(text, "utf-8")
     with atomic_path(folder / "diagnosis.json") as path:
         text = json.dumps(said, indent=2, ensure_ascii=False, allow_nan=False)
@@ -192,7 +202,7 @@ def _write_evidence(found: Diagnosis, folder: Path) -> None:
     mask = problem.whitening.mask
     # What the rig's errors leave of both; a discrepancy would hide what has no name.
     plain = replace(before.problem, whitening=found.named.problem.whitening)
-    frames = found.recorded.frames
+    frames = found.recording.frames
     changes, changed_frame = _changes(found, mask)
     with atomic_path(folder / "residuals.npz") as path, path.open("wb") as file:
         np.savez_compressed(
@@ -202,13 +212,13 @@ def _write_evidence(found: Diagnosis, folder: Path) -> None:
             noise_V=found.noise.sd,
             noise_source=np.array(found.noise.source),
             noise_dof=np.array(float(found.noise.dof)),
-            channels=found.recorded.channels,
-            held_out=found.aside.all(axis=1).astype(int),
-            held_out_channels=found.aside.all(axis=0),
+            channels=found.recording.channels,
+            held_out=found.reserve_mask.all(axis=1).astype(int),
+            held_out_channels=found.reserve_mask.all(axis=0),
             press=problem.model.press,
             recorded_V=found.search.problem.recorded,
-            before_V=found.search.as_reported(before),
-            after_V=found.search.as_reported(after),
+            before_V=as_reported(found.search, before),
+            after_V=as_reported(found.search, after),
             changes=changes,
             changed_frame=changed_frame,
             **{
@@ -222,7 +232,8 @@ def _write_evidence(found: Diagnosis, folder: Path) -> None:
         "atlas_after": found.atlas_after,
         "rivals": rivals,
         "identifiability": _identifiability(found),
-        "search": pd.DataFrame(found.search.path),
+        "search": pd.DataFrame(found.search.journal.steps),
+        "gates": pd.DataFrame(found.search.journal.rows()),
     }
     for key, table in tables.items():
         with atomic_path(folder / f"{key}.csv") as path:
@@ -257,8 +268,8 @@ def _rivals(found: Diagnosis) -> pd.DataFrame:
     found, of no effect; a rival that has no physics where its touches were followed to is left
     out."""
 
-    def held(state: State) -> HeldOut:
-        return held_out(whitened_anew(state.fit, found.named.problem), found.search.fold)
+    def held(state: Explanation) -> HeldOut:
+        return held_out(whitened_anew(state.fit, found.named.problem), found.search.folds)
 
     columns = ["effect", "instead", "chi2_per_dof", "elpd_difference", "gap"]
     if not found.after.effects:

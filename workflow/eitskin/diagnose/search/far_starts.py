@@ -40,7 +40,7 @@ def start(
     Without a candidate, electrodes of unknown width are tried wider too."""
     names = [item.name for item in problem.model.calibrations]
     contact, width = (
-        [i for i, own in enumerate(names) if own == name]
+        [i for i, calibration in enumerate(names) if calibration == name]
         for name in ("contact_impedivity_ohm_m2", "electrode_width_mm")
     )
     scale, power = next((names.index(n), power) for n, power in SCALE.items() if n in names)
@@ -54,17 +54,17 @@ def start(
     contacts = CONTACTS if contact else CONTACTS[:1]
     widths = WIDTHS if width and not candidates else WIDTHS[:1]
     for size, z, w in product(sizes, contacts, widths):
-        there = np.r_[np.zeros(len(names)), theta[len(names) :], np.array(size)]
-        there[contact], there[width] = z, w
+        trial = np.r_[np.zeros(len(names)), theta[len(names) :], np.array(size)]
+        trial[contact], trial[width] = z, w
         try:
-            simulated = problem.whitening(problem.voltage(there, [*effects, *candidates]))
+            simulated = problem.whitening(problem.voltage(trial, [*effects, *candidates]))
         except InputError:
             continue
         factor = float((simulated * recorded).sum() / (simulated**2).sum())
         if factor > 0.0:
             unlikely = np.log(factor) / sd
-            left = float(((recorded - factor * simulated) ** 2).sum() + unlikely**2)
-            if left < least:
-                least, best = left, there
+            cost = float(((recorded - factor * simulated) ** 2).sum() + unlikely**2)
+            if cost < least:
+                least, best = cost, trial
                 best[scale] = np.clip(power * unlikely, -MOST_SCALE, MOST_SCALE)
     return least, best
