@@ -57,6 +57,11 @@ examples:
   eitskin diagnose skin.parquet --query elsewhere.parquet --json > monday.json
   eitskin diagnose longer.parquet --earlier monday/effects.yaml
 """,
+    "explain": """\
+examples:
+  eitskin explain monday
+  eitskin explain monday contact-impedance
+""",
     "compare": """\
 examples:
   eitskin compare monday.parquet friday.parquet
@@ -163,6 +168,11 @@ def _parser() -> argparse.ArgumentParser:
     words = "the effects.yaml of an earlier diagnosis: what it found is tried first"
     _add_path(diagnosing, "--earlier", words)
     _add_anyway(diagnosing)
+    words = "say why a diagnosis does not name an effect: the rule at which it stopped"
+    explaining = command("explain", _explain, words)
+    _add_path(explaining, "folder", "the folder of a diagnosis", shtab.DIR)
+    words = "an effect of the catalogue, by default each of them"
+    explaining.add_argument("name", nargs="?", help=words)
     comparing = command("compare", _compare, "say what changed between two recordings of one skin")
     _add_path(comparing, "control", "the earlier recording, in any known format")
     _add_path(comparing, "later", "the later one, read in the same way")
@@ -357,16 +367,16 @@ def _import(arguments: argparse.Namespace) -> int:
 
 def _diagnose(arguments: argparse.Namespace) -> int:
     # seconds, which other commands spare
-    from eitskin.diagnose import apart
+    from eitskin.diagnose import apart, files
     from eitskin.diagnose.fitting import memory
     from eitskin.diagnose.report import page
     from eitskin.diagnose.search import starting_point
-    from eitskin.diagnose.verdict import result, words
+    from eitskin.diagnose.verdict import words
+    from eitskin.diagnose.verdict.record import read_query, record
 
     recorded = _source(arguments)
     recording.voltages(recorded, arguments.file)
-    if arguments.query is not None:
-        result.read_query(arguments.query, recorded)
+    query = None if arguments.query is None else read_query(arguments.query, recorded)
     earlier = None
     if arguments.earlier is not None:
         earlier = starting_point.read(arguments.earlier, recorded.channels)
@@ -389,21 +399,37 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         _forget(answer)
         source = folder / "recording.parquet"
         recording.write(recorded, source)
-        found = apart.diagnose(
+        diagnosis = apart.diagnose(
             recorded, progress=True, memory_GiB=arguments.memory, earlier=earlier
         )
-        said = result.write(found, name, folder, SCHEMA, arguments.query)
+        answered = record(diagnosis, name, query)
+        files.write(answered, folder, SCHEMA, arguments.query)
+        document = answered.document
         if not arguments.json:
-            for head, sentences in words.of_parts(said) or [("", words.told(said))]:
+            for head, sentences in words.of_parts(document) or [("", words.told(document))]:
                 _say("\n".join([f"{head}:", *sentences] if head else sentences))
-            for sentence in words.pinned(said["calibration"]):
+            for sentence in words.pinned(document["calibration"]):
                 _say(sentence)
             sys.stdout.flush()
         page.write(folder, source, SCHEMA, report, None if arguments.query is None else predicted)
     if arguments.json:
-        answers.write(said | {"report": str(report)})
+        answers.write(document | {"report": str(report)})
     else:
         print(report)
+    return 0
+
+
+def _explain(arguments: argparse.Namespace) -> int:
+    from eitskin.diagnose.verdict import refusals
+
+    folder = Path(arguments.folder)
+    document, decisions = refusals.read(folder)
+    sentences = refusals.explanations(decisions, document, arguments.name)
+    if arguments.json:
+        answers.write({"folder": str(folder), "sentences": sentences})
+        return 0
+    for sentence in sentences:
+        _say(sentence)
     return 0
 
 

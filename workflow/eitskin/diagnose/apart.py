@@ -15,9 +15,9 @@ from eitskin.data.check.steps import steps
 from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.comparison.difference_words import compared
-from eitskin.diagnose.diagnosis import Diagnosis
 from eitskin.diagnose.fitting.excerpt import LIMIT_GIB
-from eitskin.diagnose.verdict.result import OF_A_PART, result
+from eitskin.diagnose.verdict.conclusion import OF_A_PART, document
+from eitskin.diagnose.verdict.diagnosis import Diagnosis
 from eitskin.diagnose.verdict.words import stretch
 from eitskin.effects.effect import Setting
 from eitskin.errors import InputError
@@ -57,7 +57,7 @@ def diagnose(
             longest = found
             entries.append({"frames": frames, "told": True})
             continue
-        said = result(found, stretch(frames))
+        said = document(found, stretch(frames))
         entries.append({"frames": frames, **{key: said[key] for key in OF_A_PART}})
     if longest is None:
         raise refusals[0]

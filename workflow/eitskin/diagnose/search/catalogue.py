@@ -55,16 +55,20 @@ def catalogue(
 
 
 def _is_sought(effect: Effect, conditions: Conditions, journal: Journal) -> bool:
+    """Whether an effect is sought; the gate at which it stops is recorded."""
     skin = conditions.skin
     has_contacts = skin.electrode_width_mm != 0 or not getattr(effect, "on_contacts", False)
     is_stated = all(getattr(skin, key) is not None for key in effect.needs)
-    return (
-        journal.admits(COMPOSED, not effect.composite, effect.name)
-        and journal.admits(CONTACTS, has_contacts, effect.name)
-        and journal.admits(STATED, is_stated or not conditions.touched, effect.name)
-        and journal.admits(TIMED, conditions.timed or effect.driver != "time", effect.name)
-        and journal.admits(FLOATING, conditions.floating or not effect.last_resort, effect.name)
-    )
+    for gate, holds in (
+        (COMPOSED, not effect.composite),
+        (CONTACTS, has_contacts),
+        (STATED, is_stated or not conditions.touched),
+        (TIMED, conditions.timed or effect.driver != "time"),
+        (FLOATING, conditions.floating or not effect.last_resort),
+    ):
+        if not journal.passes(gate, holds, effect.name):
+            return journal.admits(gate, holds, effect.name)
+    return True
 
 
 def _sites(

@@ -30,9 +30,10 @@ from eitskin.diagnose.search.gates import (
     GROSS_MISFIT,
     PLACE,
     PREDICTION,
+    UNLIKE,
 )
 from eitskin.diagnose.search.journal import CUT_SHORT, START, UNLIKE_STEP
-from eitskin.diagnose.search.prediction import is_unlike, misfit, sure_gain
+from eitskin.diagnose.search.prediction import is_unlike, likeness, misfit, sure_gain
 from eitskin.diagnose.search.proposals import (
     best_p_value,
     draw_null,
@@ -97,11 +98,14 @@ def grown(search: Search, before: Explanation, begin: Explanation | None = None)
     explanation = before
     while (plain := _with_gross_fault(search, explanation)) is not None:
         search, explanation = plain
-    if is_unlike(search, explanation):
+    unlike = is_unlike(search, explanation)
+    if _tries_last_resorts(search, explanation):
         search, another = last_resorts.another_instrument(search, explanation)
-        if another is None:
-            search.journal.step(UNLIKE_STEP, None, before)
-        return search, before, another or before
+        if another is not None:
+            return search, before, another
+    if unlike:
+        search.journal.step(UNLIKE_STEP, None, before)
+        return search, before, before
     free = _with_free_channels(search, explanation)
     if free is not None:
         search = replace(search, rival_evidence=free.log_evidence)
@@ -112,6 +116,19 @@ def grown(search: Search, before: Explanation, begin: Explanation | None = None)
         search = replace(search, rival_evidence=-np.inf)
         best = _explained(search, _drop(search, free))
     return search, before, best
+
+
+def _tries_last_resorts(search: Search, explanation: Explanation) -> bool:
+    """Whether another instrument is tried: where the readings are not those of a skin like this."""
+    values = (
+        (GROSS_MISFIT, misfit(search.problem, explanation)),
+        (UNLIKE, likeness(search, explanation)),
+    )
+    admits = search.journal.admits
+    is_tried = is_unlike(search, explanation)
+    for name in dict.fromkeys(c.name for c in search.last_resorts):
+        is_tried |= all(admits(gate, value, name, explanation) for gate, value in values)
+    return is_tried
 
 
 def at_start(search: Search, before: Explanation, start: StartingPoint) -> Explanation | None:

@@ -1,7 +1,9 @@
 """What a search did and decided: its steps, and each value that a gate let pass or refused."""
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field
+from dataclasses import astuple, dataclass, field, fields
+
+import pandas as pd
 
 from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.diagnose.search.explanation import Explanation
@@ -16,17 +18,22 @@ UNLIKE_STEP = "unlike"  # the step that says that the readings are of no such sk
 class Decision:
     """One value held against one gate.
 
-    beside: the names of the set beside which the candidate was judged, in its order; place: the
-    name whose place it would take, "" where it would be one more; sites: "" where it has none.
+    round: counts the times that candidates are tried beside a set, or a set is pruned; beside: the
+    names of the set beside which the candidate was judged, in its order; place: the name whose
+    place it would take, "" where it would be one more; kind, sites: "" where it has none; detail:
+    a sentence on the candidate itself, where the value is of the whole search.
     """
 
+    round: int
     name: str
+    kind: str
     sites: str
     gate: str
     value: float
     admitted: bool
     beside: str
     place: str
+    detail: str
 
 
 @dataclass(frozen=True)
@@ -45,6 +52,11 @@ class Journal:
     opened: frozenset[tuple[str, str]] = frozenset()
     steps: list[dict] = field(default_factory=list)
     decisions: list[Decision] = field(default_factory=list)
+    round: int = 0
+
+    def begin_round(self) -> None:
+        """Count another round."""
+        self.round += 1
 
     def admits(
         self,
@@ -53,14 +65,16 @@ class Journal:
         candidate: Candidate | str,
         explanation: Explanation | None = None,
         place: str = "",
+        detail: str = "",
     ) -> bool:
         """Whether a gate lets a candidate pass beside an explanation; recorded."""
         name = candidate if isinstance(candidate, str) else candidate.name
         admitted = self.passes(gate, value, name)
         beside = "" if explanation is None else " ".join(c.name for c in explanation.effects)
-        self.decisions.append(
-            Decision(name, sites_text(candidate), gate.name, float(value), admitted, beside, place)
-        )
+        kind = "" if isinstance(candidate, str) else candidate.kind or ""
+        sites = sites_text(candidate)
+        rest = gate.name, float(value), admitted, beside, place, detail
+        self.decisions.append(Decision(self.round, name, kind, sites, *rest))
         return admitted
 
     def any_admits(
@@ -68,6 +82,7 @@ class Journal:
         values: Iterable[tuple[Gate, float]],
         candidate: Candidate | str,
         explanation: Explanation | None = None,
+        detail: str = "",
     ) -> bool:
         """Whether one of several gates, each with a value, lets a candidate pass; where none does
         all are recorded, else the first that does."""
@@ -75,7 +90,7 @@ class Journal:
         name = candidate if isinstance(candidate, str) else candidate.name
         passed = [pair for pair in values if self.passes(*pair, name)]
         for gate, value in passed[:1] or values:
-            self.admits(gate, value, candidate, explanation)
+            self.admits(gate, value, candidate, explanation, detail=detail)
         return bool(passed)
 
     def passes(self, gate: Gate, value: float, name: str) -> bool:
@@ -102,9 +117,10 @@ class Journal:
             }
         )
 
-    def rows(self) -> list[dict]:
-        """The decisions as rows of a table."""
-        return [asdict(decision) for decision in self.decisions]
+    def table(self) -> pd.DataFrame:
+        """The decisions, one a row."""
+        columns = [field.name for field in fields(Decision)]
+        return pd.DataFrame([astuple(decision) for decision in self.decisions], columns=columns)
 
 
 def sites_text(candidate: Candidate | str) -> str:

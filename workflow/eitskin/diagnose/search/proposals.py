@@ -36,6 +36,7 @@ from eitskin.diagnose.search.screen import (
 )
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.search.shortlist import shortlist
+from eitskin.quantities import number
 
 FAR_STARTS = 3  # of a name, no two of one depth or height, from which it is fitted from far
 TINY = 1e-300  # chi squared below which there is nothing to explain
@@ -183,12 +184,12 @@ def _hopeful_names(
         (SURPRISE, global_p(search, min(s.p_value for s in ranked))),
         (HOPE, ranked[0].log_evidence),
     )
-    best = {one.candidate.name: one for one in reversed(ranked)}
-    return {
-        name: one
-        for name, one in best.items()
-        if search.journal.any_admits(values, one.candidate, explanation)
-    }
+    hopeful = {}
+    for name, one in {one.candidate.name: one for one in reversed(ranked)}.items():
+        detail = f"its own best score has a p-value of {number(global_p(search, one.p_value), 2)}"
+        if search.journal.any_admits(values, one.candidate, explanation, detail):
+            hopeful[name] = one
+    return hopeful
 
 
 def _absorbed(search: Search, explanation: Explanation, listed: set[str]) -> list[Score]:
@@ -270,6 +271,7 @@ def trials(
     fitted = cached_trials(search, explanation)
     if fitted is not None:
         return fitted
+    search.journal.begin_round()
     hopeful = _hopeful_names(search, explanation, ranked) if ranked else {}
     listed = shortlist(search.journal, explanation, ranked, hopeful)
     listed += _far(search, explanation, listed)

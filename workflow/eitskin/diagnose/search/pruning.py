@@ -49,6 +49,7 @@ def _earning(
     """An explanation less the effects that do not earn their place, the worst first, and the
     reserve in its covariance."""
     while True:
+        search.journal.begin_round()
         reserve = reserve_of(explanation.error_sds)
         plain = without_discrepancy(explanation, explanation.fit)
         is_accepted = ACCEPTABLE.admits(reserve.p_value(plain, noise_dof))

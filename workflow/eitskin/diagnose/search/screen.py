@@ -61,9 +61,12 @@ def chance_p_value(gain: float, dof: int, choices: int = 1) -> float:
 
 @dataclass(frozen=True)
 class Score:
-    """A candidate's score test: `gain` of chi squared and degrees of freedom, and the linear log
-    evidence with the prior over sites. choices: among how many it was chosen as the best, beyond
-    what a `NullDistribution` counts as looks; information (k, k): of the coordinates, where each has some."""
+    """A candidate's score test.
+
+    gain: of chi squared; dof: degrees of freedom; log_evidence: linear, with the prior over sites;
+    choices: among how many it was chosen as the best, beyond what a `NullDistribution` counts as
+    looks; information (k, k): of the coordinates, where each has some.
+    """
 
     candidate: Candidate
     gain: float

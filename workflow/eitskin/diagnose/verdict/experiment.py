@@ -13,13 +13,13 @@ import numpy as np
 import pandas as pd
 
 from eitskin.data.recording import Recording
-from eitskin.diagnose.diagnosis import Diagnosis
 from eitskin.diagnose.fitting.fit import Problem, fit
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
 from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.diagnose.search.gates import CLEARLY_DISTINCT, DISTINCT
 from eitskin.diagnose.search.refits import explain
 from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.verdict.diagnosis import Diagnosis
 from eitskin.diagnose.verdict.gaps import CLOSE, gaps
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Setting
@@ -48,8 +48,8 @@ def propose(found: Diagnosis) -> dict:
     """The experiment that splits the names which a diagnosis confuses, proved by simulation.
 
     {sentence, pairs: [{a, b, gap_now, gap_then, recipe}]}: a is a name found, b one of its
-    alternatives or, where it has none, the nearest rival with a gap below CLEARLY_DISTINCT. Recipes are
-    compared on some of the presses; what is returned was simulated with all of them. What SHARE
+    alternatives or, where it has none, the nearest rival with a gap below CLEARLY_DISTINCT. Recipes
+    are compared on some of the presses; what is returned was simulated with all of them. What SHARE
     leaves no room for, as it may of bodies, is not tried.
     """
     pairs = list(_pairs(found))

@@ -61,8 +61,8 @@ def probability(p_value: float) -> float:
 
 
 def unlike(likeness: float) -> Other:
-    """What is to be said where the readings are not those of a skin like this; likeness: their squared
-    correlation with the simulation."""
+    """What is to be said where the readings are not those of a skin like this; likeness: their
+    squared correlation with the simulation."""
     against = ", and they run against it" if likeness < 0.0 else ""
     said = (
         f"The readings are not those of such a skin: their squared correlation with the simulation"
