@@ -11,7 +11,7 @@ from eitskin import cli
 from eitskin.data import recording
 from eitskin.data.recording import Recording
 from eitskin.diagnose import apart, diagnosis
-from eitskin.diagnose.verdict import result
+from eitskin.diagnose.verdict import conclusion
 from eitskin.diagnose.verdict.validation import validate
 from eitskin.diagnose.verdict.words import of_parts
 from eitskin.errors import InputError
@@ -51,7 +51,7 @@ def diagnosed(monkeypatch):
         return Told(recorded)
 
     def said(found, name):
-        made.append(found.recorded)
+        made.append(found.recording)
         entries = {"verdict": "consistent", "effects": [], "other": {"sentence": None}, "fit": {}}
         return {"recording": name, **entries}
 
@@ -70,7 +70,7 @@ def test_parts_are_the_whole_recording_and_steps_lie_between(stepped, diagnosed)
     assert [a[1] + 1 for a in ends[:-1]] == first_after
     assert ends[0][0] == 0 and ends[-1][1] == len(stepped.frames) - 1
     longest = max(given, key=lambda part: len(part.frames))
-    assert found.recorded is longest
+    assert found.recording is longest
     rows = longest.frames["frame"].to_numpy()
     assert np.array_equal(longest.voltage, stepped.voltage[rows])
 
@@ -93,7 +93,7 @@ def test_the_longest_part_that_can_be_diagnosed_is_told(stepped, diagnosed):
     lengths = sorted(len(part.frames) for part in given)
     refused.add(lengths[-1])
     found = apart.diagnose(stepped)
-    assert len(found.recorded.frames) == lengths[-2]
+    assert len(found.recording.frames) == lengths[-2]
     (entry,) = [part for part in found.parts if "refused" in part]
     assert f"found {lengths[-1]}, expected others" in entry["refused"]
     refused.update(lengths)
@@ -107,14 +107,14 @@ def test_one_part_says_that_it_is_told_and_its_result_is_made_where_it_is_writte
     given, refused, made = diagnosed
     found = apart.diagnose(stepped)
     assert [part["frames"] for part in found.parts if "told" in part] == [frames_of(found)]
-    assert len(made) == len(given) - 1 and all(part is not found.recorded for part in made)
-    refused.add(len(found.recorded.frames))
+    assert len(made) == len(given) - 1 and all(part is not found.recording for part in made)
+    refused.add(len(found.recording.frames))
     found = apart.diagnose(stepped)
     assert [part["frames"] for part in found.parts if "told" in part] == [frames_of(found)]
 
 
 def frames_of(found):
-    return found.recorded.frames["frame"].iloc[[0, -1]].tolist()
+    return found.recording.frames["frame"].iloc[[0, -1]].tolist()
 
 
 def test_what_is_told_stands_at_the_top_and_among_the_parts():
@@ -122,16 +122,16 @@ def test_what_is_told_stands_at_the_top_and_among_the_parts():
     other = {"frames": [0, 4], "refused": "too short"}
     step = {"frame": 5, "sentences": ["All is other."], "difference": {}}
     told = {"frames": [5, 60], "told": True}
-    said = result.result(replace(found, parts=(other, told), steps=(step,)), "skin")
+    said = conclusion.document(replace(found, parts=(other, told), steps=(step,)), "skin")
     validate(said, SCHEMA, "diagnosis.json")
-    assert said["parts"] == [other, told | {key: said[key] for key in result.OF_A_PART}]
-    assert "parts" not in result.result(found, "skin")
+    assert said["parts"] == [other, told | {key: said[key] for key in conclusion.OF_A_PART}]
+    assert "parts" not in conclusion.document(found, "skin")
 
 
 def test_without_a_step_nothing_is_apart(make_recording, diagnosed):
     made = make_recording(presses=12)
     found = apart.diagnose(made)
-    assert found.recorded is made and found.parts == found.steps == ()
+    assert found.recording is made and found.parts == found.steps == ()
 
 
 @pytest.mark.long

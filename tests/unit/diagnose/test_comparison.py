@@ -23,6 +23,7 @@ from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.fitting.held_out import folds
 from eitskin.diagnose.noise.estimate import estimate
 from eitskin.diagnose.report import comparison_page
+from eitskin.diagnose.search import refits
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.verdict.gaps import Gap
 from eitskin.effects.settings import site_counts
@@ -48,9 +49,9 @@ def named(recording: Recording, *wanted: tuple[str, tuple[int, ...] | None, str]
         )
         for name, sites, scope in wanted
     ]
-    before = search.calibrated()
+    search, before = refits.calibrated(search)
     start = np.r_[before.fit.theta, np.zeros(sum(c.size for c in found))]
-    after = search.state(fit(problem, found, start, polish=True))
+    after = refits.explain(search, fit(problem, found, start, polish=True))
     empty = pd.DataFrame()
     return Diagnosis(
         recorded=recording,

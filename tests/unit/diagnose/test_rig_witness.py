@@ -10,7 +10,8 @@ import pytest
 
 from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis
-from eitskin.diagnose.verdict import result
+from eitskin.diagnose.search import refits, staging
+from eitskin.diagnose.verdict import conclusion
 from witness import cases
 
 OF_MEDIAN = ("common-noise", "channel-drift")  # sizes that the witness tells over the median |v|
@@ -44,10 +45,10 @@ def size_of(case):
 )
 def test_sizes_of_a_rig_are_found(kind):
     case, recorded = drawn(f"null+rig:{kind}", 11)
-    _, search, _ = diagnosis.begun(recorded, 1)
+    _, search, _ = staging.prepared(recorded, 1)
     name, size = size_of(case)
     least = 2.0 if kind == "gain-walk" else 1.5  # one path of a random walk
-    assert 1 / least < search.calibrated().sizes[name] / size < least
+    assert 1 / least < refits.calibrated(search)[1].sizes[name] / size < least
 
 
 @pytest.mark.long
@@ -63,12 +64,12 @@ def test_sizes_of_a_rig_are_found(kind):
 def test_a_rig_error_gets_no_name(kind):
     case, recorded = drawn(f"null+rig:{kind}", 11)
     found = diagnosis.diagnose(recorded)
-    said = result.result(found, kind)
+    said = conclusion.document(found, kind)
     assert said["verdict"] == "consistent" and said["effects"] == []
     name, size = size_of(case)
-    assert 1 / 1.5 < found.after.sizes[name] / size < 1.5
+    assert 1 / 1.5 < found.after.error_sds[name] / size < 1.5
     (told,) = (one for one in said["noise"]["components"] if one["name"] == name)
-    assert told["sd"] == found.after.sizes[name]
+    assert told["sd"] == found.after.error_sds[name]
     # Twice as wide as that of 90 %, of which one in ten lies outside.
     assert told["low"] ** 2 < size * told["sd"] < told["high"] ** 2
 
@@ -87,9 +88,9 @@ def test_a_rig_error_gets_no_name(kind):
 def test_an_effect_is_not_taken_for_a_rig_error(name, seed, component):
     _, recorded = drawn(f"single:{name}", seed)
     found = diagnosis.diagnose(recorded)
-    (effect,) = result.result(found, name)["effects"]
+    (effect,) = conclusion.document(found, name)["effects"]
     assert name in (effect["name"], *effect["alternatives"])
-    assert found.after.sizes[component] < found.search.rig.scales[component] / 3.0
+    assert found.after.error_sds[component] < found.search.rig.scales[component] / 3.0
 
 
 @pytest.mark.long
@@ -103,21 +104,23 @@ def test_an_effect_is_not_taken_for_a_rig_error(name, seed, component):
 def test_an_effect_and_its_rig_error_are_told_apart(name, seed, component):
     case, recorded = drawn(f"single:{name}+rig:{component}", seed)
     found = diagnosis.diagnose(recorded)
-    (effect,) = result.result(found, name)["effects"]
+    (effect,) = conclusion.document(found, name)["effects"]
     assert name in (effect["name"], *effect["alternatives"])
-    assert 1 / 1.5 < found.after.sizes[component] / size_of(case)[1] < 1.5
+    assert 1 / 1.5 < found.after.error_sds[component] / size_of(case)[1] < 1.5
 
 
 @pytest.mark.long
 def test_a_class_is_declared_whole_on_a_rig_with_errors():
     case, recorded = drawn("single:contact-law+rig:common-noise", 4)  # SNR 16
     found = diagnosis.diagnose(recorded)
-    (effect,) = result.result(found, "contact-law")["effects"]
+    (effect,) = conclusion.document(found, "contact-law")["effects"]
     (others,) = found.gaps
     near = [other.rival for other in others if other.gap < 3.0]
     assert effect["name"] == "contact-law"
     assert effect["alternatives"] == near and "contact-area-growth" in near
     assert len(near) < len(others)
     name, size = size_of(case)
-    assert 1 / 1.5 < found.after.sizes[name] / size < 1.5
-    assert found.after.sizes["force-per-press"] < found.search.rig.scales["force-per-press"] / 3.0
+    assert 1 / 1.5 < found.after.error_sds[name] / size < 1.5
+    assert (
+        found.after.error_sds["force-per-press"] < found.search.rig.scales["force-per-press"] / 3.0
+    )

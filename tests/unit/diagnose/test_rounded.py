@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eitskin.diagnose import diagnosis
-from eitskin.diagnose.verdict import result
+from eitskin.diagnose.verdict import conclusion
 from small_skin import small_recording
 
 
@@ -21,7 +21,7 @@ def test_coarse_steps_are_the_converter_s(noise, step):
     """Channels of a symmetric skin that read alike are rounded alike, in every frame."""
     recorded, width = rounded(small_recording(noise=noise, places=4), step)
     found = diagnosis.diagnose(recorded)
-    said = result.result(found, "rounded")
+    said = conclusion.document(found, "rounded")
     assert said["effects"] == []
     assert found.other.p_value > 0.01 and found.other.probability < 0.1
     (size,) = (c["sd"] for c in said["noise"]["components"] if c["name"] == "quantisation")
@@ -33,7 +33,7 @@ def test_an_effect_is_named_beside_coarse_steps():
     """Without it the fit is half a step off: the parts of the steps are those of another skin."""
     contact = {"name": "contact-impedance", "electrodes": [3], "parameters": {"ratio": 1.7}}
     recorded, _ = rounded(small_recording(contact, noise=1e-4, places=4), 6e-4)
-    said = result.result(diagnosis.diagnose(recorded), "rounded")
+    said = conclusion.document(diagnosis.diagnose(recorded), "rounded")
     assert [(e["name"], e["electrodes"]) for e in said["effects"]] == [("contact-impedance", [3])]
     (ratio,) = said["effects"][0]["parameters"].values()
     assert ratio["low"] <= 1.7 <= ratio["high"]

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from eitskin.diagnose.fitting.candidates import replaces_instrument
+from eitskin.diagnose.fitting.candidates import Candidate, replaces_instrument
 from eitskin.diagnose.fitting.reserve import Reserve
 from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.gates import (
@@ -17,6 +17,7 @@ from eitskin.diagnose.search.gates import (
     STANDARD_ERRORS,
 )
 from eitskin.diagnose.search.growth import Outcome
+from eitskin.diagnose.search.journal import Journal
 from eitskin.diagnose.search.prediction import predicted
 from eitskin.diagnose.search.refits import reduced, settled, without_discrepancy
 from eitskin.diagnose.search.search import Search
@@ -87,15 +88,22 @@ def _worth(
     ]
     admits = search.journal.admits
     worth = min((v for gate, v in values if not admits(gate, v, effect, less)), default=0.0)
-    rms, rms_before, errors = reserve.harm(
-        explanation.fit, less.fit, (explanation.held_out, less.held_out)
-    )
-    harm = [
-        (HARM_RATIO, rms / rms_before if rms_before else np.inf * rms if rms else 1.0),
-        (HARM_ERRORS, 0.0 if np.isnan(errors) else errors),
-    ]
+    harm = reserve.harm(explanation.fit, less.fit, (explanation.held_out, less.held_out))
+    return worth if _is_harmless(search.journal, effect, less, harm, is_accepted) else -np.inf
+
+
+def _is_harmless(
+    journal: Journal,
+    effect: Candidate,
+    less: Explanation,
+    harm: tuple[float, float, float],
+    is_accepted: bool,
+) -> bool:
+    """Whether an effect does no harm beside the rest; harm: rms error with it and without it, and
+    standard errors (`Reserve.harm`)."""
+    rms, rms_without, errors = harm
+    ratio = rms / rms_without if rms_without else (np.inf if rms else 1.0)
+    values = [(HARM_RATIO, ratio), (HARM_ERRORS, 0.0 if np.isnan(errors) else errors)]
     if is_accepted:
-        is_harmless = search.journal.any_admits(harm, effect, less)
-    else:
-        is_harmless = all([admits(gate, value, effect, less) for gate, value in harm])
-    return worth if is_harmless else -np.inf
+        return journal.any_admits(values, effect, less)
+    return all([journal.admits(gate, value, effect, less) for gate, value in values])
