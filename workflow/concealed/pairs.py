@@ -26,8 +26,8 @@ from concealed import pair_skins, planted
 from concealed.pair_skins import DEVELOPMENT, REPORT, SECOND, SIMULATED, THIRD, Sessions
 from eitskin.atomic import atomic_path
 from eitskin.data.recording import Recording
-from eitskin.diagnose.comparison.difference import Difference, Found, difference
-from eitskin.diagnose.comparison.wander import wander
+from eitskin.diagnose.compare.difference import Difference, Found, difference
+from eitskin.diagnose.compare.wander import wander
 from eitskin.effects import catalogue_names, modules
 from eitskin.fingerprint import fingerprint
 from eitskin.quantities import percent

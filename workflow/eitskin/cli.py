@@ -431,8 +431,7 @@ def _told_apart(
 
 
 def _compare(arguments: argparse.Namespace) -> int:
-    from eitskin.diagnose.comparison import difference_words, result
-    from eitskin.diagnose.report import comparison_page
+    from eitskin.diagnose.compare import page, result
 
     files = (arguments.control, arguments.later)
     stretches = (arguments.control_frames, arguments.later_frames)
@@ -444,18 +443,17 @@ def _compare(arguments: argparse.Namespace) -> int:
             recording.voltages(recorded, file)
             if _checked(recorded, arguments, file, OF_TABLE) is None:
                 return UNUSABLE
-        sentences, difference = difference_words.compared(control, later, names)
-    said = result.of_difference(list(names), sentences, difference)
+        said = result.comparison(control, later, names)
     stems = "-vs-".join(map(_stem, files, stretches))
     with held_folder(arguments.out or f"comparison-{stems}") as folder:
         report = folder / "comparison.html"
         report.unlink(missing_ok=True)
         result.write(said, folder / "comparison.json")
-        comparison_page.write(said, report)
+        page.write(said, report)
     if arguments.json:
         answers.write(said | {"report": str(report)})
     else:
-        _say("\n".join(sentences))
+        _say("\n".join(said["sentences"]))
         print(report)
     return 0
 

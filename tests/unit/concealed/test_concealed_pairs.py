@@ -6,7 +6,7 @@ import pandas as pd
 from concealed import pair_skins, pairs, planted
 from concealed.pair_skins import DEVELOPMENT, REPORT, SIMULATED
 from eitskin.data.recording import validate
-from eitskin.diagnose.comparison.difference import difference
+from eitskin.diagnose.compare.difference import difference
 
 
 def small(kind: str) -> pairs.Case:

@@ -13,15 +13,12 @@ from eitskin import cli
 from eitskin.data import recording
 from eitskin.data.importers.description import describe
 from eitskin.data.recording import Recording, frames_table
-from eitskin.diagnose.comparison import faults
-from eitskin.diagnose.comparison.difference import difference
-from eitskin.diagnose.comparison.difference_words import compared, odd_share, sentences
-from eitskin.diagnose.comparison.potentials import Potentials
-from eitskin.diagnose.comparison.result import with_difference
-from eitskin.diagnose.comparison.sentences import NOTHING
-from eitskin.diagnose.comparison.wander import wander
-from eitskin.diagnose.report import comparison_page
-from eitskin.effects.effect import SITES
+from eitskin.diagnose.compare import faults
+from eitskin.diagnose.compare.difference import difference
+from eitskin.diagnose.compare.potentials import Potentials
+from eitskin.diagnose.compare.result import comparison
+from eitskin.diagnose.compare.wander import wander
+from eitskin.diagnose.compare.words import odd_share, sentences
 from eitskin.errors import InputError
 from eitskin.physics.forward import channel_values
 from eitskin.physics.geometry import even_angles
@@ -172,7 +169,7 @@ def test_a_dead_channel_and_a_lost_one():
     found = difference(control, replace(later, voltage=voltage), NAMES)
     assert found.lost == (30,)
     assert [one.explained.place for one in found.found] == [("channels", (17,))]
-    said, _ = compared(control, replace(later, voltage=voltage), NAMES)
+    said = comparison(control, replace(later, voltage=voltage), NAMES)["sentences"]
     assert "friday has no readings of channel 30" in said[0] and "it is dead" in said[1]
 
 
@@ -234,11 +231,12 @@ def test_a_change_of_the_whole_skin_is_no_fault_and_said():
     control, later = session(1), session(2)
     assert difference(control, later, NAMES).moved[1] > 0.01
     change = channel_values(impedances(7), ADJACENT) * 0.01
-    told, entry = compared(control, replace(later, voltage=later.voltage + change), NAMES)
+    said = comparison(control, replace(later, voltage=later.voltage + change), NAMES)
+    entry = said["difference"]
     assert not any(one["named"] for one in entry["found"])
     assert entry["moved"]["p_value"] < 1e-6 and entry["moved"]["times_scatter"] > 10.0
     if not entry["found"]:
-        assert "times what they scatter" in told[0]
+        assert "times what they scatter" in said["sentences"][0]
 
 
 def test_one_frame_each_tells_nothing_of_scatter():
@@ -271,33 +269,6 @@ def test_other_channels_get_one_message():
         difference(session(1), turned, NAMES)
     with pytest.raises(InputError, match="key voltage: found magnitude"):
         difference(session(1), session(2, voltage="magnitude"), NAMES)
-
-
-def test_the_difference_stands_before_what_diagnoses_say():
-    control, later = session(1), session(2)
-    pair = {"monday": control, "friday": replace(later, voltage=1.01 * later.voltage)}
-    harmed = {**pair, "friday": replace(later, voltage=planted.plant(later, [FAULTS["drive"]]))}
-    row = {key: None for key in ("p", "chi2", "dof", "q")} | {"calibration": True, "runs": [{}]}
-    row |= {"name": "factor", "sentence": "Since friday the factor is 2.", "changed": True}
-    row |= {"parts": {}, **{kind: [] for kind in SITES}}
-    held = {"frames": 3, "chi2_per_dof_as_found": 1.0, "chi2_per_dof_all_shared": 2.0}
-    held |= {"elpd_gain": 9.0, "elpd_se": 1.0}
-    quiet = {"parts": list(NAMES), "sentences": [NOTHING], "tested": [], "p_value": None}
-    quiet |= {"held_out": held, "difference": None}
-    loud = {**quiet, "sentences": [row["sentence"]], "tested": [row]}
-    for said, recordings, first, last in (
-        (quiet, pair, "No fault shows", "counted as no fault."),
-        (quiet, harmed, "In friday, what is driven from electrode 3", ")."),
-        (loud, harmed, "In friday, what is driven from electrode 3", row["sentence"]),
-    ):
-        both = with_difference(said, recordings)
-        assert both["sentences"][0].startswith(first) and both["sentences"][-1].endswith(last)
-        page = comparison_page.page(both)
-        assert both["sentences"][0] in page
-        assert "nats" in page and "with 10 nats 22000 times" in page
-        assert (row["sentence"] if said is loud else NOTHING) in page
-    apart = replace(control, metadata={**control.metadata, "values": "difference"})
-    assert with_difference(quiet, {"monday": apart, "friday": later}) == quiet
 
 
 def test_the_command_writes_what_it_says(tmp_path, capsys, monkeypatch):

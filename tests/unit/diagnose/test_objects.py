@@ -12,9 +12,9 @@ from eitskin import cli
 from eitskin.data import recording
 from eitskin.data.importers.description import describe
 from eitskin.data.recording import Recording, frames_table
-from eitskin.diagnose.comparison.difference import difference
-from eitskin.diagnose.comparison.difference_words import compared
-from eitskin.diagnose.comparison.objects import NAME, Disc, Sheet, _coordinates, _discs, _turns
+from eitskin.diagnose.compare.difference import difference
+from eitskin.diagnose.compare.objects import NAME, Disc, Sheet, _coordinates, _discs, _turns
+from eitskin.diagnose.compare.result import comparison
 from eitskin.physics.forward import channel_values
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
@@ -177,9 +177,9 @@ def test_the_entry_says_where_and_how_sure(tmp_path, capsys, monkeypatch):
     assert thing["contrast"]["value"] < 1.0
     assert "an insulating one at" in capsys.readouterr().out
     nowhere = [session(s, i, radius_mm=None) for s, i in ((1, ()), (2, (DRY,)))]
-    told, entry = compared(*nowhere, NAMES)
-    assert entry["found"][0]["objects"][0]["x_mm"] is None
-    assert "of the radius from the centre" in told[0]
+    said = comparison(*nowhere, NAMES)
+    assert said["difference"]["found"][0]["objects"][0]["x_mm"] is None
+    assert "of the radius from the centre" in said["sentences"][0]
 
 
 def test_a_part_of_a_file_is_compared(tmp_path, capsys):

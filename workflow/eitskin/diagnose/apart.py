@@ -14,7 +14,7 @@ from eitskin.data import subset
 from eitskin.data.check.steps import steps
 from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis
-from eitskin.diagnose.comparison.difference_words import compared
+from eitskin.diagnose.compare.result import comparison
 from eitskin.diagnose.diagnosis import Diagnosis
 from eitskin.diagnose.fitting.excerpt import LIMIT_GIB
 from eitskin.diagnose.verdict.result import OF_A_PART, result
@@ -74,5 +74,5 @@ def _frames(part: Recording) -> list[int]:
 def _change(before: Recording, after: Recording) -> dict:
     """What a step changed: its first frame, sentences, and `difference` as of comparison.json."""
     names = stretch(_frames(before)), stretch(_frames(after))
-    sentences, found = compared(before, after, names)
-    return {"frame": _frames(after)[0], "sentences": sentences, "difference": found}
+    found = comparison(before, after, names)
+    return {"frame": _frames(after)[0], **{key: found[key] for key in ("sentences", "difference")}}

@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
-from eitskin.diagnose.comparison.evidence import Evidence, Explained
-from eitskin.diagnose.comparison.faults import Signature
-from eitskin.diagnose.comparison.wander import Wander
+from eitskin.diagnose.compare.evidence import Evidence, Explained
+from eitskin.diagnose.compare.faults import Signature
+from eitskin.diagnose.compare.wander import Wander
 from eitskin.errors import InputError
 from eitskin.physics.forward import Accuracy, Forward, channel_values
 from eitskin.physics.geometry import Geometry

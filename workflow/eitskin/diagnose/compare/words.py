@@ -5,17 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from eitskin.data.recording import Recording
-from eitskin.diagnose.comparison.difference import (
+from eitskin.diagnose.compare.difference import (
     DEAD,
     MARGIN,
     THRESHOLD,
     Difference,
     Found,
-    difference,
 )
-from eitskin.diagnose.comparison.evidence import Explained
-from eitskin.diagnose.comparison.objects import EXPLAINS, NAME, Disc, ends, objects_of
+from eitskin.diagnose.compare.evidence import Explained
+from eitskin.diagnose.compare.objects import EXPLAINS, NAME, Disc, ends, objects_of
 from eitskin.diagnose.verdict.words import sites
 from eitskin.effects.effect import SITES
 from eitskin.physics.protocol import reciprocal_channels
@@ -302,9 +300,3 @@ def odd_share(found: Difference, change: np.ndarray) -> float | None:
     even = ((change[first] + turned * change[second]) / weight) ** 2
     whole = float((odd + even).sum())
     return float(odd.sum() / whole) if whole > 0 else None
-
-
-def compared(control: Recording, later: Recording, names: tuple[str, str]) -> tuple[list, dict]:
-    """Sentences of the difference of two recordings, and its entry; InputError as `difference`."""
-    found = difference(control, later, names)
-    return sentences(found), entries(found)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eitskin.diagnose.comparison.potentials import Potentials
+from eitskin.diagnose.compare.potentials import Potentials
 
 TONES_HZ = (50.0, 60.0)
 CHANNEL, DRIVE, MEASURE, ELECTRODE = "channels", "drives", "measures", "electrodes"

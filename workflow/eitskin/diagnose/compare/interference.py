@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from eitskin.diagnose.comparison.faults import TONES_HZ
+from eitskin.diagnose.compare.faults import TONES_HZ
 
 TIES = 4  # readings at one largest value that no noise gives
 NATS_A_TIE = 2.0

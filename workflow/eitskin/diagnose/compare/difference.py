@@ -17,13 +17,13 @@ import numpy as np
 from scipy.stats import f
 
 from eitskin.data.recording import Recording, voltages
-from eitskin.diagnose.comparison import faults
-from eitskin.diagnose.comparison.evidence import Evidence, Explained
-from eitskin.diagnose.comparison.faults import Control, Signature
-from eitskin.diagnose.comparison.interference import limit, louder, tone_power
-from eitskin.diagnose.comparison.objects import EXPLAINS, Objects, Sheet, Sought, sought
-from eitskin.diagnose.comparison.potentials import Potentials
-from eitskin.diagnose.comparison.wander import Wander, wander
+from eitskin.diagnose.compare import faults
+from eitskin.diagnose.compare.evidence import Evidence, Explained
+from eitskin.diagnose.compare.faults import Control, Signature
+from eitskin.diagnose.compare.interference import limit, louder, tone_power
+from eitskin.diagnose.compare.objects import EXPLAINS, Objects, Sheet, Sought, sought
+from eitskin.diagnose.compare.potentials import Potentials
+from eitskin.diagnose.compare.wander import Wander, wander
 from eitskin.errors import InputError
 from eitskin.physics.outline import no_disc
 

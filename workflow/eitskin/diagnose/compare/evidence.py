@@ -14,8 +14,8 @@ from math import comb, log
 import numpy as np
 from scipy.stats import chi2
 
-from eitskin.diagnose.comparison.faults import Signature
-from eitskin.diagnose.comparison.wander import Wander
+from eitskin.diagnose.compare.faults import Signature
+from eitskin.diagnose.compare.wander import Wander
 
 MOST_SITES = 3  # of one fault
 MOST_FREE = 8  # sizes of a site beyond which it is the only one
