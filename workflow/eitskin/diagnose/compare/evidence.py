@@ -1,10 +1,11 @@
-"""Which fault explains the difference of two sessions, and how much better than any other.
+"""Which fault explains the change between two sessions, and how much better than any other.
 
-The evidence for a fault is the logarithm of the likelihood ratio of the difference with and without
-it, its free sizes at their best and the scale of the wandering unknown but for what the scatter
-within sessions says of it, less half the logarithm of the number of values for each free size
-(Schwarz 1978) and the logarithm of the number of sites that it might have had: nats. Where ordinary
-sites of a kind move more than the scale says, one must stand out beside these.
+The evidence for a fault, in nats, is the log likelihood ratio of the change with and without it,
+its free sizes at their best and the scale of the wander unknown but for the scatter within
+sessions, less half the log number of values for each free size (Schwarz 1978) and the log number of
+sites that it may have. Where the ordinary sites of a family scatter more than the scale says, a
+site must stand out beside these. Constants were set on the development block of
+docs/concealed/pairs.md.
 """
 
 from collections.abc import Iterable, Sequence
@@ -18,184 +19,199 @@ from eitskin.diagnose.compare.faults import Signature
 from eitskin.diagnose.compare.wander import Wander
 
 MOST_SITES = 3  # of one fault
-MOST_FREE = 8  # sizes of a site beyond which it is the only one
-ADDED = 6.0  # nats that one more site must bring
-ADDED_SHARE = 0.05  # of the evidence of those before it, the same
-SPREAD = 0.3  # of the evidence a site, what yet another one brings where there is no end to them
-ORDINARY = 0.8  # of a kind's other sites, or all but LEFT_ASIDE, beside which one must stand out
-LEFT_ASIDE = 3
-FEWEST_ORDINARY = 4
-TINY = 1e-6  # of a signature's square that is left once what others explain is taken away
+MOST_FREE_SIZES = 8  # of a site with which unchanged may be: more explain anything
+SITE_NATS = 6.0  # that one more site must bring
+SITE_SHARE = 0.05  # the same, as a share of the evidence of the sites before it
+WIDESPREAD_SHARE = 0.3  # of the mean evidence of a site: a fourth that brings it shows no end
+ORDINARY_SHARE = 0.8  # of a family's other sites, beside which one must stand out,
+MOST_EXTRAORDINARY = 3  # or all but so many, where that is more
+FEWEST_ORDINARY = 4  # sites of which a quantile tells anything
+NEGLIGIBLE = 1e-6  # of a signature's square: a rest below it is rounding
 
 
 @dataclass(frozen=True)
-class Explained:
-    """What explains a difference: signatures of one kind of fault, one a site, their evidence;
-    spread: whether yet more sites would add to it, so that it is no fault of a few."""
+class Explanation:
+    """Signatures of one kind of fault, one a site, and their evidence in nats.
 
-    parts: tuple[Signature, ...]
+    widespread: whether yet more sites would add to it, so that it is no fault of a few.
+    """
+
+    signatures: tuple[Signature, ...]
     evidence: float
-    spread: bool = False
+    widespread: bool = False
 
     @property
     def name(self) -> str:
-        """The fault's."""
-        return self.parts[0].name
+        """The fault's name."""
+        return self.signatures[0].name
 
     @property
     def place(self) -> tuple[str | None, tuple[int, ...]]:
         """Kind and numbers of the sites."""
-        return self.parts[0].kind, tuple(sorted(s for part in self.parts for s in part.sites))
+        sites = (site for signature in self.signatures for site in signature.sites)
+        return self.signatures[0].kind, tuple(sorted(sites))
 
 
 class Evidence:
-    """The difference of two sessions, to be explained; `known` are explained already."""
+    """The whitened change of two sessions beside what signatures named already explain of it.
 
-    def __init__(self, wander: Wander, known: Iterable[Signature] = ()):
+    residual (M,): what they leave; basis (M, k): orthonormal, of what they explain; dof: values of
+    the change and prior degrees of freedom of its scale; square: of the residual.
+    """
+
+    def __init__(self, wander: Wander, named_signatures: Iterable[Signature] = ()):
         self.wander = wander
-        self.left = wander.across(wander.change)
-        self.basis = np.zeros((len(self.left), 0))
-        for part in known:
-            self.left, self.basis, _ = self._taken(part, self.left, self.basis)
-        self.count = wander.count - self.basis.shape[1] + wander.prior
-        self.before = _square(self.left)
+        self.residual = wander.whitened(wander.change)
+        self.basis = np.zeros((len(self.residual), 0))
+        for signature in named_signatures:
+            self.residual, self.basis, _ = self._removed(signature, self.residual, self.basis)
+        self.dof = wander.dof - self.basis.shape[1] + wander.prior_dof
+        self.square = _square(self.residual)
 
-    def _taken(
-        self, part: Signature, left: np.ndarray, basis: np.ndarray
+    def _removed(
+        self, signature: Signature, residual: np.ndarray, basis: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, float]:
-        """What is left of the difference, what has been explained, with one part more, and how
-        much of the square it took."""
-        gained = 0.0
-        if part.shift is not None:
-            shift = self.wander.across(part.shift)
-            rest = left - (shift - basis @ (basis.T @ shift))
-            gained, left = _square(left) - _square(rest), rest
-        if part.basis.shape[1]:
-            free = _spanned(self.wander.across(part.basis), basis)
-            taken = free.T @ left
-            gained += _square(taken)
-            left = left - free @ taken
+        """Residual and basis with one signature more, and how much of the square it explains."""
+        gain = 0.0
+        if signature.shift is not None:
+            shift = self.wander.whitened(signature.shift)
+            shifted = residual - (shift - basis @ (basis.T @ shift))
+            gain, residual = _square(residual) - _square(shifted), shifted
+        if signature.basis.shape[1]:
+            free = _complement(self.wander.whitened(signature.basis), basis)
+            sizes = free.T @ residual
+            gain += _square(sizes)
+            residual = residual - free @ sizes
             basis = np.column_stack([basis, free])
-        return left, basis, gained
+        return residual, basis, gain
 
-    def of(
-        self, parts: Sequence[Signature], family: Sequence[Signature], lively: float = 1.0
-    ) -> Explained:
-        """The evidence for parts of a family; lively: how much larger than by the scale the squares
-        are that ordinary sites of the family take, with the explanation and without it."""
-        left, basis, gained = self.left, self.basis, 0.0
-        for part in parts:
-            left, basis, more = self._taken(part, left, basis)
-            gained += more
-        free = basis.shape[1] - self.basis.shape[1]
-        rest = 0.0
-        if lively > 1.0:
-            for part in self._chain(parts, family)[len(parts) :]:
-                left, basis, more = self._taken(part, left, basis)
-                rest += more
-        known = self.wander.prior or max(TINY * self.before, np.finfo(float).tiny)
-        after = lively * (_square(left) + known)
-        ratio = (after + max(gained, 0.0) + rest) / (after + rest)
-        nats = 0.5 * self.count * log(ratio) - 0.5 * free * log(self.count)
-        return Explained(tuple(parts), nats - log(comb(len(family), len(parts))))
+    def explanation(
+        self, signatures: Sequence[Signature], family: Sequence[Signature], inflation: float = 1.0
+    ) -> Explanation:
+        """Signatures of a family with their evidence, its scale inflated as by `inflation`."""
+        residual, basis, gain = self.residual, self.basis, 0.0
+        for signature in signatures:
+            residual, basis, more = self._removed(signature, residual, basis)
+            gain += more
+        free_sizes = basis.shape[1] - self.basis.shape[1]
+        extraordinary = 0.0
+        if inflation > 1.0:
+            for signature in self._extended(signatures, family)[len(signatures) :]:
+                residual, basis, more = self._removed(signature, residual, basis)
+                extraordinary += more
+        prior = self.wander.prior_dof or max(NEGLIGIBLE * self.square, np.finfo(float).tiny)
+        after = inflation * (_square(residual) + prior)
+        ratio = (after + max(gain, 0.0) + extraordinary) / (after + extraordinary)
+        nats = 0.5 * self.dof * log(ratio) - 0.5 * free_sizes * log(self.dof)
+        return Explanation(tuple(signatures), nats - log(comb(len(family), len(signatures))))
 
-    def best(self, family: Sequence[Signature]) -> Explained:
-        """The best of a family, with more sites as long as each brings enough."""
-        lively = self.lively(family)
-        chain = self._chain((), family)
-        chosen = self.of(chain[:1], family, lively)
-        for count in range(2, len(chain) + 1):
-            joined = self.of(chain[:count], family, lively)
-            if joined.evidence < chosen.evidence + max(ADDED, ADDED_SHARE * chosen.evidence):
-                return chosen
-            chosen = joined
-        if len(chain) == MOST_SITES and len(family) > MOST_SITES:
-            more = [*chain, self._next(chain, family)]
-            gained = self.of(more, family, lively).evidence - chosen.evidence
-            usual = SPREAD * chosen.evidence / len(chain)
-            return replace(chosen, spread=gained >= max(ADDED, usual))
-        return chosen
+    def best(self, family: Sequence[Signature]) -> Explanation:
+        """The best explanation of a family, with more sites as long as each brings enough."""
+        inflation = self.inflation(family)
+        ranked = self._extended((), family)
+        best = self.explanation(ranked[:1], family, inflation)
+        for count in range(2, len(ranked) + 1):
+            wider = self.explanation(ranked[:count], family, inflation)
+            if wider.evidence < best.evidence + max(SITE_NATS, SITE_SHARE * best.evidence):
+                return best
+            best = wider
+        if len(ranked) == MOST_SITES and len(family) > MOST_SITES:
+            wider = self.explanation([*ranked, self._strongest(ranked, family)], family, inflation)
+            gain = wider.evidence - best.evidence
+            usual = WIDESPREAD_SHARE * best.evidence / len(ranked)
+            return replace(best, widespread=gain >= max(SITE_NATS, usual))
+        return best
 
-    def _chain(
-        self, parts: Sequence[Signature], family: Sequence[Signature]
+    def _extended(
+        self, signatures: Sequence[Signature], family: Sequence[Signature]
     ) -> tuple[Signature, ...]:
-        """Parts, and those of a family that take most of the rest: as many as a fault may have."""
-        chain = tuple(parts)
-        lawless = max(part.basis.shape[1] for part in family) > MOST_FREE
-        while len(chain) < (1 if lawless else min(MOST_SITES, len(family))):
-            chain = (*chain, self._next(chain, family))
-        return chain
+        """Signatures and those of a family that explain most of their residual, as many as a fault
+        may have sites."""
+        extended = tuple(signatures)
+        lawless = max(member.basis.shape[1] for member in family) > MOST_FREE_SIZES
+        while len(extended) < (1 if lawless else min(MOST_SITES, len(family))):
+            extended = (*extended, self._strongest(extended, family))
+        return extended
 
-    def lively(self, family: Sequence[Signature]) -> float:
-        """How much larger than by the scale the squares are that a family's ordinary sites take of
-        the difference, those left aside that take most: a ratio, 1 or more."""
-        left, basis, others = self._without(self._chain((), family), family)
-        if len(others) < FEWEST_ORDINARY or others[0].shift is not None:
+    def inflation(self, family: Sequence[Signature]) -> float:
+        """The ratio, 1 or more, of the square that the ordinary sites of a family explain to that
+        by the scale; the strongest sites are left out."""
+        residual, basis, members = self._remaining(self._extended((), family), family)
+        if len(members) < FEWEST_ORDINARY or members[0].shift is not None:
             return 1.0
-        taken = self._takings(others, left, basis)
-        free = np.array([part.basis.shape[1] for part in others])
-        scale = (_square(left) + self.wander.prior) / self.count
-        share = max(ORDINARY, 1.0 - LEFT_ASIDE / len(others))
-        usual = chi2.ppf(share, free) * max(scale, np.finfo(float).tiny)
-        return max(1.0, float(np.quantile(taken / usual, share)))
+        gains = self._gains(members, residual, basis)
+        free_sizes = np.array([member.basis.shape[1] for member in members])
+        variance = (_square(residual) + self.wander.prior_dof) / self.dof
+        share = max(ORDINARY_SHARE, 1.0 - MOST_EXTRAORDINARY / len(members))
+        usual = chi2.ppf(share, free_sizes) * max(variance, np.finfo(float).tiny)
+        return max(1.0, float(np.quantile(gains / usual, share)))
 
-    def elsewhere(self, chosen: Explained, family: Sequence[Signature]) -> Explained:
-        """The best of a family with one of the sites chosen exchanged for another."""
-        found = []
-        lively = self.lively(family)
-        for part in chosen.parts:
-            rest = tuple(p for p in chosen.parts if p is not part)
-            left = [p for p in family if p is not part]
-            if len(left) > len(rest):
-                found.append(self.of([*rest, self._next(rest, left)], family, lively))
-        return max(found, key=lambda e: e.evidence, default=replace(chosen, evidence=-np.inf))
+    def best_elsewhere(self, explanation: Explanation, family: Sequence[Signature]) -> Explanation:
+        """The best explanation of a family with one of the sites exchanged for another."""
+        rivals = []
+        inflation = self.inflation(family)
+        for signature in explanation.signatures:
+            unchanged = tuple(s for s in explanation.signatures if s is not signature)
+            members = [member for member in family if member is not signature]
+            if len(members) > len(unchanged):
+                exchanged = [*unchanged, self._strongest(unchanged, members)]
+                rivals.append(self.explanation(exchanged, family, inflation))
+        nothing = replace(explanation, evidence=-np.inf)
+        return max(rivals, key=lambda rival: rival.evidence, default=nothing)
 
-    def holds(self, wider: Explained, chosen: Explained) -> bool:
-        """Whether one explanation can do all that another does, by freedom alone."""
-        if any(part.shift is not None for part in (*wider.parts, *chosen.parts)):
+    def contains(self, wider: Explanation, narrower: Explanation) -> bool:
+        """Whether the free sizes of one explanation can do all that those of another do."""
+        if any(s.shift is not None for s in (*wider.signatures, *narrower.signatures)):
             return False
-        free, inner = (
-            _spanned(self.wander.across(np.column_stack([p.basis for p in e.parts])), self.basis)
-            for e in (wider, chosen)
+        outer, inner = (
+            _complement(
+                self.wander.whitened(np.column_stack([s.basis for s in explanation.signatures])),
+                self.basis,
+            )
+            for explanation in (wider, narrower)
         )
-        return _square((inner - free @ (free.T @ inner)).ravel()) < TINY * inner.shape[1]
+        outside = inner - outer @ (outer.T @ inner)
+        return _square(outside.ravel()) < NEGLIGIBLE * inner.shape[1]
 
-    def _next(self, chosen: Sequence[Signature], family: Sequence[Signature]) -> Signature:
-        """The one of a family that takes most of what the chosen ones leave."""
-        left, basis, others = self._without(chosen, family)
-        return others[int(np.argmax(self._takings(others, left, basis)))]
+    def _strongest(self, signatures: Sequence[Signature], family: Sequence[Signature]) -> Signature:
+        """The member of a family that explains most of the residual of signatures."""
+        residual, basis, members = self._remaining(signatures, family)
+        return members[int(np.argmax(self._gains(members, residual, basis)))]
 
-    def _without(
-        self, chosen: Sequence[Signature], family: Sequence[Signature]
+    def _remaining(
+        self, signatures: Sequence[Signature], family: Sequence[Signature]
     ) -> tuple[np.ndarray, np.ndarray, list[Signature]]:
-        """What the chosen ones leave, what has been explained with them, the rest of the family."""
-        left, basis = self.left, self.basis
-        for part in chosen:
-            left, basis, _ = self._taken(part, left, basis)
-        return left, basis, [part for part in family if not any(part is c for c in chosen)]
+        """Residual and basis with signatures, and the members of the family beside them."""
+        residual, basis = self.residual, self.basis
+        for signature in signatures:
+            residual, basis, _ = self._removed(signature, residual, basis)
+        members = [m for m in family if not any(m is signature for signature in signatures)]
+        return residual, basis, members
 
-    def _takings(
-        self, others: Sequence[Signature], left: np.ndarray, basis: np.ndarray
+    def _gains(
+        self, members: Sequence[Signature], residual: np.ndarray, basis: np.ndarray
     ) -> np.ndarray:
-        """How much of the square of what is left each of others takes."""
-        if any(part.shift is not None or part.basis.shape[1] != 1 for part in others):
-            return np.array([self._taken(part, left, basis)[2] for part in others])
-        columns = self.wander.across(np.column_stack([part.basis[:, 0] for part in others]))
-        length = (columns**2).sum(axis=0)
+        """How much of the residual's square each member explains by itself."""
+        if any(member.shift is not None or member.basis.shape[1] != 1 for member in members):
+            return np.array([self._removed(member, residual, basis)[2] for member in members])
+        columns = self.wander.whitened(np.column_stack([m.basis[:, 0] for m in members]))
+        square = (columns**2).sum(axis=0)
         columns -= basis @ (basis.T @ columns)
-        rest = (columns**2).sum(axis=0)
-        return (left @ columns) ** 2 / np.where(rest > TINY * length, rest, np.inf)
+        free_square = (columns**2).sum(axis=0)
+        return (residual @ columns) ** 2 / np.where(
+            free_square > NEGLIGIBLE * square, free_square, np.inf
+        )
 
 
-def _square(left: np.ndarray) -> float:
-    return float(left @ left)
+def _square(values: np.ndarray) -> float:
+    return float(values @ values)
 
 
-def _spanned(columns: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """An orthonormal basis of what columns add to another."""
+def _complement(columns: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    """An orthonormal basis of the part of columns that lies outside another basis."""
     length = np.sqrt((columns**2).sum(axis=0))
     columns = columns[:, length > 0] / length[length > 0]
-    rest = columns - basis @ (basis.T @ columns)
-    square, turn = np.linalg.eigh(rest.T @ rest)
-    kept = square > TINY
-    return rest @ (turn[:, kept] / np.sqrt(square[kept]))
+    outside = columns - basis @ (basis.T @ columns)
+    eigenvalues, eigenvectors = np.linalg.eigh(outside.T @ outside)
+    positive = eigenvalues > NEGLIGIBLE
+    return outside @ (eigenvectors[:, positive] / np.sqrt(eigenvalues[positive]))

@@ -1,7 +1,7 @@
 """What a fault of the instrument would change, from the control's own readings.
 
 No signature needs a model of the skin: a gain changes a reading by a share of itself, an offset by
-a constant, memory by the reading before, and crossed wires read what other channels read
+a constant, memory by the reading before, and exchanged wires read what other channels read
 (`potentials`). What follows no such law is a block of channels, each with a value of its own.
 """
 
@@ -11,15 +11,20 @@ import numpy as np
 
 from eitskin.diagnose.compare.potentials import Potentials
 
-TONES_HZ = (50.0, 60.0)
+TONES_HZ = (50.0, 60.0)  # of the mains: IEC 60038
 CHANNEL, DRIVE, MEASURE, ELECTRODE = "channels", "drives", "measures", "electrodes"
-MOST_CROSSED = 12  # electrode pairs that are fitted of all that could be crossed
+MOST_SWAPS = (
+    12  # pairs of electrodes that are fitted, of all that could be exchanged: the likeliest
+)
 
 
 @dataclass(frozen=True)
 class Signature:
-    """A fault at a site. sites: numbers of a kind, none where kind is None; basis (M, k): the
-    change by each free size; shift (M,): a change of known size."""
+    """A fault at a site: the changes basis @ sizes + shift.
+
+    sites: numbers of a kind, none where kind is None; basis (M, k): the change by each free size;
+    shift (M,), V: a change of known size.
+    """
 
     name: str
     kind: str | None
@@ -30,8 +35,11 @@ class Signature:
 
 @dataclass(frozen=True)
 class Control:
-    """What signatures are made from: the channels that were read, their mean readings (M,) with 0
-    where lost, whether they are signed, and when each is read (M,) s, None where unknown."""
+    """The recording that signatures are made from.
+
+    potentials: of the channels that were read; mean (M,), V: their mean readings, 0 where lost;
+    signed: whether these are; moment_s (M,): when each is read within a frame, None where unknown.
+    """
 
     potentials: Potentials
     mean: np.ndarray
@@ -45,129 +53,134 @@ class Control:
 
     @property
     def n(self) -> int:
-        """Electrodes."""
+        """Number of electrodes."""
         return self.potentials.n
 
     @property
     def read(self) -> np.ndarray:
-        """(M,): which channels have readings."""
+        """(M,) bool: which channels have readings."""
         return self.potentials.read
 
     @property
     def sign(self) -> np.ndarray | None:
-        """(M,): what makes readings signed; None where nobody can tell."""
-        return np.ones(len(self.mean)) if self.signed else _signs(self.channels, self.n)
+        """(M,): the factors that make readings signed; None where they are unknown."""
+        return np.ones(len(self.mean)) if self.signed else _falling_signs(self.channels, self.n)
 
 
-def _signs(channels: np.ndarray, n: int) -> np.ndarray | None:
-    """(M,): which way magnitudes would read if potentials fall from source to sink both ways round
-    the rim, electrodes being numbered round it; None where a pair straddles an end."""
+def _falling_signs(channels: np.ndarray, n: int) -> np.ndarray | None:
+    """Signs (M,) of readings whose potentials fall from source to sink both ways round the rim.
+
+    Electrodes are numbered round the rim. None where a pair straddles source or sink.
+    """
     source, sink, plus, minus = channels.T
     span = (sink - source) % n
-    place = [(each - source) % n for each in (plus, minus)]
-    depth = [np.where(p <= span, p / span, (n - p) / (n - span)) for p in place]
-    same_side = (place[0] <= span) == (place[1] <= span)
-    ends = [(p == 0) | (p == span) for p in place]
-    if not (same_side | ends[0] | ends[1]).all():
+    steps = [(electrode - source) % n for electrode in (plus, minus)]
+    depth = [np.where(p <= span, p / span, (n - p) / (n - span)) for p in steps]
+    same_side = (steps[0] <= span) == (steps[1] <= span)
+    driven = [(p == 0) | (p == span) for p in steps]
+    if not (same_side | driven[0] | driven[1]).all():
         return None
     return np.where(depth[0] < depth[1], 1.0, -1.0)
 
 
 def families(control: Control) -> list[list[Signature]]:
-    """Signatures with sites, a list for each kind of fault; several sites of one may be there."""
+    """Signatures with sites, a list for each kind of fault; several sites of one kind may be at
+    fault together."""
     mean, channels = control.mean, control.channels
     source, sink, plus, minus = channels.T
-    one = control.read.astype(float)
-    of_electrode = [(channels == e).any(axis=1) for e in range(control.n)]
-    driving = [(source == e) | (sink == e) for e in range(control.n)]
-    measuring = [(plus == e) | (minus == e) for e in range(control.n)]
-    found = [
+    unit = control.read.astype(float)
+    electrodes, drives, measures = range(control.n), np.unique(source), np.unique(plus)
+    using = [(channels == e).any(axis=1) for e in electrodes]
+    driving = [(source == e) | (sink == e) for e in electrodes]
+    measuring = [(plus == e) | (minus == e) for e in electrodes]
+    all_families = [
         [
             Signature("channel-gain", CHANNEL, (int(m),), np.eye(len(mean))[:, [m]])
             for m in np.flatnonzero(control.read)
         ],
-        [_scaled("drive-gain", DRIVE, d, mean, source == d) for d in np.unique(source)],
-        [_scaled("measurement-gain", MEASURE, p, mean, plus == p) for p in np.unique(plus)],
+        [_gain("drive-gain", DRIVE, d, mean, source == d) for d in drives],
+        [_gain("measurement-gain", MEASURE, p, mean, plus == p) for p in measures],
         *(
-            [_scaled("electrode-gain", ELECTRODE, e, mean, uses[e]) for e in range(control.n)]
-            for uses in (of_electrode, driving, measuring)
+            [_gain("electrode-gain", ELECTRODE, e, mean, mask[e]) for e in electrodes]
+            for mask in (using, driving, measuring)
         ),
-        [_pairs_of(e, control) for e in range(control.n)],
-        [_block("drive-pair", DRIVE, d, (source == d) & control.read) for d in np.unique(source)],
-        [_block("measuring-pair", MEASURE, p, (plus == p) & control.read) for p in np.unique(plus)],
-        [
-            _block("electrode", ELECTRODE, e, of_electrode[e] & control.read)
-            for e in range(control.n)
-        ],
+        [_pair_gains(e, control) for e in electrodes],
+        [_block("drive-pair", DRIVE, d, (source == d) & control.read) for d in drives],
+        [_block("measuring-pair", MEASURE, p, (plus == p) & control.read) for p in measures],
+        [_block("electrode", ELECTRODE, e, using[e] & control.read) for e in electrodes],
     ]
     if control.signed:
-        found.append([_scaled("offset", MEASURE, p, one, plus == p) for p in np.unique(plus)])
-        found.append(_wire_gains(control))
-    return [[s for s in family if s.basis.any()] for family in found]
+        all_families.append([_gain("offset", MEASURE, p, unit, plus == p) for p in measures])
+        all_families.append(_wire_gains(control))
+    return [[s for s in family if s.basis.any()] for family in all_families]
 
 
-def _scaled(name: str, kind: str, site: int, values: np.ndarray, where: np.ndarray) -> Signature:
-    return Signature(name, kind, (int(site),), (values * where)[:, None])
+def _gain(name: str, kind: str, site: int, values: np.ndarray, mask: np.ndarray) -> Signature:
+    """A share of values (M,) in the channels of a mask (M,)."""
+    return Signature(name, kind, (int(site),), (values * mask)[:, None])
 
 
-def _block(name: str, kind: str, site: int, where: np.ndarray) -> Signature:
-    return Signature(name, kind, (int(site),), np.eye(len(where))[:, where])
+def _block(name: str, kind: str, site: int, mask: np.ndarray) -> Signature:
+    """A free change of each channel of a mask (M,)."""
+    return Signature(name, kind, (int(site),), np.eye(len(mask))[:, mask])
 
 
-def _pairs_of(e: int, control: Control) -> Signature:
-    """Every drive and every measuring pair of an electrode with a gain of its own."""
+def _pair_gains(e: int, control: Control) -> Signature:
+    """A gain for each drive and each measuring pair of an electrode."""
     columns = []
-    for pair in (control.channels[:, :2], control.channels[:, 2:]):
-        used = (pair == e).any(axis=1)
-        for each in np.unique(pair[used], axis=0):
-            columns.append(control.mean * (pair == each).all(axis=1))
+    for pairs in (control.channels[:, :2], control.channels[:, 2:]):
+        using = (pairs == e).any(axis=1)
+        for pair in np.unique(pairs[using], axis=0):
+            columns.append(control.mean * (pairs == pair).all(axis=1))
     basis = np.reshape(columns, (-1, len(control.mean))).T
     return Signature("electrode", ELECTRODE, (e,), basis)
 
 
 def _wire_gains(control: Control) -> list[Signature]:
-    """One electrode's voltage before the difference is taken, relative to all electrodes' mean."""
+    """A gain of one electrode's voltage, relative to the mean of all electrodes, before the
+    difference of plus and minus is taken."""
     impedances = control.potentials.impedances(control.mean)
     source, sink, plus, minus = control.channels.T
-    found = []
+    signatures = []
     for e in range(control.n):
         level = impedances[source, e] - impedances[sink, e]
         sign = (plus == e) * 1.0 - (minus == e)
         basis = (sign * level * control.read)[:, None]
-        found.append(Signature("electrode-gain", ELECTRODE, (e,), basis))
-    return found
+        signatures.append(Signature("electrode-gain", ELECTRODE, (e,), basis))
+    return signatures
 
 
-def everywhere(control: Control) -> list[Signature]:
-    """Signatures without a site."""
+def siteless(control: Control) -> list[Signature]:
+    """Signatures without a site, each a family by itself."""
     mean, read = control.mean, control.read
-    before, after = np.roll(mean, 1), np.roll(mean, -1)
-    whole = read & np.roll(read, 1)
-    found = [("multiplexer-memory", (before - mean) * whole)]
-    whole = whole & np.roll(read, -1)
-    found.append(("crosstalk", (before + after - 2.0 * mean) * whole))
-    found.append(("adc-nonlinearity", mean**3 * read))
+    previous, following = np.roll(mean, 1), np.roll(mean, -1)
+    both_read = read & np.roll(read, 1)
+    changes = [("multiplexer-memory", (previous - mean) * both_read)]
+    all_read = both_read & np.roll(read, -1)
+    changes.append(("crosstalk", (previous + following - 2.0 * mean) * all_read))
+    changes.append(("adc-nonlinearity", mean**3 * read))
     if control.signed:
-        found.append(("offset", read.astype(float)))
-    return [Signature(name, None, (), values[:, None]) for name, values in found]
+        changes.append(("offset", read.astype(float)))
+    return [Signature(name, None, (), change[:, None]) for name, change in changes]
 
 
 def tones(control: Control) -> list[Signature]:
     """The mains, at rest in the frame: a cosine and a sine over the moments of reading."""
     if control.moment_s is None or not control.signed:
         return []
-    found = []
+    signatures = []
     for tone in TONES_HZ:
         angle = 2.0 * np.pi * tone * control.moment_s
         basis = np.column_stack([np.cos(angle), np.sin(angle)]) * control.read[:, None]
-        found.append(Signature("mains-interference", None, (), basis))
-    return found
+        signatures.append(Signature("mains-interference", None, (), basis))
+    return signatures
 
 
-def crossed(control: Control, change: np.ndarray, scale: np.ndarray) -> list[Signature]:
-    """Two wires exchanged: the pairs that leave least of the change (M,), in units of scale (M,).
+def swaps(control: Control, change: np.ndarray, scale: np.ndarray) -> list[Signature]:
+    """Exchanged wires of two electrodes: the pairs that leave least of the change (M,), V, in units
+    of scale (M,), V.
 
-    Channels that would read what follows from none that was read have a value of their own.
+    Channels whose readings after the exchange follow from none before have a free change each.
     """
     sign = control.sign
     if sign is None:
@@ -175,28 +188,27 @@ def crossed(control: Control, change: np.ndarray, scale: np.ndarray) -> list[Sig
     potentials = control.potentials
     impedances = potentials.impedances(sign * control.mean)
     white = change / scale
-    used = np.unique(control.channels).tolist()
-    tried = []
-    for i, a in enumerate(used):
-        for b in used[i + 1 :]:
-            values, known = potentials.crossed(impedances, a, b)
+    electrodes = np.unique(control.channels).tolist()
+    candidates = []
+    for i, a in enumerate(electrodes):
+        for b in electrodes[i + 1 :]:
+            values, determined = potentials.exchanged(impedances, a, b)
             if not control.signed:
                 values = np.abs(values)
-            shift = np.where(known & control.read, values - control.mean, 0.0)
-            open_ = ~known & control.read
-            moved = np.abs(shift) > 0
-            if not (moved & known).any():
+            shift = np.where(determined & control.read, values - control.mean, 0.0)
+            undetermined = ~determined & control.read
+            if not ((np.abs(shift) > 0) & determined).any():
                 continue
-            left = np.where(known, white - shift / scale, 0.0)
-            gain = (white[known] ** 2).sum() - (left**2).sum()
-            tried.append((gain, (a, b), shift, open_))
-    tried.sort(key=lambda each: -each[0])
+            residual = np.where(determined, white - shift / scale, 0.0)
+            gain = (white[determined] ** 2).sum() - (residual**2).sum()
+            candidates.append((gain, (a, b), shift, undetermined))
+    candidates.sort(key=lambda candidate: -candidate[0])
     return [
-        Signature("electrode-swap", ELECTRODE, pair, np.eye(len(white))[:, open_], shift)
-        for _, pair, shift, open_ in tried[:MOST_CROSSED]
+        Signature("electrode-swap", ELECTRODE, pair, np.eye(len(white))[:, undetermined], shift)
+        for _, pair, shift, undetermined in candidates[:MOST_SWAPS]
     ]
 
 
-def clipped(control: Control, reached: np.ndarray) -> Signature:
-    """Readings that no longer go beyond a limit, which some channels (M,) reach."""
-    return Signature("adc-nonlinearity", None, (), np.eye(len(reached))[:, reached & control.read])
+def clipping(control: Control, limited: np.ndarray) -> Signature:
+    """A free change of each channel that reaches the converter's limit (M,) bool."""
+    return Signature("adc-nonlinearity", None, (), np.eye(len(limited))[:, limited & control.read])

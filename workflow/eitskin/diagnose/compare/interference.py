@@ -1,44 +1,59 @@
-"""The mains in the noise of frames, and a converter's limit in their largest readings."""
+"""The mains in the noise of frames, and the limit of a converter in their largest readings."""
 
 import numpy as np
 
 from eitskin.diagnose.compare.faults import TONES_HZ
 
-TIES = 4  # readings at one largest value that no noise gives
-NATS_A_TIE = 2.0
-MOST_TIES = 20
+FEWEST_TIES = 4  # readings at the one largest value; noise makes fewer equal
+NATS_A_TIE = 2.0  # cautious: a tie by chance is rarer than e^-2
+MOST_TIES = 20  # that count: their 40 nats pass every threshold
+FEWEST_FRAMES = 3  # whose median a single frame of another state does not move
 
 
 def tone_power(frames: np.ndarray, noise: np.ndarray, moment_s: np.ndarray) -> np.ndarray:
-    """Frames (N, M), V, noise (M,): the power of each frame at the mains' frequencies, about the
-    session's mean and relative to that of white noise, (N, tones)."""
-    known = noise > 0
-    about = frames[:, known] - np.nanmean(frames[:, known], axis=0)
-    white = np.nan_to_num(about) / noise[known]
-    turn = np.exp(2j * np.pi * np.outer(moment_s[known], TONES_HZ))
-    return np.abs(white @ turn) ** 2 / known.sum()
+    """The power (N, tones) of each frame at the mains' frequencies, relative to white noise.
+
+    frames (N, M), V, of which the session's mean is subtracted; noise (M,), V: sd; moment_s (M,):
+    when each channel is read within a frame.
+    """
+    usable = noise > 0
+    deviation = frames[:, usable] - np.nanmean(frames[:, usable], axis=0)
+    white = np.nan_to_num(deviation) / noise[usable]
+    phasor = np.exp(2j * np.pi * np.outer(moment_s[usable], TONES_HZ))
+    return np.abs(white @ phasor) ** 2 / usable.sum()
 
 
-def louder(control: np.ndarray, later: np.ndarray) -> np.ndarray:
-    """Nats for another mean of the later powers (N', tones) than of the control's (N, tones), where
-    it is larger, the powers being exponential and their means told by medians, which a frame of
-    another state does not move; 0 where either has fewer than three."""
-    first, second = len(control), len(later)
-    if min(first, second) < 3:
+def tone_nats(control: np.ndarray, later: np.ndarray) -> np.ndarray:
+    """The log likelihood ratio (tones,), nats, for a larger mean power in the later recording.
+
+    control (N, tones), later (N', tones): powers, exponentially distributed; their means are
+    estimated by medians. 0 where the later mean is not larger, or either has too few frames.
+    """
+    n_control, n_later = len(control), len(later)
+    if min(n_control, n_later) < FEWEST_FRAMES:
         return np.zeros(control.shape[1])
-    a, b = (np.median(each, axis=0) / np.log(2.0) for each in (control, later))
-    both = (first * a + second * b) / (first + second)
+    control_mean, later_mean = (
+        np.median(powers, axis=0) / np.log(2.0) for powers in (control, later)
+    )
+    pooled = (n_control * control_mean + n_later * later_mean) / (n_control + n_later)
     with np.errstate(divide="ignore"):
-        nats = (first + second) * np.log(both) - first * np.log(a) - second * np.log(b)
-    return np.where(b > a, nats, 0.0)
+        nats = (
+            (n_control + n_later) * np.log(pooled)
+            - n_control * np.log(control_mean)
+            - n_later * np.log(later_mean)
+        )
+    return np.where(later_mean > control_mean, nats, 0.0)
 
 
-def limit(control: np.ndarray, later: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """Which channels (M,) reach the largest size of the later readings (N', M), where many have it
-    exactly and few of the control's (N, M) theirs; and the nats that these ties are worth. None
-    without."""
-    before, after = (np.abs(np.nan_to_num(each)) for each in (control, later))
-    ties, at_most = ((each == each.max()) for each in (after, before))
-    if not after.max() > 0 or ties.sum() < max(TIES, 2 * at_most.sum() + 1):
+def converter_limit(control: np.ndarray, later: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """The channels (M,) bool that reach the largest |reading| of the later recording, and the nats
+    that its ties are worth; None where few readings tie or the control's tie as well.
+
+    control (N, M), later (N', M): readings, NaN where lost.
+    """
+    control_size, later_size = (np.abs(np.nan_to_num(readings)) for readings in (control, later))
+    later_ties, control_ties = ((size == size.max()) for size in (later_size, control_size))
+    fewest = max(FEWEST_TIES, 2 * control_ties.sum() + 1)
+    if not later_size.max() > 0 or later_ties.sum() < fewest:
         return None
-    return ties.any(axis=0), NATS_A_TIE * min(int(ties.sum()), MOST_TIES)
+    return later_ties.any(axis=0), NATS_A_TIE * min(int(later_ties.sum()), MOST_TIES)

@@ -1,8 +1,8 @@
-"""What other channels would read, from those that were read, by linearity alone.
+"""What unread channels would read, from those that were read, by linearity alone.
 
-A reading is (e_source - e_sink) · Z (e_plus - e_minus), Z the transfer impedances of the electrodes
-(n, n). Readings that are sums and differences of others follow from these, without a model of the
-skin and without reciprocity, whatever the pattern: so does what crossed wires would read.
+A reading is (e_source - e_sink) · Z (e_plus - e_minus), Z the transfer impedances (n, n) of the
+electrodes. Channels that are sums and differences of others follow from these, whatever the drive
+pattern, without a model of the skin and without reciprocity: so do the readings of exchanged wires.
 """
 
 from dataclasses import dataclass, field
@@ -10,21 +10,23 @@ from functools import cached_property
 
 import numpy as np
 
-SPANNED = 1e-6  # of a channel's length that may lie outside of what was read
+OUTSIDE = 1e-6  # of a channel's length beyond the span of those read: rounding
 
 
 @dataclass(frozen=True)
 class Potentials:
-    """Channels (M, 4) of n electrodes: source, sink, plus, minus; read (M,): which have values."""
+    """Channels (M, 4) of n electrodes: source, sink, plus, minus; read (M,) bool: with values."""
 
     channels: np.ndarray
     n: int
     read: np.ndarray
-    _crossed: dict[tuple[int, int], np.ndarray] = field(default_factory=dict, repr=False)
+    _determined_by_wires: dict[tuple[int, int], np.ndarray] = field(
+        default_factory=dict, repr=False
+    )
 
     @cached_property
     def _factors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Pseudo-inverse of what was read (n², M), and what it leaves open (n², q)."""
+        """Pseudo-inverse (n², M) of the channels that were read, and their null space (n², q)."""
         rows = np.zeros((len(self.channels), self.n, self.n))
         k = np.arange(len(self.channels))
         source, sink, plus, minus = self.channels.T
@@ -32,37 +34,44 @@ class Potentials:
             for electrode, sign in ((plus, 1.0), (minus, -1.0)):
                 rows[k, drive, electrode] += current * sign
         rows[~self.read] = 0.0
-        left, size, right = np.linalg.svd(rows.reshape(len(k), -1), full_matrices=True)
-        rank = int((size > SPANNED * size[0]).sum())
-        inverse = (right[:rank].T / size[:rank]) @ left[:, :rank].T
-        return inverse, right[rank:].T
+        left_vectors, singular_values, right_vectors = np.linalg.svd(
+            rows.reshape(len(k), -1), full_matrices=True
+        )
+        rank = int((singular_values > OUTSIDE * singular_values[0]).sum())
+        inverse = (right_vectors[:rank].T / singular_values[:rank]) @ left_vectors[:, :rank].T
+        return inverse, right_vectors[rank:].T
 
     def impedances(self, values: np.ndarray) -> np.ndarray:
-        """(n, n): the least transfer impedances that give the values (M,) that were read."""
+        """The transfer impedances (n, n) of least norm that give the values (M,) that were read."""
         return (self._factors[0] @ np.where(self.read, values, 0.0)).reshape(self.n, self.n)
 
-    def crossed(self, impedances: np.ndarray, a: int, b: int) -> tuple[np.ndarray, np.ndarray]:
-        """What the channels read once the wires of a and b are exchanged (M,), and which of them
-        follow from what was read (M,)."""
-        wires = np.arange(self.n)
-        wires[[a, b]] = b, a
-        return _between(impedances, wires[self.channels]), self._known(a, b)
+    def exchanged(self, impedances: np.ndarray, a: int, b: int) -> tuple[np.ndarray, np.ndarray]:
+        """Readings (M,) once the wires of electrodes a and b are exchanged, and which of them (M,)
+        bool follow from what was read."""
+        wires = _exchange(self.n, a, b)
+        return _readings(impedances, wires[self.channels]), self._determined(a, b)
 
-    def _known(self, a: int, b: int) -> np.ndarray:
-        if (a, b) not in self._crossed:
-            known = self.read.copy()
-            moved = np.isin(self.channels, (a, b)).any(axis=1)
-            wires = np.arange(self.n)
-            wires[[a, b]] = b, a
-            open_ = self._factors[1].reshape(self.n, self.n, -1)
-            missed = np.abs(_between(open_, wires[self.channels[moved]]))
-            known[moved] = (missed < SPANNED).all(axis=-1)
-            self._crossed[a, b] = known
-        return self._crossed[a, b]
+    def _determined(self, a: int, b: int) -> np.ndarray:
+        if (a, b) not in self._determined_by_wires:
+            determined = self.read.copy()
+            affected = np.isin(self.channels, (a, b)).any(axis=1)
+            wires = _exchange(self.n, a, b)
+            null_space = self._factors[1].reshape(self.n, self.n, -1)
+            undetermined = np.abs(_readings(null_space, wires[self.channels[affected]]))
+            determined[affected] = (undetermined < OUTSIDE).all(axis=-1)
+            self._determined_by_wires[a, b] = determined
+        return self._determined_by_wires[a, b]
 
 
-def _between(impedances: np.ndarray, channels: np.ndarray) -> np.ndarray:
-    """(M, ...): what channels (M, 4) read of impedances (n, n, ...)."""
+def _exchange(n: int, a: int, b: int) -> np.ndarray:
+    """The electrode (n,) of each wire, those of a and b exchanged."""
+    wires = np.arange(n)
+    wires[[a, b]] = b, a
+    return wires
+
+
+def _readings(impedances: np.ndarray, channels: np.ndarray) -> np.ndarray:
+    """Readings (M, ...) of channels (M, 4) from impedances (n, n, ...)."""
     source, sink, plus, minus = channels.T
     from_source = impedances[source, plus] - impedances[source, minus]
     return from_source - impedances[sink, plus] + impedances[sink, minus]

@@ -1,32 +1,25 @@
-"""What a difference of two recordings says, in words, and as an entry of comparison.json."""
+"""The difference of two recordings in words."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
-from eitskin.diagnose.compare.difference import (
-    DEAD,
-    MARGIN,
-    THRESHOLD,
-    Difference,
-    Found,
-)
-from eitskin.diagnose.compare.evidence import Explained
-from eitskin.diagnose.compare.objects import EXPLAINS, NAME, Disc, ends, objects_of
+from eitskin.diagnose.compare.difference import MARGIN_NATS, Difference, Finding
+from eitskin.diagnose.compare.discs import Disc
+from eitskin.diagnose.compare.evidence import Explanation
+from eitskin.diagnose.compare.objects import LEAST_EXPLAINED, NAME, objects_of
 from eitskin.diagnose.verdict.words import sites
 from eitskin.effects.effect import SITES
-from eitskin.physics.protocol import reciprocal_channels
 from eitskin.quantities import MINUS, listed, number, percent
 
-FEW = 8  # channels that are named one by one
+MOST_LISTED = 8  # channels that are listed one by one
 SHOWN = 3  # electrodes at which most changed
-MOVED = 0.002  # of all readings together, below which nothing is said of it
-PASSIVE = 0.2  # share of a change that exchanging drive and measurement turns round, of a skin's
-FEWEST_PAIRS = 10
-SIGNIFICANT = 0.01  # below which chance does not move readings so far
+LEAST_COMMON = 0.002  # ratio of all readings together, below which it is not mentioned
+PASSIVE = 0.2  # odd share of a change, below which it may be the passive skin's
+SIGNIFICANT = 0.01  # p-value from which on the scatter within a recording explains a change
+DEAD = 0.05  # of its reading, that a dead channel has at most
 
-WHAT = {
+DESCRIPTIONS = {
     "channel-gain": "{where} {reads} {ratio}: a gain of the channel's own, or an offset",
     "drive-gain": "what is driven from {where} {reads} {ratio}",
     "measurement-gain": "what is measured with its plus at {where} {reads} {ratio}",
@@ -41,262 +34,198 @@ WHAT = {
 }
 
 
-def entries(found: Difference) -> dict:
-    """The key `difference` of comparison.json."""
-    return {
-        "found": [_entry(one, found) for one in found.found],
-        "lost_channels": list(found.lost),
-        "common_ratio": found.common,
-        "odd_share": odd_share(found, found.wander.change),
-        "moved": dict(zip(("times_scatter", "p_value"), found.moved, strict=True)),
-        "untouched_frames": [len(found.pair.control), len(found.pair.later)],
-        "threshold_nats": THRESHOLD,
-        "margin_nats": MARGIN,
-    }
+def placed(explanation: Explanation) -> dict:
+    """The name of a fault and its sites of each kind."""
+    kind, numbers = explanation.place
+    site_lists = {name: [int(s) for s in numbers] if name == kind else [] for name in SITES}
+    return {"name": explanation.name, **site_lists}
 
 
-def _entry(one: Found, found: Difference) -> dict:
-    rival = one.rival
-    return {
-        **_placed(one.explained),
-        "named": one.named,
-        "alternatives": list(one.alternatives),
-        "ratio": one.ratio if np.isfinite(one.ratio) else None,
-        "objects": _objects(one, found),
-        "explained": one.inside and one.inside.explained,
-        "held_out": one.inside and one.inside.held_out,
-        "since_frame": one.since,
-        "evidence_nats": one.explained.evidence,
-        "odd_share": odd_share(found, one.change),
-        "rival": None if rival is None else {**_placed(rival), "evidence_nats": rival.evidence},
-        "sentence": _sentence(one, found),
-    }
-
-
-def _objects(one: Found, found: Difference) -> list[dict]:
-    """Objects, one an entry: which way they conduct, and where, in mm too where the skin's radius
-    is known; 90 % intervals, an end that nothing holds null."""
-    if one.inside is None:
-        return []
-    entries = []
-    part = objects_of(one.explained)
-    for disc, known in zip(part.discs, ends(part.at, one.inside.spread), strict=True):
-        entry: dict[str, Any] = {"conducting": disc.conducts, "angle_deg": _angle(disc)}
-        for key, numbers in known.items():
-            name = "contrast" if key == "ratio" else f"{key}_of_radius"
-            entry[name] = _estimate(numbers, "1")
-            if key != "ratio":
-                radius = found.pair.radius_mm
-                scaled = [radius * value for value in numbers] if radius else None
-                entry[f"{key}_mm"] = _estimate(scaled, "mm") if scaled else None
-        entries.append(entry)
-    return entries
-
-
-def _estimate(numbers: Sequence[float], unit: str) -> dict:
-    """Value, low and high; an infinite end, and the 0 of a ratio at its bound, are null."""
-    value, low, high = (float(each) for each in numbers)
-    held = {"low": low if low != 0 else None, "high": high if np.isfinite(high) else None}
-    return {"value": value, **held, "unit": unit}
-
-
-def _angle(disc: Disc) -> float:
-    """Degrees, as electrodes' angles are counted."""
-    return float(np.degrees(np.arctan2(disc.y, disc.x)) % 360.0)
-
-
-def _placed(explained: Explained) -> dict:
-    kind, where = explained.place
-    there = {each: [int(s) for s in where] if each == kind else [] for each in SITES}
-    return {"name": explained.name, **there}
-
-
-def sentences(found: Difference) -> list[str]:
+def sentences(difference: Difference) -> list[str]:
     """What changed, strongest first; what did not, where nothing was found."""
-    control, later = found.pair.names
-    said = []
-    if found.lost:
-        whose = _channels(found.lost, found)
-        said.append(f"{later} has no readings of {whose}, which {control} has.")
-    said += [_sentence(one, found) for one in found.found]
-    if not said:
-        said.append(_nothing(found))
-    elif any(not one.named for one in found.found):
-        said.append(f"Most changed {_most(found)}.")
-    for one in found.found:
-        share = odd_share(found, one.change if one.named else found.wander.change)
-        if one.inside is not None:
-            said.append(_of_objects(one, found))
-        elif one.explained.place[0] is None:
+    control, later = difference.pair.names
+    texts = []
+    if difference.lost_channels:
+        channels = _channels(difference.lost_channels, difference)
+        texts.append(f"{later} has no readings of {channels}, which {control} has.")
+    texts += [sentence(finding, difference) for finding in difference.findings]
+    if not texts:
+        texts.append(_no_fault(difference))
+    elif any(not finding.named for finding in difference.findings):
+        texts.append(f"Most changed {_most_changed(difference)}.")
+    for finding in difference.findings:
+        change = finding.change if finding.named else difference.wander.change
+        odd_share = difference.odd_share(change)
+        if finding.object_fit is not None:
+            texts.append(_fit_of_objects(finding))
+        elif finding.explanation.place[0] is None:
             continue  # What all readings share has no place near which a contact may be.
-        elif share is not None and share < PASSIVE and one.name != "electrode-swap":
-            said.append(
-                f"As much as {percent(1.0 - share)} of this is the same with drive and measurement"
-                " exchanged: so it may be the passive skin, or a contact, near by, rather than the"
-                " instrument."
+        elif odd_share is not None and odd_share < PASSIVE and finding.name != "electrode-swap":
+            texts.append(
+                f"As much as {percent(1.0 - odd_share)} of this is the same with drive and"
+                " measurement exchanged: so it may be the passive skin, or a contact, near by,"
+                " rather than the instrument."
             )
-    if abs(found.common) >= MOVED:
-        said.append(
-            f"All readings together moved by {_percent(found.common)}: the skin's or the current's,"
-            " and counted as no fault."
+    if abs(difference.common_ratio) >= LEAST_COMMON:
+        texts.append(
+            f"All readings together moved by {_signed_percent(difference.common_ratio)}: the skin's"
+            " or the current's, and counted as no fault."
         )
-    return said
+    return texts
 
 
-def _nothing(found: Difference) -> str:
-    """What is said where no fault was found."""
-    control, later = found.pair.names
-    times, p = found.moved
-    said = f"No fault shows between {control} and {later}: "
-    if p >= SIGNIFICANT:
-        return f"{said}what differs is no more than the readings scatter within a recording."
+def _no_fault(difference: Difference) -> str:
+    """The sentence where no fault was found."""
+    control, later = difference.pair.names
+    rms, p_value = difference.change_test
+    text = f"No fault shows between {control} and {later}: "
+    if p_value >= SIGNIFICANT:
+        return f"{text}what differs is no more than the readings scatter within a recording."
     return (
-        f"{said}the readings differ by {number(times, 2)} times what they scatter within a"
+        f"{text}the readings differ by {number(rms, 2)} times what they scatter within a"
         " recording, but at no one site. A skin may do so by itself from one session to the next;"
         " or its gel, its contacts or what lies on it changed."
     )
 
 
-def _sentence(one: Found, found: Difference) -> str:
-    later = found.pair.names[1]
-    when = f"From frame {one.since} of {later} on" if one.since else f"In {later}"
-    nats = f"{one.explained.evidence:.0f} nats"
-    if not one.named:
-        why = "it sits at more sites than one fault has"
-        if one.inside is not None and one.inside.explained < EXPLAINS:
-            left = percent(1.0 - one.inside.explained)
-            why = f"it leaves {left} of the change's square unexplained"
-        if one.rival is not None and one.margin < MARGIN:
-            how = "better" if one.margin < 0.0 else "as well"
-            why = f"{_short(one.rival)} explains it {how} ({one.rival.evidence:.0f} nats)"
+def sentence(finding: Finding, difference: Difference) -> str:
+    """A finding in a sentence: what, where, since when, and its evidence."""
+    later = difference.pair.names[1]
+    start = f"From frame {finding.onset_row} of {later} on" if finding.onset_row else f"In {later}"
+    nats, rival = f"{finding.explanation.evidence:.0f} nats", finding.rival
+    if not finding.named:
+        reason = "it sits at more sites than one fault has"
+        fit = finding.object_fit
+        if fit is not None and fit.explained_share < LEAST_EXPLAINED:
+            unexplained = percent(1.0 - fit.explained_share)
+            reason = f"it leaves {unexplained} of the change's square unexplained"
+        if rival is not None and finding.margin < MARGIN_NATS:
+            degree = "better" if finding.margin < 0.0 else "as well"
+            reason = f"{_short(rival)} explains it {degree} ({rival.evidence:.0f} nats)"
         return (
-            f"{when} something changed, and what it is cannot be told: {_short(one.explained)}"
-            f" explains much of it ({nats}), but {why}."
+            f"{start} something changed, and what it is cannot be told:"
+            f" {_short(finding.explanation)} explains much of it ({nats}), but {reason}."
         )
-    text = f"{when}, {_what(one, found)} ({nats}"
-    if one.rival is not None:
-        text += f"; next, {_short(one.rival)}: {number(max(one.rival.evidence, 0.0), 2)}"
-    if one.alternatives:
-        text += f"; as well it may be {' or '.join(one.alternatives)}"
+    text = f"{start}, {_description(finding, difference)} ({nats}"
+    if rival is not None:
+        text += f"; next, {_short(rival)}: {number(max(rival.evidence, 0.0), 2)}"
+    if finding.alternatives:
+        text += f"; as well it may be {' or '.join(finding.alternatives)}"
     return f"{text})."
 
 
-def _what(one: Found, found: Difference) -> str:
-    name, where = one.name, _where(one.explained, found)
+def _description(finding: Finding, difference: Difference) -> str:
+    """A named fault as a clause."""
+    name, where = finding.name, _where(finding.explanation, difference)
+    signatures = finding.explanation.signatures
     if name == "offset":
-        volt = float(np.median(one.change[one.change != 0]))
+        volt = float(np.median(finding.change[finding.change != 0]))
         place = f"what is measured with its plus at {where}" if where else "every reading"
         return f"{number(volt)} is added to {place}"
     if name == "adc-nonlinearity":
-        return _converter(one, found)
-    if one.inside is not None:
-        discs = objects_of(one.explained).discs
-        told = listed([_object(disc, found) for disc in discs])
-        some = "something lies" if len(discs) == 1 else f"{len(discs)} things lie"
-        return f"{some} in the skin: {told}"
-    if name == "channel-gain" and len(one.explained.parts) == 1:
-        m = one.explained.parts[0].sites[0]
-        left = np.abs(found.wander.mean[m] + one.change[m])
-        if left < DEAD * np.abs(found.wander.mean[m]):
+        return _converter(finding, difference)
+    if finding.object_fit is not None:
+        discs = objects_of(finding.explanation).discs
+        objects = listed([_object(disc, difference) for disc in discs])
+        subject = "something lies" if len(discs) == 1 else f"{len(discs)} things lie"
+        return f"{subject} in the skin: {objects}"
+    if name == "channel-gain" and len(signatures) == 1:
+        m = signatures[0].sites[0]
+        mean = difference.wander.mean[m]
+        if np.abs(mean + finding.change[m]) < DEAD * np.abs(mean):
             return f"{where} reads next to nothing: it is dead"
-    several = len(one.explained.parts) > 1 and name == "channel-gain"
-    more = "more" if one.ratio > 0 else "less"
-    return WHAT[name].format(
+    several = len(signatures) > 1 and name == "channel-gain"
+    direction = "more" if finding.ratio > 0 else "less"
+    return DESCRIPTIONS[name].format(
         where=where,
         reads="read" if several else "reads",
-        ratio=f"{percent(abs(one.ratio), 2)} {more}",
+        ratio=f"{percent(abs(finding.ratio), 2)} {direction}",
     )
 
 
-def _object(disc: Disc, found: Difference) -> str:
-    """One object: which way it conducts and where."""
-    which = "a conducting one" if disc.conducts else "an insulating one"
-    at = f"at {_angle(disc):.0f}°"
-    radius = found.pair.radius_mm
+def _object(disc: Disc, difference: Difference) -> str:
+    """An object: which way it conducts, and its place."""
+    noun = "a conducting one" if disc.conducting else "an insulating one"
+    angle = f"at {disc.angle_deg:.0f}°"
+    radius = difference.pair.radius_mm
     if radius is None:
-        return f"{which} {at}, {number(np.hypot(disc.x, disc.y), 2)} of the radius from the centre"
-    return f"{which} {at}, at x = {radius * disc.x:.0f} mm, y = {radius * disc.y:.0f} mm"
+        share = number(np.hypot(disc.x, disc.y), 2)
+        return f"{noun} {angle}, {share} of the radius from the centre"
+    return f"{noun} {angle}, at x = {radius * disc.x:.0f} mm, y = {radius * disc.y:.0f} mm"
 
 
-def _of_objects(one: Found, found: Difference) -> str:
-    """How well objects explain, and what their simulation is."""
-    assert one.inside is not None
-    held = one.inside.held_out
-    left = number(held["rms_after"] / held["rms_before"], 2)
+def _fit_of_objects(finding: Finding) -> str:
+    """How well objects explain the change, and the limits of their simulation."""
+    assert finding.object_fit is not None
+    held_out = finding.object_fit.held_out
+    ratio = number(held_out["rms_after"] / held_out["rms_before"], 2)
     return (
         "Simulated on an even disc, this conductivity-patch explains"
-        f" {percent(one.inside.explained)} of the change's square; on reciprocal pairs"
-        f" held out the misfit falls to {left} of what it is without. In a deep tank the disc is"
-        " only the nearest: trust the place more than the size."
+        f" {percent(finding.object_fit.explained_share)} of the change's square; on reciprocal"
+        f" pairs held out the misfit falls to {ratio} of what it is without. In a deep tank the"
+        " disc is only the nearest: trust the place more than the size."
     )
 
 
-def _converter(one: Found, found: Difference) -> str:
-    at = np.flatnonzero(one.explained.parts[0].basis.any(axis=1))
-    if len(at) < found.wander.usable.sum():
-        limit = np.nanmax(np.abs(found.pair.later))
-        return f"no reading goes beyond {number(limit)}: reached by {_channels(at, found)}"
+def _converter(finding: Finding, difference: Difference) -> str:
+    """A converter's limit, or its nonlinearity, as a clause."""
+    channels = np.flatnonzero(finding.explanation.signatures[0].basis.any(axis=1))
+    if len(channels) < difference.wander.usable.sum():
+        limit = np.nanmax(np.abs(difference.pair.later))
+        return (
+            f"no reading goes beyond {number(limit)}: reached by {_channels(channels, difference)}"
+        )
     return "readings change as their cube does: the converter is not linear"
 
 
-def _where(explained: Explained, found: Difference) -> str:
-    kind, there = explained.place
+def _where(explanation: Explanation, difference: Difference) -> str:
+    """The sites of a fault; "" without any."""
+    kind, numbers = explanation.place
     if kind == "channels":
-        return _channels(there, found)
+        return _channels(numbers, difference)
     if kind is None:
         return ""
-    return f"electrode{'s' if len(there) > 1 else ''} {listed([int(s) for s in there])}"
+    return f"electrode{'s' if len(numbers) > 1 else ''} {listed([int(s) for s in numbers])}"
 
 
-def _channels(which: np.ndarray | Sequence[int], found: Difference) -> str:
-    if len(which) > FEW:
-        return f"{len(which)} channels"
-    rows = found.pair.channels
-    named = [f"{m} ({rows[m][0]}–{rows[m][1]}, {rows[m][2]}–{rows[m][3]})" for m in which]  # noqa: RUF001
-    return f"channel{'s' if len(named) > 1 else ''} {listed(named)}"
+def _channels(numbers: np.ndarray | Sequence[int], difference: Difference) -> str:
+    """Channels with their electrodes, or how many they are."""
+    if len(numbers) > MOST_LISTED:
+        return f"{len(numbers)} channels"
+    rows = difference.pair.channels
+    texts = [
+        f"{m} ({rows[m][0]}–{rows[m][1]}, {rows[m][2]}–{rows[m][3]})"  # noqa: RUF001
+        for m in numbers
+    ]
+    return f"channel{'s' if len(texts) > 1 else ''} {listed(texts)}"
 
 
-def _short(explained: Explained) -> str:
-    placed = _placed(explained)
-    if explained.name == NAME:
+def _short(explanation: Explanation) -> str:
+    """The name of a fault and its sites."""
+    if explanation.name == NAME:
         signs = [
-            "conducting" if disc.conducts else "insulating" for disc in objects_of(explained).discs
+            "conducting" if disc.conducting else "insulating"
+            for disc in objects_of(explanation).discs
         ]
         return f"{NAME} ({listed(signs)})"
-    return " at ".join(filter(None, [explained.name, sites(placed)]))
+    return " at ".join(filter(None, [explanation.name, sites(placed(explanation))]))
 
 
-def _percent(share: float) -> str:
+def _signed_percent(share: float) -> str:
     return f"{'+' if share > 0 else MINUS}{percent(abs(share), 1)}"
 
 
-def _most(found: Difference) -> str:
-    """The electrodes whose channels changed most, against what they would without a fault."""
-    white = found.wander.across(found.wander.change) ** 2
-    usable = found.wander.usable
-    mean = white[usable].mean()
-    size = []
-    for electrode in range(found.pair.n):
-        uses = (found.pair.channels == electrode).any(axis=1) & usable
-        size.append(white[uses].mean() / mean if uses.any() else 0.0)
-    first = np.argsort(size)[::-1][:SHOWN]
-    told = [f"electrode {e} ({number(size[e], 2)} times the mean square)" for e in first]
-    return f"the channels that use {listed(told)}"
-
-
-def odd_share(found: Difference, change: np.ndarray) -> float | None:
-    """How much of the square of a change (M,), V, turns round when drive and measurement are
-    exchanged: none of a passive skin's, half of what changes each channel by itself. None where the
-    recording has too few such pairs, or nothing changed in them."""
-    pairs, signs = reciprocal_channels(found.pair.channels)
-    scale = found.wander.scale
-    there = np.isfinite(scale[pairs]).all(axis=1)
-    if there.sum() < FEWEST_PAIRS:
-        return None
-    first, second = pairs[there].T
-    turned = signs[there] if found.pair.signed else np.ones(len(first))
-    weight = np.hypot(scale[first], scale[second])
-    odd = ((change[first] - turned * change[second]) / weight) ** 2
-    even = ((change[first] + turned * change[second]) / weight) ** 2
-    whole = float((odd + even).sum())
-    return float(odd.sum() / whole) if whole > 0 else None
+def _most_changed(difference: Difference) -> str:
+    """The electrodes whose channels changed most, in units of the wander."""
+    squares = difference.wander.whitened(difference.wander.change) ** 2
+    usable = difference.wander.usable
+    mean = squares[usable].mean()
+    ratios = []
+    for electrode in range(difference.pair.n):
+        mask = (difference.pair.channels == electrode).any(axis=1) & usable
+        ratios.append(squares[mask].mean() / mean if mask.any() else 0.0)
+    texts = [
+        f"electrode {e} ({number(ratios[e], 2)} times the mean square)"
+        for e in np.argsort(ratios)[::-1][:SHOWN]
+    ]
+    return f"the channels that use {listed(texts)}"
