@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eitskin.data.check.measures import NORMAL
+from eitskin.data.check.measures import NORMAL, successive_noise
 
 BLOCK_FRAMES = 5  # whose mean is one sample of the wander
 MOST_BLOCKS = 16  # of a session
@@ -136,7 +136,7 @@ def _white_noise(sessions: list[np.ndarray], mean: np.ndarray) -> tuple[np.ndarr
         return law, 0
     variance = 0.5 * (steps**2).mean(axis=0)
     if len(steps) >= FEWEST_ROBUST:
-        variance = 0.5 * (NORMAL * np.median(np.abs(steps), axis=0)) ** 2
+        variance = successive_noise(steps) ** 2
     ratio = np.median(variance / law**2) or (variance / law**2).mean() or RELATIVE_FLOOR**2
     weight = len(steps) / (len(steps) + POOLING_DOF)
     return np.sqrt(weight * variance + (1.0 - weight) * ratio * law**2), len(steps)
