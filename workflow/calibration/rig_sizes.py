@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from eitskin.diagnose.search.state import State
 
 from calibration.intervals import rms, wilson
 from eitskin.atomic import atomic_path
@@ -20,7 +21,6 @@ from eitskin.diagnose.fitting.estimates import NORMAL_90
 from eitskin.diagnose.noise.estimate import Noise
 from eitskin.diagnose.noise.rig import COMPONENTS, SLOW_WALKS, WALKS
 from eitskin.diagnose.noise.rig_sizes import findings
-from eitskin.diagnose.search.state import State
 from witness import cases, rig_errors
 from witness.rig_errors import USUAL, RigError
 

@@ -9,6 +9,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
+from eitskin.diagnose.search.state import State
 
 from calibration import asked, black_box, nulls, owners, rig_sizes
 from calibration.intervals import rms
@@ -16,13 +17,12 @@ from eitskin import cores
 from eitskin.atomic import atomic_path
 from eitskin.data import check, importers, recording
 from eitskin.data.recording import Recording
-from eitskin.diagnose import apart, diagnosis
+from eitskin.diagnose import diagnosis, parts
 from eitskin.diagnose.fitting.candidates import Candidate, gross
 from eitskin.diagnose.fitting.estimates import NORMAL_90
 from eitskin.diagnose.fitting.fit import Fit, fit
 from eitskin.diagnose.fitting.harm import harm
 from eitskin.diagnose.search.search import Search
-from eitskin.diagnose.search.state import State
 from eitskin.diagnose.verdict import result
 from eitskin.diagnose.verdict.gaps import Gap, gaps
 from eitskin.effects import catalogue_names, modules
@@ -111,7 +111,7 @@ def _compared(kind: str, seed: int, drawn: asked.Asked) -> dict:
     try:
         for one in (drawn.recorded, drawn.query):
             recording.validate(one, kind)
-        found = apart.diagnose(drawn.recorded)
+        found = parts.diagnose(drawn.recorded)
         ended = time.perf_counter(), cores.seconds()
         after, _ = diagnosis.predict(found, drawn.query)
         before, _ = diagnosis.predict(found, drawn.query, found.before)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from eitskin.diagnose.verdict.result import read_query
 from scipy.linalg import solve
 from scipy.special import chdtrc
 from scipy.stats import norm
@@ -38,7 +39,6 @@ from eitskin.diagnose.search import tones
 from eitskin.diagnose.search.proposals import SIGNIFICANT
 from eitskin.diagnose.search.screen import log_evidence
 from eitskin.diagnose.search.search import LEAST_EVIDENCE, MOST_EFFECTS, Search
-from eitskin.diagnose.verdict.result import read_query
 from eitskin.effects.effect import SITES
 from eitskin.effects.ellipse import Ellipse
 from eitskin.effects.mains_interference import MainsInterference

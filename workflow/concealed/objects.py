@@ -29,7 +29,7 @@ from matplotlib.lines import Line2D
 from calibration.intervals import wilson
 from eitskin import cli
 from eitskin.atomic import atomic_path
-from eitskin.diagnose.comparison.objects import NAME
+from eitskin.diagnose.compare.objects import NAME
 from eitskin.physics.geometry import even_angles
 from eitskin.plotting import png
 from eitskin.quantities import MINUS, percent

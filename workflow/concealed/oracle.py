@@ -10,6 +10,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from eitskin.diagnose.search.state import State
+from eitskin.diagnose.verdict.result import read_query
 
 from calibration.intervals import rms
 from calibration.trial import candidate_of, snr_left, with_all
@@ -22,9 +24,7 @@ from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.diagnose.fitting.estimates import estimates
 from eitskin.diagnose.fitting.excerpt import excerpt
 from eitskin.diagnose.search.search import Search
-from eitskin.diagnose.search.state import State
 from eitskin.diagnose.verdict import result
-from eitskin.diagnose.verdict.result import read_query
 from eitskin.effects.effect import SITES
 from eitskin.physics.solver import Spent
 

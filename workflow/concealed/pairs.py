@@ -26,8 +26,8 @@ from concealed import pair_skins, planted
 from concealed.pair_skins import DEVELOPMENT, REPORT, SECOND, SIMULATED, THIRD, Sessions
 from eitskin.atomic import atomic_path
 from eitskin.data.recording import Recording
-from eitskin.diagnose.comparison.difference import Difference, Found, difference
-from eitskin.diagnose.comparison.wander import wander
+from eitskin.diagnose.compare.difference import Difference, Finding, difference
+from eitskin.diagnose.compare.wander import wander
 from eitskin.effects import catalogue_names, modules
 from eitskin.fingerprint import fingerprint
 from eitskin.quantities import percent
@@ -101,7 +101,7 @@ def _harmed(
 ) -> tuple[np.ndarray, dict, float] | None:
     """The later readings with a fault, the fault, and its SNR in the difference."""
     shown = wander(sessions.control.readings, sessions.later.readings)
-    noise = np.maximum(shown.scale * max(shown.moved, 1.0), TINY_V)
+    noise = np.maximum(shown.scale * max(shown.relative_rms, 1.0), TINY_V)
     if kind == "electrode-swap" and sessions.crossed is not None:
         electrodes, crossed = sessions.crossed
         change = (crossed.readings - sessions.later.readings).mean(axis=0) / noise
@@ -120,7 +120,7 @@ def judged(case: Case, said: Difference) -> dict:
     at_site: the site, or without a site the name, is given and nothing else is; named: the name
     also, or one that the untouched skin cannot tell from it; false: anything is given that is not.
     """
-    given = [one for one in said.found if one.named]
+    given = [one for one in said.findings if one.named]
     fault = case.fault
     row: dict[str, Any] = {
         "fault": fault["name"] if fault else planted.NONE,
@@ -129,16 +129,16 @@ def judged(case: Case, said: Difference) -> dict:
         "snr": case.snr,
         "snr_frame": case.snr_frame,
         "said": "; ".join(_said(one) for one in given),
-        "evidence": said.found[0].explained.evidence if said.found else None,
-        "margin": min(said.found[0].margin, 1e6) if said.found else None,
-        "said_since": given[0].since if given else -1,
+        "evidence": said.findings[0].explanation.evidence if said.findings else None,
+        "margin": min(said.findings[0].margin, 1e6) if said.findings else None,
+        "said_since": given[0].onset_row if given else -1,
     }
-    if said.lost:
-        row["said"] = "; ".join(filter(None, [row["said"], f"lost {list(said.lost)}"]))
+    if said.lost_channels:
+        row["said"] = "; ".join(filter(None, [row["said"], f"lost {list(said.lost_channels)}"]))
     if fault is None:
         return row | {"at_site": False, "named": False, "false": bool(row["said"])}
     if fault["name"] == "lost-channels":
-        right = list(said.lost) == fault["channels"]
+        right = list(said.lost_channels) == fault["channels"]
         return row | {"at_site": right and not given, "named": right, "false": bool(given)}
     name = CATALOGUE.get(fault["name"], fault["name"])
     kind = site_kind(fault)
@@ -146,13 +146,13 @@ def judged(case: Case, said: Difference) -> dict:
     right = [
         one
         for one in given
-        if one.explained.place == place and (kind or name in (one.name, *one.alternatives))
+        if one.explanation.place == place and (kind or name in (one.name, *one.alternatives))
     ]
     named = [one for one in right if name in (one.name, *one.alternatives)]
     return row | {
         "at_site": len(right) == 1 == len(given),
         "named": bool(named),
-        "false": len(given) > len(right) or bool(said.lost),
+        "false": len(given) > len(right) or bool(said.lost_channels),
     }
 
 
@@ -160,8 +160,8 @@ def _where(fault: dict) -> str:
     return " ".join(f"{kind} {fault[kind]}" for kind in SITES if fault.get(kind))
 
 
-def _said(one: Found) -> str:
-    kind, sites = one.explained.place
+def _said(one: Finding) -> str:
+    kind, sites = one.explanation.place
     return f"{one.name} {kind} {[int(s) for s in sites]}" if kind else one.name
 
 

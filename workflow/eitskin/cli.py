@@ -367,7 +367,7 @@ def _import(arguments: argparse.Namespace) -> int:
 
 def _diagnose(arguments: argparse.Namespace) -> int:
     # seconds, which other commands spare
-    from eitskin.diagnose import apart, files
+    from eitskin.diagnose import files, parts
     from eitskin.diagnose.fitting import memory
     from eitskin.diagnose.report import page
     from eitskin.diagnose.search import starting_point
@@ -399,7 +399,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         _forget(answer)
         source = folder / "recording.parquet"
         recording.write(recorded, source)
-        diagnosis = apart.diagnose(
+        diagnosis = parts.diagnose(
             recorded, progress=True, memory_GiB=arguments.memory, earlier=earlier
         )
         answered = record(diagnosis, name, query)
@@ -457,8 +457,7 @@ def _told_apart(
 
 
 def _compare(arguments: argparse.Namespace) -> int:
-    from eitskin.diagnose.comparison import difference_words, result
-    from eitskin.diagnose.report import comparison_page
+    from eitskin.diagnose.compare import page, result
 
     files = (arguments.control, arguments.later)
     stretches = (arguments.control_frames, arguments.later_frames)
@@ -470,18 +469,17 @@ def _compare(arguments: argparse.Namespace) -> int:
             recording.voltages(recorded, file)
             if _checked(recorded, arguments, file, OF_TABLE) is None:
                 return UNUSABLE
-        sentences, difference = difference_words.compared(control, later, names)
-    said = result.of_difference(list(names), sentences, difference)
+        said = result.comparison(control, later, names)
     stems = "-vs-".join(map(_stem, files, stretches))
     with held_folder(arguments.out or f"comparison-{stems}") as folder:
         report = folder / "comparison.html"
         report.unlink(missing_ok=True)
         result.write(said, folder / "comparison.json")
-        comparison_page.write(said, report)
+        page.write(said, report)
     if arguments.json:
         answers.write(said | {"report": str(report)})
     else:
-        _say("\n".join(sentences))
+        _say("\n".join(said["sentences"]))
         print(report)
     return 0
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from eitskin.data import recording
-from eitskin.diagnose import apart, files
+from eitskin.diagnose import files, parts
 from eitskin.diagnose.verdict.record import read_query, record
 from eitskin.errors import named, reported
 
@@ -13,7 +13,7 @@ with reported(snakemake.log[0]):
     query = None if path is None else read_query(path, recorded)
     memory_GiB = snakemake.resources.mem_mb / 1024
     with named(snakemake.input.recording):
-        diagnosis = apart.diagnose(recorded, snakemake.params.seed, True, memory_GiB)
+        diagnosis = parts.diagnose(recorded, snakemake.params.seed, True, memory_GiB)
     folder = Path(snakemake.output.diagnosis).parent
     files.write(
         record(diagnosis, snakemake.params.name, query), folder, snakemake.input.schema, path

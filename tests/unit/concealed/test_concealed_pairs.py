@@ -6,7 +6,7 @@ import pandas as pd
 from concealed import pair_skins, pairs, planted
 from concealed.pair_skins import DEVELOPMENT, REPORT, SIMULATED
 from eitskin.data.recording import validate
-from eitskin.diagnose.comparison.difference import difference
+from eitskin.diagnose.compare.difference import difference
 
 
 def small(kind: str) -> pairs.Case:
@@ -53,7 +53,7 @@ def test_what_is_said_is_judged_by_its_site():
     said = difference(case.control, case.later, pairs.NAMES)
     row = pairs.judged(case, said)
     place = ("drives", tuple(sorted(case.fault["drives"])))
-    right = [one.explained.place == place for one in said.found if one.named]
+    right = [one.explanation.place == place for one in said.findings if one.named]
     assert row["at_site"] == (right == [True])
     assert row["false"] == (not all(right))
     other = {**case.fault, "drives": [7 - d for d in case.fault["drives"]]}

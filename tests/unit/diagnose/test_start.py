@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from eitskin import cli
 from eitskin.data import recording, subset
-from eitskin.diagnose import apart, diagnosis
+from eitskin.diagnose import diagnosis, parts
 from eitskin.diagnose.search import starting_point, tones
 from eitskin.diagnose.search.screen import sparse
 from eitskin.diagnose.search.starting_point import StartingPoint
@@ -207,5 +207,5 @@ def test_of_a_recording_with_a_step_every_part_begins_with_it(grown, monkeypatch
     for steps in ([], [SimpleNamespace(frame=12)]):
         monkeypatch.setattr(apart, "steps", lambda recorded, found=steps: found)
         with pytest.raises(InputError):
-            apart.diagnose(recorded, earlier=chosen)
+            parts.diagnose(recorded, earlier=chosen)
     assert [one is chosen for one in seen] == [True, True, True]

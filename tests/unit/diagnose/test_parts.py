@@ -10,7 +10,7 @@ from diagnosed_skin import SCHEMA
 from eitskin import cli
 from eitskin.data import recording
 from eitskin.data.recording import Recording
-from eitskin.diagnose import apart, diagnosis
+from eitskin.diagnose import diagnosis, parts
 from eitskin.diagnose.verdict import conclusion
 from eitskin.diagnose.verdict.validation import validate
 from eitskin.diagnose.verdict.words import of_parts
@@ -61,7 +61,7 @@ def diagnosed(monkeypatch):
 
 
 def test_parts_are_the_whole_recording_and_steps_lie_between(stepped, diagnosed):
-    found = apart.diagnose(stepped)
+    found = parts.diagnose(stepped)
     given, *_ = diagnosed
     ends = [part["frames"] for part in found.parts]
     first_after = [step["frame"] for step in found.steps]
@@ -76,7 +76,7 @@ def test_parts_are_the_whole_recording_and_steps_lie_between(stepped, diagnosed)
 
 
 def test_a_step_says_what_it_changed_and_back(stepped, diagnosed):
-    found = apart.diagnose(stepped)
+    found = parts.diagnose(stepped)
     for step, word in zip(found.steps, ("more", "less"), strict=True):
         (one,) = step["difference"]["found"]
         assert one["named"] and one["channels"] == [40]
@@ -89,27 +89,27 @@ def test_a_step_says_what_it_changed_and_back(stepped, diagnosed):
 
 def test_the_longest_part_that_can_be_diagnosed_is_told(stepped, diagnosed):
     given, refused, _ = diagnosed
-    apart.diagnose(stepped)
+    parts.diagnose(stepped)
     lengths = sorted(len(part.frames) for part in given)
     refused.add(lengths[-1])
-    found = apart.diagnose(stepped)
+    found = parts.diagnose(stepped)
     assert len(found.recording.frames) == lengths[-2]
     (entry,) = [part for part in found.parts if "refused" in part]
     assert f"found {lengths[-1]}, expected others" in entry["refused"]
     refused.update(lengths)
     with pytest.raises(InputError, match=f"found {lengths[-1]},"):
-        apart.diagnose(stepped)
+        parts.diagnose(stepped)
 
 
 def test_one_part_says_that_it_is_told_and_its_result_is_made_where_it_is_written(
     stepped, diagnosed
 ):
     given, refused, made = diagnosed
-    found = apart.diagnose(stepped)
+    found = parts.diagnose(stepped)
     assert [part["frames"] for part in found.parts if "told" in part] == [frames_of(found)]
     assert len(made) == len(given) - 1 and all(part is not found.recording for part in made)
     refused.add(len(found.recording.frames))
-    found = apart.diagnose(stepped)
+    found = parts.diagnose(stepped)
     assert [part["frames"] for part in found.parts if "told" in part] == [frames_of(found)]
 
 
@@ -130,7 +130,7 @@ def test_what_is_told_stands_at_the_top_and_among_the_parts():
 
 def test_without_a_step_nothing_is_apart(make_recording, diagnosed):
     made = make_recording(presses=12)
-    found = apart.diagnose(made)
+    found = parts.diagnose(made)
     assert found.recording is made and found.parts == found.steps == ()
 
 
