@@ -56,7 +56,7 @@ def diagnosed(monkeypatch):
         return {"recording": name, **entries}
 
     monkeypatch.setattr(diagnosis, "diagnose", diagnose)
-    monkeypatch.setattr(apart, "result", said)
+    monkeypatch.setattr(parts, "document", said)
     return given, refused, made
 
 

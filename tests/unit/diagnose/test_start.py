@@ -203,9 +203,9 @@ def test_of_a_recording_with_a_step_every_part_begins_with_it(grown, monkeypatch
         seen.append(earlier)
         raise InputError("recording", "frames", "a part", "nothing")
 
-    monkeypatch.setattr(apart.diagnosis, "diagnose", diagnosed)
+    monkeypatch.setattr(parts.diagnosis, "diagnose", diagnosed)
     for steps in ([], [SimpleNamespace(frame=12)]):
-        monkeypatch.setattr(apart, "steps", lambda recorded, found=steps: found)
+        monkeypatch.setattr(parts, "steps", lambda recorded, found=steps: found)
         with pytest.raises(InputError):
             parts.diagnose(recorded, earlier=chosen)
     assert [one is chosen for one in seen] == [True, True, True]
