@@ -18,9 +18,9 @@ from eitskin.data import check, importers, recording
 from eitskin.data.recording import Recording
 from eitskin.diagnose import apart, diagnosis
 from eitskin.diagnose.fitting.candidates import Candidate, gross
-from eitskin.diagnose.fitting.estimates import NORMAL_90
 from eitskin.diagnose.fitting.fit import Fit, fit
 from eitskin.diagnose.fitting.harm import harm
+from eitskin.diagnose.noise.noise_model import NORMAL_90
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.search.state import State
 from eitskin.diagnose.verdict import result

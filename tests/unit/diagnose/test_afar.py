@@ -9,7 +9,7 @@ from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.fitting.candidates import catalogue
 from eitskin.diagnose.fitting.held_out import folds
-from eitskin.diagnose.noise.estimate import Noise
+from eitskin.diagnose.noise.noise_model import NoiseModel
 from eitskin.diagnose.search import afar
 from eitskin.diagnose.search.gates import CONFUSED
 from eitskin.diagnose.search.search import Search
@@ -39,7 +39,7 @@ def untouched(*items, skin=SKIN, **unknown) -> Recording:
 
 def search_of(recorded: Recording) -> Search:
     sd = np.full(len(CHANNELS), NOISE * np.median(np.abs(recorded.voltage)))
-    problem, scales = diagnosis.problem_of(recorded, Noise(sd, 1e3, "given"))
+    problem, scales = diagnosis.problem_of(recorded, NoiseModel(sd, 1e3, "given"))
     counts = site_counts(CHANNELS)
     every = catalogue(
         recorded.skin, problem.model.believed, recorded.voltage, counts, scales, True, True, False
@@ -73,7 +73,7 @@ def test_where_a_sheet_is_right_no_body_is_worth_its_name():
 def test_a_touched_skin_of_unknown_height_has_no_body_among_its_candidates():
     recorded = small_recording(noise=NOISE, places=1)
     problem, scales = diagnosis.problem_of(
-        recorded, Noise(np.full(len(CHANNELS), 1e-6), 1e3, "given")
+        recorded, NoiseModel(np.full(len(CHANNELS), 1e-6), 1e3, "given")
     )
     common = (
         recorded.skin,

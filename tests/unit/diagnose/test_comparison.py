@@ -21,7 +21,7 @@ from eitskin.diagnose.diagnosis import Diagnosis, diagnose, problem_of
 from eitskin.diagnose.fitting.candidates import Candidate, catalogue
 from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.fitting.held_out import folds
-from eitskin.diagnose.noise.estimate import estimate
+from eitskin.diagnose.noise.estimate import estimate_noise
 from eitskin.diagnose.report import comparison_page
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.verdict.gaps import Gap
@@ -32,7 +32,7 @@ from skin_sessions import CHANNELS, CONTACT, GAIN, OPEN, SKIN, recorded
 
 def named(recording: Recording, *wanted: tuple[str, tuple[int, ...] | None, str]) -> Diagnosis:
     """A diagnosis that found the effects wanted (name, sites, scope), without a search."""
-    noise = estimate(recording)
+    noise = estimate_noise(recording)
     problem, scales = problem_of(recording, noise)
     counts = site_counts(CHANNELS)
     candidates = catalogue(
@@ -234,7 +234,7 @@ def test_other_skins_and_single_parts_are_refused():
 
 
 def candidates_of(recording: Recording, name: str, scope: str) -> list[Candidate]:
-    problem, scales = problem_of(recording, estimate(recording))
+    problem, scales = problem_of(recording, estimate_noise(recording))
     skin, counts = problem.model.believed, site_counts(CHANNELS)
     found = catalogue(SKIN, skin, recording.voltage, counts, scales, True, True)
     return [c for c in found if (c.name, c.scope) == (name, scope)]

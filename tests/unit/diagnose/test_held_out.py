@@ -21,7 +21,7 @@ from eitskin.diagnose.fitting.held_out import (
     units,
 )
 from eitskin.diagnose.fitting.reserve import Judged
-from eitskin.diagnose.noise.estimate import Noise
+from eitskin.diagnose.noise.noise_model import NoiseModel
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.verdict import result
 from eitskin.physics.protocol import reciprocal_channels
@@ -118,7 +118,9 @@ def test_channels_put_aside_have_the_noise_of_their_level(places):
 
 def searched(recorded, item):
     """A search of what is seen of a recording, a state with one effect, and what is put aside."""
-    noise = Noise(np.full(len(CHANNELS), NOISE * np.median(np.abs(recorded.voltage))), 1e6, "given")
+    noise = NoiseModel(
+        np.full(len(CHANNELS), NOISE * np.median(np.abs(recorded.voltage))), 1e6, "given"
+    )
     kept = aside(recorded, 1)
     seen = replace(recorded, voltage=np.where(kept, np.nan, recorded.voltage))
     problem, scales = diagnosis.problem_of(seen, noise)
@@ -188,7 +190,7 @@ def judging():
     problem, _ = problem_of(recorded, NOISE)
     found = fit(problem, [], np.zeros(len(problem.model.calibrations)), polish=True)
     kept = aside(recorded, 2)
-    white = replace(problem.whitening, mask=kept, rho=np.zeros(len(CHANNELS)))
+    white = replace(problem.whitening, mask=kept, offset_ratio=np.zeros(len(CHANNELS)))
     return found, white, {"common-noise": 2.0 * white.sd.mean()}, units(recorded)
 
 

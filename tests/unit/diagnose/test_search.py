@@ -14,8 +14,8 @@ from eitskin.data.recording import Recording, presses
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.fitting.fit import fit, promised, stepped, whitened_anew
 from eitskin.diagnose.fitting.tangents import Tangents
-from eitskin.diagnose.noise.rig import COMPONENTS
-from eitskin.diagnose.noise.rig_sizes import SETTLED
+from eitskin.diagnose.noise.component_sds import SETTLED
+from eitskin.diagnose.noise.components import COMPONENTS
 from eitskin.diagnose.search import fitting, proposals, search
 from eitskin.diagnose.search.screen import NULL_DRAWS, score
 from eitskin.diagnose.search.search import Search

@@ -17,14 +17,15 @@ from eitskin.diagnose.fitting.channel_mapping import carried, unknown
 from eitskin.diagnose.fitting.excerpt import LIMIT_GIB, excerpt
 from eitskin.diagnose.fitting.fit import Fit, Problem, difference, fit, whitened_anew
 from eitskin.diagnose.fitting.held_out import aside, folds, units
+from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
 from eitskin.diagnose.fitting.memory import most_frames
 from eitskin.diagnose.fitting.reserve import Judged
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
-from eitskin.diagnose.noise.estimate import Noise, estimate
-from eitskin.diagnose.noise.rig import Rig
-from eitskin.diagnose.noise.rig_sizes import findings
-from eitskin.diagnose.noise.steadiness import refine
-from eitskin.diagnose.noise.whitening import COHERENT, Whitening
+from eitskin.diagnose.noise.component_sds import component_intervals
+from eitskin.diagnose.noise.estimate import estimate_noise
+from eitskin.diagnose.noise.noise_model import NoiseModel
+from eitskin.diagnose.noise.refinement import refine_noise
+from eitskin.diagnose.noise.whitening import SOLVER_ERROR, Whitening
 from eitskin.diagnose.search.fitting import GROSS, STANDARD_ERRORS, UNEXPLAINED
 from eitskin.diagnose.search.resorts import foreign
 from eitskin.diagnose.search.search import Search
@@ -58,15 +59,15 @@ WHERE = {"drives": "drive", "measures": "measuring pair", "channels": "channel"}
 @dataclass(frozen=True)
 class Diagnosis:
     """What was found of one recording, and the search that found it. aside (N, M): readings that
-    the search has not seen; judged: by which it is judged; rig: its errors, as of `findings`;
-    named: the fit of the state after, nothing without a name in its covariance. parts, steps: of a
-    recording that was diagnosed apart, as diagnosis.json has them; the part that is `told` is what
-    this is of, and has its frames alone.
+    the search has not seen; judged: by which it is judged; rig: its errors, as of
+    `component_intervals`; named: the fit of the state after, nothing without a name in its
+    covariance. parts, steps: of a recording that was diagnosed apart, as diagnosis.json has them;
+    the part that is `told` is what this is of, and has its frames alone.
     """
 
     recorded: Recording
     search: Search
-    noise: Noise
+    noise: NoiseModel
     before: State
     after: State
     aside: np.ndarray
@@ -147,7 +148,7 @@ def _diagnosed(
     search.renew_catalogue_p(after)
     if not after.effects:
         before = after
-    rig = Rig.about(after.fit, search.problem.whitening, noise.step)
+    rig = linearised_rig_errors(after.fit, search.problem.whitening, noise.converter_step)
     report("comparing with every other name")
     found = [gaps(search, after, i) for i in range(len(after.effects))]
     if search.spent or cut_short:
@@ -163,7 +164,7 @@ def _diagnosed(
         after,
         kept,
         judged,
-        findings(rig, after.sizes, after.fit.misfit, recorded.metadata["unit"], noise),
+        component_intervals(rig, after.sizes, recorded.metadata["unit"], noise),
         _atlas(recorded, noise, _named(search, before, begun_with.whitening)),
         atlas_after,
         named,
@@ -175,13 +176,13 @@ def _diagnosed(
 
 def begun(
     recorded: Recording, seed: int, report: Callable[[str], None] = lambda line: None
-) -> tuple[Noise, Search, np.ndarray]:
+) -> tuple[NoiseModel, Search, np.ndarray]:
     """The noise of a recording; the search of its whole catalogue, which has not run yet; and the
     readings (N, M) that are put aside before anything is looked at. InputError where nothing can be
     simulated."""
     kept = aside(recorded, seed)
     seen = replace(recorded, voltage=np.where(kept, np.nan, recorded.readings))
-    first = estimate(seen)
+    first = estimate_noise(seen)
     problem, scales = problem_of(seen, first)
     model = problem.model
     noise, problem = _steadied(recorded, seen, first, problem)
@@ -198,14 +199,14 @@ def begun(
     )
     return (
         noise,
-        _search(problem, candidates, recorded.channels, seed, report, noise.step),
+        _search(problem, candidates, recorded.channels, seed, report, noise.converter_step),
         kept,
     )
 
 
 def _steadied(
-    recorded: Recording, seen: Recording, first: Noise, problem: Problem
-) -> tuple[Noise, Problem]:
+    recorded: Recording, seen: Recording, first: NoiseModel, problem: Problem
+) -> tuple[NoiseModel, Problem]:
     """The noise as the residuals of calibrations alone show it, in what is seen of a recording;
     and the problem with it; first: the noise by the recording alone. Channels of which nothing is
     seen have that of their simulated level. Loud frames and spikes are found in the whole
@@ -215,10 +216,15 @@ def _steadied(
     simulated = np.where(model.known[:, None], there, np.nan)
     if not (model.difference or model.touched.all()):
         unseen = np.isnan(seen.readings).all(axis=0)
-        first = first.told_of(unseen, np.abs(there[~model.touched].mean(axis=0)))
-    noise = refine(seen, first, simulated)
-    whole = refine(recorded, first, simulated)
-    noise = replace(noise, lost=whole.lost, loud_frames=whole.loud_frames, spikes=whole.spikes)
+        first = first.with_simulated_level(unseen, np.abs(there[~model.touched].mean(axis=0)))
+    noise = refine_noise(seen, first, simulated)
+    whole = refine_noise(recorded, first, simulated)
+    noise = replace(
+        noise,
+        rejected_mask=whole.rejected_mask,
+        loud_frames=whole.loud_frames,
+        spike_count=whole.spike_count,
+    )
     return noise, problem_of(seen, noise, model)[0]
 
 
@@ -249,7 +255,7 @@ def _search(
 
 
 def problem_of(
-    recorded: Recording, noise: Noise, model: RecordingSimulator | None = None
+    recorded: Recording, noise: NoiseModel, model: RecordingSimulator | None = None
 ) -> tuple[Problem, Scales]:
     """The fitting problem of a recording whose noise is known, and the sizes of its readings;
     model: its simulator, where there is one."""
@@ -269,18 +275,19 @@ def problem_of(
     current = model.believed.current_A if model.unit != "ohm" else 1.0
     assert current is not None
     error = np.abs(current * untouched_error(geometry, recorded.channels, "diagnose"))
-    coherent = BODY if model.coarse else COHERENT
-    error = np.hypot(error, np.hypot(coherent * median, noise.rounding))
-    whitening = Whitening.of(readings, noise.sd, model.difference, error)
+    coherent = BODY if model.coarse else SOLVER_ERROR
+    error = np.hypot(error, np.hypot(coherent * median, noise.rounding_sd))
+    whitening = Whitening.from_readings(readings, noise.sd, model.difference, error)
     clock = recorded.frames["frame"].to_numpy()
-    whitening = replace(whitening, correlation=noise.correlation, clock=clock)
+    whitening = replace(whitening, correlation=noise.correlation, frame_number=clock)
     return Problem(model, readings, whitening), Scales(median / model.factor, current)
 
 
-def _readings(recorded: Recording, noise: Noise, model: RecordingSimulator) -> np.ndarray:
+def _readings(recorded: Recording, noise: NoiseModel, model: RecordingSimulator) -> np.ndarray:
     """(N, M): what can be compared with a simulation, NaN where a touch's state is not known or a
     reading is lost."""
-    lost = np.zeros(recorded.readings.shape, bool) if noise.lost is None else noise.lost
+    none = np.zeros(recorded.readings.shape, bool)
+    lost = none if noise.rejected_mask is None else noise.rejected_mask
     return np.where(model.known[:, None] & ~lost, recorded.readings, np.nan)
 
 
@@ -297,7 +304,7 @@ def _kept_effects(
     after: State,
     put_aside: Problem,
     recorded: Recording,
-    noise: Noise,
+    noise: NoiseModel,
 ) -> tuple[State, Judged]:
     """What a search ended with, less what does not earn its place; where that was a last resort,
     the state before it, judged in the noise before it."""
@@ -310,7 +317,7 @@ def _kept_effects(
 
 
 def _earned(
-    search: Search, state: State, put_aside: Problem, recorded: Recording, noise: Noise
+    search: Search, state: State, put_aside: Problem, recorded: Recording, noise: NoiseModel
 ) -> tuple[State, Judged]:
     """A state less the effects that do not earn their place: on folds of what the search saw by two
     standard errors; on readings that were put aside one value by any gain, many of their own by two
@@ -341,7 +348,9 @@ def _earned(
         state = search.less(state, weakest)
 
 
-def _put_aside(problem: Problem, recorded: Recording, noise: Noise, kept: np.ndarray) -> Problem:
+def _put_aside(
+    problem: Problem, recorded: Recording, noise: NoiseModel, kept: np.ndarray
+) -> Problem:
     """What was put aside, readings (N, M), with the noise of what is seen; that itself, where
     nothing could be put aside."""
     readings = np.where(kept, _readings(recorded, noise, problem.model), np.nan)
@@ -364,7 +373,7 @@ def _on_frames(
     model = RecordingSimulator(recorded, few, problem.model.near)
     readings = np.where(model.known[:, None], few.readings, np.nan)
     clock = few.frames["frame"].to_numpy()
-    whitening = replace(problem.whitening, mask=np.isfinite(readings), clock=clock)
+    whitening = replace(problem.whitening, mask=np.isfinite(readings), frame_number=clock)
     problem = Problem(model, readings, whitening)
     candidates = [*search.candidates, *search.resorts]
     return _search(
@@ -442,7 +451,7 @@ def _named(search: Search, state: State, white: Whitening) -> Fit:
     return fit(named.problem, named.effects, named.theta, named.jacobian, polish=True)
 
 
-def _atlas(recorded: Recording, noise: Noise, fit: Fit) -> pd.DataFrame:
+def _atlas(recorded: Recording, noise: NoiseModel, fit: Fit) -> pd.DataFrame:
     simulated = np.where(fit.problem.whitening.mask, fit.voltage(), np.nan)
     fitted = fit.jacobian.reshape(len(fit.theta), -1).T
     residual = np.where(fit.problem.whitening.mask, fit.residual, np.nan)

@@ -300,7 +300,7 @@ class Joint:
             mask=mask,
             size=sum(w.size for w in own),
             by_channel=True,
-            undone=lambda values: np.full_like(values, np.nan),
+            unwhitened=lambda values: np.full_like(values, np.nan),
         )
 
     def residual(self, theta: np.ndarray, effects: list) -> np.ndarray:

@@ -10,7 +10,7 @@ from eitskin.diagnose.fitting import touches
 from eitskin.diagnose.fitting.fit import Fit, Problem, difference
 from eitskin.diagnose.fitting.harm import harm
 from eitskin.diagnose.fitting.held_out import HeldOut, put_aside
-from eitskin.diagnose.noise.rig import Rig
+from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
 from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.diagnose.search.fitting import STANDARD_ERRORS
 from eitskin.diagnose.search.resorts import foreign
@@ -22,8 +22,8 @@ MOST_RATIO = 1.05  # of the rms errors with and without an effect
 class Judged:
     """Readings put aside, of the frames of `problem`, which has touches where they are said to be
     and noise alone in its covariance; where none could be put aside, those of the fit. sizes: of
-    the rig's errors, as the final fit has them, before and after; converter_step: as `step` of
-    `Noise`; unit: as of `units`."""
+    the rig's errors, as the final fit has them, before and after; converter_step: as in
+    `NoiseModel`; unit: as of `units`."""
 
     problem: Problem
     sizes: Mapping[str, float]
@@ -42,13 +42,13 @@ class Judged:
         proportion about where the readings have the touches."""
         if id(fit) not in self._about:
             there = replace(fit, problem=self.problem)
-            rig = Rig.about(there, self.white, self.converter_step)
+            rig = linearised_rig_errors(there, self.white, self.converter_step)
             model = touches.followed(self.problem, there, rig, self.sizes)
             recorded = self.problem.recorded
             if model is not self.problem.model:
                 there = replace(fit, problem=replace(self.problem, model=model))
-                rig = Rig.about(there, self.white, self.converter_step)
-                recorded = recorded + rig.followed(touches.moved(model, self.problem.model))
+                rig = linearised_rig_errors(there, self.white, self.converter_step)
+                recorded = recorded + rig.response(touches.moved(model, self.problem.model))
             whitening = rig.whitening(self.sizes, discrepancy=False, fitted=True)
             problem = Problem(model, recorded, whitening)
             self._about[id(fit)] = fit, replace(fit, problem=problem)

@@ -20,9 +20,12 @@ from eitskin.diagnose.fitting.fit import (
     whitened_anew,
 )
 from eitskin.diagnose.fitting.held_out import HeldOut, held_out
+from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
 from eitskin.diagnose.fitting.tangents import Tangents
-from eitskin.diagnose.noise.rig import COMPONENTS, Rig
-from eitskin.diagnose.noise.rig_sizes import SETTLED, KeptScoring, learned
+from eitskin.diagnose.noise.component_sds import SETTLED, learn_error_sds
+from eitskin.diagnose.noise.components import COMPONENTS
+from eitskin.diagnose.noise.rig_errors import RigErrors
+from eitskin.diagnose.noise.scoring import ScoringCache
 from eitskin.diagnose.search import afar
 from eitskin.diagnose.search.state import State, likelihood, occam
 from eitskin.effects import EFFECTS
@@ -53,7 +56,7 @@ TOGETHER = 4  # fits in processes of their own, of which none knows what the oth
 class Fitting:
     """One recording's sets of effects, fitted. problem: with noise alone in its covariance; fold:
     of frames, or of channels too where nobody touches; rigged: whether a rig may add to the
-    covariance, converter_step: as `step` of `Noise`; rig: what it may add; share: of all that a
+    covariance, converter_step: as in `NoiseModel`; rig: what it may add; share: of all that a
     diagnosis may solve, with which this ends."""
 
     problem: Problem
@@ -62,11 +65,11 @@ class Fitting:
     share: float = 1.0
     rigged: bool = False
     converter_step: float = 0.0
-    rig: Rig | None = None
+    rig: RigErrors | None = None
     tangents: dict[tuple, Tangents] = field(default_factory=dict)
     met: dict[tuple, State] = field(default_factory=dict)
     lesser: dict[tuple, tuple[Fit, State]] = field(default_factory=dict)
-    scoring: KeptScoring = field(default_factory=KeptScoring, repr=False)
+    scoring: ScoringCache = field(default_factory=ScoringCache, repr=False)
 
     @property
     def most_solved(self) -> float:
@@ -92,7 +95,7 @@ class Fitting:
         fitted: Fit,
         p_values: dict | None = None,
         sizes: dict[str, float] | None = None,
-        rig: Rig | None = None,
+        rig: RigErrors | None = None,
     ) -> State:
         """A fit with its evidence and held-out density; sizes: those of the rig's errors that it
         has, from which they are learned; rig: these errors about a fit like it. A discrepancy may
@@ -115,12 +118,12 @@ class Fitting:
         fitted: Fit,
         p_values: dict | None,
         sizes: dict[str, float] | None,
-        rig: Rig | None,
-        kept: KeptScoring | None = None,
+        rig: RigErrors | None,
+        kept: ScoringCache | None = None,
     ) -> State:
         sizes, rig = dict(sizes or {}), rig or self.rig
         if rig is not None:
-            ended = KeptScoring()
+            ended = ScoringCache()
             for number in range(LEARNED):
                 scorings = (kept or ended) if number == 0 else ended, ended
                 fitted, sizes, rig, gained = self._learned(fitted, sizes, rig, *scorings)
@@ -134,22 +137,22 @@ class Fitting:
         self,
         fitted: Fit,
         sizes: dict[str, float],
-        rig: Rig,
-        kept: KeptScoring,
-        ended: KeptScoring,
-    ) -> tuple[Fit, dict[str, float], Rig, float]:
+        rig: RigErrors,
+        kept: ScoringCache,
+        ended: ScoringCache,
+    ) -> tuple[Fit, dict[str, float], RigErrors, float]:
         """A fit with the sizes of the rig's errors learned from it, and by how many nats it moved
-        on for them; kept, ended: as of `learned`. Where touches are far from where they are said to
-        be, the readings are taken to follow in proportion from where they seem to be (Lindstrom,
-        Bates, Biometrics 46, 1990)."""
-        sizes, _ = learned(rig, fitted.misfit, sizes, kept, ended)
+        on for them; kept, ended: as of `learn_error_sds`. Where touches are far from where they are
+        said to be, the readings are taken to follow in proportion from where they seem to be
+        (Lindstrom, Bates, Biometrics 46, 1990)."""
+        sizes, _ = learn_error_sds(rig, fitted.misfit, sizes, kept, ended)
         there, problem = touches.followed(self.problem, fitted, rig, sizes), fitted.problem
         followed = there is not problem.model
         if followed:
             moved = replace(fitted, problem=replace(self.problem, model=there))
-            rig = Rig.about(moved, self.problem.whitening, self.converter_step)
+            rig = linearised_rig_errors(moved, self.problem.whitening, self.converter_step)
             strays = touches.moved(there, self.problem.model)
-            recorded = self.problem.recorded + rig.followed(strays)
+            recorded = self.problem.recorded + rig.response(strays)
             problem = replace(self.problem, model=there, recorded=recorded)
         problem = replace(problem, whitening=rig.whitening(sizes, fitted=True))
         here = whitened_anew(fitted, problem)
@@ -190,7 +193,7 @@ class Fitting:
     @staticmethod
     def _parts_of(problem: Problem) -> list[object]:
         own = problem.whitening
-        arrays = own.mask, own.sd, own.rho, own.clock
+        arrays = own.mask, own.sd, own.offset_ratio, own.frame_number
         return [problem, *vars(problem).values(), *vars(problem.model).values(), *arrays]
 
     def calibrated(self) -> State:
@@ -198,7 +201,7 @@ class Fitting:
         start = np.zeros(len(self.problem.model.calibrations))
         best = fit(self.problem, [], start, polish=True)
         if self.rigged and self.rig is None:
-            self.rig = Rig.about(best, self.problem.whitening, self.converter_step)
+            self.rig = linearised_rig_errors(best, self.problem.whitening, self.converter_step)
         near = self.state(best)
         far = self.from_afar(near, []) if self.rigged and self.untouched else None
         return near if far is None or far.log_evidence <= near.log_evidence else far
@@ -219,7 +222,7 @@ class Fitting:
         """A state whose rig is seen about its own fit, with its sizes learned once more."""
         if self.rig is None:
             return state
-        self.rig = Rig.about(state.fit, self.problem.whitening, self.converter_step)
+        self.rig = linearised_rig_errors(state.fit, self.problem.whitening, self.converter_step)
         fitted = fit(state.fit.problem, state.effects, state.fit.theta, polish=True)
         return self.state(fitted, state.p_values, state.sizes)
 
@@ -379,7 +382,7 @@ class Fitting:
     def misfit(self, state: State) -> float:
         """Chi squared over its degrees of freedom against noise alone."""
         whitening = self.problem.whitening
-        left = whitening(state.fit.problem.whitening.undone(state.fit.residual))
+        left = whitening(state.fit.problem.whitening.unwhitened(state.fit.residual))
         return float((left**2).sum()) / max(whitening.size - len(state.fit.theta), 1)
 
     def held_out(self, state: State, trial: State) -> HeldOut:

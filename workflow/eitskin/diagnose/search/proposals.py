@@ -10,7 +10,7 @@ from eitskin import cores
 from eitskin.diagnose.fitting.candidates import Candidate, discrete, of_channels, of_tangents
 from eitskin.diagnose.fitting.fit import Fit, whitened_anew
 from eitskin.diagnose.fitting.tangents import Tangents
-from eitskin.diagnose.noise.rig import COMPONENTS
+from eitskin.diagnose.noise.components import COMPONENTS
 from eitskin.diagnose.search import afar, channels, tones
 from eitskin.diagnose.search.fitting import GROSS, Fitting
 from eitskin.diagnose.search.screen import Null, Score, best_few, chance, null, score
@@ -150,7 +150,7 @@ class Proposals(Fitting):
         whitening = state.rig.whitening({**state.sizes, name: 0.0}, fitted=True)
         problem = replace(here.fit.problem, whitening=whitening)
         tangents = Tangents(whitened_anew(here.fit, problem), [here])
-        weights = whitening.back(tangents.residual.reshape(tangents.voltage.shape)).ravel()
+        weights = whitening.transposed(tangents.residual.reshape(tangents.voltage.shape)).ravel()
         bounds: dict[str, list[tuple[float, Candidate]]] = {}
         for one in self.scores(state):
             own = one.candidate

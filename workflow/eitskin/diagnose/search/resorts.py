@@ -8,8 +8,9 @@ from itertools import product
 import numpy as np
 
 from eitskin.diagnose.fitting.candidates import Candidate
-from eitskin.diagnose.fitting.estimates import NORMAL_90, UNTOLD
+from eitskin.diagnose.fitting.estimates import UNTOLD
 from eitskin.diagnose.fitting.fit import Fit, Problem
+from eitskin.diagnose.noise.noise_model import NORMAL_90
 from eitskin.diagnose.search import afar
 
 TOLD = np.log(UNTOLD) / (2.0 * NORMAL_90)  # sd of a size's logarithm

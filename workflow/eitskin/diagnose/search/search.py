@@ -14,8 +14,8 @@ import numpy as np
 from eitskin.diagnose.fitting.candidates import Candidate, gross, of_channels, without_site
 from eitskin.diagnose.fitting.fit import Problem, fit
 from eitskin.diagnose.fitting.tangents import Tangents
-from eitskin.diagnose.noise.rig import Rig
-from eitskin.diagnose.noise.rig_sizes import KeptScoring
+from eitskin.diagnose.noise.rig_errors import RigErrors
+from eitskin.diagnose.noise.scoring import ScoringCache
 from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.diagnose.search import channels, resorts
 from eitskin.diagnose.search.fitting import GROSS
@@ -47,7 +47,7 @@ class Search(Proposals):
     catalogue_of: tuple | None = None
     rival_evidence: float = -np.inf
     path: list[dict] = field(default_factory=list)
-    _plain: tuple[Problem, Rig | None] | None = None
+    _plain: tuple[Problem, RigErrors | None] | None = None
 
     def run(self, start: Start | None = None, before: State | None = None) -> tuple[State, State]:
         """The state before and the state found; start: what was found on fewer frames; before: as
@@ -192,9 +192,9 @@ class Search(Proposals):
             self._judge_in(*self._plain)
             self._plain = None
 
-    def _judge_in(self, problem: Problem, rig: Rig | None) -> None:
+    def _judge_in(self, problem: Problem, rig: RigErrors | None) -> None:
         """Sets in another covariance, without what is kept of the one before."""
-        self.problem, self.rig, self.scoring = problem, rig, KeptScoring()
+        self.problem, self.rig, self.scoring = problem, rig, ScoringCache()
         found = self.tangents, self.met, self.lesser, self.lengths, self.scored, self.trials
         for kept in found:
             kept.clear()

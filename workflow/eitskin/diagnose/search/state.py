@@ -9,7 +9,7 @@ import numpy as np
 from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.diagnose.fitting.fit import Fit
 from eitskin.diagnose.fitting.held_out import HeldOut, held_out
-from eitskin.diagnose.noise.rig import Rig
+from eitskin.diagnose.noise.rig_errors import RigErrors
 from eitskin.diagnose.search.screen import AMPLITUDES, Score
 from eitskin.effects import EFFECTS
 
@@ -26,7 +26,7 @@ class State:
     log_evidence: float
     p_values: dict[tuple, float] = field(default_factory=dict)
     sizes: dict[str, float] = field(default_factory=dict)
-    rig: Rig | None = field(default=None, repr=False)
+    rig: RigErrors | None = field(default=None, repr=False)
     score: Score | None = None
 
     @cached_property
@@ -60,7 +60,7 @@ def per_dof(state: State) -> float:
     return state.fit.chi2 / max(state.fit.problem.whitening.size - len(state.fit.theta), 1)
 
 
-def likelihood(fitted: Fit, sizes: dict[str, float], rig: Rig | None) -> float:
+def likelihood(fitted: Fit, sizes: dict[str, float], rig: RigErrors | None) -> float:
     """Marginal log likelihood of a fit, with the prior of the sizes of the rig's errors."""
     prior = 0.0 if rig is None else rig.log_prior(sizes)
     return prior - 0.5 * (fitted.chi2 + fitted.problem.whitening.log_determinant)

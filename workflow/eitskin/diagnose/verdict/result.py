@@ -50,8 +50,8 @@ def result(found: Diagnosis, name: str) -> dict:
             "loud_frames": found.recorded.frames["frame"].iloc[[*noise.loud_frames]].tolist(),
             "jumps": [step["frame"] for step in found.steps],
             "spikes": {
-                "readings": noise.spikes,
-                "share": noise.spikes / found.recorded.readings.size,
+                "readings": noise.spike_count,
+                "share": noise.spike_count / found.recorded.readings.size,
             },
         },
         "effects": entries,

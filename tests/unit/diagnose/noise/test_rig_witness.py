@@ -89,7 +89,7 @@ def test_an_effect_is_not_taken_for_a_rig_error(name, seed, component):
     found = diagnosis.diagnose(recorded)
     (effect,) = result.result(found, name)["effects"]
     assert name in (effect["name"], *effect["alternatives"])
-    assert found.after.sizes[component] < found.search.rig.scales[component] / 3.0
+    assert found.after.sizes[component] < found.search.rig.prior_sds[component] / 3.0
 
 
 @pytest.mark.long
@@ -120,4 +120,6 @@ def test_a_class_is_declared_whole_on_a_rig_with_errors():
     assert len(near) < len(others)
     name, size = size_of(case)
     assert 1 / 1.5 < found.after.sizes[name] / size < 1.5
-    assert found.after.sizes["force-per-press"] < found.search.rig.scales["force-per-press"] / 3.0
+    assert (
+        found.after.sizes["force-per-press"] < found.search.rig.prior_sds["force-per-press"] / 3.0
+    )
