@@ -27,16 +27,16 @@ def linearisation(fit: Fit, converter_step: float) -> Linearisation:
     touched = model.touched & model.known
     typical = np.median(np.abs(problem.recorded[whitening.mask]))
     return Linearisation(
-        voltage,
-        touch_derivatives(fit, voltage),
-        touched,
-        np.where(touched, model.press, -1),
-        model.states["force_N"].to_numpy(float),
-        elapsed(model.states),
-        model.difference,
-        model.magnitude,
-        float(max(typical, np.median(whitening.sd))),
-        converter_step,
+        voltage=voltage,
+        derivatives=touch_derivatives(fit, voltage),
+        touched=touched,
+        press=np.where(touched, model.press, -1),
+        force_N=model.states["force_N"].to_numpy(float),
+        elapsed=elapsed(model.states),
+        difference=model.difference,
+        magnitude=model.magnitude,
+        typical_reading=float(max(typical, np.median(whitening.sd))),
+        converter_step=converter_step,
     )
 
 

@@ -18,10 +18,8 @@ from eitskin.diagnose.noise.rig_errors import RigErrors
 from eitskin.diagnose.noise.scoring import Scoring, ScoringCache
 from eitskin.diagnose.noise.whitening import Whitening
 
-ROUNDS, REFIT_ROUNDS = (
-    8,
-    2,
-)  # of scoring at most; where a component was taken out: quadratic by then
+ROUNDS = 8  # of scoring at most: it converges in three or four
+REFIT_ROUNDS = 2  # where a component was taken out: the others are near their optimum
 SHORTENING, LEAST_SHARE = 0.3, 0.05  # of a step that does not help; shares below are not tried
 LARGEST_LOG_SD = 2.0  # of a variance: by then an interval spans a factor of 50 and says nothing
 LARGEST = 3.0  # times the prior's sd: more is no ordinary rig
@@ -53,8 +51,8 @@ def learn_error_sds(
     error_sds = climbed
     for name in sorted(free, key=lambda k: climbed[k] / rig_errors.prior_sds[k]):
         error_sd = error_sds[name]
-        same = error_sd < SAME_FACTOR * start_sds.get(name, 0.0) < SAME_FACTOR**2 * error_sd
-        if error_sd > 0.0 and gains.get(name, 0.0) < CLEAR_GAIN and not same:
+        unchanged = error_sd < SAME_FACTOR * start_sds.get(name, 0.0) < SAME_FACTOR**2 * error_sd
+        if error_sd > 0.0 and gains.get(name, 0.0) < CLEAR_GAIN and not unchanged:
             reduced = {**error_sds, name: 0.0}
             present = [k for k in free if reduced[k] > 0.0]
             whitening = rig_errors.whitening(reduced)  # in use until a climb from it has met it
@@ -176,15 +174,15 @@ class _Climb:
         whitening and their likelihood; None where it rises nowhere."""
         share = 1.0
         while share > LEAST_SHARE and share * (2.0 - share) * step.promise > SETTLED:
-            moved = {
+            trial_sds = {
                 name: float(np.sqrt((1.0 - share) * error_sds[name] ** 2 + share * target**2))
                 for name, target in step.target.items()
             }
-            moved = {**error_sds, **moved}
-            whitening = self.rig_errors.whitening(moved)
-            likelihood = self.rig_errors.log_likelihood(moved, self.residual, whitening)
+            trial_sds = {**error_sds, **trial_sds}
+            whitening = self.rig_errors.whitening(trial_sds)
+            likelihood = self.rig_errors.log_likelihood(trial_sds, self.residual, whitening)
             if likelihood > best:
-                return moved, whitening, likelihood
+                return trial_sds, whitening, likelihood
             share *= SHORTENING
         return None
 

@@ -30,9 +30,10 @@ class NoiseComponent(ABC):
 
     name: in diagnosis.json. unit: of the sd; READINGS: that of the recording. prior_sd: of the
     half-normal prior of the sd, in its unit or in median readings. acts_on: what each has an error
-    of its own, "frame", "press", "channel" or the "whole" recording. least_presses: with fewer the
-    sd cannot be learned and is assumed to be the prior's. lasting: one value a channel that stays
-    the same. common_mode: moves all readings of a frame together. discrepancy: stands for physics
+    of its own, "frame", "press", "channel" or the "whole" recording. least_frames: in fewer of the
+    `affected_frames` the error does not show, and is left out. least_presses: with fewer the sd
+    cannot be learned, and is assumed to be the prior's. lasting: one value a channel that stays the
+    same. common_mode: moves all readings of a frame together. discrepancy: stands for physics
     without a name, no error of a rig; it never enters the chi squared of a verdict.
     """
 
@@ -40,14 +41,19 @@ class NoiseComponent(ABC):
     unit: ClassVar[str]
     prior_sd: ClassVar[float]
     acts_on: ClassVar[str]
+    least_frames: ClassVar[int] = 0
     least_presses: ClassVar[int] = 0
     lasting: ClassVar[bool] = False
     common_mode: ClassVar[bool] = False
     discrepancy: ClassVar[bool] = False
 
+    def affected_frames(self, linearisation: Linearisation) -> np.ndarray:
+        """(N,) bool: frames that the error acts on; all."""
+        return np.ones(len(linearisation.voltage), bool)
+
     def is_present(self, linearisation: Linearisation) -> bool:
-        """Whether a recording can have the error and shows it."""
-        return True
+        """Whether a recording can have the error and shows it: in `least_frames`."""
+        return bool(self.affected_frames(linearisation).sum() >= self.least_frames)
 
     def is_identifiable(self, linearisation: Linearisation) -> bool:
         """Whether the sd can be learned; otherwise it is assumed to be the prior's."""
@@ -77,21 +83,24 @@ class NoiseComponent(ABC):
 
 
 class TouchComponent(NoiseComponent):
-    """An error of the stated place or force of touches."""
+    """An error of the stated place or force of touches, from frame to frame."""
+
+    acts_on = "frame"
+    least_frames = LEAST_FRAMES
 
     @abstractmethod
     def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
         """K pairs: a column of the states, and by how much of it (N,) the touches are displaced by
         one unit of one error."""
 
-    def is_present(self, linearisation: Linearisation) -> bool:
-        """Whether touches show the error and the physics has derivatives by what it displaces."""
-        columns = {column for column, _ in self.displacements(linearisation)}
-        return self.is_shown(linearisation) and columns <= set(linearisation.derivatives)
+    def affected_frames(self, linearisation: Linearisation) -> np.ndarray:
+        """(N,) bool: touched frames."""
+        return linearisation.touched
 
-    @abstractmethod
-    def is_shown(self, linearisation: Linearisation) -> bool:
-        """Whether there are touches enough that show the error."""
+    def is_present(self, linearisation: Linearisation) -> bool:
+        """Whether touches show the error, and the physics has derivatives by what it displaces."""
+        columns = {column for column, _ in self.displacements(linearisation)}
+        return super().is_present(linearisation) and columns <= set(linearisation.derivatives)
 
     def basis(self, linearisation: Linearisation) -> np.ndarray:
         """(K, N, M): displacements times the derivatives of the readings."""
@@ -104,25 +113,16 @@ class TouchComponent(NoiseComponent):
         )
 
 
-class FrameTouchComponent(TouchComponent):
-    """An error of each frame's touch, independent from frame to frame."""
-
-    acts_on = "frame"
-
-    def is_shown(self, linearisation: Linearisation) -> bool:
-        """Whether LEAST_FRAMES are touched."""
-        return bool(linearisation.touched.sum() >= LEAST_FRAMES)
-
-
 class PressTouchComponent(TouchComponent):
     """An error that lasts for a press, or longer."""
 
     acts_on = "press"
+    least_frames = 1
     least_presses = LEAST_PRESSES
 
-    def is_shown(self, linearisation: Linearisation) -> bool:
-        """Whether a frame is of a press."""
-        return bool((linearisation.press >= 0).any())
+    def affected_frames(self, linearisation: Linearisation) -> np.ndarray:
+        """(N,) bool: frames of presses."""
+        return linearisation.press >= 0
 
 
 COMPONENTS: dict[str, NoiseComponent] = {}  # by name, in the order of the covariance's columns
@@ -167,11 +167,8 @@ class GainWalk(NoiseComponent):
     """The gain of all channels walks; its sd is that at the recording's end."""
 
     name, unit, prior_sd, acts_on = "gain-walk", "1", 1e-2, "whole"
+    least_frames = LEAST_FRAMES
     common_mode = True
-
-    def is_present(self, linearisation: Linearisation) -> bool:
-        """Whether there are LEAST_FRAMES."""
-        return len(linearisation.voltage) >= LEAST_FRAMES
 
     def basis(self, linearisation: Linearisation) -> np.ndarray:
         """(FAST_WAVES, N, M): waves of a random walk, times the readings."""
@@ -184,10 +181,7 @@ class ChannelDrift(NoiseComponent):
     """Each channel drifts by itself; its sd is that at the recording's end."""
 
     name, unit, prior_sd, acts_on = "channel-drift", READINGS, 2e-3, "channel"
-
-    def is_present(self, linearisation: Linearisation) -> bool:
-        """Whether there are LEAST_FRAMES."""
-        return len(linearisation.voltage) >= LEAST_FRAMES
+    least_frames = LEAST_FRAMES
 
     def basis(self, linearisation: Linearisation) -> np.ndarray:
         """(SLOW_WAVES, N, M): waves of a random walk."""
@@ -263,12 +257,13 @@ class TouchDiscrepancy(NoiseComponent):
     """Each channel responds to touches by a share of its own more or less than simulated."""
 
     name, unit, prior_sd, acts_on = "touch-discrepancy", "1", 0.2, "channel"
+    least_frames = 1
     lasting = True
     discrepancy = True
 
-    def is_present(self, linearisation: Linearisation) -> bool:
-        """Whether a frame is touched."""
-        return bool(linearisation.touched.any())
+    def affected_frames(self, linearisation: Linearisation) -> np.ndarray:
+        """(N,) bool: touched frames."""
+        return linearisation.touched
 
     def basis(self, linearisation: Linearisation) -> np.ndarray:
         """(1, N, M): what touches change."""
@@ -277,7 +272,7 @@ class TouchDiscrepancy(NoiseComponent):
 
 
 @component
-class PlacePerFrame(FrameTouchComponent):
+class PlacePerFrame(TouchComponent):
     """The robot's place scatters from frame to frame."""
 
     name, unit, prior_sd = "place-per-frame", "mm", 1.0
@@ -289,7 +284,7 @@ class PlacePerFrame(FrameTouchComponent):
 
 
 @component
-class ForcePerFrame(FrameTouchComponent):
+class ForcePerFrame(TouchComponent):
     """The load cell scatters from frame to frame."""
 
     name, unit, prior_sd = "force-per-frame", "N", 0.1

@@ -141,13 +141,13 @@ def estimate_noise(recording: Recording) -> NoiseModel:
     rounding_sd = lasting_rounding_sd(step, float(np.median(sd)))
     # Frames at rest do not show what rounding does to them all alike; touched ones have it.
     hidden = rounding_sd**2 if believed == ["repeats"] else 0.0
-    law = replace(law, constant=law.constant + hidden, least=ROUNDING * step)
+    law = replace(law, constant=law.constant + hidden, floor=ROUNDING * step)
     if (law(level) > sd).any():
         sd = law(level)
         source += f"; raised to that of rounding to steps of {step:.3g}"
     floor = FLOOR * typical
     if (sd < floor).any():
-        law = replace(law, least=max(law.least, floor))
+        law = replace(law, floor=max(law.floor, floor))
         sd = law(level)
         source += f"; raised to {FLOOR:g} of the median reading, below which no noise is told"
     dof = float(sum(witnesses[name].dof.sum() for name in believed))

@@ -38,8 +38,8 @@ class Linearisation:
         differences, whose level is arbitrary."""
         if self.difference:
             return np.zeros(self.voltage.shape[1])
-        rest = self.voltage if self.touched.all() else self.voltage[~self.touched]
-        return rest.mean(axis=0)
+        untouched = self.voltage if self.touched.all() else self.voltage[~self.touched]
+        return untouched.mean(axis=0)
 
     @property
     def press_count(self) -> int:

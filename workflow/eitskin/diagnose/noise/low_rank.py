@@ -44,8 +44,8 @@ def block_products(
     if acts_on == "whole":
         return (a.reshape(len(a), -1) @ b.reshape(len(b), -1).T)[None]
     if acts_on == "channel":
-        left, right = (np.ascontiguousarray(c.transpose(2, 0, 1)) for c in (a, b))
-        return left @ right.transpose(0, 2, 1)
+        a, b = (np.ascontiguousarray(columns.transpose(2, 0, 1)) for columns in (a, b))
+        return a @ b.transpose(0, 2, 1)
     products = a.transpose(1, 0, 2) @ b.transpose(1, 2, 0)
     if acts_on != "press":
         return products

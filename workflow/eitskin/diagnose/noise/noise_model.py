@@ -9,15 +9,15 @@ NORMAL_90 = 1.6449  # sd of a normal distribution, within which 90 % of it are
 
 @dataclass(frozen=True)
 class VarianceLaw:
-    """Sd of readings by their untouched level v: sqrt(constant + growth v^2), at least `least`."""
+    """Sd of readings by their untouched level v: sqrt(constant + growth v^2), at least `floor`."""
 
     constant: float
     growth: float
-    least: float = 0.0
+    floor: float = 0.0
 
     def __call__(self, level: np.ndarray) -> np.ndarray:
         """(M,) sd of channels of these levels (M,)."""
-        return np.maximum(np.sqrt(self.constant + self.growth * level**2), self.least)
+        return np.maximum(np.sqrt(self.constant + self.growth * level**2), self.floor)
 
 
 @dataclass(frozen=True)

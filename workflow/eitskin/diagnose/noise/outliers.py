@@ -124,8 +124,8 @@ def column_spikes(values: np.ndarray, time_modes: np.ndarray, isolated: bool = F
         sd = robust_sd(np.where(rejected, np.nan, residual))
         height = np.where(lost, 0.0, np.abs(residual)) / sd
         regular_height = np.where(rejected, 0.0, height).max(axis=1, keepdims=True)
-        few = spikes.sum(axis=1, keepdims=True) <= MOST_ISOLATED
-        spikes &= (height > ISOLATED * regular_height) & few
+        rare = spikes.sum(axis=1, keepdims=True) <= MOST_ISOLATED
+        spikes &= (height > ISOLATED * regular_height) & rare
     run = spikes[:-2] & spikes[1:-1] & spikes[2:]
     for shift in range(3):
         spikes[shift : len(spikes) - 2 + shift] &= ~run

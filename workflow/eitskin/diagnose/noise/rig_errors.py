@@ -53,20 +53,22 @@ class RigErrors:
         }
         typical = linearisation.typical_reading
         return cls(
-            noise_whitening,
-            {
+            noise_whitening=noise_whitening,
+            columns={
                 name: np.where(noise_whitening.mask, component.basis(linearisation), 0.0)
                 for name, component in present.items()
             },
-            {name: component.prior_in_unit(typical) for name, component in present.items()},
-            linearisation.derivatives,
-            {
+            prior_sds={
+                name: component.prior_in_unit(typical) for name, component in present.items()
+            },
+            derivatives=linearisation.derivatives,
+            displacements={
                 name: component.displacements(linearisation)
                 for name, component in present.items()
                 if isinstance(component, TouchComponent)
             },
-            linearisation.press,
-            frozenset(
+            press=linearisation.press,
+            assumed=frozenset(
                 name
                 for name, component in present.items()
                 if not component.is_identifiable(linearisation)

@@ -198,8 +198,8 @@ def _squared_products(indicator: np.ndarray, pair: tuple[_Columns, _Columns]) ->
         return (products.astype(float) ** 2).sum(axis=0)
     if a.acts_on == "frame":
         # A frame's error and a channel's share one reading.
-        left, right = ((c.columns**2).reshape(len(c.columns), -1) for c in pair)
-        return left @ right.T
+        a_square, b_square = ((kind.columns**2).reshape(len(kind.columns), -1) for kind in pair)
+        return a_square @ b_square.T
     squares = []
     for column in a.columns:
         sums = np.einsum("bn,knm->kbm", indicator, column * b.columns, optimize=True)

@@ -122,18 +122,18 @@ def temporal_correlation(
     def minimum_along(index: int, coordinates: np.ndarray) -> tuple[float, np.ndarray]:
         """The least deviance by one coordinate, the other being fixed, and where it is."""
 
-        def moved(x: float) -> np.ndarray:
+        def point(x: float) -> np.ndarray:
             return np.where(np.arange(2) == index, x, coordinates)
 
         grid = grids[index]
-        lowest = int(np.argmin([deviance(moved(x)) for x in grid]))
+        lowest = int(np.argmin([deviance(point(x)) for x in grid]))
         minimum = minimize_scalar(
-            lambda x: deviance(moved(x)),
+            lambda x: deviance(point(x)),
             bounds=(grid[max(lowest - 1, 0)], grid[min(lowest + 1, len(grid) - 1)]),
             method="bounded",
             options={"xatol": TOLERANCE},
         )
-        return minimum.fun, moved(minimum.x)
+        return minimum.fun, point(minimum.x)
 
     uncorrelated = TemporalCorrelation(0.0, 0.0)
     white = series.whitened(uncorrelated, values, channel_modes)
