@@ -180,7 +180,7 @@ class Search(Proposals):
         level = np.nanmean(left, axis=0)
         constant, scatter = np.sqrt((level**2).mean()), np.sqrt(np.nanmean((left - level) ** 2))
         channels = np.ones(len(seen))
-        blurred = Whitening.of(recorded, scatter * channels, False, constant * channels)
+        blurred = Whitening.from_readings(recorded, scatter * channels, False, constant * channels)
         self._plain = self.problem, self.rig
         self._judge_in(replace(self.problem, whitening=blurred), None)
         fitted = fit(self.problem, state.effects, state.fit.theta, polish=True)
