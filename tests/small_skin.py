@@ -7,7 +7,7 @@ from eitskin.data.recording import Recording, frames_table, presses
 from eitskin.diagnose.fitting import readings
 from eitskin.diagnose.fitting.candidates import Candidate, Scales
 from eitskin.diagnose.fitting.fit import Fit, Problem, fit
-from eitskin.diagnose.noise.estimate import Noise
+from eitskin.diagnose.noise.noise_model import NoiseModel
 from eitskin.diagnose.search.catalogue import Conditions, catalogue
 from eitskin.effects.settings import settings, site_counts
 from eitskin.physics.protocol import channel_table
@@ -56,7 +56,7 @@ def small_recording(
 def problem_of(recorded: Recording, noise: float = 1e-3) -> tuple[Problem, Scales]:
     """The fitting problem, the noise being known: over the median reading."""
     sd = np.full(recorded.voltage.shape[1], noise * np.median(np.abs(recorded.voltage)))
-    return readings.problem_of(recorded, Noise(sd, 1e6, "given"))
+    return readings.problem_of(recorded, NoiseModel(sd, 1e6, "given"))
 
 
 def candidates_of(

@@ -12,15 +12,14 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from eitskin.diagnose.search.state import State
 
 from calibration.intervals import rms, wilson
 from eitskin.atomic import atomic_path
 from eitskin.diagnose import diagnosis
-from eitskin.diagnose.fitting.estimates import NORMAL_90
-from eitskin.diagnose.noise.estimate import Noise
-from eitskin.diagnose.noise.rig import COMPONENTS, SLOW_WALKS, WALKS
-from eitskin.diagnose.noise.rig_sizes import findings
+from eitskin.diagnose.noise.component_sds import component_intervals
+from eitskin.diagnose.noise.components import COMPONENTS, FAST_WAVES, SLOW_WAVES
+from eitskin.diagnose.noise.noise_model import NORMAL_90, NoiseModel
+from eitskin.diagnose.search.state import State
 from witness import cases, rig_errors
 from witness.rig_errors import USUAL, RigError
 
@@ -29,9 +28,9 @@ TOLD = 0.5 * np.log(WITHIN)  # sd of a size's logarithm
 DRAWS = 20  # of the noise, for what rounding does to it
 STANDS_OUT = 8.0  # sd of the noise, from which a spike, or a frame, is to be found
 PATHS = {  # sine waves of a walk
-    "gain-walk": WALKS,
-    "force-zero-walk": SLOW_WALKS,
-    "channel-drift": SLOW_WALKS,
+    "gain-walk": FAST_WAVES,
+    "force-zero-walk": SLOW_WAVES,
+    "channel-drift": SLOW_WAVES,
 }
 OF_NOISE = ("correlated-noise", "uneven-noise", "loud-frames", "spikes")
 KINDS = tuple(kind for kind in USUAL if kind in COMPONENTS or kind in OF_NOISE)
@@ -39,7 +38,7 @@ ROW = ("kind", "drawn", "true", "found", "low", "high", "log_sd", "told", "withi
 TABLE = ("rig_error", "n", "told", "within", "within_low", "within_high", "ratio")
 
 
-def compared(case: cases.Case, seen: np.ndarray, noise: Noise, state: State) -> list[dict]:
+def compared(case: cases.Case, seen: np.ndarray, noise: NoiseModel, state: State) -> list[dict]:
     """One row (ROW) for each of a case's rig errors that has a size to be learned; seen (N, M):
     readings that were shown.
 
@@ -48,7 +47,7 @@ def compared(case: cases.Case, seen: np.ndarray, noise: Noise, state: State) -> 
     90 % interval, NaN where it has none. log_sd: how uncertain noise leaves the logarithm of it.
     """
     assert state.rig is not None
-    components = findings(state.rig, state.sizes, state.fit.misfit, case.metadata["unit"])
+    components = component_intervals(state.rig, state.sizes, case.metadata["unit"])
     said = {one["name"]: one for one in components}
     rows = []
     for error in case.rig:
@@ -83,16 +82,16 @@ def _log_sd(state: State, kind: str, true: float) -> float:
         return np.inf
     size = true**2 / np.sqrt(2.0) if kind == "quadrature" else true
     sizes = {**state.sizes, kind: size}
-    found = findings(rig, sizes, state.fit.misfit, "V")
+    found = component_intervals(rig, sizes, "V")
     (one,) = (one for one in found if one["name"] == kind)
     whole = np.log(one["high"] / one["low"]) / (2.0 * NORMAL_90)
-    columns, each = rig.columns[kind], COMPONENTS[kind].each
+    columns, each = rig.columns[kind], COMPONENTS[kind].acts_on
     there = np.asarray(columns.any(axis=0))
     count = {
         "whole": 1,
         "channel": there.any(axis=0).sum(),
         "frame": there.any(axis=1).sum(),
-        "press": (rig.of_press @ there.any(axis=1) > 0.0).sum(),
+        "press": (rig.press_indicator @ there.any(axis=1) > 0.0).sum(),
     }[each]
     chance = 0.5 / (len(columns) * count)
     if kind == "quadrature":
@@ -165,7 +164,9 @@ def _rounded(case: cases.Case, error: RigError, frames: np.ndarray) -> float:
     return rms(np.mean(off, axis=0))
 
 
-def _of_noise(case: cases.Case, error: RigError, noise: Noise) -> tuple[float, float, float, float]:
+def _of_noise(
+    case: cases.Case, error: RigError, noise: NoiseModel
+) -> tuple[float, float, float, float]:
     """(drawn, true, found, log_sd) of a property of the noise itself."""
     frames, channels = case.clean.shape
     if error.kind == "correlated-noise":
@@ -181,7 +182,7 @@ def _of_noise(case: cases.Case, error: RigError, noise: Noise) -> tuple[float, f
     if error.kind == "loud-frames":
         true, found = (np.median(height, axis=1) > 0.0).mean(), len(noise.loud_frames) / frames
     else:
-        true, found = (height > STANDS_OUT).mean(), noise.spikes / height.size
+        true, found = (height > STANDS_OUT).mean(), noise.spike_count / height.size
     return error.size, true, found, 0.0 if true else np.inf
 
 

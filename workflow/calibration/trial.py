@@ -19,9 +19,9 @@ from eitskin.data import check, importers, recording
 from eitskin.data.recording import Recording
 from eitskin.diagnose import diagnosis, parts
 from eitskin.diagnose.fitting.candidates import Candidate, gross
-from eitskin.diagnose.fitting.estimates import NORMAL_90
 from eitskin.diagnose.fitting.fit import Fit, fit
 from eitskin.diagnose.fitting.harm import harm
+from eitskin.diagnose.noise.noise_model import NORMAL_90
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.verdict import result
 from eitskin.diagnose.verdict.gaps import Gap, gaps

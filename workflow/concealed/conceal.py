@@ -19,7 +19,7 @@ from eitskin.atomic import atomic_path
 from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table
 from eitskin.diagnose.diagnosis import begun, problem_of
-from eitskin.diagnose.noise.estimate import Noise
+from eitskin.diagnose.noise.noise_model import NoiseModel
 from eitskin.errors import InputError
 from eitskin.physics.solver import Spent
 from witness import rig_errors
@@ -105,7 +105,7 @@ def gaps_at(case: Case, noise_V: np.ndarray) -> list | None:
         return None
     clean = Recording(case.true_states, case.clean, None, None, dict(case.metadata))
     _, search, _ = begun(clean, 1)
-    problem, _ = problem_of(clean, Noise(noise_V, KNOWN_DOF, "known"))
+    problem, _ = problem_of(clean, NoiseModel(noise_V, KNOWN_DOF, "known"))
     search = replace(search, problem=problem)
     try:
         with problem.model.near.within(MOST_SOLVED):

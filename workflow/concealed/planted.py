@@ -24,7 +24,7 @@ from calibration.judge import site_kind, sites_right
 from calibration.real_sets import listed
 from eitskin.data import importers
 from eitskin.data.recording import Recording, presses
-from eitskin.diagnose.noise.estimate import estimate
+from eitskin.diagnose.noise.estimate import estimate_noise
 from eitskin.errors import InputError
 from eitskin.physics.skin import Skin
 from witness import laws, strengths
@@ -200,7 +200,7 @@ def draw(kind: str, seed: int, paths: dict[str, Path] | None = None) -> Planted:
     if not can(whole, fault):
         raise InputError("case", "kind", repr(kind), "a fault that can be planted there exactly")
     recorded, query = _excerpt(whole, np.random.default_rng([crc32(name.encode()), seed]))
-    noise = estimate(recorded).sd
+    noise = estimate_noise(recorded).sd
     size = float(np.nanmedian(np.abs(recorded.readings)))
     rng = np.random.default_rng([crc32(kind.encode()), seed])
     planted, snr = drawn(rng, fault, recorded, noise)

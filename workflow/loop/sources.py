@@ -22,7 +22,7 @@ from eitskin.data.recording import Recording, presses
 from eitskin.diagnose.diagnosis import problem_of
 from eitskin.diagnose.fitting.excerpt import excerpt
 from eitskin.diagnose.fitting.fit import fit
-from eitskin.diagnose.noise.estimate import estimate
+from eitskin.diagnose.noise.estimate import estimate_noise
 from eitskin.diagnose.verdict import corrected
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
@@ -88,7 +88,7 @@ def largest_N(recorded: Recording) -> float:
 def belief(recorded: Recording) -> Simulator:
     """What the owner believes, calibrated on the recording as the diagnosis begins."""
     seen = excerpt(recorded)
-    noise = estimate(seen)
+    noise = estimate_noise(seen)
     problem, _ = problem_of(seen, noise)
     fitted = fit(problem, [], np.zeros(len(problem.model.calibrations)), polish=True)
     twin = corrected.corrected(fitted, seen, noise.sd, "belief")["twin"]
@@ -132,7 +132,7 @@ def source_set(
     touched = int(recorded.frames["touch"].sum())
     sessions = max(VALIDATED, int(np.ceil(samples / touched * VALIDATED / (VALIDATED - 1))) + 1)
     states = alike(recorded, sessions, states_rng, forces, probe_mm)
-    sd = estimate(excerpt(recorded)).sd
+    sd = estimate_noise(excerpt(recorded)).sd
     voltage = simulator.readings(states, recorded, seed)
     voltage += sd * noise_rng.standard_normal(voltage.shape)
     metadata = recorded.metadata | {"voltage": "signed", "source": "simulation"}

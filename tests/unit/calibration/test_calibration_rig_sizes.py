@@ -8,7 +8,7 @@ import pytest
 
 from calibration import rig_sizes
 from calibration.intervals import wilson
-from eitskin.diagnose.noise.estimate import Noise
+from eitskin.diagnose.noise.noise_model import NoiseModel
 from witness import cases, rig_errors
 from witness.rig_errors import RigError
 
@@ -107,7 +107,7 @@ def test_rounding_far_below_the_noise_leaves_nothing_alike(case):
 
 def test_noise_of_its_own_beside_what_was_drawn(case):
     loud, _ = with_error(case, "loud-frames", 0.03)
-    steady = Noise(case.noise_V, 1e4, "by hand")
+    steady = NoiseModel(case.noise_V, 1e4, "by hand")
     _, true, found, _ = rig_sizes._of_noise(loud, loud.rig[0], steady)
     assert found == 0.0 and round(true * len(case.clean)) == round(0.03 * len(case.clean))
     noise = replace(steady, correlation=0.9)

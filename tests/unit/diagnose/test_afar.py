@@ -8,7 +8,7 @@ import pytest
 from eitskin.data.recording import Recording
 from eitskin.diagnose.fitting import readings
 from eitskin.diagnose.fitting.held_out import folds
-from eitskin.diagnose.noise.estimate import Noise
+from eitskin.diagnose.noise.noise_model import NoiseModel
 from eitskin.diagnose.search import far_starts, proposals, refits
 from eitskin.diagnose.search.catalogue import Conditions, catalogue
 from eitskin.diagnose.search.gates import DISTINCT
@@ -40,7 +40,7 @@ def untouched(*items, skin=SKIN, **unknown) -> Recording:
 
 def search_of(recorded: Recording) -> Search:
     sd = np.full(len(CHANNELS), NOISE * np.median(np.abs(recorded.voltage)))
-    problem, scales = readings.problem_of(recorded, Noise(sd, 1e3, "given"))
+    problem, scales = readings.problem_of(recorded, NoiseModel(sd, 1e3, "given"))
     counts = site_counts(CHANNELS)
     believed = problem.model.believed
     conditions = Conditions(recorded.skin, believed, counts, True, True, touched=False)
@@ -79,7 +79,7 @@ def test_where_a_sheet_is_right_no_body_is_worth_its_name():
 def test_a_touched_skin_of_unknown_height_has_no_body_among_its_candidates():
     recorded = small_recording(noise=NOISE, places=1)
     problem, scales = readings.problem_of(
-        recorded, Noise(np.full(len(CHANNELS), 1e-6), 1e3, "given")
+        recorded, NoiseModel(np.full(len(CHANNELS), 1e-6), 1e3, "given")
     )
     believed, counts = problem.model.believed, site_counts(CHANNELS)
     touched = Conditions(recorded.skin, believed, counts, True, True, touched=True)

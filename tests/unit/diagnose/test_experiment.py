@@ -12,7 +12,7 @@ from eitskin.data.recording import Recording, frames_table
 from eitskin.diagnose.diagnosis import problem_of
 from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.diagnose.fitting.fit import Problem, fit
-from eitskin.diagnose.noise.estimate import Noise
+from eitskin.diagnose.noise.noise_model import NoiseModel
 from eitskin.diagnose.search import refits
 from eitskin.diagnose.search.catalogue import Conditions, catalogue
 from eitskin.diagnose.search.gates import DISTINCT
@@ -33,7 +33,9 @@ SKIN = Skin(80.0, 3.0, 0.5, tuple(45.0 * np.arange(8)), 5.0, 2e-3, 1e-3, 0.9)
 PLACES = np.array([30.0 + 20.0j, -45.0 + 5.0j, 10.0 - 50.0j, 5.0 + 2.0j, 55.0 - 20.0j])
 
 
-def recorded(item: dict, forces: list[float], noise: float, **metadata) -> tuple[Recording, Noise]:
+def recorded(
+    item: dict, forces: list[float], noise: float, **metadata
+) -> tuple[Recording, NoiseModel]:
     """Presses at PLACES, an untouched frame before each, one effect present."""
     force = np.r_[np.zeros(4), np.tile([0.0, *forces], len(PLACES))]
     place = np.r_[np.zeros(4), np.repeat(PLACES, 1 + len(forces))]
@@ -47,7 +49,7 @@ def recorded(item: dict, forces: list[float], noise: float, **metadata) -> tuple
         voltage = voltage - voltage[:1]
     sd = np.full(len(CHANNELS), noise)
     draw = np.random.default_rng(5).normal(size=voltage.shape)
-    return replace(query, voltage=voltage + sd * draw), Noise(sd, 100.0, "given")
+    return replace(query, voltage=voltage + sd * draw), NoiseModel(sd, 100.0, "given")
 
 
 def diagnosed(item: dict, rivals: list[str], forces: list[float], noise: float, **metadata):

@@ -23,7 +23,7 @@ from eitskin.diagnose.fitting.held_out import (
     units,
 )
 from eitskin.diagnose.fitting.reserve import Reserve
-from eitskin.diagnose.noise.estimate import Noise
+from eitskin.diagnose.noise.noise_model import NoiseModel
 from eitskin.diagnose.search import prediction, pruning, refits, staging
 from eitskin.diagnose.search.journal import Journal
 from eitskin.diagnose.search.search import Search
@@ -123,7 +123,9 @@ def test_channels_put_aside_have_the_noise_of_their_level(places):
 
 def searched(recorded, item):
     """A search of what is seen of a recording, a state with one effect, and what is put aside."""
-    noise = Noise(np.full(len(CHANNELS), NOISE * np.median(np.abs(recorded.voltage))), 1e6, "given")
+    noise = NoiseModel(
+        np.full(len(CHANNELS), NOISE * np.median(np.abs(recorded.voltage))), 1e6, "given"
+    )
     kept = aside(recorded, 1)
     seen = replace(recorded, voltage=np.where(kept, np.nan, recorded.voltage))
     problem, scales = readings.problem_of(seen, noise)

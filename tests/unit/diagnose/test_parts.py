@@ -82,8 +82,8 @@ def test_a_step_says_what_it_changed_and_back(stepped, diagnosed):
         assert one["named"] and one["channels"] == [40]
         assert word in step["sentences"][0]
     of_no_file = {"verdict": "consistent", "effects": [], "other": {"sentence": None}}
-    parts = [part | of_no_file if "told" in part else part for part in found.parts]
-    heads = [head for head, _ in of_parts({"parts": parts, "steps": found.steps})]
+    written = [part | of_no_file if "told" in part else part for part in found.parts]
+    heads = [head for head, _ in of_parts({"parts": written, "steps": found.steps})]
     assert [head.split()[0] for head in heads] == ["Frames", "The", "Frames", "The", "Frames"]
 
 

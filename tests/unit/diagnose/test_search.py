@@ -15,8 +15,8 @@ from eitskin.diagnose import diagnosis
 from eitskin.diagnose.fitting import query, readings
 from eitskin.diagnose.fitting.fit import fit, promised, stepped, whitened_anew
 from eitskin.diagnose.fitting.tangents import Tangents
-from eitskin.diagnose.noise.rig import COMPONENTS
-from eitskin.diagnose.noise.rig_sizes import SETTLED
+from eitskin.diagnose.noise.component_sds import SETTLED
+from eitskin.diagnose.noise.components import COMPONENTS
 from eitskin.diagnose.search import growth, prediction, proposals, refits, search, staging
 from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.gates import (

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from eitskin import cores
-from eitskin.diagnose.noise.whitening import RigErrors, Whitening
+from eitskin.diagnose.noise.whitening import ErrorColumns, Whitening
 from eitskin.errors import InputError
 
 
@@ -304,7 +304,9 @@ def whitening(draw, frames=30, channels=12):
     """One with errors of every kind."""
     columns = {k: draw.normal(size=(2, frames, channels)) for k in ("channel", "frame", "whole")}
     label = np.repeat(np.arange(frames // 5), 5)
-    errors = RigErrors(**columns, press=draw.normal(size=(1, frames, channels)), label=label)
+    errors = ErrorColumns(
+        **columns, press=draw.normal(size=(1, frames, channels)), press_label=label
+    )
     there = np.ones((frames, channels), bool)
     one = np.ones(channels)
     return Whitening(there, one, one, errors=errors)

@@ -9,9 +9,10 @@ from eitskin.data.recording import Recording
 from eitskin.diagnose.fitting.candidates import Scales
 from eitskin.diagnose.fitting.fit import Problem, fit
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
-from eitskin.diagnose.noise.estimate import Noise, estimate
-from eitskin.diagnose.noise.steadiness import refine
-from eitskin.diagnose.noise.whitening import COHERENT, Whitening
+from eitskin.diagnose.noise.estimate import estimate_noise
+from eitskin.diagnose.noise.noise_model import NoiseModel
+from eitskin.diagnose.noise.refinement import refine_noise
+from eitskin.diagnose.noise.whitening import SOLVER_ERROR, Whitening
 from eitskin.errors import InputError
 from eitskin.physics.accuracy import untouched_error
 from eitskin.physics.geometry import Geometry
@@ -22,7 +23,7 @@ BODY_ERROR, NOISE_OVER_ERROR = 1e-4, 3.0
 
 
 def problem_of(
-    recording: Recording, noise: Noise, model: RecordingSimulator | None = None
+    recording: Recording, noise: NoiseModel, model: RecordingSimulator | None = None
 ) -> tuple[Problem, Scales]:
     """The fitting problem of a recording whose noise is known, and the sizes of its readings.
 
@@ -46,26 +47,30 @@ def problem_of(
     current = model.believed.current_A if model.unit != "ohm" else 1.0
     assert current is not None
     error = np.abs(current * untouched_error(geometry, recording.channels, "diagnose"))
-    coherent = BODY_ERROR if model.coarse else COHERENT
-    error = np.hypot(error, np.hypot(coherent * median, noise.rounding))
-    whitening = Whitening.of(readings, noise.sd, model.difference, error)
+    coherent = BODY_ERROR if model.coarse else SOLVER_ERROR
+    error = np.hypot(error, np.hypot(coherent * median, noise.rounding_sd))
+    whitening = Whitening.from_readings(readings, noise.sd, model.difference, error)
     clock = recording.frames["frame"].to_numpy()
-    whitening = replace(whitening, correlation=noise.correlation, clock=clock)
+    whitening = replace(whitening, correlation=noise.correlation, frame_number=clock)
     return Problem(model, readings, whitening), Scales(median / model.factor, current)
 
 
 def comparable_readings(
-    recording: Recording, noise: Noise, model: RecordingSimulator
+    recording: Recording, noise: NoiseModel, model: RecordingSimulator
 ) -> np.ndarray:
     """(N, M): the readings that can be compared with a simulation, NaN where a touch's state is not
     known or a reading is lost."""
-    lost = np.zeros(recording.readings.shape, bool) if noise.lost is None else noise.lost
+    lost = (
+        np.zeros(recording.readings.shape, bool)
+        if noise.rejected_mask is None
+        else noise.rejected_mask
+    )
     return np.where(model.known[:, None] & ~lost, recording.readings, np.nan)
 
 
 def noise_and_problem(
     recording: Recording, reserve_mask: np.ndarray
-) -> tuple[Noise, Problem, Scales]:
+) -> tuple[NoiseModel, Problem, Scales]:
     """The noise of a recording, and the fitting problem of its readings less the reserve.
 
     The noise is first estimated from the readings alone, then from the residuals of the calibrated
@@ -73,7 +78,7 @@ def noise_and_problem(
     frames and spikes are sought in the whole recording.
     """
     fitted = replace(recording, voltage=np.where(reserve_mask, np.nan, recording.readings))
-    rough_noise = estimate(fitted)
+    rough_noise = estimate_noise(fitted)
     problem, scales = problem_of(fitted, rough_noise)
     model = problem.model
     start = np.zeros(len(model.calibrations))
@@ -82,15 +87,20 @@ def noise_and_problem(
     if not (model.difference or model.touched.all()):
         reserved_channels = np.isnan(fitted.readings).all(axis=0)
         level = np.abs(calibrated[~model.touched].mean(axis=0))
-        rough_noise = rough_noise.told_of(reserved_channels, level)
-    noise = refine(fitted, rough_noise, simulated)
-    whole = refine(recording, rough_noise, simulated)
-    noise = replace(noise, lost=whole.lost, loud_frames=whole.loud_frames, spikes=whole.spikes)
+        rough_noise = rough_noise.with_simulated_level(reserved_channels, level)
+    noise = refine_noise(fitted, rough_noise, simulated)
+    whole = refine_noise(recording, rough_noise, simulated)
+    noise = replace(
+        noise,
+        rejected_mask=whole.rejected_mask,
+        loud_frames=whole.loud_frames,
+        spike_count=whole.spike_count,
+    )
     return noise, problem_of(fitted, noise, model)[0], scales
 
 
 def reserve_problem(
-    problem: Problem, recording: Recording, noise: Noise, reserve_mask: np.ndarray
+    problem: Problem, recording: Recording, noise: NoiseModel, reserve_mask: np.ndarray
 ) -> Problem:
     """The problem of the reserve's readings (N, M), with the noise of the others; the problem
     itself, where there is no reserve."""

@@ -11,7 +11,7 @@ from eitskin.diagnose.fitting.candidates import replaces_instrument
 from eitskin.diagnose.fitting.fit import Fit, Problem, difference
 from eitskin.diagnose.fitting.harm import harm
 from eitskin.diagnose.fitting.held_out import HeldOut, put_aside
-from eitskin.diagnose.noise.rig import Rig
+from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
 from eitskin.diagnose.noise.whitening import Whitening
 
 
@@ -42,13 +42,13 @@ class Reserve:
         covariance, these linearised where the readings have the touches."""
         if id(fit) not in self._transferred:
             moved = replace(fit, problem=self.problem)
-            rig = Rig.about(moved, self.white, self.converter_step)
+            rig = linearised_rig_errors(moved, self.white, self.converter_step)
             model = touches.followed(self.problem, moved, rig, self.error_sds)
             recorded = self.problem.recorded
             if model is not self.problem.model:
                 moved = replace(fit, problem=replace(self.problem, model=model))
-                rig = Rig.about(moved, self.white, self.converter_step)
-                recorded = recorded + rig.followed(touches.moved(model, self.problem.model))
+                rig = linearised_rig_errors(moved, self.white, self.converter_step)
+                recorded = recorded + rig.response(touches.moved(model, self.problem.model))
             whitening = rig.whitening(self.error_sds, discrepancy=False, fitted=True)
             problem = Problem(model, recorded, whitening)
             self._transferred[id(fit)] = fit, replace(fit, problem=problem)

@@ -67,9 +67,9 @@ def _sums(tangents: Tangents, dense: Candidate) -> tuple[np.ndarray, np.ndarray]
     whitening = tangents.problem.whitening
     shape = tangents.voltage.shape
     column = dense.scales.of(parameter) * dense.effect.slope(tangents.voltage)
-    slope = (column * whitening.back(tangents.residual.reshape(shape))).sum(axis=0)
+    slope = (column * whitening.transposed(tangents.residual.reshape(shape))).sum(axis=0)
     shared = in_groups(
-        lambda fitted: np.einsum("pnm,nm->pm", whitening.back(fitted), column),
+        lambda fitted: np.einsum("pnm,nm->pm", whitening.transposed(fitted), column),
         tangents.fitted.reshape(-1, *shape),
     )
     fitted_length = (shared**2).sum(axis=0)

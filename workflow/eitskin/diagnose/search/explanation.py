@@ -10,7 +10,7 @@ import numpy as np
 from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.diagnose.fitting.fit import Fit
 from eitskin.diagnose.fitting.held_out import HeldOut, held_out
-from eitskin.diagnose.noise.rig import Rig
+from eitskin.diagnose.noise.rig_errors import RigErrors
 from eitskin.diagnose.search.screen import AMPLITUDES, Score
 from eitskin.effects import EFFECTS
 
@@ -31,7 +31,7 @@ class Explanation:
     log_evidence: float
     p_values: Mapping[tuple, float] = field(default_factory=dict)
     error_sds: Mapping[str, float] = field(default_factory=dict)
-    rig: Rig | None = field(default=None, repr=False)
+    rig: RigErrors | None = field(default=None, repr=False)
     score: Score | None = None
 
     @cached_property
@@ -77,7 +77,7 @@ def added_effect(explanation: Explanation, trial: Explanation) -> Candidate:
     return new
 
 
-def marginal_likelihood(fit: Fit, error_sds: Mapping[str, float], rig: Rig | None) -> float:
+def marginal_likelihood(fit: Fit, error_sds: Mapping[str, float], rig: RigErrors | None) -> float:
     """Log marginal likelihood of a fit, -(chi2 + log det C) / 2 with the covariance C over that of
     white noise, and the log prior of the sds of the rig's errors."""
     prior = 0.0 if rig is None else rig.log_prior(error_sds)

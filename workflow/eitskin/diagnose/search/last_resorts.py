@@ -107,7 +107,7 @@ def blurred(search: Search, explanation: Explanation) -> tuple[Search, Explanati
     constant = np.sqrt((level**2).mean())
     scatter = np.sqrt(np.nanmean((residual - level) ** 2))
     ones = np.ones(recorded.shape[1])
-    whitening = Whitening.of(recorded, scatter * ones, False, constant * ones)
+    whitening = Whitening.from_readings(recorded, scatter * ones, False, constant * ones)
     unblurred = search.problem, search.rig
     search = search.in_covariance(replace(search.problem, whitening=whitening), None)
     search = replace(search, unblurred=unblurred)

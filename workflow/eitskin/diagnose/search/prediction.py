@@ -10,7 +10,7 @@ from eitskin.diagnose.search.search import Search
 def misfit(problem: Problem, explanation: Explanation) -> float:
     """Chi squared over its degrees of freedom in a problem's covariance, that of noise alone."""
     whitening = problem.whitening
-    residual = explanation.fit.problem.whitening.undone(explanation.fit.residual)
+    residual = explanation.fit.problem.whitening.unwhitened(explanation.fit.residual)
     dof = max(whitening.size - len(explanation.fit.theta), 1)
     return float((whitening(residual) ** 2).sum()) / dof
 

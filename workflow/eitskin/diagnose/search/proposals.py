@@ -10,7 +10,7 @@ from eitskin import cores
 from eitskin.diagnose.fitting.candidates import Candidate, discrete, of_channels, of_tangents
 from eitskin.diagnose.fitting.fit import whitened_anew
 from eitskin.diagnose.fitting.tangents import Tangents
-from eitskin.diagnose.noise.rig import COMPONENTS
+from eitskin.diagnose.noise.components import COMPONENTS
 from eitskin.diagnose.search import channels, far_starts, tones
 from eitskin.diagnose.search.explanation import Explanation, added_effect
 from eitskin.diagnose.search.gates import (
@@ -216,7 +216,7 @@ def _without_component(
     problem = replace(base.fit.problem, whitening=explanation.rig.whitening(sds, fitted=True))
     tangents = Tangents(whitened_anew(base.fit, problem), [base])
     shape = tangents.voltage.shape
-    weights = problem.whitening.back(tangents.residual.reshape(shape)).ravel()
+    weights = problem.whitening.transposed(tangents.residual.reshape(shape)).ravel()
     bounds: dict[str, list[tuple[float, Candidate]]] = {}
     for one in scores(search, explanation):
         candidate = one.candidate

@@ -19,9 +19,12 @@ from eitskin.diagnose.fitting.fit import (
     stepped,
     whitened_anew,
 )
+from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
 from eitskin.diagnose.fitting.tangents import Tangents
-from eitskin.diagnose.noise.rig import COMPONENTS, Rig
-from eitskin.diagnose.noise.rig_sizes import SETTLED, KeptScoring, learned
+from eitskin.diagnose.noise.component_sds import SETTLED, learn_error_sds
+from eitskin.diagnose.noise.components import COMPONENTS
+from eitskin.diagnose.noise.rig_errors import RigErrors
+from eitskin.diagnose.noise.scoring import ScoringCache
 from eitskin.diagnose.search import far_starts
 from eitskin.diagnose.search.explanation import Explanation, marginal_likelihood, occam_factor
 from eitskin.diagnose.search.gates import ASTRAY, BUDGET, ENTRY, GROSS_MISFIT, PHYSICS, SITES
@@ -51,7 +54,7 @@ def explain(
     fitted: Fit,
     p_values: Mapping[tuple, float] | None = None,
     error_sds: Mapping[str, float] | None = None,
-    rig: Rig | None = None,
+    rig: RigErrors | None = None,
 ) -> Explanation:
     """The explanation of a recording by a fit: with the sds of the rig's errors learned, evidence
     and predictions.
@@ -83,13 +86,13 @@ def _learned_explanation(
     fitted: Fit,
     p_values: Mapping[tuple, float] | None,
     error_sds: Mapping[str, float] | None,
-    rig: Rig | None,
-    start_scoring: KeptScoring | None = None,
+    rig: RigErrors | None,
+    start_scoring: ScoringCache | None = None,
 ) -> Explanation:
     """The explanation by a fit, which follows the sds of the rig's errors and these it."""
     sds, rig = dict(error_sds or {}), rig or search.rig
     if rig is not None:
-        end_scoring = KeptScoring()
+        end_scoring = ScoringCache()
         for number in range(LEARNING_ROUNDS):
             scorings = (start_scoring or end_scoring) if number == 0 else end_scoring, end_scoring
             fitted, sds, rig, gain = _learning_round(search, fitted, sds, rig, *scorings)
@@ -104,25 +107,25 @@ def _learning_round(
     search: Search,
     fitted: Fit,
     error_sds: dict[str, float],
-    rig: Rig,
-    start_scoring: KeptScoring,
-    end_scoring: KeptScoring,
-) -> tuple[Fit, dict[str, float], Rig, float]:
+    rig: RigErrors,
+    start_scoring: ScoringCache,
+    end_scoring: ScoringCache,
+) -> tuple[Fit, dict[str, float], RigErrors, float]:
     """A fit with the sds of the rig's errors learned from it, and by how many nats it moved on for
     them.
 
     Where touches are far from where they are reported to be, the readings are taken to follow in
     proportion from where they seem to be (Lindstrom, Bates, Biometrics 46, 1990).
     """
-    error_sds, _ = learned(rig, fitted.misfit, error_sds, start_scoring, end_scoring)
+    error_sds, _ = learn_error_sds(rig, fitted.misfit, error_sds, start_scoring, end_scoring)
     model = touches.followed(search.problem, fitted, rig, error_sds)
     problem = fitted.problem
     followed = model is not problem.model
     if followed:
         displaced = replace(fitted, problem=replace(search.problem, model=model))
-        rig = Rig.about(displaced, search.problem.whitening, search.converter_step)
+        rig = linearised_rig_errors(displaced, search.problem.whitening, search.converter_step)
         strays = touches.moved(model, search.problem.model)
-        recorded = search.problem.recorded + rig.followed(strays)
+        recorded = search.problem.recorded + rig.response(strays)
         problem = replace(search.problem, model=model, recorded=recorded)
     problem = replace(problem, whitening=rig.whitening(error_sds, fitted=True))
     start = whitened_anew(fitted, problem)
@@ -168,7 +171,7 @@ def forked(
 
 def _shared_objects(problem: Problem) -> list[object]:
     whitening = problem.whitening
-    arrays = whitening.mask, whitening.sd, whitening.rho, whitening.clock
+    arrays = whitening.mask, whitening.sd, whitening.offset_ratio, whitening.frame_number
     return [problem, *vars(problem).values(), *vars(problem.model).values(), *arrays]
 
 
@@ -178,7 +181,7 @@ def calibrated(search: Search) -> tuple[Search, Explanation]:
     start = np.zeros(len(search.problem.model.calibrations))
     best = fit(search.problem, [], start, polish=True)
     if search.learns_rig and search.rig is None:
-        rig = Rig.about(best, search.problem.whitening, search.converter_step)
+        rig = linearised_rig_errors(best, search.problem.whitening, search.converter_step)
         search = replace(search, rig=rig)
     near = explain(search, best)
     far = from_far(search, near, []) if search.learns_rig and search.untouched else None
@@ -207,7 +210,7 @@ def settled(search: Search, explanation: Explanation) -> tuple[Search, Explanati
     more; and the search with these errors."""
     if search.rig is None:
         return search, explanation
-    rig = Rig.about(explanation.fit, search.problem.whitening, search.converter_step)
+    rig = linearised_rig_errors(explanation.fit, search.problem.whitening, search.converter_step)
     search = replace(search, rig=rig)
     start = explanation.fit.theta
     fitted = fit(explanation.fit.problem, explanation.effects, start, polish=True)

@@ -8,8 +8,8 @@ import numpy as np
 from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.diagnose.fitting.fit import Fit, Problem
 from eitskin.diagnose.fitting.tangents import Tangents
-from eitskin.diagnose.noise.rig import Rig
-from eitskin.diagnose.noise.rig_sizes import KeptScoring
+from eitskin.diagnose.noise.rig_errors import RigErrors
+from eitskin.diagnose.noise.scoring import ScoringCache
 from eitskin.diagnose.search import far_starts
 from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.journal import Journal
@@ -35,7 +35,7 @@ class Cache:
     scores: dict[tuple, tuple[Fit, list[Score]]] = field(default_factory=dict)
     trials: dict[tuple, tuple[Fit, list[Explanation]]] = field(default_factory=dict)
     lengths: dict[tuple, float] = field(default_factory=dict)
-    scoring: KeptScoring = field(default_factory=KeptScoring)
+    scoring: ScoringCache = field(default_factory=ScoringCache)
     null: NullDistribution | None = None
     best_refused: tuple[tuple | None, float] = (None, 1.0)
 
@@ -79,8 +79,8 @@ class Search:
     budget_share: float = 1.0
     learns_rig: bool = False
     converter_step: float = 0.0
-    rig: Rig | None = None
-    unblurred: tuple[Problem, Rig | None] | None = None
+    rig: RigErrors | None = None
+    unblurred: tuple[Problem, RigErrors | None] | None = None
     rival_evidence: float = -np.inf
     cache: Cache = field(default_factory=Cache, repr=False)
     journal: Journal = field(default_factory=Journal, repr=False)
@@ -109,7 +109,7 @@ class Search:
         """Whether no tangent leads to a candidate, so that its fits begin at `far_starts`."""
         return self.untouched and far_starts.is_far(candidate)
 
-    def in_covariance(self, problem: Problem, rig: Rig | None) -> "Search":
+    def in_covariance(self, problem: Problem, rig: RigErrors | None) -> "Search":
         """The same search in another covariance, without what was computed in this one."""
         cache = Cache(null=self.cache.null, best_refused=self.cache.best_refused)
         return replace(self, problem=problem, rig=rig, cache=cache)

@@ -15,7 +15,7 @@ from eitskin.diagnose.fitting.held_out import aside, folds, units
 from eitskin.diagnose.fitting.readings import noise_and_problem, reserve_problem
 from eitskin.diagnose.fitting.reserve import Reserve
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
-from eitskin.diagnose.noise.estimate import Noise
+from eitskin.diagnose.noise.noise_model import NoiseModel
 from eitskin.diagnose.search.catalogue import Conditions, catalogue
 from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.gates import GROSS_MISFIT
@@ -46,7 +46,7 @@ def prepared(
     seed: int,
     report: Callable[[str], None] = lambda line: None,
     journal: Journal | None = None,
-) -> tuple[Noise, Search, np.ndarray]:
+) -> tuple[NoiseModel, Search, np.ndarray]:
     """The noise of a recording; the search of its whole catalogue, which has not run; and the mask
     (N, M) of the reserve, chosen before anything is looked at. Raises InputError where nothing can
     be simulated."""
@@ -73,7 +73,7 @@ def prepared(
         report,
         last_resorts=[c for c in candidates if c.effect.last_resort],
         learns_rig=True,
-        converter_step=noise.step,
+        converter_step=noise.converter_step,
         journal=journal,
     )
     return noise, search, reserve_mask
@@ -114,7 +114,7 @@ def _calibrated_rig(search: Search) -> tuple:
 
 
 def pruned_by_reserve(
-    outcome: Outcome, problem: Problem, recording: Recording, noise: Noise, mask: np.ndarray
+    outcome: Outcome, problem: Problem, recording: Recording, noise: NoiseModel, mask: np.ndarray
 ) -> tuple[Outcome, Reserve]:
     """An outcome of a search less the effects that the reserve, by its mask (N, M), does not bear
     out, and the reserve in its covariance; problem: with noise alone in its covariance."""
@@ -133,7 +133,7 @@ def _on_frames(
     model = RecordingSimulator(recording, few, problem.model.near)
     readings = np.where(model.known[:, None], few.readings, np.nan)
     clock = few.frames["frame"].to_numpy()
-    whitening = replace(problem.whitening, mask=np.isfinite(readings), clock=clock)
+    whitening = replace(problem.whitening, mask=np.isfinite(readings), frame_number=clock)
     problem = Problem(model, readings, whitening)
     every: list[Candidate] = [*search.candidates, *search.last_resorts]
     return Search(

@@ -22,7 +22,7 @@ def score(tangents: Tangents, effect: Effect, skin: Skin, scales: Scales) -> scr
     if not model.frame_s:
         return None
     frequency, looks = strongest(
-        tangents.problem.whitening.back(tangents.residual.reshape(tangents.voltage.shape)),
+        tangents.problem.whitening.transposed(tangents.residual.reshape(tangents.voltage.shape)),
         model.states["time_s"].to_numpy(),
         model.frame_s,
     )

@@ -93,7 +93,10 @@ def _noise(diagnosis: Diagnosis) -> dict:
         "components": diagnosis.rig,
         "loud_frames": recording.frames["frame"].iloc[[*noise.loud_frames]].tolist(),
         "jumps": [step["frame"] for step in diagnosis.steps],
-        "spikes": {"readings": noise.spikes, "share": noise.spikes / recording.readings.size},
+        "spikes": {
+            "readings": noise.spike_count,
+            "share": noise.spike_count / recording.readings.size,
+        },
     }
 
 

@@ -9,10 +9,10 @@ import pandas as pd
 from eitskin.data.recording import Recording
 from eitskin.diagnose.fitting.candidates import replaces_instrument
 from eitskin.diagnose.fitting.fit import Fit, fit, whitened_anew
+from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
 from eitskin.diagnose.fitting.reserve import Reserve
-from eitskin.diagnose.noise.estimate import Noise
-from eitskin.diagnose.noise.rig import Rig
-from eitskin.diagnose.noise.rig_sizes import findings
+from eitskin.diagnose.noise.component_sds import component_intervals
+from eitskin.diagnose.noise.noise_model import NoiseModel
 from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.diagnose.search.explanation import Explanation
 from eitskin.diagnose.search.growth import Outcome, cut_short
@@ -40,7 +40,7 @@ class Diagnosis:
 
     recording: Recording
     search: Search
-    noise: Noise
+    noise: NoiseModel
     before: Explanation
     after: Explanation
     reserve_mask: np.ndarray
@@ -63,7 +63,7 @@ class Diagnosis:
 
 def assessed(
     recording: Recording,
-    noise: Noise,
+    noise: NoiseModel,
     outcome: Outcome,
     reserve: Reserve,
     reserve_mask: np.ndarray,
@@ -79,7 +79,7 @@ def assessed(
     catalogue_p = refused_p_value(search, after)
     if not after.effects:
         before = after
-    rig = Rig.about(after.fit, search.problem.whitening, noise.step)
+    rig = linearised_rig_errors(after.fit, search.problem.whitening, noise.converter_step)
     search.report("comparing with every other name")
     distances = [gaps(search, after, i) for i in range(len(after.effects))]
     if search.spent or was_cut_short:
@@ -96,7 +96,7 @@ def assessed(
         after,
         reserve_mask,
         reserve,
-        findings(rig, after.error_sds, after.fit.misfit, unit, noise),
+        component_intervals(rig, after.error_sds, unit, noise),
         _atlas(recording, noise, _named(before, white)),
         atlas_after,
         named,
@@ -127,7 +127,7 @@ def _named(explanation: Explanation, white: Whitening) -> Fit:
     return fit(named.problem, named.effects, named.theta, named.jacobian, polish=True)
 
 
-def _atlas(recording: Recording, noise: Noise, fitted: Fit) -> pd.DataFrame:
+def _atlas(recording: Recording, noise: NoiseModel, fitted: Fit) -> pd.DataFrame:
     mask = fitted.problem.whitening.mask
     simulated = np.where(mask, fitted.voltage(), np.nan)
     columns = fitted.jacobian.reshape(len(fitted.theta), -1).T

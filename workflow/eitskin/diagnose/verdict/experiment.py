@@ -243,7 +243,7 @@ class _Run:
         mask = np.concatenate([whitening.mask[self.frames], more])
         clock = self.recorded.frames["frame"].to_numpy()
         clock = np.concatenate([clock[self.frames], clock[-1] + 1 + np.arange(new)])
-        whitening = replace(whitening, mask=mask, clock=clock)
+        whitening = replace(whitening, mask=mask, frame_number=clock)
         return Recipe(simulator, whitening, 1.0 + new / len(self.frames))
 
     def presses(self) -> dict[str, pd.DataFrame]:
@@ -335,7 +335,7 @@ def _driven(found: Diagnosis, run: _Run) -> Recipe | None:
     except InputError:
         return None
     larger = np.maximum(reading / np.median(np.abs(forward.voltages(table))), 1.0)
-    rho = np.full(len(full), np.median(whitening.rho))
+    rho = np.full(len(full), np.median(whitening.offset_ratio))
     mask = np.ones((len(again), len(full)), bool)
     covariance = Whitening(mask, np.median(whitening.sd) * larger, rho)
     return Recipe(simulator, covariance, 1.0 + len(again) / len(run.frames))

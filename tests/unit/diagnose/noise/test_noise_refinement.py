@@ -8,8 +8,9 @@ import pandas as pd
 import pytest
 
 from eitskin.data.recording import Recording
-from eitskin.diagnose.noise.estimate import Noise, parity
-from eitskin.diagnose.noise.steadiness import refine
+from eitskin.diagnose.noise.noise_model import NoiseModel
+from eitskin.diagnose.noise.reciprocity import parity
+from eitskin.diagnose.noise.refinement import refine_noise
 from eitskin.physics.protocol import channel_table
 
 FRAMES, SD = 90, 1e-3
@@ -55,12 +56,12 @@ def recording(readings, channels=CHANNELS, number=None, **metadata):
 
 
 def noise(sd=SD, channels=CHANNELS):
-    return Noise(np.full(len(channels), sd), 1e4, "given")
+    return NoiseModel(np.full(len(channels), sd), 1e4, "given")
 
 
 def refined(voltage, before=None, shown=None, **metadata):
     shown = simulated() if shown is None else shown
-    return refine(recording(voltage, **metadata), before or noise(), shown)
+    return refine_noise(recording(voltage, **metadata), before or noise(), shown)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -85,7 +86,9 @@ def test_an_instrument_s_faults_are_not_noise():
 def test_a_level_that_is_wrong_is_put_right():
     found = refined(simulated() + SD * white() + misfit(), noise(0.3 * SD))
     assert found.sd == pytest.approx(SD, rel=0.05)
-    assert found.correlation == found.drift == found.spikes == 0 and found.lost is None
+    assert (
+        found.correlation == found.drift == found.spike_count == 0 and found.rejected_mask is None
+    )
 
 
 @pytest.mark.parametrize("rho", [0.3, 0.6, 0.9, 0.97])
@@ -93,7 +96,7 @@ def test_correlated_noise(rho):
     found = refined(simulated() + SD * correlated(rho) + misfit(), noise(0.3 * SD))
     assert 1.0 - found.correlation == pytest.approx(1.0 - rho, rel=0.15)
     assert found.sd == pytest.approx(SD, rel=0.12)
-    assert found.drift == 0.0 and found.spikes == 0 and found.loud_frames == ()
+    assert found.drift == 0.0 and found.spike_count == 0 and found.loud_frames == ()
     assert f"frame to frame, {found.correlation:.2g}" in found.source
     assert 0.5 * ODD.size * FRAMES / len(ODD) < found.dof < ODD.shape[1] * FRAMES
 
@@ -167,9 +170,9 @@ def test_loud_frames_and_spikes(rho):
     voltage += np.where(struck, rng.choice([-1.0, 1.0], voltage.shape) * 0.1, 0.0)
     found = refined(voltage)
     assert found.loud_frames == (7, 40, 41)
-    assert found.lost[loud].all()
-    found.lost[loud] = False
-    assert (found.lost == struck).all() and found.spikes == struck.sum()
+    assert found.rejected_mask[loud].all()
+    found.rejected_mask[loud] = False
+    assert (found.rejected_mask == struck).all() and found.spike_count == struck.sum()
     assert found.sd == pytest.approx(SD, rel=0.08)
     assert found.correlation == pytest.approx(rho, abs=0.02)
     assert f"3 loud frames and {struck.sum()} spikes put aside" in found.source
@@ -178,26 +181,26 @@ def test_loud_frames_and_spikes(rho):
 def test_what_lasts_is_no_spike():
     voltage = simulated() + SD * white()
     voltage[30:34, 17] += 0.1
-    assert refined(voltage).spikes == 0
+    assert refined(voltage).spike_count == 0
 
 
 def test_what_tied_channels_have_with_opposite_signs_is_no_spike():
     voltage = simulated() + SD * white()
     voltage[[30, 50]] += 0.1 * ODD[:, 8]
-    assert refined(voltage).spikes == 0
+    assert refined(voltage).spike_count == 0
     voltage[30, np.argmax(ODD[:, 8])] += 0.1
-    assert refined(voltage).spikes == 1
+    assert refined(voltage).spike_count == 1
 
 
 def test_too_many_spikes_are_none():
     voltage = simulated() + SD * white()
     struck = np.random.default_rng(6).random(voltage.shape) < 0.04
-    assert refined(voltage + 0.1 * struck).spikes == 0
+    assert refined(voltage + 0.1 * struck).spike_count == 0
 
 
 def test_where_reciprocity_ties_nothing():
     one = ONE_OF_EACH
-    rho = refine(
+    rho = refine_noise(
         recording((simulated() + SD * correlated(0.8))[:, one], CHANNELS[one]),
         noise(0.5 * SD, CHANNELS[one]),
         simulated()[:, one],
@@ -207,10 +210,10 @@ def test_where_reciprocity_ties_nothing():
     voltage = (simulated() + SD * white())[:, one]
     voltage[33, 5] += 0.1
     voltage[50] *= 1.0 + 0.5 * white(7, len(one))[0]
-    found = refine(
+    found = refine_noise(
         recording(voltage, CHANNELS[one]), noise(channels=CHANNELS[one]), simulated()[:, one]
     )
-    assert found.loud_frames == (50,) and found.spikes == 1 and found.lost[33, 5]
+    assert found.loud_frames == (50,) and found.spike_count == 1 and found.rejected_mask[33, 5]
     assert found.sd == pytest.approx(SD, rel=0.05)
 
 
@@ -221,7 +224,7 @@ def test_readings_that_are_lost():
     voltage[8:30, 20] = np.nan  # all of a touch
     found = refined(voltage, noise(0.5 * SD))
     assert found.correlation == pytest.approx(0.9, abs=0.02)
-    assert found.sd == pytest.approx(SD, rel=0.12) and found.lost is None
+    assert found.sd == pytest.approx(SD, rel=0.12) and found.rejected_mask is None
 
 
 def test_frames_that_cannot_be_simulated_tell_nothing():
@@ -240,7 +243,7 @@ def test_differences_and_magnitudes():
     found = refined(change, noise(0.5 * SD), simulated() - simulated()[:1], values="difference")
     assert found.correlation == pytest.approx(0.8, abs=0.04)
     voltage, shown = np.abs(simulated() + SD * correlated(0.8)), np.abs(simulated())
-    found = refine(recording(voltage, voltage="magnitude"), noise(0.5 * SD), shown)
+    found = refine_noise(recording(voltage, voltage="magnitude"), noise(0.5 * SD), shown)
     assert found.correlation == pytest.approx(0.8, abs=0.04)
 
 
@@ -267,8 +270,8 @@ def test_a_recording_without_noise_or_touches():
 
 
 def test_what_is_known_of_rounding_stays():
-    before = replace(noise(0.5 * SD), rounding=1e-4)
-    assert refined(simulated() + SD * correlated(0.8), before).rounding == 1e-4
+    before = replace(noise(0.5 * SD), rounding_sd=1e-4)
+    assert refined(simulated() + SD * correlated(0.8), before).rounding_sd == 1e-4
 
 
 def test_channels_that_say_nothing():

@@ -6,7 +6,9 @@ import pytest
 from scipy.stats import kstest
 
 from eitskin.data.recording import Recording
-from eitskin.diagnose.noise.estimate import FLOOR, converter_step, estimate, parity, rounding_alike
+from eitskin.diagnose.noise.converter import converter_step, lasting_rounding_sd
+from eitskin.diagnose.noise.estimate import FLOOR, estimate_noise
+from eitskin.diagnose.noise.reciprocity import parity
 from eitskin.effects.settings import settings, site_counts
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
@@ -77,7 +79,7 @@ def level_of(clean):
 @pytest.mark.parametrize("share", [3e-4, 2e-2])
 def test_an_instrument_s_faults_are_not_noise(clean, name, share):
     sd = share * level_of(clean)
-    found = [estimate(recording(noisy(clean[name], sd, seed))) for seed in range(4)]
+    found = [estimate_noise(recording(noisy(clean[name], sd, seed))) for seed in range(4)]
     ratio = [noise.sd.mean() / sd for noise in found]
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.02)
     assert all(np.ptp(noise.sd) == 0.0 and "alike" in noise.source for noise in found)
@@ -87,7 +89,7 @@ def test_an_instrument_s_faults_are_not_noise(clean, name, share):
 def test_noise_that_grows_with_the_reading(clean, name):
     untouched = np.abs(clean["nothing"][PRESS < 0].mean(axis=0))
     sd = 3e-4 * np.hypot(0.5 * level_of(clean), untouched)
-    noise = estimate(recording(noisy(clean[name], sd)))
+    noise = estimate_noise(recording(noisy(clean[name], sd)))
     assert np.abs(noise.sd / sd - 1.0).max() < 0.06
     assert np.mean(noise.sd / sd) == pytest.approx(1.0, abs=0.02)
     assert "grows" in noise.source
@@ -95,7 +97,7 @@ def test_noise_that_grows_with_the_reading(clean, name):
 
 def test_the_degrees_of_freedom_are_the_scatter(clean):
     sd = 1e-3 * level_of(clean)
-    found = [estimate(recording(noisy(clean["gains"], sd, seed))) for seed in range(60)]
+    found = [estimate_noise(recording(noisy(clean["gains"], sd, seed))) for seed in range(60)]
     z = [(noise.sd[0] ** 2 / sd**2 - 1.0) * np.sqrt(noise.dof / 2.0) for noise in found]
     assert kstest(z, "norm").pvalue > 1e-3
 
@@ -106,7 +108,7 @@ def test_what_only_the_untouched_frames_show_is_no_noise(clean):
     _, even = parity(CHANNELS)
     wander = noisy(np.zeros_like(voltage), 2.0 * sd, 7) @ even @ even.T
     voltage[PRESS < 0] += wander[PRESS < 0]
-    noise = estimate(recording(voltage))
+    noise = estimate_noise(recording(voltage))
     assert noise.sd.mean() == pytest.approx(sd, rel=0.03)
     assert "more than noise" in noise.source
 
@@ -115,7 +117,7 @@ def test_without_reciprocal_pairs_the_untouched_frames_tell():
     channels = channel_table(16, "adjacent", "opposite")
     v = simulate(STATES, PRESS, SKIN, channels, [], "train")
     sd = 1e-3 * np.median(np.abs(v))
-    noise = estimate(recording(noisy(v, sd), channels))
+    noise = estimate_noise(recording(noisy(v, sd), channels))
     assert noise.sd.mean() == pytest.approx(sd, rel=0.05)
     assert "14 untouched frames" in noise.source and "reciprocal" not in noise.source
 
@@ -126,7 +128,7 @@ def test_with_one_untouched_frame_and_no_pairs_what_is_incoherent_tells():
     keep = np.r_[0, np.flatnonzero(PRESS >= 0)]
     sd = 1e-3 * np.median(np.abs(v))
     frames = STATES.iloc[keep].reset_index(drop=True)
-    noise = estimate(recording(noisy(v, sd)[keep], channels, frames))
+    noise = estimate_noise(recording(noisy(v, sd)[keep], channels, frames))
     assert noise.sd.mean() == pytest.approx(sd, rel=0.05)
     assert "incoherent" in noise.source
 
@@ -138,7 +140,7 @@ def test_lost_readings(clean):
     voltage[rng.random(voltage.shape) < 0.02] = np.nan
     voltage[:, 17] = np.nan
     voltage[5] = np.nan
-    noise = estimate(recording(voltage))
+    noise = estimate_noise(recording(voltage))
     assert noise.sd.mean() == pytest.approx(sd, rel=0.03)
     assert np.isfinite(noise.sd).all()
 
@@ -146,11 +148,11 @@ def test_lost_readings(clean):
 def test_magnitudes_and_differences(clean):
     sd = 1e-3 * level_of(clean)
     voltage = noisy(clean["gains"], sd)
-    found = estimate(recording(np.abs(voltage), voltage="magnitude"))
+    found = estimate_noise(recording(np.abs(voltage), voltage="magnitude"))
     assert found.sd.mean() == pytest.approx(sd, rel=0.02)
     change = (voltage - voltage[PRESS < 0].mean(axis=0))[PRESS >= 0]
     frames = STATES[PRESS >= 0].reset_index(drop=True)
-    found = estimate(recording(change, frames=frames, values="difference"))
+    found = estimate_noise(recording(change, frames=frames, values="difference"))
     assert found.sd.mean() == pytest.approx(sd, rel=0.02)
 
 
@@ -162,11 +164,13 @@ def test_opposite_drive_ties_channels_by_the_class():
     both = np.column_stack([odd, even])
     assert np.allclose(both.T @ both, np.eye(len(channels)))
     sd = 1e-3 * np.median(np.abs(v))
-    assert estimate(recording(noisy(v, sd), channels)).sd.mean() == pytest.approx(sd, rel=0.02)
+    assert estimate_noise(recording(noisy(v, sd), channels)).sd.mean() == pytest.approx(
+        sd, rel=0.02
+    )
 
 
 def test_no_noise_is_a_floor_that_is_told(clean):
-    noise = estimate(recording(clean["nothing"]))
+    noise = estimate_noise(recording(clean["nothing"]))
     assert np.allclose(noise.sd, FLOOR * level_of(clean))
     assert "raised" in noise.source
 
@@ -174,11 +178,11 @@ def test_no_noise_is_a_floor_that_is_told(clean):
 def test_one_frame_gives_a_bound_or_an_assumption(clean):
     sd = 1e-3 * level_of(clean)
     frames = STATES.iloc[:1]
-    noise = estimate(recording(noisy(clean["nothing"], sd)[:1], frames=frames))
+    noise = estimate_noise(recording(noisy(clean["nothing"], sd)[:1], frames=frames))
     assert noise.sd[0] == pytest.approx(sd, rel=0.3)
     assert "upper bound" in noise.source
     channels = channel_table(16, "adjacent", "opposite")
-    noise = estimate(recording(np.ones((1, len(channels))), channels, frames))
+    noise = estimate_noise(recording(np.ones((1, len(channels))), channels, frames))
     assert "assumed" in noise.source and noise.dof == 1.0
 
 
@@ -189,7 +193,7 @@ def test_rounding_shows_in_the_noise_whether_frames_repeat_or_not(clean, noise):
     step = 0.01 * np.median(np.abs(values))
     rng = np.random.default_rng(3)
     rough = values + noise * step * rng.normal(size=values.shape)
-    found = estimate(recording(step * np.round(rough / step)))
+    found = estimate_noise(recording(step * np.round(rough / step)))
     assert converter_step(step * np.round(rough / step)) == pytest.approx(step, rel=1e-6)
     expected = step * np.hypot(noise, 12**-0.5)
     assert 0.85 * expected < np.median(found.sd) < 1.35 * expected
@@ -201,7 +205,7 @@ def test_readings_that_do_not_repeat_have_no_step(clean):
     repeated = np.tile(clean["nothing"][:3], (30, 1))
     assert converter_step(repeated) == 0.0
     rough = noisy(clean["nothing"], 1e-3 * level_of(clean))
-    assert converter_step(rough) == estimate(recording(rough)).rounding == 0.0
+    assert converter_step(rough) == estimate_noise(recording(rough)).rounding_sd == 0.0
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.25, 0.6])
@@ -210,10 +214,10 @@ def test_what_rounding_does_alike_against_drawn_readings(noise):
     at_rest = rng.uniform(size=(400, 1))
     read = np.round(at_rest + noise * rng.normal(size=(400, 4000)))
     drawn = np.std(read.mean(axis=1) - at_rest[:, 0])
-    told = rounding_alike(2.0, 2.0 * np.hypot(noise, 12**-0.5)) / 2.0
+    told = lasting_rounding_sd(2.0, 2.0 * np.hypot(noise, 12**-0.5)) / 2.0
     assert told == pytest.approx(drawn, rel=0.08, abs=0.02)
 
 
 @pytest.mark.parametrize("noise", [0.7, 1.0, 3.0])
 def test_rounding_that_is_lost_in_the_noise_does_nothing_alike(noise):
-    assert rounding_alike(2.0, 2.0 * np.hypot(noise, 12**-0.5)) == 0.0
+    assert lasting_rounding_sd(2.0, 2.0 * np.hypot(noise, 12**-0.5)) == 0.0

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eitskin.diagnose.noise.whitening import LONGEST_LINKED, TOGETHER, RigErrors, Whitening
+from eitskin.diagnose.noise.low_rank import BATCH_COLUMNS
+from eitskin.diagnose.noise.whitening import MOST_LINKED_IN_SINGLE, ErrorColumns, Whitening
 
 LEAK = "in lasting noise a press's error reaches the frame after it, of another press or of none"
 HUGE = 1e4  # sd of a constant that is as good as free
@@ -43,7 +44,7 @@ def test_a_free_constant_takes_a_reading_of_channels_that_have_some():
 @given(st.integers(0, 10**6), st.integers(1, 9), st.integers(1, 4))
 def test_products_are_those_of_the_inverse_covariance(seed, frames, channels):
     voltage, sd, error, draw = drawn(seed, frames, channels)
-    whitening = Whitening.of(voltage, sd, False, error)
+    whitening = Whitening.from_readings(voltage, sd, False, error)
     a, b = draw.normal(size=(2, frames, channels))
     found = (whitening(a) * whitening(b)).sum()
     assert np.isclose(found, explicit(whitening, a, b, error), rtol=1e-9, atol=1e-9)
@@ -54,7 +55,7 @@ def test_products_are_those_of_the_inverse_covariance(seed, frames, channels):
 @given(st.integers(0, 10**6), st.integers(2, 9), st.integers(1, 4))
 def test_differences_have_a_free_constant_a_channel(seed, frames, channels):
     voltage, sd, error, draw = drawn(seed, frames, channels)
-    whitening = Whitening.of(voltage, sd, True, error)
+    whitening = Whitening.from_readings(voltage, sd, True, error)
     a, b = draw.normal(size=(2, frames, channels))
     huge = explicit(whitening, a, b, np.full(channels, 1e4))
     assert np.isclose((whitening(a) * whitening(b)).sum(), huge, rtol=1e-5, atol=1e-5)
@@ -65,7 +66,7 @@ def test_differences_have_a_free_constant_a_channel(seed, frames, channels):
 
 def test_values_of_several_axes_are_whitened_alike():
     voltage, sd, error, draw = drawn(3, 6, 3)
-    whitening = Whitening.of(voltage, sd, False, error)
+    whitening = Whitening.from_readings(voltage, sd, False, error)
     many = draw.normal(size=(4, 6, 3))
     assert np.allclose(whitening(many), [whitening(one) for one in many])
 
@@ -75,24 +76,24 @@ def rigged(seed, frames, channels, counts, correlation=0.0, rho=0.0):
     as many as counts says; rho: None where the constant is free. Up to three presses, of unequal
     lengths, and frames of none; numbers that leave some out."""
     voltage, sd, _, draw = drawn(seed, frames, channels)
-    plain = Whitening.of(voltage, sd, rho is None, np.sqrt(rho or 0.0) * sd)
+    plain = Whitening.from_readings(voltage, sd, rho is None, np.sqrt(rho or 0.0) * sd)
     columns = [draw.normal(size=(count, frames, channels)) for count in counts]
     label = draw.integers(-1, 3, frames) * 5
     label[draw.integers(frames)] = 10
     clock = 7 + np.cumsum(np.random.default_rng([seed, 1]).choice([1, 1, 2, 5], frames))
     linked = columns.pop() if len(columns) > 4 else None
-    errors = RigErrors(*columns, label=np.maximum(label, -1), linked=linked)
-    return replace(plain, correlation=correlation, errors=errors, clock=clock)
+    errors = ErrorColumns(*columns, press_label=np.maximum(label, -1), linked=linked)
+    return replace(plain, correlation=correlation, errors=errors, frame_number=clock)
 
 
 def written_out(whitening, constant):
     """(D, D): the covariance of the D readings that are there; constant (M,): its sd."""
     row, channel = np.nonzero(whitening.mask)
-    apart = np.abs(whitening.clock[row][:, None] - whitening.clock[row])
+    apart = np.abs(whitening.frame_number[row][:, None] - whitening.frame_number[row])
     same = channel[:, None] == channel
     sd, level, errors = whitening.sd[channel], constant[channel], whitening.errors
     found = same * (np.outer(sd, sd) * whitening.correlation**apart + np.outer(level, level))
-    everywhere, label = np.ones_like(same), errors.label[row]
+    everywhere, label = np.ones_like(same), errors.press_label[row]
     for columns, together in (
         (errors.channel, same),
         (errors.channel[:0] if errors.linked is None else errors.linked, same),
@@ -134,7 +135,7 @@ def test_errors_of_channels_and_of_the_whole_beside_lasting_noise(
 ):
     rho = np.random.default_rng(seed).uniform(0.0, 4.0, channels)
     whitening = rigged(seed, frames, channels, (own, 0, whole, 0), correlation, 1.0)
-    whitening = replace(whitening, rho=rho)
+    whitening = replace(whitening, offset_ratio=rho)
     assert_is(whitening, written_out(whitening, np.sqrt(rho) * whitening.sd))
 
 
@@ -151,7 +152,7 @@ def test_errors_of_the_last_press_beside_lasting_noise(seed, frames, channels, c
     errors = replace(
         whitening.errors,
         press=whitening.errors.press * own[:, None],
-        label=np.where(own, 3, -1),
+        press_label=np.where(own, 3, -1),
     )
     whitening = replace(whitening, errors=errors)
     assert_is(whitening, written_out(whitening, np.zeros(channels)))
@@ -164,7 +165,7 @@ def test_errors_of_presses_beside_lasting_noise(between):
     label = np.repeat(np.arange(4), 3)
     label[np.arange(12) % 3 < between] = -1
     press = whitening.errors.press * (label >= 0)[:, None]
-    whitening = replace(whitening, errors=replace(whitening.errors, press=press, label=label))
+    whitening = replace(whitening, errors=replace(whitening.errors, press=press, press_label=label))
     assert_is(whitening, written_out(whitening, np.zeros(6)))
 
 
@@ -202,9 +203,9 @@ def test_frames_with_their_presses_then_channels(seed, frames, channels, correla
     alone = [touches, replace(errors, whole=none, frame=none, press=none)]
     plain = replace(whitening, errors=None)
     expected = plain(np.random.default_rng(seed).normal(size=(3, frames, channels)))
-    values = plain.undone(expected)
+    values = plain.unwhitened(expected)
     for one in alone:
-        expected = replace(whitening, errors=one)(plain.undone(expected))
+        expected = replace(whitening, errors=one)(plain.unwhitened(expected))
     together = replace(whitening, errors=replace(errors, whole=none))
     assert np.allclose(together(values), expected, rtol=1e-7, atol=1e-9)
     # What all readings have together adds to whatever the others make of them.
@@ -215,13 +216,13 @@ def test_frames_with_their_presses_then_channels(seed, frames, channels, correla
 
 def test_an_error_of_one_press_stays_in_it():
     whitening = rigged(6, 7, 5, (0, 0, 0, 2))
-    first = whitening.errors.label == whitening.errors.label.max()
+    first = whitening.errors.press_label == whitening.errors.press_label.max()
     own = whitening.errors.press[0] * first[:, None]
     plain, taken = replace(whitening, errors=None)(own), whitening(own)
     assert 1 < first.sum() < 7 and not taken[~first].any()
     assert (taken**2).sum() < 1.0 < (plain**2).sum()
     elsewhere = np.random.default_rng(6).normal(size=(7, 5))
-    elsewhere[whitening.errors.label >= 0] = 0.0
+    elsewhere[whitening.errors.press_label >= 0] = 0.0
     assert np.allclose(whitening(elsewhere), replace(whitening, errors=None)(elsewhere))
 
 
@@ -234,9 +235,9 @@ def test_what_is_left_is_compared_with_what_entered(kind, correlation):
     whitening = rigged(8, 7, 4, counts, correlation)
     values = np.random.default_rng(9).normal(size=(7, 4))
     entered = whitening.entered(whitening.filtered(getattr(whitening.errors, kind), kind), kind)
-    found = whitening.left(whitening(values), kind) * entered
-    expected = whitening.back(whitening(values)) * getattr(whitening.errors, kind)
-    label = whitening.errors.label
+    found = whitening.conjugate(whitening(values), kind) * entered
+    expected = whitening.transposed(whitening(values)) * getattr(whitening.errors, kind)
+    label = whitening.errors.press_label
     rows = label[:, None] == np.unique(label[label >= 0])
     summed = {
         "channel": lambda products: products.sum(axis=1),
@@ -245,7 +246,9 @@ def test_what_is_left_is_compared_with_what_entered(kind, correlation):
     }[kind]
     if kind == "frame" and correlation:
         # What is white after the filter: only as loud as the noise makes it.
-        number = np.r_[whitening.clock[0] - 1, whitening.clock, whitening.clock[-1] + 1]
+        number = np.r_[
+            whitening.frame_number[0] - 1, whitening.frame_number, whitening.frame_number[-1] + 1
+        ]
         precision = np.linalg.inv(correlation ** np.abs(np.subtract.outer(number, number)))
         louder = np.sqrt(np.diag(precision)[1:-1])
         white = np.where(whitening.mask, getattr(whitening.errors, kind), 0.0) / whitening.sd
@@ -258,9 +261,11 @@ def test_what_is_left_is_compared_with_what_entered(kind, correlation):
 def test_a_free_constant_beside_errors(seed, frames, channels, own, correlation):
     whitening = rigged(seed, frames, channels, (own, 0, 2, 0), correlation, None)
     none = np.zeros((0, frames, channels))
-    plain = replace(whitening, errors=RigErrors(none, none, none, none, whitening.errors.label))
+    plain = replace(
+        whitening, errors=ErrorColumns(none, none, none, none, whitening.errors.press_label)
+    )
     # What a channel has of its own, less its constant: exact where these do not meet.
-    apart = replace(whitening.errors, channel=plain.undone(plain(whitening.errors.channel)))
+    apart = replace(whitening.errors, channel=plain.unwhitened(plain(whitening.errors.channel)))
     whitening = replace(whitening, errors=apart)
     matrix = written(whitening)
     nearly = written_out(whitening, np.full(channels, HUGE))
@@ -279,10 +284,10 @@ def test_back_undone_and_determinant_of_errors_of_all_kinds(
     whitening = rigged(seed, frames, channels, (1, 2, 2, 2, 1), correlation, rho)
     a, b = np.random.default_rng(seed + 1).normal(size=(2, frames, channels))
     forth = whitening(a)
-    assert np.isclose((forth * b).sum(), (a * whitening.back(b)).sum(), rtol=1e-9, atol=1e-9)
+    assert np.isclose((forth * b).sum(), (a * whitening.transposed(b)).sum(), rtol=1e-9, atol=1e-9)
     assert not forth[~whitening.mask].any()
-    assert not whitening.back(b)[~whitening.mask].any()
-    undone = whitening.undone(forth)
+    assert not whitening.transposed(b)[~whitening.mask].any()
+    undone = whitening.unwhitened(forth)
     assert np.allclose(whitening(undone), forth, rtol=1e-7, atol=1e-9)
     if rho is not None:
         assert np.allclose(undone, np.where(whitening.mask, a, 0.0), rtol=1e-7, atol=1e-9)
@@ -295,8 +300,8 @@ def test_back_undone_and_determinant_of_errors_of_all_kinds(
 def test_what_is_free_stays_taken_out_when_whitening_is_undone():
     whitening = rigged(4, 6, 3, (0, 0, 0, 0), 0.5, None)
     a = np.random.default_rng(4).normal(size=(6, 3))
-    again = whitening.undone(whitening(a + np.array([1.0, 20.0, -3.0])))
-    assert np.allclose(again, whitening.undone(whitening(a)))
+    again = whitening.unwhitened(whitening(a + np.array([1.0, 20.0, -3.0])))
+    assert np.allclose(again, whitening.unwhitened(whitening(a)))
     left = np.where(whitening.mask, a - again, np.nan)
     assert np.allclose(np.nanmax(left, axis=0), np.nanmin(left, axis=0))
 
@@ -304,7 +309,7 @@ def test_what_is_free_stays_taken_out_when_whitening_is_undone():
 @pytest.mark.parametrize(
     "counts", [(0, 0, 0, 0), (1, 0, 0, 0), (0, 2, 0, 0), (0, 0, 3, 0), (0, 0, 0, 2), (2, 2, 2, 2)]
 )
-@pytest.mark.parametrize("channels", [4, TOGETHER + 2])
+@pytest.mark.parametrize("channels", [4, BATCH_COLUMNS + 2])
 @pytest.mark.parametrize("correlation", [0.0, 0.6])
 @pytest.mark.parametrize("rho", [0.0, 2.0, None])
 def test_lengths_are_those_of_channels_whitened_one_by_one(counts, channels, correlation, rho):
@@ -327,14 +332,14 @@ def test_whether_channels_stay_apart():
 def test_frames_in_a_row_need_no_numbers():
     whitening = rigged(10, 7, 4, (1, 2, 1, 2), 0.7)
     values = np.random.default_rng(10).normal(size=(7, 4))
-    in_a_row = replace(whitening, clock=np.arange(30, 37))
-    assert np.allclose(replace(whitening, clock=None)(values), in_a_row(values))
+    in_a_row = replace(whitening, frame_number=np.arange(30, 37))
+    assert np.allclose(replace(whitening, frame_number=None)(values), in_a_row(values))
 
 
 def test_no_columns_stay_none_beside_linked_errors():
     rng = np.random.default_rng(2)
     mask = np.ones((4, 3), bool)
-    errors = RigErrors(
+    errors = ErrorColumns(
         np.zeros((0, 4, 3)),
         rng.normal(size=(1, 4, 3)),
         np.zeros((0, 4, 3)),
@@ -352,9 +357,9 @@ def test_in_single_precision_the_same_is_left(correlation, lasting):
     label = np.repeat(np.arange(9), 5)
     frame, channel, press, linked = 30.0 * draw.normal(size=(4, 2, 45, 33))
     linked = 0.003 * linked[:lasting]
-    errors = RigErrors(channel, frame, np.zeros((0, 45, 33)), press, label, linked)
+    errors = ErrorColumns(channel, frame, np.zeros((0, 45, 33)), press, label, linked)
     whitening = Whitening(np.isfinite(voltage), sd, (error / sd) ** 2, correlation, errors)
-    single = whitening.in_single
+    single = whitening.single_precision
     assert single is not whitening
     values = 1e3 * draw.normal(size=(3, 45, 33))
     values = np.concatenate([values, 30.0 * frame, 30.0 * channel, 30.0 * linked]).astype(
@@ -371,21 +376,21 @@ def test_long_linked_errors_are_taken_out_in_double_precision():
     column = draw.normal(1.0, 0.1, size=(40, 33)).astype(np.float32)
 
     def of_length(most):
-        errors = RigErrors(linked[:0], frame, linked[:0], linked=linked)
+        errors = ErrorColumns(linked[:0], frame, linked[:0], linked=linked)
         plain = Whitening(np.ones((40, 33), bool), np.ones(33), np.zeros(33), errors=errors)
-        length = next(part.length.max() for part in plain.parts if part.each == "linked")
+        length = next(part.eigenvalues.max() for part in plain.factors if part.acts_on == "linked")
         return replace(plain, errors=replace(errors, linked=np.sqrt(most / length) * linked))
 
-    whitening = of_length(0.99 * LONGEST_LINKED)
-    single = whitening.in_single
+    whitening = of_length(0.99 * MOST_LINKED_IN_SINGLE)
+    single = whitening.single_precision
     assert single is not whitening
     exact, found = (one.channel_lengths(column, np.arange(33)) for one in (whitening, single))
     assert np.abs(found / exact - 1.0).max() < 2e-3
-    beyond = of_length(1.01 * LONGEST_LINKED)
-    assert beyond.in_single is beyond
+    beyond = of_length(1.01 * MOST_LINKED_IN_SINGLE)
+    assert beyond.single_precision is beyond
 
 
 def test_a_free_constant_is_taken_out_in_double_precision():
     voltage, sd, error, _ = drawn(5, 45, 33)
-    whitening = Whitening.of(voltage, sd, True, error)
-    assert whitening.in_single is whitening
+    whitening = Whitening.from_readings(voltage, sd, True, error)
+    assert whitening.single_precision is whitening

@@ -90,7 +90,7 @@ def test_an_effect_is_not_taken_for_a_rig_error(name, seed, component):
     found = diagnosis.diagnose(recorded)
     (effect,) = conclusion.document(found, name)["effects"]
     assert name in (effect["name"], *effect["alternatives"])
-    assert found.after.error_sds[component] < found.search.rig.scales[component] / 3.0
+    assert found.after.error_sds[component] < found.search.rig.prior_sds[component] / 3.0
 
 
 @pytest.mark.long
@@ -122,5 +122,6 @@ def test_a_class_is_declared_whole_on_a_rig_with_errors():
     name, size = size_of(case)
     assert 1 / 1.5 < found.after.error_sds[name] / size < 1.5
     assert (
-        found.after.error_sds["force-per-press"] < found.search.rig.scales["force-per-press"] / 3.0
+        found.after.error_sds["force-per-press"]
+        < found.search.rig.prior_sds["force-per-press"] / 3.0
     )
