@@ -1,8 +1,8 @@
 from pathlib import Path
 
-from calibration.real_sets import listed
-from concealed.naming import batches as case_batches
-from concealed.naming import names as case_names
+from proof.real_sets import listed
+from proof.naming import batches as case_batches
+from proof.naming import names as case_names
 
 CONCEALED = config["concealed"]
 BLOCKS = CONCEALED["blocks"]

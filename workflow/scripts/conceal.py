@@ -3,9 +3,9 @@
 import json
 from pathlib import Path
 
-from concealed import conceal
 from eitskin.atomic import atomic_path
 from eitskin.errors import reported
+from proof import conceal
 
 with reported(snakemake.log[0]):
     made = conceal.conceal(
