@@ -1,5 +1,5 @@
-"""Which recordings a calibration is made of: kinds and seeds, in blocks that share none; ordinary
-ones and those of p-values record skins of the plain ones anew."""
+"""Which recordings an open block is made of: kinds and seeds, in blocks that share none; ordinary
+ones and those of p-values record skins of the plain ones anew. Names of a sealed block's cases."""
 
 from eitskin.errors import InputError
 from witness.outside import OUTSIDE
@@ -46,13 +46,14 @@ OWNER_SIZES = {  # kinds of `owned.draw`; 40 in all
         "beliefs": 4,
     },
 }
-BATCH = 8
+BATCH = 8  # recordings a job: some ten minutes
 TABLES = {  # by sort
     "diagnoses": ("summary", "effects", "confusion", "other_calibration", "rig", "rig_sizes"),
     "p-values": ("summary", "p_values"),
     "queries": ("summary", "queries"),
     "owners": ("summary", "owners"),
 }
+Trial = tuple[str, int]  # kind and seed
 
 
 def sort_of(block: str) -> str:
@@ -67,7 +68,7 @@ def tables(block: str) -> tuple[str, ...]:
     return TABLES[sort_of(block)]
 
 
-def trials(block: str, size: str) -> list[tuple[str, int]]:
+def trials(block: str, size: str) -> list[Trial]:
     """(kind, seed) of every trial, as `trial.row` takes them.
 
     block: "development" (seeds from 1), to tune on, or "report" (seeds far from those), to report;
@@ -78,47 +79,53 @@ def trials(block: str, size: str) -> list[tuple[str, int]]:
     of "outside" are spread over its laws. Every stretch holds about the same mixture. A smaller
     size is part of the larger. Raises InputError for an unknown block or size.
     """
-    for key, value, known in (("block", block, FIRST_SEED), ("size", size, SIZES)):
-        if value not in known:
-            raise InputError("calibration", key, repr(value), " or ".join(known))
-    first = FIRST_SEED[block]
+    for key, value, allowed in (("block", block, FIRST_SEED), ("size", size, SIZES)):
+        if value not in allowed:
+            raise InputError("calibration", key, repr(value), " or ".join(allowed))
+    start = FIRST_SEED[block]
     if sort_of(block) == "p-values":
-        return _mixed(_each(P_VALUE_SIZES[size], first))
+        return _mixed(_each(P_VALUE_SIZES[size], start))
     if sort_of(block) == "queries":
-        number = {f"query:{kind}": n for kind, n in QUERY_SIZES[size].items()}
-        return _mixed(_each(number, first))
+        return _mixed(_each({f"query:{kind}": n for kind, n in QUERY_SIZES[size].items()}, start))
     if sort_of(block) == "owners":
-        return _mixed(_each({f"owner:{kind}": n for kind, n in OWNER_SIZES[size].items()}, first))
+        return _mixed(_each({f"owner:{kind}": n for kind, n in OWNER_SIZES[size].items()}, start))
     if block.startswith("ordinary-"):
-        return [(f"{kind}+rig", seed) for kind, seed in _drawn(ORDINARY_SIZES[size], first)]
-    return _drawn(SIZES[size], first)
+        return [(f"{kind}+rig", seed) for kind, seed in _drawn(ORDINARY_SIZES[size], start)]
+    return _drawn(SIZES[size], start)
 
 
-def _each(number: dict[str, int], first: int) -> list[list[tuple[str, int]]]:
-    """So many seeds from the first on, of each kind."""
-    return [[(kind, first + i) for i in range(n)] for kind, n in number.items()]
+def _each(number: dict[str, int], start: int) -> list[list[Trial]]:
+    """So many seeds of each kind, from `start` on."""
+    return [[(kind, start + i) for i in range(n)] for kind, n in number.items()]
 
 
-def _drawn(number: dict[str, int], first: int) -> list[tuple[str, int]]:
-    groups = _each({kind: number[kind] for kind in ("null", "pair", "triple")}, first)
+def _drawn(number: dict[str, int], start: int) -> list[Trial]:
+    groups = _each({kind: number[kind] for kind in ("null", "pair", "triple")}, start)
     names, laws = list(DRAWN), list(OUTSIDE)
-    groups.append([(f"single:{n}", first + i) for i in range(number["single"]) for n in names])
-    groups.append(
-        [
-            (f"outside:{laws[i % len(laws)]}", first + i // len(laws))
-            for i in range(number["outside"])
-        ]
-    )
+    groups.append([(f"single:{n}", start + i) for i in range(number["single"]) for n in names])
+    turns = [divmod(i, len(laws)) for i in range(number["outside"])]
+    groups.append([(f"outside:{laws[law]}", start + turn) for turn, law in turns])
     return _mixed(groups)
 
 
-def _mixed(groups: list[list[tuple[str, int]]]) -> list[tuple[str, int]]:
+def _mixed(groups: list[list[Trial]]) -> list[Trial]:
     """All of some groups, each spread evenly over the whole."""
     placed = [((i + 0.5) / len(group), trial) for group in groups for i, trial in enumerate(group)]
     return [trial for _, trial in sorted(placed, key=lambda pair: pair[0])]
 
 
-def batches(block: str, size: str) -> list[list[tuple[str, int]]]:
+def batches(block: str, size: str) -> list[list[Trial]]:
     """`trials`, BATCH at a time: a job each."""
-    whole = trials(block, size)
-    return [whole[i : i + BATCH] for i in range(0, len(whole), BATCH)]
+    plan = trials(block, size)
+    return [plan[i : i + BATCH] for i in range(0, len(plan), BATCH)]
+
+
+def case_names(size: int) -> list[str]:
+    """Names of a sealed block's cases: they tell the number and nothing else."""
+    return [f"case-{number:03d}" for number in range(1, size + 1)]
+
+
+def case_batches(size: int, batch: int) -> list[list[str]]:
+    """The names of a sealed block's cases, `batch` at a time: a job each."""
+    names = case_names(size)
+    return [names[i : i + batch] for i in range(0, size, batch)]

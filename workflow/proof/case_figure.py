@@ -1,4 +1,4 @@
-"""One concealed case as a picture: the residual, the sentence, the corrected fit, the truth."""
+"""One case as a picture: the residual, the sentence, the corrected fit, the truth."""
 
 import textwrap
 from pathlib import Path
@@ -19,76 +19,62 @@ from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
 from eitskin.plotting import AFTER, BEFORE, CULPRIT, MARKERS, QUIET, log_limits, style
 from eitskin.quantities import number, power, quantity
-from proof import judge, opened, scoring
+from proof import ledger, measures, opened
 
 WIDTH = 92  # characters of a line of the sentence
+MOST_VALUES = 4  # of a parameter that are written out
 
 
-def shown(rows: list[dict]) -> str:
+def best_case(rows: list[dict]) -> str:
     """The case to show: a single effect that was rightly named, on electrodes if there is one, the
     one whose misfit on hidden frames fell most; the first case where there is none."""
 
     def worth(row: dict) -> tuple:
-        right = row["kind"] == "single" and "failed" not in row
-        right = right and len(row["said"]["effects"]) == 1 == sum(map(bool, judge.matched(row)))
-        at = right and bool(row["said"]["effects"][0]["electrodes"])
-        fell = row["hidden"]["none"] / row["hidden"]["eitskin"] if right else 0.0
-        return right, at, 0.0 if np.isnan(fell) else fell
+        is_right = row["kind"] == "single" and not measures.is_broken(row)
+        is_right = is_right and measures.has_all_right(row)
+        at_electrodes = is_right and bool(row["said"]["effects"][0]["electrodes"])
+        fall = row["hidden"]["none"] / row["hidden"]["eitskin"] if is_right else 0.0
+        return is_right, at_electrodes, 0.0 if np.isnan(fall) else fall
 
     return max(rows, key=worth)["case"]
 
 
-def hidden(block: Path, case: str) -> pd.DataFrame:
-    """time_s, force_N, before and after of every hidden frame: root mean square over the channels
-    of prediction minus truth, in units of a reading's noise."""
-    _, arrays = opened.read(block / "opened", case)
-    clean, noise = arrays["query_clean_V"], arrays["noise_V"]
-    query = parquet.read(block / "queries" / f"{case}.parquet", ["time_s", "force_N"])
-    table = parquet.frame(query)
-    after, _ = scoring.predicted(block / "verdicts" / case / "predicted.parquet", clean.shape)
-    with np.load(block / "baselines" / f"{case}.npz", allow_pickle=False) as file:
-        before = file["none"]
-    return table.assign(**errors(before, after, clean, noise))
-
-
 def errors(
-    before: np.ndarray, after: np.ndarray, clean: np.ndarray, noise: np.ndarray
-) -> dict[str, np.ndarray]:
-    """(N,) each: root mean square over the channels of two predictions (N, M) minus the truth, in
-    units of a reading's noise (M,)."""
-    return {
-        key: np.sqrt((((voltage - clean) / noise) ** 2).mean(axis=1))
-        for key, voltage in (("before", before), ("after", after))
+    frames: pd.DataFrame, predictions: dict[str, np.ndarray], clean: np.ndarray, noise: np.ndarray
+) -> pd.DataFrame:
+    """Frames with before and after: root mean square over the channels of predictions (N, M) by
+    these names minus the truth (N, M), in units of a reading's noise (M,)."""
+    columns = {
+        name: np.sqrt((((voltage - clean) / noise) ** 2).mean(axis=1))
+        for name, voltage in predictions.items()
     }
+    return frames[["time_s", "force_N"]].assign(**columns)
 
 
-def truth_of(item: dict) -> str:
+def truth_words(effect: dict) -> str:
     """A true effect in words: name, place, values; of a single value with a unit no more."""
-    effect = EFFECTS[item["name"]]
-    at = where({"name": item["name"], **{kind: item.get(kind, []) for kind in SITES}})
-    known = {k: v for k, v in item.get("parameters", {}).items() if v is not None}
-    values = []
-    for key, given in known.items():
-        several = np.size(given) > 4
-        unit = effect.parameters[key].unit
-        text = ", ".join(
-            quantity(float(v), unit, 4) for v in np.ravel(given)[: 1 if several else 4]
-        )
+    name, parameters = effect["name"], EFFECTS[effect["name"]].parameters
+    place = where({"name": name, **{kind: effect.get(kind, []) for kind in SITES}})
+    true = {k: v for k, v in effect.get("parameters", {}).items() if v is not None}
+    words = []
+    for key, values in true.items():
+        unit, is_long = parameters[key].unit, np.size(values) > MOST_VALUES
+        listed = np.ravel(values)[: 1 if is_long else MOST_VALUES]
+        text = ", ".join(quantity(float(value), unit, 4) for value in listed)
         word = key.removesuffix(f"_{'deg' if unit == '°' else unit}")
-        alone = len(known) == 1 and unit != "1"
-        values.append(f"{'' if alone else f'{word} '}{text}{' …' if several else ''}")
-    return f"{item['name']}, {at}" + (f": {'; '.join(values)}" if values else "")
+        is_plain = len(true) == 1 and unit != "1"
+        words.append(f"{'' if is_plain else f'{word} '}{text}{' …' if is_long else ''}")
+    return f"{name}, {place}" + (f": {'; '.join(words)}" if words else "")
 
 
-def draw(shown: Evidence, frames: pd.DataFrame, truth: dict) -> Figure:
+def picture(shown: Evidence, frames: pd.DataFrame, truth: dict) -> Figure:
     """Four panels over what was said and what was true: residual of the owner's simulation, the
     skin, residual of the corrected simulation, true error on hidden frames."""
     with style():
         figure = plotting.sheet(plotting.FULL_MM, 76.0)
         grid = figure.add_gridspec(2, 4, height_ratios=(1, 0.3), width_ratios=(1, 0.85, 1, 1))
-        first = figure.add_subplot(grid[0, 0])
-        third = figure.add_subplot(grid[0, 2], sharey=first)
-        pair = first, third
+        before = figure.add_subplot(grid[0, 0])
+        pair = before, figure.add_subplot(grid[0, 2], sharey=before)
         texts = "as the owner simulates it", "corrected"
         for axes, image, text in zip(pair, draw_matrices(pair, shown), texts, strict=True):
             axes.set_title(f"{text},\n{axes.get_title()}", color=axes.title.get_color())
@@ -96,7 +82,7 @@ def draw(shown: Evidence, frames: pd.DataFrame, truth: dict) -> Figure:
             matrix_bar(figure, image, [axes], label)
         _skin(figure.add_subplot(grid[0, 1]), shown)
         _hidden(figure.add_subplot(grid[0, 3]), frames)
-        _said(figure.add_subplot(grid[1, :]), shown, truth)
+        _sentences(figure.add_subplot(grid[1, :]), shown, truth)
     return figure
 
 
@@ -109,24 +95,24 @@ def _skin(axes: Axes, shown: Evidence) -> None:
     named = {site for effect in shown.diagnosis["effects"] for site in effect["electrodes"]}
     for site in sorted(named):
         axes.plot(rim[site].real, rim[site].imag, "s", color=CULPRIT, markersize=5)
-        at = 1.2 * rim[site]
-        axes.text(at.real, at.imag, str(site), color=CULPRIT, ha="center", va="center")
+        label = 1.2 * rim[site]
+        axes.text(label.real, label.imag, str(site), color=CULPRIT, ha="center", va="center")
     axes.set_axis_off()
     axes.set(xlim=(-1.3 * radius, 1.3 * radius), ylim=(-1.3 * radius, 1.3 * radius))
     axes.set_title("electrodes named;\ndots: touches" if named else "dots: touches", color=QUIET)
 
 
-def _said(axes: Axes, shown: Evidence, truth: dict) -> None:
+def _sentences(axes: Axes, shown: Evidence, truth: dict) -> None:
     axes.set_axis_off()
     axes.set(xlim=(0, 1), ylim=(0, 1))
-    effects = shown.diagnosis["effects"]
-    said = " ".join(effect["sentence"] for effect in effects)
-    said = said or shown.diagnosis["other"]["sentence"] or "Nothing is missing."
-    concealed = "; ".join(truth_of(item) for item in truth["effects"]) or "nothing"
+    entries = shown.diagnosis["effects"]
+    sentence = " ".join(entry["sentence"] for entry in entries)
+    sentence = sentence or shown.diagnosis["other"]["sentence"] or "Nothing is missing."
+    concealed = "; ".join(map(truth_words, truth["effects"])) or "nothing"
     if truth["outside"]:
         concealed = truth["outside"]["law"]
     for y, head, text, colour in (
-        (1.0, "said of the recording", said, AFTER),
+        (1.0, "said of the recording", sentence, AFTER),
         (0.36, "concealed in it", concealed, CULPRIT),
     ):
         lines = "\n".join(textwrap.wrap(text, WIDTH, max_lines=2))
@@ -159,11 +145,16 @@ def _hidden(axes: Axes, frames: pd.DataFrame) -> None:
 
 
 def write(block: Path, schema: Path, out: tuple[Path, Path, Path]) -> None:
-    """The picture of the case that is `shown` of an opened block, as SVG and PNG, its hidden frames
-    as CSV."""
-    case = shown(scoring.rows(block))
-    folder = block / "verdicts" / case
-    found = evidence.read(folder, block / "recordings" / f"{case}.parquet", schema)
-    frames = hidden(block, case)
-    truth, _ = opened.read(block / "opened", case)
-    figure_files.write(draw(found, frames, truth), frames, *out)
+    """The picture of the `best_case` of an opened block, as SVG and PNG, its hidden frames as
+    CSV."""
+    case = best_case(opened.rows(block))
+    verdict, files = block / "verdicts" / case, ledger.files_of(block, case)
+    truth, arrays = opened.read(block / "opened", case)
+    clean = arrays["query_clean_V"]
+    after, _ = opened.predicted(verdict / "predicted.parquet", clean.shape)
+    with np.load(block / "baselines" / f"{case}.npz", allow_pickle=False) as file:
+        predictions = {"before": file["none"], "after": after}
+    query = parquet.frame(parquet.read(files["query"], ["time_s", "force_N"]))
+    frames = errors(query, predictions, clean, arrays["noise_V"])
+    shown = evidence.read(verdict, files["recording"], schema)
+    figure_files.write(picture(shown, frames, truth), frames, *out)

@@ -5,7 +5,7 @@ judged on the noise-free recording, and the noise is scaled until the smallest i
 """
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,24 +13,21 @@ import numpy as np
 from eitskin.atomic import atomic_path
 from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table
-from eitskin.diagnose.diagnosis import begun, problem_of
-from eitskin.diagnose.noise.estimate import Noise
 from eitskin.errors import InputError
-from eitskin.physics.solver import Spent
-from proof import planted, sealing
+from proof import ledger, sealing
+from proof.drawing import draw
 from proof.intervals import rms
 from proof.panel import RECORDED, Planned, plan
+from proof.planted import Planted
+from proof.refit import Gaps, gaps_in_noise
 from proof.resemblance import moves
-from proof.trial import gaps_about
 from witness import rig_errors
-from witness.cases import Alike, Case, draw
+from witness.cases import Alike, Case
 from witness.generators import GENERATORS
 
-LEAST_LEVEL, MOST_LEVEL = 2e-4, 3e-2  # noise over the median |v|
+LEAST_LEVEL, MOST_LEVEL = 2e-4, 3e-2  # noise over the median |v|, of good and of poor instruments
 NEAR = 0.1  # of the wanted gap: no more is asked of the reached one
-ROUNDS = 2
-KNOWN_DOF = 1e9  # of a noise that is known
-MOST_SOLVED = 24_000  # sheets, for the gaps of one case
+ROUNDS = 2  # in which the noise is scaled: a gap falls nearly as the noise grows
 
 
 @dataclass(frozen=True)
@@ -45,27 +42,44 @@ class Sizes:
 
 
 @dataclass(frozen=True)
+class Block:
+    """A block to conceal: its folder of recordings and that of its truths, the seed of its root
+    (None: a random one), and the fingerprint of what draws it."""
+
+    name: str
+    sizes: Sizes
+    seed: int | None
+    public: Path
+    truths: Path
+    code: str
+
+
+@dataclass(frozen=True)
 class Shown:
     """A case as it is shown: voltage (N, M) V with noise noise_V (M,) of `level` over the median
-    |v|; gaps: as `proof.trial.true_gaps`, None where there are none to judge."""
+    |v|; gaps: as `refit.true_gaps`, None where there are none to judge."""
 
     voltage: np.ndarray
     noise_V: np.ndarray
     level: float
-    gaps: list | None
+    gaps: Gaps | None
 
 
-def case_of(planned: Planned, sizes: Sizes) -> Case | planted.Planted:
+def case_of(planned: Planned, sizes: Sizes) -> Case | Planted:
     """What a plan draws, with the noise that its generator gave it."""
     if planned.generator == RECORDED:
-        return planted.draw(planned.kind, planned.seed)
-    names = None if planned.names is None else list(planned.names)
-    alike = Alike(sizes.query_frames, planned.deep, (LEAST_LEVEL, MOST_LEVEL))
-    kind = planned.kind + ("+rig" if sizes.rig else "")
-    return draw(kind, planned.seed, sizes.frames, planned.generator, names, alike)
+        return draw(planned.kind, planned.seed)
+    return draw(
+        planned.kind + ("+rig" if sizes.rig else ""),
+        planned.seed,
+        frames=sizes.frames,
+        generator=planned.generator,
+        names=None if planned.names is None else list(planned.names),
+        alike=Alike(sizes.query_frames, planned.deep, (LEAST_LEVEL, MOST_LEVEL)),
+    )
 
 
-def shown(case: Case | planted.Planted, planned: Planned, root: bytes, name: str) -> Shown:
+def shown(case: Case | Planted, planned: Planned, root: bytes, name: str) -> Shown:
     """The case at the noise at which its smallest gap is the wanted one, as near as 0.02 % to 3 %
     of the median |v| allow and as the covariance's other parts do; without a wanted gap at the
     level that was drawn for it. A real recording stays as it is."""
@@ -76,7 +90,7 @@ def shown(case: Case | planted.Planted, planned: Planned, root: bytes, name: str
     level = float(np.clip(case.level, least, MOST_LEVEL))
     if planned.gap is not None:
         for _ in range(ROUNDS):
-            gaps = gaps_at(case, shape * level)
+            gaps = gaps_in_noise(case, shape * level)
             nearest = smallest(gaps)
             if nearest is None or abs(nearest / planned.gap - 1.0) < NEAR:
                 break
@@ -86,36 +100,18 @@ def shown(case: Case | planted.Planted, planned: Planned, root: bytes, name: str
             level, gaps = wanted, None
     noise = shape * level
     if gaps is None:
-        gaps = gaps_at(case, noise)
+        gaps = gaps_in_noise(case, noise)
     rng = np.random.default_rng(int.from_bytes(sealing.derived(root, "noise", name)))
     voltage = rig_errors.read(case.clean, case.rig, case.true_states, noise, rng)
     return Shown(voltage, noise, level, gaps)
 
 
-def smallest(gaps: list | None) -> float | None:
+def smallest(gaps: Gaps | None) -> float | None:
     """The smallest gap of a set's effects to any other name; None where none is known."""
-    found = [listed[0][1] for listed in gaps or [] if listed]
-    return min(found, default=None)
+    return min((pairs[0][1] for pairs in gaps or [] if pairs), default=None)
 
 
-def gaps_at(case: Case, noise_V: np.ndarray) -> list | None:
-    """`proof.trial.true_gaps` of a case's effects in noise (M,) V, on its noise-free
-    recording; None of one without effects, or where they take more than MOST_SOLVED."""
-    if not case.effects:
-        return None
-    clean = Recording(case.true_states, case.clean, None, None, dict(case.metadata))
-    _, search, _ = begun(clean, 1)
-    problem, _ = problem_of(clean, Noise(noise_V, KNOWN_DOF, "known"))
-    search = replace(search, problem=problem)
-    try:
-        with problem.model.near.within(MOST_SOLVED):
-            before = search.calibrated()
-            return gaps_about(search, before, before, [], case.effects, case.scopes)
-    except Spent:
-        return None
-
-
-def likeness(case: Case | planted.Planted, seen: Shown, seed: int) -> dict:
+def likeness(case: Case | Planted, seen: Shown, seed: int) -> dict:
     """How little the effects show: similarity, as `resemblance.moves` has it, and changed: RMS of
     what they change, an overall factor taken away, over that of the readings without them. None
     each of a real recording, which nobody knows without."""
@@ -131,7 +127,7 @@ def likeness(case: Case | planted.Planted, seen: Shown, seed: int) -> dict:
 
 
 def truth_of(
-    name: str, planned: Planned, case: Case | planted.Planted, seen: Shown, salt: str, code: str
+    name: str, planned: Planned, case: Case | Planted, seen: Shown
 ) -> tuple[dict, dict[str, np.ndarray]]:
     """What is put under lock: a JSON object, and the arrays noise_V (M,) and, of a simulated case,
     clean_V (N, M) and query_clean_V (Q, M)."""
@@ -157,8 +153,6 @@ def truth_of(
         "noise_V": seen.noise_V.tolist(),
         "level": seen.level,
         **likeness(case, seen, planned.seed),
-        "salt": salt,
-        "code": code,
     }
     arrays = {"noise_V": seen.noise_V}
     if case.clean is not None:
@@ -166,64 +160,56 @@ def truth_of(
     return truth, arrays
 
 
-def conceal(
-    block: str,
-    names: list[str],
-    sizes: Sizes,
-    seed: int | None,
-    public: Path,
-    truths: Path,
-    code: str,
-) -> dict[str, dict]:
+def conceal(block: Block, names: list[str]) -> dict[str, dict]:
     """Draw cases of a block and return their commitments by name.
 
-    Written are recordings/<name>.parquet and queries/<name>.parquet in `public`, <name>.sealed in
-    `truths`. What is there already stays, if the same `code` drew it or if the block's root is
-    random (seed None): such a block is drawn once.
+    Written are recordings/<name>.parquet and queries/<name>.parquet in its public folder,
+    <name>.sealed in that of its truths. What is there already stays, if the same code drew it or if
+    the block's root is random: such a block is drawn once.
     """
-    if sealing.complete(seed, truths):
-        known = sealing.check_commitments(public)["cases"]
-        return {name: known[name] for name in names}
-    root = sealing.root_of(block, seed, truths)
-    planned = plan(block, sizes.cases, root)
-    made = {}
+    if sealing.complete(block.seed, block.truths):
+        promised = sealing.check_commitments(block.public)["cases"]
+        return {name: promised[name] for name in names}
+    root = sealing.root_of(block.name, block.seed, block.truths)
+    planned = plan(block.name, block.sizes.cases, root)
+    commitments = {}
     for name in names:
-        files = public / "recordings" / f"{name}.parquet", public / "queries" / f"{name}.parquet"
-        sealed = truths / f"{name}.sealed"
-        plain = _kept(root, block, name, [*files, sealed], seed is None, code)
+        files = tuple(ledger.files_of(block.public, name).values())
+        sealed = block.truths / f"{name}.sealed"
+        plain = _standing(block, root, name, [*files, sealed])
         if plain is None:
-            plain = _draw(root, name, planned[name], sizes, files, code)
+            plain = _draw(block, root, name, planned[name])
             with atomic_path(sealed) as temporary:
-                temporary.write_bytes(sealing.seal_truth(root, block, name, plain))
-        made[name] = sealing.commitment(root, name, *files, plain)
-    return made
+                temporary.write_bytes(sealing.seal_truth(root, block.name, name, plain))
+        commitments[name] = sealing.commitment(root, name, *files, plain)
+    return commitments
 
 
-def _kept(
-    root: bytes, block: str, name: str, files: list[Path], once: bool, code: str
-) -> bytes | None:
+def _standing(block: Block, root: bytes, name: str, files: list[Path]) -> bytes | None:
     """The packed truth of a case that need not be drawn again."""
     if not all(file.is_file() for file in files):
         return None
     try:
-        plain = sealing.open_truth(sealing.derived(root, "key"), block, name, files[-1])
+        key = sealing.derived(root, "key")
+        plain = sealing.open_truth(key, block.name, name, files[-1])
     except InputError:  # another root's
         return None
-    drawn_by = json.loads(sealing.unpacked(plain)[0])["code"]
-    return plain if once or drawn_by == code else None
+    code = json.loads(sealing.unpacked(plain)[0])["code"]
+    return plain if block.seed is None or code == block.code else None
 
 
-def _draw(
-    root: bytes, name: str, planned: Planned, sizes: Sizes, files: tuple[Path, Path], code: str
-) -> bytes:
-    case = case_of(planned, sizes)
+def _draw(block: Block, root: bytes, name: str, planned: Planned) -> bytes:
+    case = case_of(planned, block.sizes)
     seen = shown(case, planned, root, name)
     query = case.query
     if query.empty:  # no frame of a real recording is left: an untouched one, a second later
         query = frames_table(case.states["time_s"].to_numpy()[-1:] + 1.0, np.array([False]))
-    for path, frames, voltage in zip(
-        files, (case.states, query), (seen.voltage, None), strict=True
+    files = ledger.files_of(block.public, name)
+    for part, frames, voltage in (
+        ("recording", case.states, seen.voltage),
+        ("query", query, None),
     ):
-        recording.write(Recording(frames, voltage, None, None, case.metadata), path)
+        recording.write(Recording(frames, voltage, None, None, case.metadata), files[part])
+    truth, arrays = truth_of(name, planned, case, seen)
     salt = sealing.derived(root, "salt", name, "truth").hex()
-    return sealing.packed(*truth_of(name, planned, case, seen, salt, code))
+    return sealing.packed({**truth, "salt": salt, "code": block.code}, arrays)

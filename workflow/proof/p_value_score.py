@@ -3,59 +3,82 @@
 import numpy as np
 import pandas as pd
 
-from proof.lines import SUMMARY, over, share
+from proof.claims import Claim, Rows, at_most, share_of, summary, where
+from proof.intervals import mean, resampled
+from proof.measures import Condition, is_broken
 from proof.nulls import RIGS
 
-LEVELS, MOST_OFTEN = (0.05, 0.01), 1.5  # of p; times as often as it says
+LEVELS = (0.05, 0.01)  # of p
+MOST_OFTEN = 1.5  # times as often as it says, that p may be below a level
 NULL = (
     *("seed", "rig", "number", "p_value", "p_local", "name", "failed"),
     *("seconds", "cpu_seconds"),
 )
 
 
-def scored(rows: list[dict]) -> tuple[dict[str, pd.DataFrame], str]:
+def scored(rows: Rows) -> tuple[dict[str, pd.DataFrame], str]:
     """The tables of `blocks.TABLES`, and a note."""
     table = p_values(rows)
-    return {"summary": summary(rows), "p_values": table}, f"{len(table)} recordings of these skins"
+    tables = {"summary": p_value_summary(rows), "p_values": table}
+    return tables, f"{len(table)} recordings of these skins"
 
 
-def p_values(rows: list[dict]) -> pd.DataFrame:
+def p_values(rows: Rows) -> pd.DataFrame:
     """One row (NULL) a recording in which nothing is left out, of trial rows of skins."""
-    made = [{"seed": row["seed"], **one} for row in rows for one in row.get("nulls", [])]
-    return pd.DataFrame(made, columns=list(NULL))
+    return pd.DataFrame(_recordings(rows), columns=list(NULL))
 
 
-def summary(rows: list[dict]) -> pd.DataFrame:
-    """How often the best candidate's p is below each of LEVELS (SUMMARY), of all recordings and by
-    rig; a recording that breaks off counts as one. Recordings of a skin are alike: of all, the
-    interval over skins drawn anew stands beside Wilson's."""
-    table = p_values(rows)
-    lines = []
-    for level in LEVELS:
-        below = (table["p_value"] < level) | table["failed"].notna()
-        what, wanted = f"best candidate's p below {level:g}", (-np.inf, MOST_OFTEN * level)
-        lines.append(share("every rig", what, below.sum(), len(below), wanted))
-        hits, n = (below.groupby(table["seed"]).agg(how).to_numpy() for how in ("sum", "size"))
+def _recordings(rows: Rows) -> Rows:
+    return [{"seed": row["seed"], **null} for row in rows for null in row.get("nulls", [])]
 
-        def drawn(index: np.ndarray, hits: np.ndarray = hits, n: np.ndarray = n) -> float:
-            return float(hits[index].sum() / n[index].sum())
 
-        lines.append(over("every rig", f"{what}, skins drawn anew", len(n), drawn))
+def p_value_summary(rows: Rows) -> pd.DataFrame:
+    """How often the best candidate's p is below each of LEVELS (`claims.SUMMARY`), of all
+    recordings and by rig; a recording that breaks off counts as one. Recordings of a skin are
+    alike: of all, the interval over skins drawn anew stands beside Wilson's."""
+    recordings = _recordings(rows)
+    claims = [claim for level in LEVELS for claim in _level_claims(level)]
     for rig in RIGS:
-        own = table[table["rig"] == rig]
-        for level in LEVELS:
-            below = (own["p_value"] < level) | own["failed"].notna()
-            lines.append(share(rig, f"best candidate's p below {level:g}", below.sum(), len(below)))
-    broken = sum("failed" in row for row in rows)
-    took = table["cpu_seconds"].to_numpy(float)
-    lines += [
-        share("the run", "skins broken off", broken, len(rows)),
-        share("the run", "recordings broken off", table["failed"].notna().sum(), len(table)),
-        over(
-            "the run",
-            "processor seconds a recording, mean",
-            len(took),
-            lambda i: float(took[i].mean()),
-        ),
-    ]
-    return pd.DataFrame(lines, columns=list(SUMMARY))
+        claims += [
+            Claim(
+                rig,
+                f"best candidate's p below {level:g}",
+                where(_is_of(rig)),
+                share_of(_is_below(level)),
+            )
+            for level in LEVELS
+        ]
+    run = (
+        Claim("the run", "recordings broken off", where(), share_of(is_broken)),
+        Claim("the run", "processor seconds a recording, mean", where(), _mean_seconds),
+    )
+    skins = (Claim("the run", "skins broken off", where(), share_of(is_broken)),)
+    return summary((recordings, tuple(claims)), (rows, skins), (recordings, run))
+
+
+def _is_of(rig: str) -> Condition:
+    return lambda null: null["rig"] == rig
+
+
+def _is_below(level: float) -> Condition:
+    return lambda null: is_broken(null) or null["p_value"] < level
+
+
+def _level_claims(level: float) -> tuple[Claim, Claim]:
+    quantity = f"best candidate's p below {level:g}"
+
+    def over_skins(recordings: Rows) -> dict:
+        seeds = pd.Series([null["seed"] for null in recordings], dtype=object)
+        below = pd.Series(list(map(_is_below(level), recordings)), dtype=bool)
+        hits, n = (below.groupby(seeds).agg(how).to_numpy() for how in ("sum", "size"))
+        return resampled(len(n), lambda index: float(hits[index].sum() / n[index].sum()))
+
+    share = share_of(_is_below(level))
+    return (
+        Claim("every rig", quantity, where(), share, at_most(MOST_OFTEN * level)),
+        Claim("every rig", f"{quantity}, skins drawn anew", where(), over_skins),
+    )
+
+
+def _mean_seconds(recordings: Rows) -> dict:
+    return mean(np.array([null["cpu_seconds"] for null in recordings], float))

@@ -13,12 +13,14 @@ from zlib import crc32
 import numpy as np
 
 from eitskin.data import importers
+from eitskin.data.check import WARNING, Check, clipping, measures, steps
 from eitskin.data.recording import TOUCH_KEYS, Recording, presses
 from eitskin.diagnose.fitting.held_out import reciprocal_groups, units, with_frames_before
 from eitskin.errors import InputError
-from proof.real_sets import listed
+from proof.real_sets import listed, renumbered
 from witness import cases
 from witness.outside import OUTSIDE
+from witness.owned import Owned, Truth
 
 WRONG = {  # beliefs, and the largest factor by which they are off, up or down
     "radius_mm": 1.5,
@@ -29,36 +31,38 @@ WRONG = {  # beliefs, and the largest factor by which they are off, up or down
     "current_A": 10.0,
     "contrast_per_N": 10.0,
 }
-KEPT_OUT = 5  # one of so many presses, or channels, of a real recording
-FEWEST, MOST = 125, 190  # frames of an excerpt of a real recording, those kept out among them
-LEAST_PRESSES = 10  # with fewer, channels are kept out
+HELD_OUT = 5  # one of so many presses, or channels, of a real recording
+EXCERPT = (125, 190)  # frames of a real recording, those held out among them: 100 to 150 are left
+LEAST_PRESSES = 10  # with fewer, channels are held out
 FOREIGN_SEEDS = 1_000_000  # past every seed of `blocks`, which draw of the same laws
 
 
 @dataclass(frozen=True)
-class Asked:
-    """A recording, a query, and what was there.
+class QueryCase:
+    """A recording, a query, and the readings of the query that the recording does not hold.
 
-    drawn: what was done, in words; there (Q, M): voltages of a simulation with the white noise of
-    its recording, else those measured, NaN where nothing is compared; unit (Q, M): which
-    independent unit a reading belongs to, as of `held_out.units`.
+    description: what was done, in words; readings (Q, M): voltages of a simulation with the white
+    noise of its recording, else those measured, NaN where nothing is compared; unit (Q, M): which
+    independent unit a reading belongs to, as of `held_out.units`; truth: what an owner's recording
+    conceals.
     """
 
     kind: str
     seed: int
-    drawn: str
+    description: str
     recorded: Recording
     query: Recording
-    there: np.ndarray
+    readings: np.ndarray
     unit: np.ndarray
+    truth: Truth | None = None
 
 
-def draw(kind: str, seed: int) -> Asked:
+def draw(kind: str, seed: int) -> QueryCase:
     """One recording and its query. kind: query: and a key of KINDS.
 
     rig: a sound skin by a rig with one to three errors; belief: one or two beliefs that are wrong;
     foreign: physics outside the catalogue and a rig's errors; shuffled: channels or frames out of
-    order; garbage: readings that are none; real: another laboratory's recording, part of it kept
+    order; garbage: readings that are none; real: another laboratory's recording, part of it held
     out. Raises InputError for an unknown kind, FileNotFoundError where a real recording is absent.
     """
     word, _, name = kind.partition(":")
@@ -66,6 +70,46 @@ def draw(kind: str, seed: int) -> Asked:
         expected = f"query: and one of {', '.join(KINDS)}"
         raise InputError("query", "kind", repr(kind), expected)
     return KINDS[name](kind, seed)
+
+
+def of_owner(owner: Owned) -> QueryCase:
+    """An owner's recording and a query of readings that it does not hold: of presses after it, or
+    where nobody touches, of channels held out of all its frames."""
+    if owner.query is None:
+        rng = np.random.default_rng([crc32(f"{owner.kind}, kept out".encode()), owner.seed])
+        words, recorded, query, readings = without_channels(owner.recorded, rng)
+    else:
+        words, recorded, readings = "later presses", owner.recorded, owner.query.readings
+        query = Recording(owner.query.frames, None, None, None, owner.query.metadata)
+    description = f"{owner.drawn}; {words}"
+    return QueryCase(
+        owner.kind,
+        owner.seed,
+        description,
+        recorded,
+        query,
+        readings,
+        units(query),
+        owner.truth,
+    )
+
+
+def check_findings(recorded: Recording, checked: Check) -> dict:
+    """The first frames after steps and the ceilings, V, that the check's sentences hold, and its
+    warnings, (topic, sentence)."""
+    findings = checked.of(WARNING)
+    topics = {finding.topic for finding in findings}
+    ceilings = []
+    if "clipped" in topics:
+        stop = measures.clipped(recorded)
+        assert stop is not None  # else there is no warning
+        ceilings = [clip.ceiling for clip in clipping.ceilings(recorded)]
+        ceilings = [stop.ceiling] if len(stop.channels) else ceilings
+    return {
+        "steps": [step.frame for step in steps.steps(recorded)] if "step" in topics else [],
+        "ceilings": ceilings,
+        "warnings": [(finding.topic, finding.sentence) for finding in findings],
+    }
 
 
 def _rng(kind: str, seed: int) -> np.random.Generator:
@@ -77,25 +121,24 @@ def _sound(kind: str, seed: int) -> cases.Case:
     return cases.draw(kind, seed, names=[])
 
 
-def _asked(
+def _query_case(
     case: cases.Case,
-    drawn: str,
+    description: str,
     voltage: np.ndarray | None = None,
-    there: np.ndarray | None = None,
+    readings: np.ndarray | None = None,
     metadata: dict | None = None,
-) -> Asked:
-    """A case, and what is put in the place of its own."""
+) -> QueryCase:
+    """A case with other voltages, readings of its query or metadata, where these are given."""
     metadata = deepcopy(case.metadata if metadata is None else metadata)
     voltage = case.voltage if voltage is None else voltage
     query = Recording(case.query, None, None, None, metadata)
-    there = _read(case) if there is None else there
-    return Asked(
+    return QueryCase(
         case.kind.partition("+")[0],
         case.seed,
-        drawn,
+        description,
         Recording(case.states, voltage, None, None, metadata),
         query,
-        there,
+        _read(case) if readings is None else readings,
         units(query),
     )
 
@@ -106,49 +149,48 @@ def _read(case: cases.Case) -> np.ndarray:
     return case.query_clean + case.noise_V * rng.standard_normal(case.query_clean.shape)
 
 
-def _rig(kind: str, seed: int) -> Asked:
+def _rig(kind: str, seed: int) -> QueryCase:
     case = cases.draw(f"{kind}+rig", seed, names=[])
-    return _asked(case, _told(case))
+    return _query_case(case, _rig_words(case))
 
 
-def _told(case: cases.Case) -> str:
+def _rig_words(case: cases.Case) -> str:
     return ", ".join(f"{error.kind} {error.size:.3g}" for error in case.rig)
 
 
-def _foreign(kind: str, seed: int) -> Asked:
+def _foreign(kind: str, seed: int) -> QueryCase:
     laws = list(OUTSIDE)
     law = laws[seed % len(laws)]
     case = cases.draw(f"outside:{law}+rig", FOREIGN_SEEDS + seed)
-    return replace(_asked(case, f"{law}, {_told(case)}"), kind=kind, seed=seed)
+    return replace(_query_case(case, f"{law}, {_rig_words(case)}"), kind=kind, seed=seed)
 
 
-def _belief(kind: str, seed: int) -> Asked:
+def _belief(kind: str, seed: int) -> QueryCase:
     case = _sound(kind, seed)
     metadata = deepcopy(case.metadata)
-    said = mistake(_rng(kind, seed), metadata)
-    return _asked(case, said, metadata=metadata)
+    description = mistake(_rng(kind, seed), metadata)
+    return _query_case(case, description, metadata=metadata)
 
 
 def mistake(rng: np.random.Generator, metadata: dict) -> str:
     """One or two beliefs of an owner, or how the channels are wired, put wrong in the recording's
     metadata; in words."""
-    able = [key for key in WRONG if metadata["skin"][key] is not None]
-    able += list(MISTAKES)
-    said = []
-    for key in rng.choice(able, int(rng.integers(1, 3)), replace=False).tolist():
+    keys = [key for key in WRONG if metadata["skin"][key] is not None] + list(MISTAKES)
+    words = []
+    for key in rng.choice(keys, int(rng.integers(1, 3)), replace=False).tolist():
         if key in MISTAKES:
-            said.append(MISTAKES[key](rng, metadata))
+            words.append(MISTAKES[key](rng, metadata))
             continue
         factor = float(WRONG[key] ** rng.uniform(0.3, 1.0)) ** float(rng.choice([-1, 1]))
         metadata["skin"][key] *= factor
-        said.append(f"{key} x {factor:.3g}")
-    return ", ".join(said)
+        words.append(f"{key} x {factor:.3g}")
+    return ", ".join(words)
 
 
 def _turned(rng: np.random.Generator, metadata: dict) -> str:
-    by = float(rng.uniform(5.0, 355.0))
-    metadata["skin"]["electrode_deg"] = [a + by for a in metadata["skin"]["electrode_deg"]]
-    return f"electrodes {by:.3g} deg off"
+    turn_deg = float(rng.uniform(5.0, 355.0))
+    metadata["skin"]["electrode_deg"] = [a + turn_deg for a in metadata["skin"]["electrode_deg"]]
+    return f"electrodes {turn_deg:.3g} deg off"
 
 
 def _mirrored(rng: np.random.Generator, metadata: dict) -> str:
@@ -159,10 +201,10 @@ def _mirrored(rng: np.random.Generator, metadata: dict) -> str:
 def _exchanged(rng: np.random.Generator, metadata: dict) -> str:
     """Wires in another order than the owner believes: two to all of them."""
     wires = np.arange(cases.N_ELECTRODES)
-    some = rng.choice(wires, int(rng.integers(2, len(wires) + 1)), replace=False)
-    wires[some] = np.roll(some, 1)
+    moved = rng.choice(wires, int(rng.integers(2, len(wires) + 1)), replace=False)
+    wires[moved] = np.roll(moved, 1)
     metadata["channels"] = wires[np.array(metadata["channels"])].tolist()
-    return f"{len(some)} electrodes in another order"
+    return f"{len(moved)} electrodes in another order"
 
 
 def _opposite(rng: np.random.Generator, metadata: dict) -> str:
@@ -185,27 +227,27 @@ MISTAKES: dict[str, Callable[[np.random.Generator, dict], str]] = {
 }
 
 
-def _shuffled(kind: str, seed: int) -> Asked:
+def _shuffled(kind: str, seed: int) -> QueryCase:
     """Channels in another order, the query's as well; or frames, against their states."""
     case, rng = _sound(kind, seed), _rng(kind, seed)
     n_frames, n_channels = case.voltage.shape
-    what = ("channels", "channels from another on", "frames")[seed % 3]
-    if what == "frames":
-        return _asked(case, what, case.voltage[rng.permutation(n_frames)])
+    description = ("channels", "channels from another on", "frames")[seed % 3]
+    if description == "frames":
+        return _query_case(case, description, case.voltage[rng.permutation(n_frames)])
     order = rng.permutation(n_channels)
-    if what != "channels":
+    if description != "channels":
         order = np.roll(np.arange(n_channels), int(rng.integers(1, n_channels)))
-    return _asked(case, what, case.voltage[:, order], _read(case)[:, order])
+    return _query_case(case, description, case.voltage[:, order], _read(case)[:, order])
 
 
-def _garbage(kind: str, seed: int) -> Asked:
+def _garbage(kind: str, seed: int) -> QueryCase:
     case, rng = _sound(kind, seed), _rng(kind, seed)
     names = list(GARBAGE)
     name = names[seed % len(names)]
     n_frames = len(case.voltage)
     shape = (n_frames + len(case.query), case.voltage.shape[1])
     voltage = float(np.median(np.abs(case.clean[0]))) * GARBAGE[name](rng, shape)
-    return _asked(case, name, voltage[:n_frames], voltage[n_frames:])
+    return _query_case(case, name, voltage[:n_frames], voltage[n_frames:])
 
 
 GARBAGE: dict[str, Callable[[np.random.Generator, tuple], np.ndarray]] = {  # over the median |v|
@@ -220,61 +262,62 @@ GARBAGE: dict[str, Callable[[np.random.Generator, tuple], np.ndarray]] = {  # ov
 }
 
 
-def _real(kind: str, seed: int) -> Asked:
+def _real(kind: str, seed: int) -> QueryCase:
     paths = listed()
     name = list(paths)[seed % len(paths)]
     if not paths[name].exists():
         message = f"no real recording {name} at {paths[name]}; set EITSKIN_DATA"
         raise FileNotFoundError(message)
-    whole = importers.load(paths[name])
-    parted = _without_presses if presses(whole).max() + 1 >= LEAST_PRESSES else without_channels
-    said, recorded, query, there = parted(whole, _rng(kind, seed))
-    return Asked(kind, seed, f"{name}, {said}", recorded, query, there, units(query))
+    source = importers.load(paths[name])
+    split = _without_presses if presses(source).max() + 1 >= LEAST_PRESSES else without_channels
+    words, recorded, query, readings = split(source, _rng(kind, seed))
+    return QueryCase(kind, seed, f"{name}, {words}", recorded, query, readings, units(query))
 
 
-def _without_presses(whole: Recording, rng: np.random.Generator) -> tuple:
+def _without_presses(
+    source: Recording, rng: np.random.Generator
+) -> tuple[str, Recording, Recording, np.ndarray]:
     """Presses in a row, each with the untouched frames before it, less some: the last, or any. Of
     those the query has what can be simulated, all where nothing can."""
-    frames, group = whole.frames, with_frames_before(presses(whole))
+    frames, group = source.frames, with_frames_before(presses(source))
     count = int(group.max()) + 1
-    number = min(count, round(int(rng.integers(FEWEST, MOST + 1)) * count / len(frames)))
-    first, last = int(rng.integers(count - number + 1)), rng.uniform() < 0.5
-    row = np.arange(first, first + number)
-    out = row[-(number // KEPT_OUT) :] if last else rng.choice(row, number // KEPT_OUT, False)
-    kept_out = np.isin(group, out)
-    given = np.isin(group, row) & ~kept_out
-    known = ~frames["touch"].to_numpy(bool) | frames[list(TOUCH_KEYS)].notna().all(axis=1)
-    asked = kept_out & known if (kept_out & known).any() else kept_out
-    begin = float(frames["time_s"][given | asked].min())
-    recorded = _part(whole, given, begin, whole.readings[given])
-    said = f"{number} presses from {first}, less {'the last' if last else 'any'} {len(out)}"
-    return said, recorded, _part(whole, asked, begin), whole.readings[asked]
+    frame_count = int(rng.integers(EXCERPT[0], EXCERPT[1] + 1))
+    number = min(count, round(frame_count * count / len(frames)))
+    start, from_end = int(rng.integers(count - number + 1)), rng.uniform() < 0.5
+    row = np.arange(start, start + number)
+    size = number // HELD_OUT
+    press = row[-size:] if from_end else rng.choice(row, size, False)
+    held_out = np.isin(group, press)
+    shown = np.isin(group, row) & ~held_out
+    simulable = ~frames["touch"].to_numpy(bool) | frames[list(TOUCH_KEYS)].notna().all(axis=1)
+    asked = held_out & simulable if (held_out & simulable).any() else held_out
+    start_s = float(frames["time_s"][shown | asked].min())
+    recorded = _part(source, shown, start_s, source.readings[shown])
+    words = f"{number} presses from {start}, less {'the last' if from_end else 'any'} {len(press)}"
+    return words, recorded, _part(source, asked, start_s), source.readings[asked]
 
 
 def without_channels(
-    whole: Recording, rng: np.random.Generator
+    source: Recording, rng: np.random.Generator
 ) -> tuple[str, Recording, Recording, np.ndarray]:
-    """All frames less one in KEPT_OUT of the channels, reciprocal ones together: in words; what is
-    left; a query of these channels in all the frames, and what was there (N, M), else NaN."""
-    group, every = reciprocal_groups(whole.channels), np.ones(len(whole.frames), bool)
+    """All frames less one in HELD_OUT of the channels, reciprocal ones together: in words; the
+    recording; a query of these channels in all the frames, and their readings (N, M), else NaN."""
+    group, every = reciprocal_groups(source.channels), np.ones(len(source.frames), bool)
     label = rng.permutation(np.unique(group))
-    out = np.isin(group, label[: len(label) // KEPT_OUT])
-    recorded = _part(whole, every, 0.0, np.where(out, np.nan, whole.readings))
-    there = np.where(out, whole.readings, np.nan)
-    return f"less {int(out.sum())} channels", recorded, _part(whole, every, 0.0), there
+    held_out = np.isin(group, label[: len(label) // HELD_OUT])
+    recorded = _part(source, every, 0.0, np.where(held_out, np.nan, source.readings))
+    readings = np.where(held_out, source.readings, np.nan)
+    return f"less {int(held_out.sum())} channels", recorded, _part(source, every, 0.0), readings
 
 
 def _part(
-    whole: Recording, rows: np.ndarray, begin: float, voltage: np.ndarray | None = None
+    source: Recording, rows: np.ndarray, start_s: float, voltage: np.ndarray | None = None
 ) -> Recording:
-    frames = whole.frames[rows].reset_index(drop=True)
-    numbered = frames.assign(
-        frame=np.arange(len(frames), dtype=np.int64), time_s=frames["time_s"] - begin
-    )
-    return Recording(numbered, voltage, None, None, deepcopy(whole.metadata))
+    frames = renumbered(source.frames[rows], start_s)
+    return Recording(frames, voltage, None, None, deepcopy(source.metadata))
 
 
-KINDS: dict[str, Callable[[str, int], Asked]] = {
+KINDS: dict[str, Callable[[str, int], QueryCase]] = {
     "rig": _rig,
     "belief": _belief,
     "foreign": _foreign,

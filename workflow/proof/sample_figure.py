@@ -27,17 +27,19 @@ def write(folder: Path, out: Path) -> None:
     path = folder / "recording.parquet"
     recorded = recording.read(path)
     query = result.read_query(folder / "query.parquet", recorded)
-    found = diagnosis.diagnose(recorded, progress=True)
+    diagnosed = diagnosis.diagnose(recorded, progress=True)
     with tempfile.TemporaryDirectory() as verdict:
-        result.write(found, "sample", verdict, SCHEMA)
+        result.write(diagnosed, "sample", verdict, SCHEMA)
         shown = evidence.read(Path(verdict), path, SCHEMA)
-    after, before = (diagnosis.predict(found, query, s)[0] for s in (None, found.before))
+    predictions = {
+        "before": diagnosis.predict(diagnosed, query, diagnosed.before)[0],
+        "after": diagnosis.predict(diagnosed, query)[0],
+    }
     truth = json.loads((folder / "truth.json").read_text("utf-8"))
     clean, noise = (np.array(truth[key]) for key in ("query_voltage_V", "noise_V"))
-    frames = query.frames[["time_s", "force_N"]]
-    frames = frames.assign(**case_figure.errors(before, after, clean, noise))
+    frames = case_figure.errors(query.frames, predictions, clean, noise)
     suffixes = (out.with_suffix(f".{suffix}") for suffix in ("svg", "png", "csv"))
-    figure_files.write(case_figure.draw(shown, frames, truth), frames, *suffixes)
+    figure_files.write(case_figure.picture(shown, frames, truth), frames, *suffixes)
 
 
 if __name__ == "__main__":

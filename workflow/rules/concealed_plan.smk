@@ -1,8 +1,7 @@
 from pathlib import Path
 
+from proof.blocks import case_batches, case_names
 from proof.real_sets import listed
-from proof.naming import batches as case_batches
-from proof.naming import names as case_names
 
 CONCEALED = config["concealed"]
 BLOCKS = CONCEALED["blocks"]
