@@ -37,14 +37,14 @@ DRAWN = 32  # pairs of draws from each posterior
 def errors(predictor: Predictor, change: np.ndarray, lost: tuple[int, ...]) -> tuple:
     """States (N, T) of changes (N, M) without electrodes, and half their intervals (N, T)."""
     table = np.array(predictor.header["dataset"]["channels"])
-    gone = np.flatnonzero(using(table, lost))
+    missing = np.flatnonzero(using(table, lost))
     z = change / predictor.scale
-    number = np.searchsorted(predictor.channels.edges, strength(np.delete(z, gone, axis=1)))
+    number = np.searchsorted(predictor.channels.edges, strength(np.delete(z, missing, axis=1)))
     if not lost:
         return predictor.states(change), predictor.half[number]
-    whole = predictor.channels.filled_alike(z, gone) * predictor.scale
-    half = np.array([predictor.half_of(int(one), lost) for one in number])
-    return predictor.states_without(whole, lost), half
+    filled = predictor.channels.filled_alike(z, missing) * predictor.scale
+    half = np.array([predictor.half_of(int(index), lost) for index in number])
+    return predictor.states_without(filled, lost), half
 
 
 def limit(
@@ -52,21 +52,21 @@ def limit(
 ) -> np.ndarray:
     """(N, 3): posterior means of x mm, y mm and F N given changes (N, M) without electrodes."""
     table = model.experiment.channels
-    kept = np.setdiff1d(np.arange(len(table)), np.flatnonzero(using(table, lost)))
-    model = replace(model, read=kept)
-    found = []
-    for k, own in enumerate(change):
+    channels = np.setdiff1d(np.arange(len(table)), np.flatnonzero(using(table, lost)))
+    model = replace(model, read=channels)
+    means = []
+    for k, touch in enumerate(change):
         rng = np.random.default_rng([SEED, k])
-        posterior = estimate(model, own[kept], starts.of(own, kept), DRAWN, rng)
-        found.append(posterior["mean"])
-    return np.array(found)
+        posterior = estimate(model, touch[channels], starts.of(touch, channels), DRAWN, rng)
+        means.append(posterior["mean"])
+    return np.array(means)
 
 
 def sets_of(electrodes: int) -> list[tuple[int, ...]]:
     """No electrode, each alone, and PAIRS drawn pairs."""
     pairs = list(combinations(range(electrodes), 2))
-    drawn = np.random.default_rng(SEED).choice(len(pairs), min(PAIRS, len(pairs)), replace=False)
-    return [(), *((k,) for k in range(electrodes)), *(pairs[k] for k in np.sort(drawn))]
+    index = np.random.default_rng(SEED).choice(len(pairs), min(PAIRS, len(pairs)), replace=False)
+    return [(), *((k,) for k in range(electrodes)), *(pairs[k] for k in np.sort(index))]
 
 
 def rows_of(tested: np.ndarray, sets: list[tuple[int, ...]], samples: int) -> list[np.ndarray]:
@@ -75,7 +75,7 @@ def rows_of(tested: np.ndarray, sets: list[tuple[int, ...]], samples: int) -> li
     singles = sum(len(lost) == 1 for lost in sets)
     counts = [samples if lost else samples * singles for lost in sets]
     order = np.resize(np.random.default_rng(SEED).permutation(tested), sum(counts))
-    return [np.sort(own) for own in np.split(order, np.cumsum(counts)[:-1])]
+    return [np.sort(members) for members in np.split(order, np.cumsum(counts)[:-1])]
 
 
 def table(
@@ -91,48 +91,48 @@ def table(
     F, of sessions (N,); then one of each size of set, all its touches together. model: whose
     posterior means are the limit, beside them."""
     starts = None if model is None else Starts(model)
-    told: dict[str, list[tuple]] = {}
-    for lost, own in zip(patient(sets, "sets of lost electrodes"), rows, strict=True):
-        state, half = errors(predictor, change[own], lost)
-        off, least = state - truth[own], None
+    parts: dict[str, list[tuple]] = {}
+    for lost, touches in zip(patient(sets, "sets of lost electrodes"), rows, strict=True):
+        state, half = errors(predictor, change[touches], lost)
+        error, limit_error = state - truth[touches], None
         if model is not None and starts is not None:
-            least = limit(model, starts, change[own], lost) - truth[own]
-        found = off, np.abs(off) <= half, session[own], least
-        told.setdefault(" ".join(map(str, lost)) or SIZES[0], []).append(found)
+            limit_error = limit(model, starts, change[touches], lost) - truth[touches]
+        part = error, np.abs(error) <= half, session[touches], limit_error
+        parts.setdefault(" ".join(map(str, lost)) or SIZES[0], []).append(part)
         if lost:
-            told.setdefault(SIZES[len(lost)], []).append(found)
-    together = [name for name in told if name in SIZES[1:]]
-    order = [*(name for name in told if name not in together), *together]
-    return pd.DataFrame([_row(name, told[name]) for name in order])
+            parts.setdefault(SIZES[len(lost)], []).append(part)
+    together = [name for name in parts if name in SIZES[1:]]
+    order = [*(name for name in parts if name not in together), *together]
+    return pd.DataFrame([_row(name, parts[name]) for name in order])
 
 
-def _row(name: str, found: list[tuple]) -> dict:
+def _row(name: str, parts: list[tuple]) -> dict:
     """Of one set, or of several together: errors, shares of the truth held, the limit's errors, how
     many times as large the estimate's are, and 95 % of that by a bootstrap over sessions."""
-    off, held, session = (np.concatenate([one[k] for one in found]) for k in range(3))
-    row: dict = {"lost": name, "touches": len(off), **_sizes(off)}
-    row |= {f"held_{key}": share for key, share in zip("xyF", held.mean(axis=0), strict=True)}
-    if any(one[3] is None for one in found):
+    error, inside, session = (np.concatenate([part[k] for part in parts]) for k in range(3))
+    row: dict = {"lost": name, "touches": len(error), **_sizes(error)}
+    row |= {f"held_{key}": share for key, share in zip("xyF", inside.mean(axis=0), strict=True)}
+    if any(part[3] is None for part in parts):
         return row
-    least = np.concatenate([one[3] for one in found])
-    row |= {f"limit_{key}": value for key, value in _sizes(least).items()}
-    again = sessions_again(pd.DataFrame({"session": session}), SEED)
-    times = [_times(off[drawn], least[drawn]) for drawn in again]
-    for key, value in _times(off, least).items():
-        low, high = np.quantile([one[key] for one in times], [0.025, 0.975])
+    limit_error = np.concatenate([part[3] for part in parts])
+    row |= {f"limit_{key}": value for key, value in _sizes(limit_error).items()}
+    resamples = sessions_again(pd.DataFrame({"session": session}), SEED)
+    times = [_times(error[index], limit_error[index]) for index in resamples]
+    for key, value in _times(error, limit_error).items():
+        low, high = np.quantile([part[key] for part in times], [0.025, 0.975])
         row |= {f"times_{key}": value, f"times_{key}_low": low, f"times_{key}_high": high}
     return row
 
 
-def _times(off: np.ndarray, least: np.ndarray) -> dict[str, float]:
-    ours, theirs = _sizes(off), _sizes(least)
+def _times(error: np.ndarray, limit_error: np.ndarray) -> dict[str, float]:
+    ours, theirs = _sizes(error), _sizes(limit_error)
     return {key: ours[key] / theirs[key] for key in ours}
 
 
-def _sizes(off: np.ndarray) -> dict[str, float]:
-    place = np.hypot(off[:, 0], off[:, 1])
+def _sizes(error: np.ndarray) -> dict[str, float]:
+    place = np.hypot(error[:, 0], error[:, 1])
     return {
-        "rmse_F_N": float(np.sqrt(np.mean(off[:, 2] ** 2))),
+        "rmse_F_N": float(np.sqrt(np.mean(error[:, 2] ** 2))),
         "rmse_place_mm": float(np.sqrt(np.mean(place**2))),
         "median_place_mm": float(np.median(place)),
     }
@@ -141,11 +141,11 @@ def _sizes(off: np.ndarray) -> dict[str, float]:
 def model_of(data: dataset.Dataset, config: dict) -> SessionModel | None:
     """What a continuous set's sessions were drawn from; None of any other set."""
     name = data.metadata["name"].removeprefix("simulated-")
-    one = configuration.with_continuous(config).get(name)
-    if one is None or one["continuous"] is None:
+    entry = configuration.with_continuous(config).get(name)
+    if entry is None or entry["continuous"] is None:
         return None
-    skin, effects = config["skin"], one["effects"]
-    frames = one["session_frames"], one["continuous"]
+    skin, effects = config["skin"], entry["effects"]
+    frames = entry["session_frames"], entry["continuous"]
     return experiment_of(data, skin, config["accuracy"], effects, *frames).unknown()
 
 
@@ -157,17 +157,17 @@ def main() -> int:
     for name in ("export", "dataset", "split"):
         parser.add_argument(name)
     parser.add_argument("--samples", type=int, default=SAMPLES)
-    given = parser.parse_args()
-    data = dataset.read(given.dataset)
-    tested = np.flatnonzero(splits.read(given.split, data.table) == "test")
-    predictor = read(given.export)
+    arguments = parser.parse_args()
+    data = dataset.read(arguments.dataset)
+    tested = np.flatnonzero(splits.read(arguments.split, data.table) == "test")
+    predictor = read(arguments.export)
     sets = sets_of(1 + int(np.max(predictor.header["dataset"]["channels"])))
-    rows = rows_of(tested, sets, given.samples)
+    rows = rows_of(tested, sets, arguments.samples)
     model = model_of(data, configuration.read("config.yaml"))
     change, truth = data.delta_V.astype(float), data.states()
     session = data.table["session"].to_numpy()
-    found = table(predictor, change, truth, session, sets, rows, model)
-    found.to_csv(sys.stdout, index=False, float_format="%.3f")
+    lines = table(predictor, change, truth, session, sets, rows, model)
+    lines.to_csv(sys.stdout, index=False, float_format="%.3f")
     return 0
 
 

@@ -25,7 +25,7 @@ def features(states: pd.DataFrame) -> np.ndarray:
 
 
 def predictions(
-    known: np.ndarray, residual: np.ndarray, asked: np.ndarray, seed: int
+    states: np.ndarray, residual: np.ndarray, query: np.ndarray, seed: int
 ) -> dict[str, np.ndarray]:
     """The misfit (Q, M) at features `asked` (Q, P), learned from `residual` (N, M), in units of the
     noise, at features `known` (N, P), by "gp", a Gaussian process, and "mlp", a small network.
@@ -35,19 +35,21 @@ def predictions(
     a length a feature and noise, by marginal likelihood, each alone; the network all at once, the
     mean of NETS started differently. Where the residual is constant both give its mean.
     """
-    mean, spread = known.mean(axis=0), known.std(axis=0)
-    spread = np.where(spread > 0, spread, 1.0)
-    known, asked = (known - mean) / spread, (asked - mean) / spread
+    mean, scale = states.mean(axis=0), states.std(axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    states, query = (states - mean) / scale, (query - mean) / scale
     centre = residual.mean(axis=0)
-    left, size, components = np.linalg.svd(residual - centre, full_matrices=False)
+    left_singular, singular_values, components = np.linalg.svd(
+        residual - centre, full_matrices=False
+    )
     edge = np.sqrt(len(residual)) + np.sqrt(residual.shape[1])
-    count = int(np.clip((size > edge).sum(), 1, MOST_COMPONENTS))
-    scores = left[:, :count] * size[:count]
-    learned = {
-        "gp": _gaussian_process(known, scores, asked),
-        "mlp": _networks(known, scores, asked, seed),
+    count = int(np.clip((singular_values > edge).sum(), 1, MOST_COMPONENTS))
+    scores = left_singular[:, :count] * singular_values[:count]
+    score_predictions = {
+        "gp": _gaussian_process(states, scores, query),
+        "mlp": _networks(states, scores, query, seed),
     }
-    return {name: centre + s @ components[:count] for name, s in learned.items()}
+    return {name: centre + s @ components[:count] for name, s in score_predictions.items()}
 
 
 def corrections(
@@ -56,37 +58,37 @@ def corrections(
     """What each black box adds to a simulation of `query` (Q, M), having seen the `misfit` (N, M)
     of that of `states`, both in the unit of the noise sd (M,); lost readings of it are NaN."""
     scaled = np.nan_to_num(misfit / sd)
-    learned = predictions(features(states), scaled, features(query), seed)
-    return {name: values * sd for name, values in learned.items()}
+    predicted = predictions(features(states), scaled, features(query), seed)
+    return {name: values * sd for name, values in predicted.items()}
 
 
-def _gaussian_process(known: np.ndarray, scores: np.ndarray, asked: np.ndarray) -> np.ndarray:
+def _gaussian_process(states: np.ndarray, scores: np.ndarray, query: np.ndarray) -> np.ndarray:
     kernel = ConstantKernel(1.0, (1e-3, 1e3)) * RBF(
-        np.full(known.shape[1], 2.0), (0.1, 1e3)
+        np.full(states.shape[1], 2.0), (0.1, 1e3)
     ) + WhiteKernel(0.1, (1e-6, 1e1))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)  # lengths that reach their bounds
-        fits = [
-            GaussianProcessRegressor(kernel, normalize_y=True).fit(known, column)
+        processes = [
+            GaussianProcessRegressor(kernel, normalize_y=True).fit(states, column)
             for column in scores.T
         ]
-    return np.column_stack([one.predict(asked) for one in fits])
+    return np.column_stack([process.predict(query) for process in processes])
 
 
-def _networks(known: np.ndarray, scores: np.ndarray, asked: np.ndarray, seed: int) -> np.ndarray:
+def _networks(states: np.ndarray, scores: np.ndarray, query: np.ndarray, seed: int) -> np.ndarray:
     scale = max(scores.std(), 1.0)
     target = (scores if scores.shape[1] > 1 else scores[:, 0]) / scale
-    total = np.zeros((len(asked), scores.shape[1]))
+    total = np.zeros((len(query), scores.shape[1]))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        for net in range(NETS):
-            fit = MLPRegressor(
+        for number in range(NETS):
+            network = MLPRegressor(
                 hidden_layer_sizes=(32, 32),
                 activation="tanh",
                 solver="lbfgs",
                 alpha=DECAY / scale**2,
                 max_iter=200,
-                random_state=seed * NETS + net,
-            ).fit(known, target)
-            total += fit.predict(asked).reshape(total.shape)
+                random_state=seed * NETS + number,
+            ).fit(states, target)
+            total += network.predict(query).reshape(total.shape)
     return scale * total / NETS

@@ -32,12 +32,12 @@ NO_NAME = ("several", "nothing")
 def confusion(table: pd.DataFrame) -> Figure:
     """Single effects far from every other name (truth, called, apart): counts, in the colour of
     their share of the row."""
-    kept = table[table["apart"] > 0]
-    truths = sorted(kept["truth"].unique())
-    names = sorted((set(kept["called"]) | set(truths)) - set(NO_NAME))
+    apart = table[table["apart"] > 0]
+    truths = sorted(apart["truth"].unique())
+    names = sorted((set(apart["called"]) | set(truths)) - set(NO_NAME))
     columns = [*names, *NO_NAME]
     counts = np.full((len(truths), len(columns)), np.nan)
-    for line in kept.itertuples():
+    for line in apart.itertuples():
         counts[truths.index(line.truth), columns.index(line.called)] = line.apart
     with style():
         figure = Figure(figsize=(2 * WIDTH_IN, 0.55 + 2 * WIDTH_IN * max(len(truths), 8) / 42))
@@ -46,15 +46,15 @@ def confusion(table: pd.DataFrame) -> Figure:
             axes.text(0.5, 0.5, "no recordings", ha="center", va="center")
             axes.set_axis_off()
             return figure
-        of = np.nansum(counts, axis=1)
-        share = counts / of[:, None]
+        totals = np.nansum(counts, axis=1)
+        share = counts / totals[:, None]
         axes.imshow(share, cmap=SEQUENTIAL, vmin=0, vmax=1, aspect="auto")
         for row, column in zip(*np.nonzero(np.isfinite(counts)), strict=True):
             colour = "black" if share[row, column] > 0.5 else "white"
             text = f"{counts[row, column]:.0f}"
             axes.text(column, row, text, ha="center", va="center", color=colour, fontsize=5.5)
         axes.set_xticks(range(len(columns)), columns, rotation=90, fontsize=5.5)
-        rows = [f"{truth} ({count:.0f})" for truth, count in zip(truths, of, strict=True)]
+        rows = [f"{truth} ({count:.0f})" for truth, count in zip(truths, totals, strict=True)]
         axes.set_yticks(range(len(truths)), rows, fontsize=5.5)
         axes.set_xlabel("called (own name: right, or in the declared class)")
         axes.set_ylabel("left out")
@@ -65,13 +65,13 @@ def confusion(table: pd.DataFrame) -> Figure:
 
 def reliability(table: pd.DataFrame) -> Figure:
     """Stated probability against the share that it came true in, with the share's interval."""
-    kept = table[table["n"] > 0]
+    bins = table[table["n"] > 0]
     with style():
         figure = Figure(figsize=(WIDTH_IN, WIDTH_IN))
         axes = figure.add_subplot()
         axes.plot([0, 1], [0, 1], color=QUIET, linewidth=0.8, linestyle="--")
-        shares(axes, kept, "probability")
-        for line in kept.itertuples():
+        shares(axes, bins, "probability")
+        for line in bins.itertuples():
             above: dict[str, Any] = {"xytext": (0, 3), "textcoords": "offset points"}
             above |= {"ha": "center", "va": "bottom", "fontsize": 6.5, "bbox": PLAIN}
             axes.annotate(f"{line.n}", (line.probability, line.high), **above)
@@ -116,12 +116,14 @@ def accuracy(table: pd.DataFrame) -> Figure:
         gaps = np.geomspace(1.5, 60, 200)
         dashed: dict[str, Any] = {"color": QUIET, "linestyle": "--", "linewidth": 0.9}
         axes.plot(gaps, norm.cdf(0.5 * gaps), **dashed, label="ceiling")
-        for k, (method, own) in enumerate(table.groupby("method", sort=False)):
-            own = own.sort_values("gap")
-            ends = np.array([own["right"] - own["low"], own["high"] - own["right"]]).clip(0.0)
+        for k, (method, points) in enumerate(table.groupby("method", sort=False)):
+            points = points.sort_values("gap")
+            ends = np.array(
+                [points["right"] - points["low"], points["high"] - points["right"]]
+            ).clip(0.0)
             axes.errorbar(
-                own["gap"] * 1.03 ** (k - 1.5),
-                own["right"],
+                points["gap"] * 1.03 ** (k - 1.5),
+                points["right"],
                 yerr=ends,
                 color=COLOURS[method],
                 marker=MARKERS[method],
@@ -154,14 +156,30 @@ def misfit_closed(table: pd.DataFrame) -> Figure:
             axes.axvline(end, color=colour, linewidth=0.8, linestyle="--")
         for y, method in enumerate(methods):
             values = table.loc[table["method"] == method, "misfit_closed"].dropna().to_numpy()
-            shown = np.maximum(values, LEAST_CLOSED)
+            clipped = np.maximum(values, LEAST_CLOSED)
             lift = y + rng.uniform(-0.22, 0.22, len(values))
             colour = COLOURS.get(method, "#404040")
-            off = values < LEAST_CLOSED
-            axes.plot(shown[~off], lift[~off], ".", color=colour, markersize=3, alpha=0.5, mew=0)
-            axes.plot(shown[off], lift[off], "<", color=colour, markersize=3, alpha=0.5, mew=0)
-            if off.any():
-                text = f"{off.sum()} below {MINUS}1"
+            below_axis = values < LEAST_CLOSED
+            axes.plot(
+                clipped[~below_axis],
+                lift[~below_axis],
+                ".",
+                color=colour,
+                markersize=3,
+                alpha=0.5,
+                mew=0,
+            )
+            axes.plot(
+                clipped[below_axis],
+                lift[below_axis],
+                "<",
+                color=colour,
+                markersize=3,
+                alpha=0.5,
+                mew=0,
+            )
+            if below_axis.any():
+                text = f"{below_axis.sum()} below {MINUS}1"
                 axes.text(LEAST_CLOSED, y + 0.38, text, color=colour, va="center", fontsize=6)
             if len(values):
                 middle = float(np.median(values))
@@ -192,10 +210,12 @@ def p_values(table: pd.DataFrame) -> Figure:
         figure = sheet(COLUMN_MM, COLUMN_MM)
         axes = figure.add_subplot()
         axes.plot([LEAST_P, 1], [LEAST_P, 1], color=QUIET, linewidth=0.8, linestyle="--")
-        kept = table[table["n"] > 0]
-        shares(axes, kept[kept["share"] > 0], "p")
-        none = kept.loc[kept["share"] == 0, "p"]
-        axes.plot(none, np.full(len(none), LEAST_P), "v", color=AFTER, markersize=4, clip_on=False)
+        counted = table[table["n"] > 0]
+        shares(axes, counted[counted["share"] > 0], "p")
+        zero_p = counted.loc[counted["share"] == 0, "p"]
+        axes.plot(
+            zero_p, np.full(len(zero_p), LEAST_P), "v", color=AFTER, markersize=4, clip_on=False
+        )
         if (table["n"] == 1).any():
             axes.text(0.03, 0.95, "one recording: no interval", transform=axes.transAxes)
         axes.set_xscale("log")

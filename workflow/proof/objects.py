@@ -32,14 +32,15 @@ from eitskin.diagnose.comparison.objects import NAME
 from eitskin.physics.geometry import even_angles
 from eitskin.plotting import png
 from eitskin.quantities import MINUS, percent
+from proof import markdown
 from proof.intervals import wilson
 
 LCT, PYEIDORS, ROD = "lct-tank", "pyeidors-tank", "iirc-tank"
 TARGETS = "measurements/tank/2026-03-14_latest_tank_data"  # folders that name what stands where
 MATERIALS = {"metal": True, "plastic": False}  # whether it conducts better than saline
 ANGLES = even_angles(16)
-GATED_DEG = 11.0
-ROD_FRAMES = range(0, 100, 5)
+GATED_DEG = 11.0  # half the pitch of 16 electrodes, rounded down
+ROD_FRAMES = range(0, 100, 5)  # every fifth: neighbours are nearly alike
 TEN = range(0, 100, 10)  # of these, the ten that are judged
 COLOURS = {True: "#d95f0e", False: "#2c7fb8"}
 Truth = tuple[tuple[bool, float | None], ...]
@@ -61,41 +62,41 @@ class Case:
 
 def cases(data: Path) -> list[Case]:
     """All of them, by name."""
-    found = []
+    comparisons = []
     empty = tuple(sorted((data / LCT / "homogeneous").glob("*.txt")))
     for file in sorted((data / LCT / "objects").glob("*.txt")):
         material, count = file.stem.split("_")[:2]
         truth: Truth | None = None
         if material in MATERIALS:
             truth = ((MATERIALS[material], None),) * int(count)
-        found.append(Case(f"{LCT} {file.stem}", empty, file, None, truth))
+        comparisons.append(Case(f"{LCT} {file.stem}", empty, file, None, truth))
     for file in empty:
-        others = tuple(other for other in empty if other != file)
-        found.append(Case(f"{LCT} empty {file.stem}", others, file, None, ()))
+        controls = tuple(later for later in empty if later != file)
+        comparisons.append(Case(f"{LCT} empty {file.stem}", controls, file, None, ()))
     targets = sorted((data / PYEIDORS / TARGETS).glob("*/*.csv"))
     for file in targets:
         words = file.parent.name.split("_")
         pairs = zip(words[::2], words[1::2], strict=True)
         truth = tuple(
-            (MATERIALS[material], float(ANGLES[int(where.removeprefix("electrode")) - 1]))
-            for where, material in pairs
+            (MATERIALS[material], float(ANGLES[int(electrode.removeprefix("electrode")) - 1]))
+            for electrode, material in pairs
         )
         name = f"{PYEIDORS} {file.parent.name} {file.stem.split('_')[0]}"
-        found.append(Case(name, (file,), file, "target", truth))
-    for one, other in pairwise(targets):
-        times = " ".join(file.stem.split("_")[0][11:] for file in (one, other))
-        currents = one.stem.split("_")[3], other.stem.split("_")[3]
-        found.append(Case(f"{PYEIDORS} empty {times}", (one,), other, None, (), currents))
+        comparisons.append(Case(name, (file,), file, "target", truth))
+    for earlier, later in pairwise(targets):
+        times = " ".join(file.stem.split("_")[0][11:] for file in (earlier, later))
+        currents = earlier.stem.split("_")[3], later.stem.split("_")[3]
+        comparisons.append(Case(f"{PYEIDORS} empty {times}", (earlier,), later, None, (), currents))
     tank = data / ROD / "iirc_data_2006.mat"
     if tank.exists():
         for k in ROD_FRAMES:
-            found.append(Case(f"{ROD} rod {k:02d}", (tank,), tank, f"v_rotate:{k}", None))
-    return found
+            comparisons.append(Case(f"{ROD} rod {k:02d}", (tank,), tank, f"v_rotate:{k}", None))
+    return comparisons
 
 
 def answer(case: Case, number: int, folder: Path) -> dict:
     """comparison.json of a case, copied to names that say only its number."""
-    out = folder / f"{number:03d}"
+    case_folder = folder / f"{number:03d}"
     with TemporaryDirectory() as copies:
         control = Path(copies) / "control"
         if len(case.control) > 1:
@@ -107,31 +108,31 @@ def answer(case: Case, number: int, folder: Path) -> dict:
             shutil.copyfile(case.control[0], control)
         later = Path(copies) / f"later{case.later.suffix}"
         shutil.copyfile(case.later, later)
-        command = ["compare", str(control), str(later), "--out", str(out)]
+        command = ["compare", str(control), str(later), "--out", str(case_folder)]
         with redirect_stdout(StringIO()):
             code = cli.main(command + (["--part", case.part] if case.part else []))
     if code:
         raise RuntimeError(f"eitskin compare ended with {code} on case {number}")
-    return json.loads((out / "comparison.json").read_text("utf-8"))
+    return json.loads((case_folder / "comparison.json").read_text("utf-8"))
 
 
-def judged(case: Case, said: dict) -> dict:
+def judged(case: Case, comparison: dict) -> dict:
     """A row of the table: what was said, and, with the truth opened, whether that is right."""
-    named = [one for one in said["difference"]["found"] if one["named"]]
-    patches = [one for one in named if one["name"] == NAME]
-    objects = [each for one in patches for each in one["objects"]]
+    named = [entry for entry in comparison["difference"]["found"] if entry["named"]]
+    patches = [entry for entry in named if entry["name"] == NAME]
+    objects = [disc for entry in patches for disc in entry["objects"]]
     row = {
         "case": case.name,
         "named": bool(patches),
-        "beside": ", ".join(one["name"] for one in named if one["name"] != NAME),
+        "beside": ", ".join(entry["name"] for entry in named if entry["name"] != NAME),
         "objects": len(objects),
         "conducting": " ".join("+" if o["conducting"] else "-" for o in objects),
         "angle_deg": " ".join(f"{o['angle_deg']:.1f}" for o in objects),
         "x": " ".join(f"{o['x_of_radius']['value']:.3f}" for o in objects),
         "y": " ".join(f"{o['y_of_radius']['value']:.3f}" for o in objects),
         "radius": " ".join(f"{o['radius_of_radius']['value']:.2f}" for o in objects),
-        "nats": max((one["evidence_nats"] for one in patches), default=np.nan),
-        "explained": max((one["explained"] for one in patches), default=np.nan),
+        "nats": max((entry["evidence_nats"] for entry in patches), default=np.nan),
+        "explained": max((entry["explained"] for entry in patches), default=np.nan),
         "held_out_left": np.nan,
         "sign_right": None,
         "worst_deg": np.nan,
@@ -143,8 +144,8 @@ def judged(case: Case, said: dict) -> dict:
         row["currents"] = " ".join(case.currents)
         row["line_offset_V"], row["line_left"] = line(case.control[0], case.later)
     if patches:
-        held = patches[0]["held_out"]
-        row["held_out_left"] = held["rms_after"] / held["rms_before"]
+        held_out = patches[0]["held_out"]
+        row["held_out_left"] = held_out["rms_after"] / held_out["rms_before"]
     if case.truth and objects:
         row |= _against(case.truth, objects)
     return row
@@ -154,10 +155,10 @@ def line(control: Path, later: Path) -> tuple[float, float]:
     """Offset, V, of the straight line that one file's reference readings (real part) are of the
     other's, and the rms that it leaves over that of a line through 0. No model has a part in it."""
     x, y = (np.loadtxt(file, delimiter=",", usecols=0) for file in (control, later))
-    both = np.column_stack([x, np.ones(len(x))])
-    slope, offset = np.linalg.lstsq(both, y)[0]
-    left, through_0 = y - slope * x - offset, y - (x @ y) / (x @ x) * x
-    return float(offset), float(np.linalg.norm(left) / np.linalg.norm(through_0))
+    design = np.column_stack([x, np.ones(len(x))])
+    slope, offset = np.linalg.lstsq(design, y)[0]
+    residual, through_0 = y - slope * x - offset, y - (x @ y) / (x @ x) * x
+    return float(offset), float(np.linalg.norm(residual) / np.linalg.norm(through_0))
 
 
 def _against(truth: Truth, objects: list[dict]) -> dict:
@@ -166,13 +167,13 @@ def _against(truth: Truth, objects: list[dict]) -> dict:
     placed = [(sign, angle) for sign, angle in truth if angle is not None]
     if len(placed) < len(truth):
         return {"sign_right": signs}
-    off = []
+    deviations = []
     for sign, angle in placed:
-        apart = [abs((o["angle_deg"] - angle + 180.0) % 360.0 - 180.0) for o in objects]
-        nearest = int(np.argmin(apart))
+        distances = [abs((o["angle_deg"] - angle + 180.0) % 360.0 - 180.0) for o in objects]
+        nearest = int(np.argmin(distances))
         signs = signs and objects[nearest]["conducting"] is sign
-        off.append(apart[nearest])
-    return {"sign_right": signs, "worst_deg": max(off)}
+        deviations.append(distances[nearest])
+    return {"sign_right": signs, "worst_deg": max(deviations)}
 
 
 def circle(table: pd.DataFrame) -> dict:
@@ -181,16 +182,16 @@ def circle(table: pd.DataFrame) -> dict:
     x, y = (table[key].astype(float).to_numpy() for key in ("x", "y"))
     a, b, c = np.linalg.lstsq(np.column_stack([x, y, np.ones(len(x))]), x**2 + y**2, rcond=None)[0]
     centre, radius = np.array([a, b]) / 2.0, np.sqrt(c + (a * a + b * b) / 4.0)
-    off = np.hypot(x - centre[0], y - centre[1]) - radius
+    radial_error = np.hypot(x - centre[0], y - centre[1]) - radius
     turn = np.degrees(np.unwrap(np.arctan2(y - centre[1], x - centre[0])))
     steps = np.diff(turn)
-    even = np.polyval(np.polyfit(np.arange(len(x)), turn, 1), np.arange(len(x)))
-    apart = x + 1j * y - complex(*centre) - radius * np.exp(1j * np.radians(even))
+    even_turn = np.polyval(np.polyfit(np.arange(len(x)), turn, 1), np.arange(len(x)))
+    step_error = x + 1j * y - complex(*centre) - radius * np.exp(1j * np.radians(even_turn))
     return {
         "centre": centre,
         "radius": float(radius),
-        "rms": float(np.sqrt((off**2).mean())),
-        "rms_even": float(np.sqrt((np.abs(apart) ** 2).mean())),
+        "rms": float(np.sqrt((radial_error**2).mean())),
+        "rms_even": float(np.sqrt((np.abs(step_error) ** 2).mean())),
         "steps_deg": (
             float(steps.mean()),
             float(steps.std()),
@@ -215,71 +216,77 @@ def _shares(
     files: pd.DataFrame, rod: pd.DataFrame, ten: pd.DataFrame, empty: pd.DataFrame
 ) -> list[str]:
     judged_on = pd.concat([files, ten])
-    known = judged_on[judged_on["named"] & judged_on["sign_right"].notna()]
+    known_signs = judged_on[judged_on["named"] & judged_on["sign_right"].notna()]
     placed = files[files["worst_deg"].notna()]
-    something = empty["named"] | (empty["beside"] != "")
+    any_named = empty["named"] | (empty["beside"] != "")
+    worst = f"worst {placed['worst_deg'].max():.1f}°"
+    one_current = empty["currents"] == ""
     lines = [
-        "| what | found |",
-        "|---|---|",
-        f"| {len(files)} files and ten of the rod's frames: named | {_share(judged_on['named'])} |",
-        f"| every fifth frame of the rod: named | {_share(rod['named'])} |",
-        "| every sign right and none too many, where named and known |"
-        f" {_share(known['sign_right'])} |",
-        f"| misfit on held-out pairs falls, where named | "
-        f"{_share(judged_on[judged_on['named']]['held_out_left'] < 1.0)} |",
-        f"| within {GATED_DEG:g}° of the folder's electrodes | "
-        f"{_share(placed['worst_deg'] <= GATED_DEG)}; worst {placed['worst_deg'].max():.1f}° |",
-        f"| something named between two empty tanks, read with one current | "
-        f"{_share(something[empty['currents'] == ''])} |",
-        f"| the same, read with two currents | {_share(something[empty['currents'] != ''])} |",
-        f"| a fault named beside the objects | {_share(judged_on['beside'] != '')} |",
+        (f"{len(files)} files and ten of the rod's frames: named", _share(judged_on["named"])),
+        ("every fifth frame of the rod: named", _share(rod["named"])),
+        (
+            "every sign right and none too many, where named and known",
+            _share(known_signs["sign_right"]),
+        ),
+        (
+            "misfit on held-out pairs falls, where named",
+            _share(judged_on[judged_on["named"]]["held_out_left"] < 1.0),
+        ),
+        (
+            f"within {GATED_DEG:g}° of the folder's electrodes",
+            f"{_share(placed['worst_deg'] <= GATED_DEG)}; {worst}",
+        ),
+        (
+            "something named between two empty tanks, read with one current",
+            _share(any_named[one_current]),
+        ),
+        ("the same, read with two currents", _share(any_named[~one_current])),
+        ("a fault named beside the objects", _share(judged_on["beside"] != "")),
     ]
-    for name, some in (("ten frames of the rod", ten), ("every fifth frame of the rod", rod)):
-        some = some[some["objects"] == 1]
-        if len(some) > 3:
-            found = circle(some)
-            mean, sd, low, high = found["steps_deg"]
-            lines.append(
-                f"| {name}: circle | radius {found['radius']:.3f} of the tank's, rms off it"
-                f" {found['rms']:.3f} ({percent(found['rms'] / found['radius'])} of its own"
-                f" radius), off even steps on it {found['rms_even']:.3f};"
-                f" steps {mean:.1f}° ± {sd:.1f}° ({low:.1f}° to {high:.1f}°) |"
+    for name, frames in (("ten frames of the rod", ten), ("every fifth frame of the rod", rod)):
+        frames = frames[frames["objects"] == 1]
+        if len(frames) > 3:
+            fitted_circle = circle(frames)
+            mean, sd, low, high = fitted_circle["steps_deg"]
+            radius, rms = fitted_circle["radius"], fitted_circle["rms"]
+            words = (
+                f"radius {radius:.3f} of the tank's, rms off it {rms:.3f} ({percent(rms / radius)}"
+                f" of its own radius), off even steps on it {fitted_circle['rms_even']:.3f};"
+                f" steps {mean:.1f}° ± {sd:.1f}° ({low:.1f}° to {high:.1f}°)"
             )
-    return lines
+            lines.append((f"{name}: circle", words))
+    return markdown.table(("what", "found"), lines)
 
 
 def _cases(table: pd.DataFrame) -> list[str]:
-    lines = [
-        "| file | named | objects: + conducts | at, degrees | misfit left on held-out pairs |"
-        " sign right | off, degrees |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    head = (
+        *("file", "named", "objects: + conducts", "at, degrees", "misfit left on held-out pairs"),
+        *("sign right", "off, degrees"),
+    )
+    lines = []
     for row in table.to_dict("records"):
-        left = "" if np.isnan(row["held_out_left"]) else f"{row['held_out_left']:.2f}"
-        off = "" if np.isnan(row["worst_deg"]) else f"{row['worst_deg']:.1f}"
-        right = {True: "yes", False: "no"}.get(row["sign_right"], "")
-        said = "; ".join(filter(None, ["yes" if row["named"] else "", row["beside"]])) or "nothing"
+        remainder = "" if np.isnan(row["held_out_left"]) else f"{row['held_out_left']:.2f}"
+        deviation = "" if np.isnan(row["worst_deg"]) else f"{row['worst_deg']:.1f}"
+        sign_right = {True: "yes", False: "no"}.get(row["sign_right"], "")
+        names = "; ".join(filter(None, ["yes" if row["named"] else "", row["beside"]])) or "nothing"
         signs = row["conducting"].replace("-", MINUS)
-        lines.append(
-            f"| {row['case']} | {said} | {signs} | {row['angle_deg']} | {left} | {right} | {off} |"
-        )
-    return lines
+        objects = (names, signs, row["angle_deg"])
+        lines.append((row["case"], *objects, remainder, sign_right, deviation))
+    return markdown.table(head, lines)
 
 
 def _lines_through(empty: pd.DataFrame) -> list[str]:
     """Of empty tanks read with two currents: the straight line through both readings."""
-    lines = [
-        "| empty tanks read with two currents | named | straight line: offset, mV | rms that it"
-        " leaves, of a line's through 0 |",
-        "|---|---|---|---|",
-    ]
+    head = (
+        *("empty tanks read with two currents", "named", "straight line: offset, mV"),
+        "rms that it leaves, of a line's through 0",
+    )
+    lines = []
     for row in empty.to_dict("records"):
         offset = f"{1e3 * row['line_offset_V']:.2f}".replace("-", MINUS)
         pair = f"{row['case'].split('empty ')[1]}, {row['currents']}"
-        lines.append(
-            f"| {pair} | {row['beside'] or 'nothing'} | {offset} | {row['line_left']:.2f} |"
-        )
-    return lines
+        lines.append((pair, row["beside"] or "nothing", offset, f"{row['line_left']:.2f}"))
+    return markdown.table(head, lines)
 
 
 def _share(hits: pd.Series) -> str:
@@ -292,24 +299,24 @@ def picture(table: pd.DataFrame, truths: dict[str, tuple | None]) -> Figure:
     """Every tank from above: discs as found, the electrodes that a folder names as dots outside,
     what each colour is."""
     rod = table["case"].str.startswith(f"{ROD} rod")
-    shown = table[~rod & ~table["case"].str.contains(" empty ")].to_dict("records")
+    tanks = table[~rod & ~table["case"].str.contains(" empty ")].to_dict("records")
     columns = 4
-    rows = -(-(len(shown) + 1) // columns)
+    rows = -(-(len(tanks) + 1) // columns)
     figure = Figure(figsize=(2.2 * columns, 2.5 * rows), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(rows, columns).ravel()
-    for ax, row in zip(axes, shown, strict=False):
+    for ax, row in zip(axes, tanks, strict=False):
         _tank(ax, _title(row["case"]))
         _draw(ax, row)
         for sign, angle in truths[row["case"]] or ():
             if angle is not None:
                 place = 1.15 * np.exp(1j * np.radians(angle))
                 ax.plot(place.real, place.imag, "o", color=COLOURS[sign], ms=6)
-    _tank(axes[len(shown)], f"iirc: rod, {int(rod.sum())} frames, centres")
+    _tank(axes[len(tanks)], f"iirc: rod, {int(rod.sum())} frames, centres")
     for row in table[rod].to_dict("records"):
         if row["objects"] == 1:
-            axes[len(shown)].plot(float(row["x"]), float(row["y"]), ".", color=COLOURS[False], ms=3)
-    for ax in axes[len(shown) + 1 :]:
+            axes[len(tanks)].plot(float(row["x"]), float(row["y"]), ".", color=COLOURS[False], ms=3)
+    for ax in axes[len(tanks) + 1 :]:
         ax.axis("off")
     dot: dict[str, Any] = {"marker": "o", "linestyle": ""}
     handles = [
@@ -327,9 +334,9 @@ def picture(table: pd.DataFrame, truths: dict[str, tuple | None]) -> Figure:
 
 def _title(case: str) -> str:
     words = case.split()
-    told = words[1].replace("electrode", "").replace("_adj", "").replace("_", " ")
+    folder_words = words[1].replace("electrode", "").replace("_adj", "").replace("_", " ")
     moment = "".join(f", {word[11:]}" for word in words[2:])
-    return f"{words[0].removesuffix('-tank')}{moment}\n{told}"
+    return f"{words[0].removesuffix('-tank')}{moment}\n{folder_words}"
 
 
 def _tank(ax: Axes, title: str) -> None:
@@ -353,19 +360,19 @@ def _draw(ax: Axes, row: dict) -> None:
 def main(folder: Path) -> None:
     """Write objects.csv, objects.md and objects.png."""
     data = Path(os.environ["EITSKIN_DATA"])
-    all_ = cases(data)
-    order = sorted(range(len(all_)), key=lambda i: crc32(all_[i].name.encode()))
-    answers = {i: answer(all_[i], number, folder) for number, i in enumerate(order)}
-    table = pd.DataFrame([judged(case, answers[i]) for i, case in enumerate(all_)])
-    told = text(table)
-    drawn = picture(table, {case.name: case.truth for case in all_})
+    comparisons = cases(data)
+    order = sorted(range(len(comparisons)), key=lambda i: crc32(comparisons[i].name.encode()))
+    answers = {i: answer(comparisons[i], number, folder) for number, i in enumerate(order)}
+    table = pd.DataFrame([judged(case, answers[i]) for i, case in enumerate(comparisons)])
+    page_text = text(table)
+    figure = picture(table, {case.name: case.truth for case in comparisons})
     with atomic_path(folder / "objects.csv") as temporary:
         temporary.write_text(table.to_csv(index=False), "utf-8")
     with atomic_path(folder / "objects.md") as temporary:
-        temporary.write_text(told, "utf-8")
+        temporary.write_text(page_text, "utf-8")
     with atomic_path(folder / "objects.png") as temporary:
-        temporary.write_bytes(png(drawn))
-    print(told, end="")
+        temporary.write_bytes(png(figure))
+    print(page_text, end="")
 
 
 if __name__ == "__main__":

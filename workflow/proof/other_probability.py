@@ -27,34 +27,36 @@ PLAN = [
 CAPS = (3.0, 4.0, 5.0, 6.0, 8.0, 12.0)  # nats, tried as the most that a Bayes factor counts
 
 
-def fitted(factor: np.ndarray, there: np.ndarray, share: float) -> list[tuple[float, float, float]]:
-    """(most, weight, log likelihood) for each of CAPS: the weight of a Bayes factor's logarithm
-    (n,), `most` at the most, in the log odds that something was there (n,), the prior odds given;
-    share: of all recordings, that has something."""
-    own = np.where(there, share / there.mean(), (1.0 - share) / (1.0 - there.mean()))
+def fitted(
+    factor: np.ndarray, foreign: np.ndarray, share: float
+) -> list[tuple[float, float, float]]:
+    """(cap, weight, log likelihood) for each of CAPS: the weight of a Bayes factor's logarithm
+    (n,), capped, in the log odds that physics was foreign (n,), the prior odds given; share: of all
+    recordings, that has some."""
+    weights = np.where(foreign, share / foreign.mean(), (1.0 - share) / (1.0 - foreign.mean()))
     prior = np.log(PRIOR / (1.0 - PRIOR))
 
-    def cost(weight: np.ndarray, most: float) -> float:
-        odds = prior + weight[0] * np.minimum(factor, most)
-        return float((own * np.logaddexp(0.0, np.where(there, -odds, odds))).sum())
+    def cost(weight: np.ndarray, cap: float) -> float:
+        odds = prior + weight[0] * np.minimum(factor, cap)
+        return float((weights * np.logaddexp(0.0, np.where(foreign, -odds, odds))).sum())
 
-    found = [(most, minimize(cost, [0.5], (most,))) for most in CAPS]
-    return [(most, float(one.x[0]), -float(one.fun)) for most, one in found]
+    fits = [(cap, minimize(cost, [0.5], (cap,))) for cap in CAPS]
+    return [(cap, float(optimum.x[0]), -float(optimum.fun)) for cap, optimum in fits]
 
 
 def main(folder: Path) -> None:
     """Make the rows that are missing, and print the fits."""
     run(PLAN, folder)
-    rows = [json.loads(file_of(folder, *one).read_text("utf-8")) for one in PLAN]
+    rows = [json.loads(file_of(folder, *trial).read_text("utf-8")) for trial in PLAN]
     rows = [row for row in rows if "failed" not in row]
     factor = np.array([log_bayes_factor(row["other_p"]) for row in rows])
-    there = np.array([bool(row["outside"]) for row in rows])
+    foreign = np.array([bool(row["outside"]) for row in rows])
     full = ORDINARY_SIZES["full"]
     number = {key: n * (len(DRAWN) if key == "single" else 1) for key, n in full.items()}
     share = number["outside"] / sum(number.values())
-    print(f"{len(rows)} recordings, {there.sum()} with something; counted as {share:.3f} of all")
-    for most, weight, likelihood in fitted(factor, there, share):
-        print(f"most {most:g}: weight {weight:.2f}, log likelihood {likelihood:.2f}")
+    print(f"{len(rows)} recordings, {foreign.sum()} with something; counted as {share:.3f} of all")
+    for cap, weight, likelihood in fitted(factor, foreign, share):
+        print(f"most {cap:g}: weight {weight:.2f}, log likelihood {likelihood:.2f}")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ Simulated ones, for sites without any real recording, are of a skin whose contac
 walk, within a session and between the two, seen by a rig with gains of its own.
 """
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -23,7 +22,7 @@ from eitskin.data.recording import Recording, frames_table
 from eitskin.physics.forward import Forward, channel_values
 from eitskin.physics.geometry import Geometry, even_angles
 from eitskin.physics.protocol import channel_table
-from proof.real_sets import listed
+from proof.real_sets import present
 
 DEVELOPMENT, REPORT, SECOND, THIRD = "development", "report", "second-report", "third-report"
 SIMULATED = "simulated"
@@ -50,20 +49,16 @@ class Sessions:
 
 def sources(block: str) -> dict[str, Callable[[np.random.Generator], Sessions]]:
     """Where pairs of sessions come from, by name; real sets that are absent are left out."""
-    found: dict[str, Callable[[np.random.Generator], Sessions]] = {SIMULATED: simulated}
-    for name, path in listed().items():
-        if name not in (*STRETCHES, REPEATS, ROD) or (name == REPEATS and block == DEVELOPMENT):
-            continue
-        if not path.exists():
-            message = f"SKIPPED: no real recording {name} at {path}; set EITSKIN_DATA"
-            warnings.warn(message, stacklevel=2)
-        elif name == ROD:
-            found[name] = partial(_dealt, _rod(path), block)
+    draws: dict[str, Callable[[np.random.Generator], Sessions]] = {SIMULATED: simulated}
+    names = {*STRETCHES, ROD} if block == DEVELOPMENT else {*STRETCHES, ROD, REPEATS}
+    for name, path in present(names).items():
+        if name == ROD:
+            draws[name] = partial(_dealt, _rod(path), block)
         elif name == REPEATS:
-            found[name] = partial(_repeats, importers.load(path))
+            draws[name] = partial(_repeats, importers.load(path))
         else:
-            found[name] = partial(_stretches, _still(importers.load(path)), block)
-    return found
+            draws[name] = partial(_stretches, _still(importers.load(path)), block)
+    return draws
 
 
 def rows_of(recorded: Recording, rows: np.ndarray) -> Recording:
@@ -86,12 +81,12 @@ def _half(recorded: Recording, block: str) -> np.ndarray:
 def _stretches(recorded: Recording, block: str, rng: np.random.Generator) -> Sessions:
     """Two stretches of one half of a recording, in order."""
     rows = _half(recorded, block)
-    first, second = rng.integers(FRAMES[0], FRAMES[1] + 1, 2)
-    room = len(rows) - first - second
-    between = int(rng.integers(0, min(room, FRAMES[1]) + 1))
-    begin = int(rng.integers(0, room - between + 1))
-    control = rows[begin : begin + first]
-    later = rows[begin + first + between :][:second]
+    control_count, later_count = rng.integers(FRAMES[0], FRAMES[1] + 1, 2)
+    room = len(rows) - control_count - later_count
+    pause = int(rng.integers(0, min(room, FRAMES[1]) + 1))
+    start = int(rng.integers(0, room - pause + 1))
+    control = rows[start : start + control_count]
+    later = rows[start + control_count + pause :][:later_count]
     return Sessions(rows_of(recorded, control), rows_of(recorded, later))
 
 
@@ -105,8 +100,8 @@ def _dealt(recorded: Recording, block: str, rng: np.random.Generator) -> Session
 
 def _repeats(recorded: Recording, rng: np.random.Generator) -> Sessions:
     """Two of three repeats, and the third."""
-    one, *others = rng.permutation(len(recorded.frames))
-    control, later = (rows_of(recorded, np.sort(r)) for r in (others, [one]))
+    later_row, *control_rows = rng.permutation(len(recorded.frames))
+    control, later = (rows_of(recorded, np.sort(r)) for r in (control_rows, [later_row]))
     return Sessions(control, later)
 
 
@@ -116,8 +111,8 @@ def _rod(path: Path) -> Recording:
     channels = channel_table(iirc_tank.N_ELECTRODES)
     angles = even_angles(iirc_tank.N_ELECTRODES)
     metadata = describe(channels, angles, f"{path.name}, rod", "signed")
-    still = frames_table(np.arange(len(reading)), np.zeros(len(reading), bool))
-    return Recording(still, reading, None, None, metadata)
+    frames = frames_table(np.arange(len(reading)), np.zeros(len(reading), bool))
+    return Recording(frames, reading, None, None, metadata)
 
 
 def simulated(rng: np.random.Generator) -> Sessions:
@@ -136,7 +131,7 @@ def simulated(rng: np.random.Generator) -> Sessions:
     steps = [*contact, 0.5]
     impedances += [slope * step for slope, step in zip(slopes.values(), steps, strict=True)]
     counts = rng.integers(FRAMES[0], FRAMES[1] + 1, 2)
-    between = int(rng.exponential(counts.mean()))
+    pause = int(rng.exponential(counts.mean()))
     gain = np.exp(rng.normal(0.0, 0.01, len(channels)))
     a, b = (int(e) for e in rng.choice(n, 2, replace=False))
     wires = np.arange(n)
@@ -147,13 +142,13 @@ def simulated(rng: np.random.Generator) -> Sessions:
     )
     noise = rng.uniform(*np.log(NOISE))
     noise = np.exp(noise) * 0.5 * (np.median(np.abs(plain[0])) + np.abs(plain[0]))
-    walk = _walk(rng, counts.sum() + between, plain, noise)
-    own = np.cumsum(rng.normal(size=(len(walk), len(channels))), axis=0)
-    own *= GAIN_WALK * noise / np.sqrt(counts.mean())
-    rest = own + noise * rng.normal(size=own.shape)
-    here = walk @ plain + rest
-    there = walk @ crossed + rest
-    later = slice(counts[0] + between, None)
+    walk = _walk(rng, counts.sum() + pause, plain, noise)
+    channel_walk = np.cumsum(rng.normal(size=(len(walk), len(channels))), axis=0)
+    channel_walk *= GAIN_WALK * noise / np.sqrt(counts.mean())
+    scatter = channel_walk + noise * rng.normal(size=channel_walk.shape)
+    plain_voltage = walk @ plain + scatter
+    crossed_voltage = walk @ crossed + scatter
+    later = slice(counts[0] + pause, None)
     skin = {"radius_mm": 85.0, "electrode_width_mm": width}
     kind = "magnitude" if magnitude else "signed"
     metadata = describe(channels, angles, "simulation", kind, unit="V", clock="measured", skin=skin)
@@ -163,15 +158,19 @@ def simulated(rng: np.random.Generator) -> Sessions:
         frames = frames_table(np.arange(len(voltage)) * 0.5, np.zeros(len(voltage), bool))
         return Recording(frames, np.abs(voltage) if magnitude else voltage, None, None, metadata)
 
-    swapped = (a, b), recorded(there[later])
-    return Sessions(recorded(here[: counts[0]]), recorded(here[later]), swapped)
+    swapped = (a, b), recorded(crossed_voltage[later])
+    return Sessions(recorded(plain_voltage[: counts[0]]), recorded(plain_voltage[later]), swapped)
 
 
 def _walk(rng: np.random.Generator, count: int, plain: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """(N, k): how much of each impedance (k, M) is there in each frame; the first stays whole, the
     others walk, each by as much within a session of 40 frames as WALKED times the noise."""
     size = np.exp(rng.uniform(*np.log(WALKED)))
-    shown = np.sqrt(((plain[1:] / noise) ** 2).mean(axis=1))
-    step = size * rng.uniform(0.2, 1.0, len(shown)) / (shown * np.sqrt(40.0 * len(shown)))
-    steps = rng.normal(size=(count, len(shown))) * step
+    visibility = np.sqrt(((plain[1:] / noise) ** 2).mean(axis=1))
+    step = (
+        size
+        * rng.uniform(0.2, 1.0, len(visibility))
+        / (visibility * np.sqrt(40.0 * len(visibility)))
+    )
+    steps = rng.normal(size=(count, len(visibility))) * step
     return np.column_stack([np.ones(count), np.cumsum(steps, axis=0)])

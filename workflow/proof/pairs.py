@@ -27,7 +27,7 @@ from eitskin.diagnose.comparison.wander import wander
 from eitskin.effects import catalogue_names, modules
 from eitskin.fingerprint import fingerprint
 from eitskin.quantities import percent
-from proof import pair_skins, planted
+from proof import ledger, markdown, pair_skins, planted
 from proof.intervals import wilson
 from proof.judge import site_kind
 from proof.pair_skins import DEVELOPMENT, REPORT, SECOND, SIMULATED, THIRD, Sessions
@@ -35,8 +35,8 @@ from witness.laws import SITES
 
 NAMES = ("control", "later")
 MIDDLE = (0.3, 0.7)  # of the later recording, where a third of all faults begin
-ENOUGH = 8.0  # SNR in the difference
-TINY_V = 1e-12
+ENOUGH = 8.0  # SNR in the difference, as `measures.APART` of a recording
+TINY_V = 1e-12  # far below any instrument's noise
 CODE = fingerprint("trials", [*modules(catalogue_names()), "proof.pairs"])
 CATALOGUE = {"clipping": "adc-nonlinearity"}
 # Pairs a kind and pairs without a fault, of each source.
@@ -86,12 +86,12 @@ def draw(block: str, source: str, kind: str, number: int) -> Case | None:
     voltage, fault, snr = harmed
     plain, since = sessions.later.readings, 0
     if len(plain) > 8 and rng.uniform() < 1.0 / 3.0:
-        first, last = (round(share * len(plain)) for share in MIDDLE)
-        since = int(rng.integers(first, last))
+        earliest, latest = (round(share * len(plain)) for share in MIDDLE)
+        since = int(rng.integers(earliest, latest))
         voltage = np.concatenate([plain[:since], voltage[since:]])
     noise = wander(sessions.control.readings, plain).noise
-    moved = np.nan_to_num(voltage[since:] - plain[since:]).mean(axis=0)
-    snr_frame = float(np.linalg.norm(moved / np.maximum(noise, TINY_V)))
+    mean_change = np.nan_to_num(voltage[since:] - plain[since:]).mean(axis=0)
+    snr_frame = float(np.linalg.norm(mean_change / np.maximum(noise, TINY_V)))
     later = replace(sessions.later, voltage=voltage)
     return Case(sessions.control, later, fault, since, snr, snr_frame)
 
@@ -100,27 +100,27 @@ def _harmed(
     sessions: Sessions, kind: str, rng: np.random.Generator
 ) -> tuple[np.ndarray, dict, float] | None:
     """The later readings with a fault, the fault, and its SNR in the difference."""
-    shown = wander(sessions.control.readings, sessions.later.readings)
-    noise = np.maximum(shown.scale * max(shown.moved, 1.0), TINY_V)
+    session_wander = wander(sessions.control.readings, sessions.later.readings)
+    noise = np.maximum(session_wander.scale * max(session_wander.moved, 1.0), TINY_V)
     if kind == "electrode-swap" and sessions.crossed is not None:
         electrodes, crossed = sessions.crossed
-        change = (crossed.readings - sessions.later.readings).mean(axis=0) / noise
+        mean_change = (crossed.readings - sessions.later.readings).mean(axis=0) / noise
         swap = {"name": kind, "electrodes": list(electrodes), "parameters": {}}
-        return crossed.readings, swap, float(np.linalg.norm(change))
-    if not planted.can(sessions.later, kind):
+        return crossed.readings, swap, float(np.linalg.norm(mean_change))
+    if not planted.can_plant(sessions.later, kind):
         return None
-    fault, snr = planted.drawn(rng, kind, sessions.later, noise)
+    fault, snr = planted.draw_fault(rng, kind, sessions.later, noise)
     assert fault is not None  # `kind` names one
     return planted.plant(sessions.later, [fault]), fault, snr
 
 
-def judged(case: Case, said: Difference) -> dict:
+def judged(case: Case, answer: Difference) -> dict:
     """A row of the table: what was planted, what was said, and whether that is right.
 
     at_site: the site, or without a site the name, is given and nothing else is; named: the name
     also, or one that the untouched skin cannot tell from it; false: anything is given that is not.
     """
-    given = [one for one in said.found if one.named]
+    named = [entry for entry in answer.found if entry.named]
     fault = case.fault
     row: dict[str, Any] = {
         "fault": fault["name"] if fault else planted.NONE,
@@ -128,31 +128,31 @@ def judged(case: Case, said: Difference) -> dict:
         "since": case.since,
         "snr": case.snr,
         "snr_frame": case.snr_frame,
-        "said": "; ".join(_said(one) for one in given),
-        "evidence": said.found[0].explained.evidence if said.found else None,
-        "margin": min(said.found[0].margin, 1e6) if said.found else None,
-        "said_since": given[0].since if given else -1,
+        "said": "; ".join(_said(entry) for entry in named),
+        "evidence": answer.found[0].explained.evidence if answer.found else None,
+        "margin": min(answer.found[0].margin, 1e6) if answer.found else None,
+        "said_since": named[0].since if named else -1,
     }
-    if said.lost:
-        row["said"] = "; ".join(filter(None, [row["said"], f"lost {list(said.lost)}"]))
+    if answer.lost:
+        row["said"] = "; ".join(filter(None, [row["said"], f"lost {list(answer.lost)}"]))
     if fault is None:
         return row | {"at_site": False, "named": False, "false": bool(row["said"])}
     if fault["name"] == "lost-channels":
-        right = list(said.lost) == fault["channels"]
-        return row | {"at_site": right and not given, "named": right, "false": bool(given)}
+        at_site = list(answer.lost) == fault["channels"]
+        return row | {"at_site": at_site and not named, "named": at_site, "false": bool(named)}
     name = CATALOGUE.get(fault["name"], fault["name"])
     kind = site_kind(fault)
     place = (kind, tuple(sorted(fault[kind]))) if kind else (None, ())
-    right = [
-        one
-        for one in given
-        if one.explained.place == place and (kind or name in (one.name, *one.alternatives))
+    at_site = [
+        entry
+        for entry in named
+        if entry.explained.place == place and (kind or name in (entry.name, *entry.alternatives))
     ]
-    named = [one for one in right if name in (one.name, *one.alternatives)]
+    by_name = [entry for entry in at_site if name in (entry.name, *entry.alternatives)]
     return row | {
-        "at_site": len(right) == 1 == len(given),
-        "named": bool(named),
-        "false": len(given) > len(right) or bool(said.lost),
+        "at_site": len(at_site) == 1 == len(named),
+        "named": bool(by_name),
+        "false": len(named) > len(at_site) or bool(answer.lost),
     }
 
 
@@ -160,75 +160,71 @@ def _where(fault: dict) -> str:
     return " ".join(f"{kind} {fault[kind]}" for kind in SITES if fault.get(kind))
 
 
-def _said(one: Found) -> str:
-    kind, sites = one.explained.place
-    return f"{one.name} {kind} {[int(s) for s in sites]}" if kind else one.name
+def _said(entry: Found) -> str:
+    kind, sites = entry.explained.place
+    return f"{entry.name} {kind} {[int(s) for s in sites]}" if kind else entry.name
 
 
 def rows(block: str, folder: Path) -> pd.DataFrame:
     """Every pair of a block, judged; those that this code left in the folder are taken from
     there."""
-    found = []
-    there = pair_skins.sources(block)
-    for source, (each, without) in NUMBERS[block].items():
-        if source not in there:
+    judged_rows = []
+    available = pair_skins.sources(block)
+    for source, (fault_count, null_count) in NUMBERS[block].items():
+        if source not in available:
             continue
-        plan = [(kind, i) for kind in planted.FAULTS for i in range(each)]
-        plan += [(planted.NONE, i) for i in range(without)]
+        plan = [(kind, i) for kind in planted.FAULTS for i in range(fault_count)]
+        plan += [(planted.NONE, i) for i in range(null_count)]
         for kind, number in plan:
             file = folder / "rows" / f"{source}-{kind}-{number}.json"
             if not (file.exists() and json.loads(file.read_text("utf-8"))["code"] == CODE):
-                made = {"code": CODE, "row": _row(block, source, kind, number)}
-                with atomic_path(file) as temporary:
-                    temporary.write_text(json.dumps(made) + "\n", "utf-8")
+                ledger.write(file, {"code": CODE, "row": _row(block, source, kind, number)})
             row = json.loads(file.read_text("utf-8"))["row"]
             if row is not None:
-                found.append(row)
-    return pd.DataFrame(found)
+                judged_rows.append(row)
+    return pd.DataFrame(judged_rows)
 
 
 def _row(block: str, source: str, kind: str, number: int) -> dict | None:
     case = draw(block, source, kind, number)
     if case is None:
         return None
-    said = difference(case.control, case.later, NAMES)
-    first = {"source": source, "kind": kind, "number": number, "electrodes": said.pair.n}
-    return first | judged(case, said)
+    answer = difference(case.control, case.later, NAMES)
+    head = {"source": source, "kind": kind, "number": number, "electrodes": answer.pair.n}
+    return head | judged(case, answer)
 
 
 def table(judged_rows: pd.DataFrame) -> str:
     """Markdown: what was found, and what was said without a fault, with 95 % intervals."""
     faults = judged_rows[judged_rows["kind"] != planted.NONE]
     exact = faults["kind"].isin(["lost-channels", "electrode-swap"])
-    enough = faults[exact | (faults["snr"] >= ENOUGH / 1.05)]
-    none = judged_rows[judged_rows["kind"] == planted.NONE]
+    visible = faults[exact | (faults["snr"] >= ENOUGH / 1.05)]
+    nulls = judged_rows[judged_rows["kind"] == planted.NONE]
     lines = [
-        "| pairs | n | at the site | by name | something false |",
-        "|---|---|---|---|---|",
-        _line(f"a fault of SNR {ENOUGH:g} or more in the difference", enough),
-        _line("a fault of less", faults.drop(enough.index)),
-        _line("no fault", none),
+        _line(f"a fault of SNR {ENOUGH:g} or more in the difference", visible),
+        _line("a fault of less", faults.drop(visible.index)),
+        _line("no fault", nulls),
     ]
-    for source, some in enough.groupby("source", sort=False):
-        lines.append(_line(f"{source}: a fault", some))
-        lines.append(_line(f"{source}: no fault", none[none["source"] == source]))
-    for kind, some in enough.groupby("kind", sort=False):
-        lines.append(_line(str(kind), some))
-    from_middle = enough[enough["since"] > 0]
-    lines.append(_line("from within the later recording on", from_middle))
-    close = from_middle[from_middle["at_site"]]
-    off = (close["said_since"] - close["since"]).abs()
-    lines.append("")
-    lines.append(
-        f"Where it began within: {int((off <= 2).sum())} of {len(off)} found beginnings are right"
-        " to two frames."
+    for source, members in visible.groupby("source", sort=False):
+        lines.append(_line(f"{source}: a fault", members))
+        lines.append(_line(f"{source}: no fault", nulls[nulls["source"] == source]))
+    for kind, members in visible.groupby("kind", sort=False):
+        lines.append(_line(str(kind), members))
+    late_start = visible[visible["since"] > 0]
+    lines.append(_line("from within the later recording on", late_start))
+    located = late_start[late_start["at_site"]]
+    frame_errors = (located["said_since"] - located["since"]).abs()
+    head = ("pairs", "n", "at the site", "by name", "something false")
+    text = (
+        f"Where it began within: {int((frame_errors <= 2).sum())} of {len(frame_errors)} found"
+        " beginnings are right to two frames.\n"
     )
-    return "\n".join(lines) + "\n"
+    return "\n".join([*markdown.table(head, lines), "", text])
 
 
-def _line(name: str, some: pd.DataFrame) -> str:
-    cells = [_share(int(some[key].sum()), len(some)) for key in ("at_site", "named", "false")]
-    return f"| {name} | {len(some)} | {' | '.join(cells)} |"
+def _line(name: str, members: pd.DataFrame) -> tuple:
+    keys = ("at_site", "named", "false")
+    return name, len(members), *(_share(int(members[key].sum()), len(members)) for key in keys)
 
 
 def _share(hits: int, n: int) -> str:
@@ -241,9 +237,9 @@ def _share(hits: int, n: int) -> str:
 def main(block: str, folder: Path) -> None:
     """Write pairs.csv and pairs.md of a block."""
     (folder / "rows").mkdir(parents=True, exist_ok=True)
-    found = rows(block, folder)
-    text = table(found)
-    for name, content in (("pairs.csv", found.to_csv(index=False)), ("pairs.md", text)):
+    judged_rows = rows(block, folder)
+    text = table(judged_rows)
+    for name, content in (("pairs.csv", judged_rows.to_csv(index=False)), ("pairs.md", text)):
         with atomic_path(folder / name) as temporary:
             temporary.write_text(content, "utf-8")
     print(text, end="")

@@ -6,7 +6,7 @@ from eitskin.errors import InputError
 from eitskin.paper.similarity import MEASURES, Pool
 from eitskin.paper.table_2 import LEVEL
 
-ROUNDS = 200
+ROUNDS = 200  # permutations: 5 beyond either end of the band of 95 %
 
 
 def moves(
@@ -29,20 +29,21 @@ def moves(
     Raises InputError where none does.
     """
     rng = np.random.default_rng([seed, 6])
-    kept = np.isfinite(recorded).all(axis=0) & (np.ptp(recorded, axis=0) > 0)
-    if len(recorded) < 2 or not kept.any():
+    comparable = np.isfinite(recorded).all(axis=0) & (np.ptp(recorded, axis=0) > 0)
+    if len(recorded) < 2 or not comparable.any():
         raise InputError("resemblance", "frames", f"{len(recorded)}", "channels that vary")
     simulated = []
     for voltage in (plain, mended):
-        factor = (voltage[:, kept] * recorded[:, kept]).sum() / (voltage[:, kept] ** 2).sum()
+        part = voltage[:, comparable]
+        factor = (part * recorded[:, comparable]).sum() / (part**2).sum()
         noise = noise_V * rng.standard_normal(voltage.shape)
-        simulated.append((factor * voltage + noise)[:, kept])
+        simulated.append((factor * voltage + noise)[:, comparable])
     count = len(recorded)
-    pool = Pool(np.concatenate([recorded[:, kept], *simulated]), np.arange(count), seed)
-    at = [count * (1 + k) + np.arange(count)[:, None] for k in range(2)]
-    change, permuted = pool.changes(at[0], at[1], rounds, rng)
+    pool = Pool(np.concatenate([recorded[:, comparable], *simulated]), np.arange(count), seed)
+    rows_of = [count * (1 + k) + np.arange(count)[:, None] for k in range(2)]
+    change, permuted = pool.changes(rows_of[0], rows_of[1], rounds, rng)
     low, high = np.quantile(permuted, (0.5 - LEVEL / 2, 0.5 + LEVEL / 2), axis=0)
-    values = [pool.compare(rows.ravel(), pool.real) for rows in at]
+    values = [pool.compare(rows.ravel(), pool.real) for rows in rows_of]
     return {
         measure: {
             "plain": float(values[0][k]),

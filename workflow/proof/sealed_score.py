@@ -33,8 +33,8 @@ HIDDEN = "an effect, hidden frames"
 
 def fault_found(row: dict) -> bool:
     """Whether the fault planted in a real recording was found, or borne where channels are lost,
-    as of `planted.found`."""
-    return planted.found(row["said"], {"effects": row["control"] or []}, row["fault"])
+    as of `planted.finds_fault`."""
+    return planted.finds_fault(row["said"], {"effects": row["control"] or []}, row["fault"])
 
 
 def _right_name(low: float, high: float, gate: float | None, target: float | None) -> Claim:

@@ -54,14 +54,14 @@ def root_of(block: str, seed: int | None, truths: Path) -> bytes:
         return hashlib.sha256(f"eitskin concealed {block} {seed}".encode()).digest()
     path = truths / ROOT
     truths.mkdir(parents=True, exist_ok=True)
-    own = path.with_name(f".{ROOT}.{os.getpid()}.part")
-    own.write_text(json.dumps({"root": os.urandom(32).hex()}) + "\n", "utf-8")
+    draft = path.with_name(f".{ROOT}.{os.getpid()}.part")
+    draft.write_text(json.dumps({"root": os.urandom(32).hex()}) + "\n", "utf-8")
     try:
-        os.link(own, path)  # of several processes the first; none overwrites it
+        os.link(draft, path)  # of several processes the first; none overwrites it
     except FileExistsError:
         pass
     finally:
-        own.unlink()
+        draft.unlink()
     return bytes.fromhex(json.loads(path.read_text("utf-8"))["root"])
 
 
@@ -76,15 +76,15 @@ def packed(truth: dict, arrays: dict[str, np.ndarray]) -> bytes:
 
 
 def _padded(text: bytes, body: bytes) -> bytes:
-    whole = len(text).to_bytes(HEADER) + len(body).to_bytes(HEADER) + text + body
-    return whole + bytes(-len(whole) % TRUTH_BYTES)
+    content = len(text).to_bytes(HEADER) + len(body).to_bytes(HEADER) + text + body
+    return content + bytes(-len(content) % TRUTH_BYTES)
 
 
 def unpacked(plain: bytes) -> tuple[bytes, bytes]:
     """The JSON and the NPZ of a packed truth."""
-    first, second = (int.from_bytes(plain[k * HEADER : (k + 1) * HEADER]) for k in (0, 1))
-    start = 2 * HEADER
-    return plain[start : start + first], plain[start + first : start + first + second]
+    text_size, body_size = (int.from_bytes(plain[k * HEADER : (k + 1) * HEADER]) for k in (0, 1))
+    text, body = plain[2 * HEADER :][:text_size], plain[2 * HEADER + text_size :][:body_size]
+    return text, body
 
 
 def seal_truth(root: bytes, block: str, case: str, plain: bytes) -> bytes:
@@ -98,9 +98,9 @@ def open_truth(key: bytes, block: str, case: str, path: Path) -> bytes:
     """The packed truth in a sealed file. InputError where the key or the case is another's, or the
     file was changed."""
     sealed = path.read_bytes()
-    nonce, rest = sealed[:NONCE_BYTES], sealed[NONCE_BYTES:]
+    nonce, ciphertext = sealed[:NONCE_BYTES], sealed[NONCE_BYTES:]
     try:
-        return AESGCM(key).decrypt(nonce, rest, _label(block, case))
+        return AESGCM(key).decrypt(nonce, ciphertext, _label(block, case))
     except (InvalidTag, ValueError) as error:
         expected = f"the truth of {case}, as it was sealed"
         raise InputError(path, "sealed truth", "other bytes", expected) from error
@@ -118,11 +118,11 @@ def salted(salt: str, path: Path) -> str:
 def commitment(root: bytes, case: str, recording: Path, query: Path, plain: bytes) -> dict:
     """What is made public of a case: {recording, query: {salt, sha256}, truth: sha256}; the salt of
     the truth is in it, under lock."""
-    made = {}
+    digests = {}
     for name, path in (("recording", recording), ("query", query)):
         salt = derived(root, "salt", case, name).hex()
-        made[name] = {"salt": salt, "sha256": salted(salt, path)}
-    return {**made, "truth": hashlib.sha256(plain).hexdigest()}
+        digests[name] = {"salt": salt, "sha256": salted(salt, path)}
+    return {**digests, "truth": hashlib.sha256(plain).hexdigest()}
 
 
 def complete(seed: int | None, truths: Path) -> bool:
@@ -146,13 +146,13 @@ def commit(
     text = _json({"block": block, "digest": "sha256(salt + file)", "cases": cases})
     key = derived(root, "key")
     nonce = derived(root, "nonce", block, ROOT)[:NONCE_BYTES]
-    kept = {
+    key_record = {
         "block": block,
         "wrapped": keywrap.aes_key_wrap(_wrapping(text.encode()), key).hex(),
         "root": (nonce + AESGCM(key).encrypt(nonce, root, _label(block, ROOT))).hex(),
     }
     _write(public / "commitments.json", text)
-    _write(truths / KEY, _json(kept))
+    _write(truths / KEY, _json(key_record))
     (truths / ROOT).unlink(missing_ok=True)
 
 
@@ -167,12 +167,12 @@ def check_commitments(block: Path) -> dict:
     if not path.is_file():
         raise InputError(path, "file", "no such file", "the commitments that `conceal` makes")
     commitments = json.loads(path.read_text("utf-8"))
-    for case, made in commitments["cases"].items():
+    for case, promise in commitments["cases"].items():
         for name, folder in (("recording", "recordings"), ("query", "queries")):
             file = block / folder / f"{case}.parquet"
-            found = salted(made[name]["salt"], file) if file.is_file() else "no such file"
-            if found != made[name]["sha256"]:
-                raise InputError(file, f"{name} of {case}", found, made[name]["sha256"])
+            digest = salted(promise[name]["salt"], file) if file.is_file() else "no such file"
+            if digest != promise[name]["sha256"]:
+                raise InputError(file, f"{name} of {case}", digest, promise[name]["sha256"])
     return commitments
 
 
@@ -181,8 +181,8 @@ def digests(block: Path) -> dict[str, str]:
     in the block's folder."""
     files = [block / "commitments.json"]
     for folder in SEALED:
-        found = (block / folder).rglob("*")
-        files += sorted(f for f in found if f.is_file() and not f.name.startswith("."))
+        paths = (block / folder).rglob("*")
+        files += sorted(f for f in paths if f.is_file() and not f.name.startswith("."))
     return {f.relative_to(block).as_posix(): _sha256(f) for f in files}
 
 
@@ -194,14 +194,14 @@ def seal(block: Path) -> str:
     """
     check_commitments(block)
     files = digests(block)
-    made = _seal_of(files)
+    block_seal = _seal_of(files)
     opened = block / "opened" / "opened.json"
     if opened.is_file():
-        known = json.loads(opened.read_text("utf-8"))
-        if known["seal"] != made:
-            raise _difference(block, known["files"], files, "when the truths were opened")
-    _write(block / "seal.json", _json({"files": files, "seal": made}))
-    return made
+        opened_record = json.loads(opened.read_text("utf-8"))
+        if opened_record["seal"] != block_seal:
+            raise _difference(block, opened_record["files"], files, "when the truths were opened")
+    _write(block / "seal.json", _json({"files": files, "seal": block_seal}))
+    return block_seal
 
 
 def check_seal(block: Path) -> str:
@@ -213,24 +213,26 @@ def check_seal(block: Path) -> str:
     path = block / "seal.json"
     if not path.is_file():
         raise InputError(path, "file", "no such file", "the seal that `seal_verdicts` makes")
-    kept = json.loads(path.read_text("utf-8"))
-    if kept["seal"] != _seal_of(kept["files"]):
-        raise InputError(path, "seal", kept["seal"], f"{_seal_of(kept['files'])}, of its files")
-    found = digests(block)
-    if found != kept["files"]:
-        raise _difference(block, kept["files"], found, "when it was sealed")
+    record = json.loads(path.read_text("utf-8"))
+    block_seal, files = record["seal"], _seal_of(record["files"])
+    if block_seal != files:
+        raise InputError(path, "seal", block_seal, f"{files}, of its files")
+    present = digests(block)
+    if present != record["files"]:
+        raise _difference(block, record["files"], present, "when it was sealed")
     opened = block / "opened" / "opened.json"
     if opened.is_file():
-        known = json.loads(opened.read_text("utf-8"))["seal"]
-        if known != kept["seal"]:
-            raise InputError(path, "seal", kept["seal"], f"{known}, under which it was opened")
-    return kept["seal"]
+        opened_seal = json.loads(opened.read_text("utf-8"))["seal"]
+        if opened_seal != block_seal:
+            raise InputError(path, "seal", block_seal, f"{opened_seal}, under which it was opened")
+    return block_seal
 
 
-def _difference(block: Path, before: dict, after: dict, when: str) -> InputError:
-    file = min(f for f in {*before, *after} if before.get(f) != after.get(f))
-    found, expected = after.get(file, "no such file"), before.get(file, "no such file")
-    return InputError(block / file, "sha256", found, f"{expected}, {when}")
+def _difference(block: Path, expected: dict, present: dict, moment: str) -> InputError:
+    absent = "no such file"
+    file = min(f for f in {*expected, *present} if expected.get(f) != present.get(f))
+    promised = f"{expected.get(file, absent)}, {moment}"
+    return InputError(block / file, "sha256", present.get(file, absent), promised)
 
 
 def _seal_of(files: dict[str, str]) -> str:
@@ -245,16 +247,16 @@ def unlock(block: Path, truths: Path) -> list[str]:
     by a byte, where a recording, query or truth is not the one committed to, and where the key was
     wrapped for other commitments.
     """
-    made = check_seal(block)
+    block_seal = check_seal(block)
     commitments = check_commitments(block)
     name = commitments["block"]
     path = truths / KEY
     if not path.is_file():
         raise InputError(path, "file", "no such file", "the key that `conceal` wraps")
-    kept = json.loads(path.read_text("utf-8"))
+    key_record = json.loads(path.read_text("utf-8"))
     public = (block / "commitments.json").read_bytes()
     try:
-        key = keywrap.aes_key_unwrap(_wrapping(public), bytes.fromhex(kept["wrapped"]))
+        key = keywrap.aes_key_unwrap(_wrapping(public), bytes.fromhex(key_record["wrapped"]))
     except keywrap.InvalidUnwrap as error:
         expected = "one wrapped for these commitments"
         raise InputError(path, "key wrapped", "another's", expected) from error
@@ -262,10 +264,10 @@ def unlock(block: Path, truths: Path) -> list[str]:
     for case, promised in commitments["cases"].items():
         sealed = truths / f"{case}.sealed"
         plain[case] = open_truth(key, name, case, sealed)
-        found = hashlib.sha256(plain[case]).hexdigest()
-        if found != promised["truth"]:
-            raise InputError(sealed, f"truth of {case}", found, promised["truth"])
-    root = bytes.fromhex(kept["root"])
+        digest = hashlib.sha256(plain[case]).hexdigest()
+        if digest != promised["truth"]:
+            raise InputError(sealed, f"truth of {case}", digest, promised["truth"])
+    root = bytes.fromhex(key_record["root"])
     root = AESGCM(key).decrypt(root[:NONCE_BYTES], root[NONCE_BYTES:], _label(name, ROOT))
     for case, truth in plain.items():
         for suffix, part in zip(("json", "npz"), unpacked(truth), strict=True):
@@ -273,7 +275,7 @@ def unlock(block: Path, truths: Path) -> list[str]:
                 temporary.write_bytes(part)
     record = {
         "block": name,
-        "seal": made,
+        "seal": block_seal,
         "files": digests(block),
         "commitments": hashlib.sha256(public).hexdigest(),
         "root": root.hex(),
@@ -285,16 +287,16 @@ def unlock(block: Path, truths: Path) -> list[str]:
 def check_opened(block: Path) -> str:
     """The seal of an opened block: verdicts as they were sealed, recordings and truths as they were
     committed to. Raises InputError for the first that is not."""
-    made = check_seal(block)
+    block_seal = check_seal(block)
     for case, promised in check_commitments(block)["cases"].items():
         text, body = (block / "opened" / f"{case}.{suffix}" for suffix in ("json", "npz"))
         for path in (text, body):
             if not path.is_file():
                 raise InputError(path, "file", "no such file", "the truth that `open` writes")
-        found = hashlib.sha256(_padded(text.read_bytes(), body.read_bytes())).hexdigest()
-        if found != promised["truth"]:
-            raise InputError(text, f"truth of {case}", found, promised["truth"])
-    return made
+        digest = hashlib.sha256(_padded(text.read_bytes(), body.read_bytes())).hexdigest()
+        if digest != promised["truth"]:
+            raise InputError(text, f"truth of {case}", digest, promised["truth"])
+    return block_seal
 
 
 def _sha256(path: Path) -> str:

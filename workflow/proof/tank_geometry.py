@@ -33,7 +33,7 @@ BOUNDS = {
 }
 SHEET_CONTACT = (1e-4, 0.1, 10.0)  # the whole range: a body's smaller contacts are slow to solve
 ROUNDS = 30
-AGAIN = 6  # evaluations of a fit to one split, begun at that to all pairs
+REFITS = 6  # evaluations of a fit to one split, begun at that to all pairs
 
 
 @dataclass(frozen=True)
@@ -77,11 +77,11 @@ class Untouched:
             values = np.hypot(values, recording.quadrature[untouched])
         reading = np.abs(values).mean(axis=0)
         pairs, _ = reciprocal_channels(recording.channels)
-        kept = np.isfinite(reading[pairs]).all(axis=1) if len(pairs) else np.zeros(0, bool)
-        if kept.sum() < 2 * len(BOUNDS):
-            found = f"{kept.sum()} reciprocal pairs read"
-            raise InputError("recording", "channels", found, f"{2 * len(BOUNDS)} or more")
-        return cls(reading, recording.channels, pairs[kept], recording.skin, recording.n_electrodes)
+        read = np.isfinite(reading[pairs]).all(axis=1) if len(pairs) else np.zeros(0, bool)
+        if read.sum() < 2 * len(BOUNDS):
+            number = f"{read.sum()} reciprocal pairs read"
+            raise InputError("recording", "channels", number, f"{2 * len(BOUNDS)} or more")
+        return cls(reading, recording.channels, pairs[read], recording.skin, recording.n_electrodes)
 
     @property
     def separation(self) -> np.ndarray:
@@ -127,15 +127,15 @@ class Family:
     def values(self, theta: np.ndarray) -> dict[str, float]:
         """What is free, at its logarithms (P,), in mm."""
         unit = {"electrode_width_mm": self.pitch}
-        found = {
-            key: float(np.exp(at)) * unit.get(key, self.radius)
-            for key, at in zip(self.bounds, theta, strict=True)
+        sizes = {
+            key: float(np.exp(logarithm)) * unit.get(key, self.radius)
+            for key, logarithm in zip(self.bounds, theta, strict=True)
         }
-        if "electrode_height_mm" in found:
-            depth = found.get("depth_mm", self.untouched.skin.thickness_mm)
+        if "electrode_height_mm" in sizes:
+            depth = sizes.get("depth_mm", self.untouched.skin.thickness_mm)
             assert depth is not None
-            found["electrode_height_mm"] *= depth / self.radius
-        return found
+            sizes["electrode_height_mm"] *= depth / self.radius
+        return sizes
 
     def reading(self, theta: np.ndarray, accuracy: str) -> np.ndarray:
         """(M,): |v| up to a factor."""
@@ -157,38 +157,38 @@ class Family:
         return np.abs(channel_values(impedance, self.untouched.channels))
 
     def fit(
-        self, kept: np.ndarray, start: np.ndarray | None = None, slope: np.ndarray | None = None
+        self, fitted: np.ndarray, start: np.ndarray | None = None, slope: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Logarithms (P,) that fit channels `kept` best, one common factor free, and their
         residual's slope (M, P); with `slope` given, its own is never taken anew."""
         if not self.bounds:
-            return np.zeros(0), np.zeros((len(kept), 0))
-        low, first, high = np.log(np.array(list(self.bounds.values())).T)
+            return np.zeros(0), np.zeros((len(fitted), 0))
+        low, typical, high = np.log(np.array(list(self.bounds.values())).T)
         recorded = self.untouched.reading
         unit = np.linalg.norm(recorded)
 
         def residual(theta: np.ndarray) -> np.ndarray:
             model = self.reading(theta, "train")
-            return (recorded - _factor(model, recorded, kept) * model) * kept / unit
+            return (recorded - _factor(model, recorded, fitted) * model) * fitted / unit
 
-        starts = [first] if start is None else [np.clip(start, low + 1e-6, high - 1e-6)]
+        starts = [typical] if start is None else [np.clip(start, low + 1e-6, high - 1e-6)]
         if start is None and self.family.any_width:  # good contacts are a minimum of their own
             starts.append(np.r_[high[0] - 0.1, low[1] + 1.0])
         runs = [
             least_squares(
                 residual,
-                begin,
-                "3-point" if slope is None else lambda theta: slope * kept[:, None],
+                guess,
+                "3-point" if slope is None else lambda theta: slope * fitted[:, None],
                 (low, high),
                 diff_step=1e-2 if slope is None else None,
-                max_nfev=ROUNDS if slope is None else AGAIN,
+                max_nfev=ROUNDS if slope is None else REFITS,
                 xtol=1e-3,
                 ftol=1e-4,
             )
-            for begin in starts
+            for guess in starts
         ]
-        found = min(runs, key=lambda run: run.cost)
-        return found.x, found.jac
+        best = min(runs, key=lambda run: run.cost)
+        return best.x, best.jac
 
 
 def without_drawing(recording: Recording) -> Recording:
@@ -198,8 +198,8 @@ def without_drawing(recording: Recording) -> Recording:
     return replace(recording, metadata=recording.metadata | {"skin": skin | sizes})
 
 
-def _factor(model: np.ndarray, recorded: np.ndarray, kept: np.ndarray) -> float:
-    return float(model[kept] @ recorded[kept] / (model[kept] @ model[kept]))
+def _factor(model: np.ndarray, recorded: np.ndarray, fitted: np.ndarray) -> float:
+    return float(model[fitted] @ recorded[fitted] / (model[fitted] @ model[fitted]))
 
 
 def relative_residual(recorded: np.ndarray, model: np.ndarray) -> float:
@@ -214,13 +214,13 @@ def splits(pairs: int, count: int, seed: int) -> np.ndarray:
     return np.array([rng.permutation(half) for _ in range(count)])
 
 
-def floor(untouched: Untouched, fitted: np.ndarray, judged: np.ndarray) -> float:
+def floor(untouched: Untouched, fitted: np.ndarray, held_out: np.ndarray) -> float:
     """Relative residual on channels `judged` of the mean of channels `fitted` (both bool (M,)) that
     a rotation, a reflection or reciprocity makes equal."""
     label, recorded = untouched.separation, untouched.reading
     total = np.bincount(label, recorded * fitted)
     mean = total / np.maximum(np.bincount(label, fitted.astype(float)), 1.0)
-    return relative_residual(recorded[judged], mean[label][judged])
+    return relative_residual(recorded[held_out], mean[label][held_out])
 
 
 def judge(recording: Recording, seed: int = 1, count: int = SPLITS) -> pd.DataFrame:
@@ -231,37 +231,40 @@ def judge(recording: Recording, seed: int = 1, count: int = SPLITS) -> pd.DataFr
     pairs; physical: no electrode is wider than half the pitch. InputError as `Untouched.of`.
     """
     untouched = Untouched.of(recording)
-    drawn = splits(len(untouched.pairs), count, seed)
-    every = np.zeros(len(untouched.reading), bool)
-    every[untouched.pairs] = True
-    left_out = np.zeros((count, len(every)), bool)
-    for split, out in zip(drawn, left_out, strict=True):
-        out[untouched.pairs[split]] = True
+    held_out_pairs = splits(len(untouched.pairs), count, seed)
+    all_pairs = np.zeros(len(untouched.reading), bool)
+    all_pairs[untouched.pairs] = True
+    held_out_masks = np.zeros((count, len(all_pairs)), bool)
+    for split, held_out in zip(held_out_pairs, held_out_masks, strict=True):
+        held_out[untouched.pairs[split]] = True
     rows = []
     for family in FAMILIES:
         member = Family(untouched, family)
-        best, slope = member.fit(every)
-        found = [_held_out(member, every & ~out, out, best, slope) for out in left_out]
+        best, slope = member.fit(all_pairs)
+        residuals = [
+            _held_out(member, all_pairs & ~held_out, held_out, best, slope)
+            for held_out in held_out_masks
+        ]
         model = member.reading(best, "diagnose")
-        model = model * _factor(model, untouched.reading, every)
+        model = model * _factor(model, untouched.reading, all_pairs)
         values = member.values(best)
         width = values.get("electrode_width_mm", untouched.skin.electrode_width_mm or 0.0)
         rows.append(
             {
                 "geometry": family.name,
                 "free": "; ".join(f"{key} {value:.3g}" for key, value in values.items()),
-                **_quantiles(found),
-                "all": relative_residual(untouched.reading[every], model[every]),
+                **_quantiles(residuals),
+                "all": relative_residual(untouched.reading[all_pairs], model[all_pairs]),
                 "physical": family.points or width <= WIDEST * member.pitch * (1.0 + 1e-9),
             }
         )
-    found = [floor(untouched, every & ~out, out) for out in left_out]
+    residuals = [floor(untouched, all_pairs & ~held_out, held_out) for held_out in held_out_masks]
     rows.append(
         {
             "geometry": "floor",
             "free": f"{untouched.separation.max() + 1} means over rotations",
-            **_quantiles(found),
-            "all": floor(untouched, every, every),
+            **_quantiles(residuals),
+            "all": floor(untouched, all_pairs, all_pairs),
             "physical": True,
         }
     )
@@ -269,15 +272,15 @@ def judge(recording: Recording, seed: int = 1, count: int = SPLITS) -> pd.DataFr
 
 
 def _held_out(
-    member: Family, fitted: np.ndarray, out: np.ndarray, start: np.ndarray, slope: np.ndarray
+    member: Family, fitted: np.ndarray, held_out: np.ndarray, start: np.ndarray, slope: np.ndarray
 ) -> float:
     recorded = member.untouched.reading
     model = member.reading(member.fit(fitted, start, slope)[0], "train")
-    return relative_residual(recorded[out], _factor(model, recorded, fitted) * model[out])
+    return relative_residual(recorded[held_out], _factor(model, recorded, fitted) * model[held_out])
 
 
-def _quantiles(found: list[float]) -> dict[str, float]:
-    low, middle, high = np.quantile(found, [0.05, 0.5, 0.95])
+def _quantiles(residuals: list[float]) -> dict[str, float]:
+    low, middle, high = np.quantile(residuals, [0.05, 0.5, 0.95])
     return {"held_out": middle, "low": low, "high": high}
 
 
@@ -285,20 +288,20 @@ def sentence(table: pd.DataFrame) -> str:
     """What `judge` found, for a person: a sheet, a third dimension, or that they look alike."""
     rows = table.set_index("geometry")
     sheet, wide, body = (rows.loc[name] for name in ("sheet", "sheet of any width", "body"))
-    held = (
+    numbers = (
         f"On pairs left out a sheet leaves {sheet.held_out:.3f}, one of any electrode width "
         f"{wide.held_out:.3f}, a body {body.held_out:.3f}, the mean over rotations "
         f"{rows.loc['floor'].held_out:.3f}."
     )
-    known = "electrode_width_mm" not in sheet.free
+    has_width = "electrode_width_mm" not in sheet.free
     if sheet.low <= body.held_out:
-        said = "A sheet with electrodes that are possible does as well."
-    elif known or wide.low > body.high:
-        reason = "the drawing's electrodes" if known else "any width of the electrodes"
-        said = f"third-dimension: no sheet with {reason} does as well."
+        finding = "A sheet with electrodes that are possible does as well."
+    elif has_width or wide.low > body.high:
+        reason = "the drawing's electrodes" if has_width else "any width of the electrodes"
+        finding = f"third-dimension: no sheet with {reason} does as well."
     else:
-        said = (
+        finding = (
             "third-dimension or electrode-width, which these readings cannot tell apart; the sizes "
             "of the electrodes would."
         )
-    return f"{said} {held}"
+    return f"{finding} {numbers}"

@@ -25,7 +25,7 @@ from eitskin.diagnose.verdict.atlas import atlas
 from eitskin.diagnose.verdict.corrected import items
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
-from proof.trial import true_gaps
+from proof.refit import true_gaps
 from small_skin import (
     CHANNELS,
     SKIN,

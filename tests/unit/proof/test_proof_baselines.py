@@ -9,8 +9,10 @@ import pytest
 from eitskin.data.recording import Recording
 from eitskin.effects import EFFECTS
 from proof import baselines, oracle
-from proof.baselines import Linear, everything, lasso, matched_filter, named
+from proof.baselines import everything, lasso, matched_filter, named
 from proof.intervals import rms
+from proof.refit import Refit
+from proof.tangent_basis import TangentBasis
 from witness import cases
 
 KNOWN, READINGS, ASKED = 12, 400, 50
@@ -37,12 +39,12 @@ def made(strengths, seed=1):
     kinds += [candidate("domain-shape", scope="", harmonic=k) for k in (2, 3)]
     kinds += [candidate("crosstalk", scope="")]
     truth = sum((s * asked[k] for k, s in strengths.items()), np.zeros(ASKED))
-    return truth, Linear(
+    return truth, TangentBasis(
         columns=[(c, 0) for c in kinds],
         gram=columns @ columns.T,
         slope=columns @ residual,
         length=np.full(KNOWN, 30.0),
-        asked=asked,
+        query_change=asked,
         groups=[(c, np.array([k])) for k, c in enumerate(kinds)],
         chi2=float(residual @ residual),
         dof=READINGS,
@@ -54,7 +56,7 @@ def test_what_is_strong_is_found_and_predicted(method):
     truth, tangents = made({4: 25.0, 11: -20.0})
     chosen, values = method(tangents)
     assert sorted(chosen) == [4, 11]
-    assert values @ tangents.asked[chosen] == pytest.approx(truth, abs=6.0)
+    assert values @ tangents.query_change[chosen] == pytest.approx(truth, abs=6.0)
     assert rms(truth) > 20
 
 
@@ -64,7 +66,7 @@ def test_nothing_is_found_in_noise(seed):
     for method in GREEDY:
         chosen, values = method(tangents)
         assert len(chosen) == 0
-        assert (values @ tangents.asked[chosen] == truth).all()
+        assert (values @ tangents.query_change[chosen] == truth).all()
     assert len(everything(tangents)[2]) == 0
 
 
@@ -82,7 +84,7 @@ def test_least_squares_on_everything_names_what_stands_out():
     chosen, values, shown = everything(tangents)
     assert len(chosen) == KNOWN
     assert sorted(shown) == [4, 11]
-    assert rms(values @ tangents.asked[chosen] - truth) < 0.3 * rms(truth)
+    assert rms(values @ tangents.query_change[chosen] - truth) < 0.3 * rms(truth)
 
 
 def test_columns_of_one_name_are_one_effect_harmonics_several():
@@ -112,7 +114,7 @@ def test_a_case_whose_predictions_were_lost_is_compared_again(monkeypatch, tmp_p
         asked.append(files)
         raise ValueError("broken off")
 
-    monkeypatch.setattr(baselines, "_one", one)
+    monkeypatch.setattr(baselines, "_compared", one)
     for _ in range(2):
         baselines.run(["case-1"], tmp_path, 1, "a")
     assert len(asked) == 1
@@ -136,14 +138,14 @@ def test_every_method_says_and_predicts_something_of_a_witness_recording(small):
         "scopes": case.scopes,
         "outside": None,
     }
-    refit = oracle.Refit.of(recorded, 1)
+    refit = Refit.of(recorded, 1)
     best = oracle.oracle(refit, query, truth, case.query_clean)
     assert best["rmse_V"] < 0.5 * left["none"]
     assert [told["name"] for told in best["effects"]] == ["contact-impedance"]
     unknown = oracle.oracle(refit, query, {**truth, "outside": {"law": "palm"}}, None)
     assert unknown == {"rmse_V": None, "effects": None, "log_evidence": None}
     right = [{**told, "scope": "sparse"} for told in best["effects"]]
-    nothing, all_said = (oracle.said_fitted(refit, said, case.clean) for said in ([], right))
+    nothing, all_said = (oracle.named_refitted(refit, said, case.clean) for said in ([], right))
     assert all_said["said_log_evidence"] == pytest.approx(best["log_evidence"], abs=0.1)
     assert nothing["said_log_evidence"] < best["log_evidence"] - 3.0
     assert all_said["snr_left"] < 5.0 < nothing["snr_left"]

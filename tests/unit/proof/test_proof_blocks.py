@@ -13,6 +13,8 @@ from proof.blocks import (
     QUERY_SIZES,
     SIZES,
     batches,
+    case_batches,
+    case_names,
     sort_of,
     tables,
     trials,
@@ -123,9 +125,11 @@ def test_a_sort_of_block_has_tables_of_its_own():
 )
 def test_every_kind_is_tried_as_its_sort_is(monkeypatch, block, how):
     for name in ("trial", "skin", "query_trial", "owner_trial"):
-        monkeypatch.setattr(trial, name, lambda kind, seed, name=name: (name, kind, seed))
+        monkeypatch.setattr(trial, name, lambda kind, seed, name=name: {"how": name})
     plan = trials(block, "quick")
-    assert [trial.row(*one) for one in plan] == [(how, *one) for one in plan]
+    head = ("kind", "seed", "how")
+    rows = [tuple(trial.row(*one)[key] for key in head) for one in plan]
+    assert rows == [(*one, how) for one in plan]
 
 
 def test_the_witness_knows_every_kind():
@@ -150,3 +154,10 @@ def test_batches_are_the_plan():
 def test_an_unknown_plan_is_refused(block, size):
     with pytest.raises(InputError, match=r"calibration: (block|size)"):
         trials(block, size)
+
+
+def test_batches_of_cases_are_their_names():
+    assert case_names(3) == ["case-001", "case-002", "case-003"]
+    made = case_batches(24, 5)
+    assert [name for batch in made for name in batch] == case_names(24)
+    assert max(map(len, made)) == 5 and len(made) == 5

@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import ks_2samp
 
 from eitskin.data import recording
-from proof import conceal, sealing
+from proof import conceal, refit, sealing
 from proof.conceal import LEAST_LEVEL, MOST_LEVEL, NEAR, Sizes
 from proof.panel import Planned
 from witness import cases
@@ -32,15 +32,17 @@ KINDS = {
 }
 
 
+def of(name, seed, public, truths, code="code"):
+    return conceal.Block(name, SIZES, seed, public, truths, code)
+
+
 @pytest.fixture(scope="module")
 def block(tmp_path_factory):
     """A concealed block of PLAN; its folder, that of its truths, its commitments."""
     folder = tmp_path_factory.mktemp("block")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(conceal, "plan", lambda *_: PLAN)
-        made = conceal.conceal(
-            "demo", list(PLAN), SIZES, 4, folder / "public", folder / "truths", "code"
-        )
+        made = conceal.conceal(of("demo", 4, folder / "public", folder / "truths"), list(PLAN))
     return folder / "public", folder / "truths", made
 
 
@@ -233,7 +235,7 @@ def test_a_rig_with_errors_records_the_same_skin():
     assert case.rig and case.believed == plain.believed and case.effects == plain.effects
     assert case.true_states.equals(plain.states)
     seen = conceal.shown(case, planned, ROOT, "case-002")
-    truth, arrays = conceal.truth_of("case-002", planned, case, seen, "salt", "code")
+    truth, arrays = conceal.truth_of("case-002", planned, case, seen)
     assert [error["kind"] for error in truth["rig"]] == [error.kind for error in case.rig]
     assert seen.voltage.shape == case.clean.shape == arrays["clean_V"].shape
     unharmed = conceal.shown(plain, planned, ROOT, "case-002").voltage
@@ -244,9 +246,9 @@ def test_a_rig_with_errors_records_the_same_skin():
 def test_gaps_that_take_more_than_a_diagnosis_may_are_unknown(monkeypatch):
     planned = next(one for one in PLAN.values() if one.gap is not None)
     case = conceal.case_of(planned, SIZES)
-    assert conceal.gaps_at(case, case.noise_V)
-    monkeypatch.setattr(conceal, "MOST_SOLVED", 2.0)
-    assert conceal.gaps_at(case, case.noise_V) is None
+    assert refit.gaps_in_noise(case, case.noise_V)
+    monkeypatch.setattr(refit, "GAP_SHEETS", 2.0)
+    assert refit.gaps_in_noise(case, case.noise_V) is None
     assert conceal.shown(case, planned, b"root", "case-000").gaps is None
 
 
@@ -254,29 +256,27 @@ def test_the_same_seed_gives_the_same_bytes_and_what_is_there_stays(block, tmp_p
     public, truths, made = block
     name = "case-001"
     monkeypatch.setattr(conceal, "plan", lambda *_: PLAN)
-    again = conceal.conceal(
-        "demo", [name], SIZES, 4, tmp_path / "public", tmp_path / "truths", "code"
-    )
+    again = conceal.conceal(of("demo", 4, tmp_path / "public", tmp_path / "truths"), [name])
     assert again[name] == made[name]
     for one, other in ((public, tmp_path / "public"), (truths, tmp_path / "truths")):
         for file in other.rglob("case-*"):
             assert file.read_bytes() == (one / file.relative_to(other)).read_bytes()
     monkeypatch.setattr(conceal, "draw", None)  # nothing is drawn again
-    assert conceal.conceal("demo", [name], SIZES, 4, public, truths, "code")[name] == made[name]
+    assert conceal.conceal(of("demo", 4, public, truths), [name])[name] == made[name]
     with pytest.raises(TypeError):
-        conceal.conceal("demo", [name], SIZES, 4, public, truths, "another")
+        conceal.conceal(of("demo", 4, public, truths, "another"), [name])
 
 
 def test_a_random_block_is_never_drawn_again(tmp_path, monkeypatch):
     public, truths = tmp_path / "final", tmp_path / "truths"
     monkeypatch.setattr(conceal, "plan", lambda *_: PLAN)
-    made = conceal.conceal("final", ["case-001"], SIZES, None, public, truths, "code")
+    made = conceal.conceal(of("final", None, public, truths), ["case-001"])
     batch = tmp_path / "000.json"
     batch.write_text(json.dumps(made))
     monkeypatch.setattr(conceal, "draw", None)
-    assert conceal.conceal("final", ["case-001"], SIZES, None, public, truths, "another") == made
+    assert conceal.conceal(of("final", None, public, truths, "another"), ["case-001"]) == made
     sealing.commit("final", None, [batch], public, truths)
-    assert conceal.conceal("final", ["case-001"], SIZES, None, public, truths, "code") == made
+    assert conceal.conceal(of("final", None, public, truths), ["case-001"]) == made
     (public / "recordings" / "case-001.parquet").unlink()
     with pytest.raises(conceal.InputError, match="case-001"):
-        conceal.conceal("final", ["case-001"], SIZES, None, public, truths, "code")
+        conceal.conceal(of("final", None, public, truths), ["case-001"])

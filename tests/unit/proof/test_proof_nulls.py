@@ -5,7 +5,8 @@ import pytest
 from scipy.stats import binom
 
 from proof import nulls, p_value_score, trial
-from proof.nulls import RIGS, ScoreTests
+from proof.nulls import RIGS
+from proof.refit import ScoreTests
 from witness import cases
 from witness.rig_errors import USUAL
 
@@ -27,7 +28,7 @@ def test_there_are_ten_rigs_of_usual_errors(case):
 
 
 def test_every_recording_of_a_skin_is_diagnosed_and_one_that_breaks_off_says_so(monkeypatch):
-    def best(self, case, rig):
+    def best(self, recorded, rig):
         if rig == "gain-walk":
             raise np.linalg.LinAlgError("singular")
         return {"p_value": 0.5, "p_local": 0.1, "name": "offset", "learned": {}}
@@ -59,8 +60,8 @@ def test_what_is_shared_changes_no_p(case):
     shared = ScoreTests(3)
     for rig in ("white-noise", "place-per-press"):
         first, second = (cases.again(case, RIGS[rig], number) for number in (0, 1))
-        shared.best(first, rig)
-        found, alone = shared.best(second, rig), ScoreTests(3).best(second, rig)
+        shared.best(first.recorded, rig)
+        found, alone = shared.best(second.recorded, rig), ScoreTests(3).best(second.recorded, rig)
         assert found["name"] == alone["name"]
         assert found["p_local"] == pytest.approx(alone["p_local"], rel=0.02)
         assert found["p_value"] == pytest.approx(alone["p_value"], rel=0.05)
@@ -69,7 +70,9 @@ def test_what_is_shared_changes_no_p(case):
 
 @pytest.fixture(scope="module")
 def rows():
-    return [{"kind": "skin", "seed": seed, **nulls.trial(seed, 1)} for seed in SKINS]
+    return [
+        {"kind": "skin", "seed": seed, **nulls.trial(cases.draw("null", seed), 1)} for seed in SKINS
+    ]
 
 
 @pytest.mark.long

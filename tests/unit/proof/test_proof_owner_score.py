@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from proof import owner_score, score
+from proof import prediction_score, score
 from proof.blocks import trials
 from proof.trial import file_of
 
@@ -38,6 +38,10 @@ def ended(kind, seed, outcome, value, **truth):
 
 def broken(kind, seed):
     return {"kind": f"owner:{kind}", "seed": seed, "code": "a", "failed": "ValueError()"}
+
+
+def summary(rows):
+    return prediction_score.scored("owners", rows)[0]["summary"]
 
 
 def line(lines, of, what):
@@ -80,7 +84,7 @@ STEP = {"true": ["drive-gain"], "wanted": [], "step": 31}
     ],
 )
 def test_what_is_right_and_what_is_false(made, right, false):
-    (one,) = owner_score.owners([made]).to_dict("records")
+    (one,) = prediction_score.owners([made]).to_dict("records")
     assert (one["right"], one["false"]) == (right, false)
 
 
@@ -97,7 +101,7 @@ ROWS = [
 
 
 def test_counts_and_bounds():
-    lines = owner_score.summary(owner_score.owners(ROWS))
+    lines = summary(ROWS)
     right = line(lines, "all recordings", "right name")
     assert (right["hits"], right["n"], right["met"]) == (4, 8, False)
     worse = line(lines, "all recordings", "after worse")
@@ -117,7 +121,7 @@ def test_counts_and_bounds():
 
 def test_all_right_meets_the_bounds():
     whole = [ROWS[0], ROWS[2], ROWS[4], ROWS[5]]
-    lines = owner_score.summary(owner_score.owners(whole))
+    lines = summary(whole)
     assert lines[lines["wanted"] != ""]["met"].all()
 
 
@@ -151,11 +155,12 @@ def test_the_fault_that_a_step_begins_is_counted(changed, after, by_step, told):
     whole = [{"named": True, "alternatives": []} | one for one in changed]
     parts = [{"effects": []}, {"effects": [{"alternatives": []} | one for one in after]}]
     made["said"] |= {"steps": [{"difference": {"found": whole}}], "parts": parts}
-    table = owner_score.owners([made, row("static-body", 1, [], **DEEP)])
+    rows = [made, row("static-body", 1, [], **DEEP)]
+    table = prediction_score.owners(rows)
     assert table.loc[0, ["fault_by_step", "fault_after"]].tolist() == [by_step, told]
-    lines = owner_score.summary(table)
+    lines = summary(rows)
     assert line(lines, "step", "its fault named")["hits"] == int(by_step)
     assert line(lines, "step", "its fault alone")["hits"] == int(told)
     made["said"] = {key: made["said"][key] for key in ("verdict", "effects")}
-    unsplit = owner_score.owners([made])
+    unsplit = prediction_score.owners([made])
     assert not unsplit.loc[0, "fault_by_step"] and not unsplit.loc[0, "fault_after"]

@@ -9,7 +9,7 @@ from eitskin.data import importers, recording
 from eitskin.data.recording import Recording, frames_table, validate
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
-from proof import planted
+from proof import planted, real_sets
 from shared_data import shared_data
 
 LCT, HYDROGEL = "lct-tank/homogeneous", "hydrogel-skin/ohmc16.mat"
@@ -96,20 +96,22 @@ def test_adjacent_measurement_allows_no_exact_exchange(n, drive):
 
 def test_only_what_is_exact():
     signed = small()
-    assert all(planted.can(signed, fault) for fault in planted.FAULTS)
+    assert all(planted.can_plant(signed, fault) for fault in planted.FAULTS)
     assert planted.swaps(signed.channels) == [(0, 2), (1, 3)]  # mirrors of a ring of four
     magnitude = small(voltage="magnitude")
-    assert not any(planted.can(magnitude, fault) for fault in planted.SIGNED)
-    assert planted.can(magnitude, "clipping") and planted.can(magnitude, "drive-gain")
+    assert not any(planted.can_plant(magnitude, fault) for fault in planted.SIGNED)
+    assert planted.can_plant(magnitude, "clipping") and planted.can_plant(magnitude, "drive-gain")
     by_order = small(clock="index")
-    assert not planted.can(by_order, "mains-interference")
+    assert not planted.can_plant(by_order, "mains-interference")
     difference = small(values="difference")
-    assert not any(planted.can(difference, fault) for fault in (planted.NONE, *planted.FAULTS))
+    assert not any(
+        planted.can_plant(difference, fault) for fault in (planted.NONE, *planted.FAULTS)
+    )
     lost = small()
     lost.voltage[0, 0] = np.nan
-    assert not planted.can(lost, "multiplexer-memory") and planted.can(lost, "offset")
+    assert not planted.can_plant(lost, "multiplexer-memory") and planted.can_plant(lost, "offset")
     with pytest.raises(InputError, match="fault"):
-        planted.can(signed, "rust")
+        planted.can_plant(signed, "rust")
 
 
 def test_excerpts_keep_presses_whole(tmp_path):
@@ -152,28 +154,30 @@ def test_found_where_named_at_its_sites_and_not_in_the_control():
     fault = {"name": "drive-gain", "drives": [3], "parameters": {"gain": [1.1]}}
     right, wrong = said({"name": "drive-gain", "drives": [3]}), said({"name": "drive-gain"})
     as_class = said({"name": "offset", "alternatives": ["drive-gain"], "drives": [3]})
-    assert planted.found(right, said(), fault) and planted.found(right, wrong, fault)
-    assert planted.found(as_class, said(), fault)
-    assert not planted.found(wrong, said(), fault)
-    assert not planted.found(right, right, fault)
-    assert not planted.found(said({"name": "offset", "drives": [3]}), said(), fault)
+    assert planted.finds_fault(right, said(), fault) and planted.finds_fault(right, wrong, fault)
+    assert planted.finds_fault(as_class, said(), fault)
+    assert not planted.finds_fault(wrong, said(), fault)
+    assert not planted.finds_fault(right, right, fault)
+    assert not planted.finds_fault(said({"name": "offset", "drives": [3]}), said(), fault)
 
 
 def test_clipping_is_not_a_cubic():
     fault = {"name": "adc-nonlinearity", "parameters": {"limit_V": 1.0}}
     clipped = said({"name": "adc-nonlinearity", "parameters": {"limit_V": {}}})
     cubic = said({"name": "adc-nonlinearity", "parameters": {"cubic": {}}})
-    assert planted.found(clipped, said(), fault) and planted.found(clipped, cubic, fault)
-    assert not planted.found(cubic, said(), fault)
+    assert planted.finds_fault(clipped, said(), fault) and planted.finds_fault(
+        clipped, cubic, fault
+    )
+    assert not planted.finds_fault(cubic, said(), fault)
 
 
 def test_lost_channels_are_borne_where_nothing_new_is_named():
     fault = {"name": "lost-channels", "channels": [1]}
     there = {"name": "drive-gain", "drives": [3]}
-    assert planted.found(said(there), said(there), fault) and planted.found(
+    assert planted.finds_fault(said(there), said(there), fault) and planted.finds_fault(
         said(), said(there), fault
     )
-    assert not planted.found(said(there, {"name": "offset"}), said(there), fault)
+    assert not planted.finds_fault(said(there, {"name": "offset"}), said(there), fault)
 
 
 @pytest.mark.parametrize("kind", ["real:own:rust", "real:other:none", "null", "real:none"])
@@ -185,7 +189,7 @@ def test_refuses_unknown_kinds(kind, tmp_path):
 def test_absent_sets_are_said_so(monkeypatch, tmp_path):
     monkeypatch.setenv("EITSKIN_DATA", str(tmp_path))
     with pytest.warns(UserWarning, match="SKIPPED.*lct-tank"):
-        assert planted.sets() == {}
+        assert real_sets.present() == {}
     with pytest.warns(UserWarning), pytest.raises(InputError, match="none"):
         planted.draw("real:lct-tank:none", 1)
 
@@ -228,4 +232,4 @@ def test_no_warning_where_all_sets_are_there(monkeypatch):
     monkeypatch.setenv("EITSKIN_DATA", str(shared_data("lct-tank").parent))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert "lct-tank" in planted.sets()
+        assert "lct-tank" in real_sets.present()

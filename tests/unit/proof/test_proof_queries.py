@@ -2,7 +2,7 @@
 
 import pytest
 
-from proof import blocks, query_score
+from proof import blocks, prediction_score
 from proof.trial import query_trial
 
 # Frames out of order, of which a faint tone was named with calibrations that predict ten times
@@ -22,5 +22,5 @@ def test_what_is_found_does_no_harm(kind, seed):
         pytest.skip(row["absent"])
     if "refused" in row:
         return  # it predicts nothing
-    assert query_score.ratio(row["hidden"]) <= query_score.MOST_RATIO
-    assert not row["hidden"]["standard_errors"] > query_score.WORSE
+    assert prediction_score.rmse_ratio(row["hidden"]) <= prediction_score.MOST_RATIO
+    assert not row["hidden"]["standard_errors"] > prediction_score.WORSE

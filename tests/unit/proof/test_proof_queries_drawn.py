@@ -31,10 +31,10 @@ def test_a_query_is_of_states_that_come_after_the_recording_s(name):
     one = drawn(name, 2)
     recording.validate(one.recorded, name)
     recording.validate(one.query, name)
-    assert one.kind == f"query:{name}" and one.seed == 2 and one.drawn
+    assert one.kind == f"query:{name}" and one.seed == 2 and one.description
     assert one.query.voltage is None
     assert one.query.frames["time_s"].min() > one.recorded.frames["time_s"].max()
-    assert one.there.shape == one.unit.shape == (len(one.query.frames), 208)
+    assert one.readings.shape == one.unit.shape == (len(one.query.frames), 208)
     assert len(np.unique(one.unit)) == one.query.frames["contact"].nunique()
 
 
@@ -42,9 +42,9 @@ def test_a_query_is_of_states_that_come_after_the_recording_s(name):
 def test_equal_seeds_give_equal_bits(name):
     one, again, other = drawn(name, 4), drawn(name, 4), drawn(name, 5)
     assert np.array_equal(one.recorded.voltage, again.recorded.voltage, equal_nan=True)
-    assert np.array_equal(one.there, again.there)
+    assert np.array_equal(one.readings, again.readings)
     assert one.recorded.frames.equals(again.recorded.frames)
-    assert one.recorded.metadata == again.recorded.metadata and one.drawn == again.drawn
+    assert one.recorded.metadata == again.recorded.metadata and one.description == again.description
     assert one.recorded.voltage.shape != other.recorded.voltage.shape or not np.array_equal(
         one.recorded.voltage, other.recorded.voltage, equal_nan=True
     )
@@ -100,16 +100,16 @@ def test_a_mistake_keeps_the_format(name):
 
 def test_shuffled_channels_are_shuffled_in_the_query_alike():
     one = drawn("shuffled", 3)
-    assert one.drawn == "channels"
-    near = one.recorded.voltage[:1] - one.there[:1]  # both untouched
-    assert np.abs(near).max() < 0.2 * np.abs(one.there[0]).max()
+    assert one.description == "channels"
+    near = one.recorded.voltage[:1] - one.readings[:1]  # both untouched
+    assert np.abs(near).max() < 0.2 * np.abs(one.readings[0]).max()
 
 
 @pytest.mark.parametrize("seed", range(len(queries.GARBAGE)))
 def test_garbage_has_a_plausible_size(seed):
     one = drawn("garbage", seed)
-    assert one.drawn == list(queries.GARBAGE)[seed]
-    assert np.isfinite(one.recorded.voltage).all() and np.isfinite(one.there).all()
+    assert one.description == list(queries.GARBAGE)[seed]
+    assert np.isfinite(one.recorded.voltage).all() and np.isfinite(one.readings).all()
     assert 1e-8 < np.median(np.abs(one.recorded.voltage)) < 10.0
 
 
@@ -118,7 +118,7 @@ def test_presses_stay_whole_and_what_is_kept_out_is_not_given(real):
     given, kept = one.recorded.frames, one.query.frames
     assert not set(given["time_s"]) & set(kept["time_s"])
     assert not kept["touch"].any()  # nobody measured a force
-    assert np.isfinite(one.there).all()
+    assert np.isfinite(one.readings).all()
     assert len(np.unique(one.unit)) == 32  # channels, without reciprocal ones
 
 
@@ -126,7 +126,7 @@ def test_presses_stay_whole_and_what_is_kept_out_is_not_given(real):
 def test_reciprocal_channels_are_kept_out_together(real, seed):
     one = drawn("real", seed)
     shared_data(REAL[seed])
-    asked_of, given = np.isfinite(one.there), np.isfinite(one.recorded.voltage)
+    asked_of, given = np.isfinite(one.readings), np.isfinite(one.recorded.voltage)
     assert not (asked_of & given).any() and (asked_of | given).all()
     assert not set(one.unit[asked_of].tolist()) & set(one.unit[given].tolist())
     sizes = Counter(one.unit[0].tolist())

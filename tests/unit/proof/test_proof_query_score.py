@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from proof import query_score, score
+from proof import prediction_score, score
 from proof.blocks import trials
 from proof.trial import file_of
 
@@ -38,13 +38,17 @@ ROWS = [
 ]
 
 
+def summary(rows):
+    return prediction_score.scored("queries", rows)[0]["summary"]
+
+
 def line(lines, of, what):
     (one,) = lines[(lines["of"] == of) & lines["what"].str.startswith(what)].to_dict("records")
     return one
 
 
 def test_of_each_recording_what_came_of_it():
-    table = query_score.queries(ROWS)
+    table = prediction_score.queries(ROWS)
     assert table["outcome"].tolist() == ["predicted"] * 4 + ["failed", "refused", "absent"]
     assert table["ratio"].tolist()[:4] == [0.5, 1.05, 1.0, 1.0]
     assert table["names"].tolist()[:2] == ["offset", ""]
@@ -52,7 +56,7 @@ def test_of_each_recording_what_came_of_it():
 
 
 def test_counts_and_bounds():
-    lines = query_score.summary(query_score.queries(ROWS))
+    lines = summary(ROWS)
     worse = line(lines, "all queries", "after worse")
     assert (worse["hits"], worse["n"], worse["met"]) == (1, 4, False)
     assert worse["low"] < 0.25 < worse["high"]
@@ -69,7 +73,7 @@ def test_counts_and_bounds():
 
 def test_no_verdict_is_not_worse_and_is_told():
     rows = [*ROWS, row("real", 2, after=3.0, apart=float("nan"))]
-    lines = query_score.summary(query_score.queries(rows))
+    lines = summary(rows)
     for what, hits in (("after worse", 1), ("after better", 1), ("no verdict", 1)):
         counted = line(lines, "all queries", what)
         assert (counted["hits"], counted["n"]) == (hits, 5)
@@ -77,7 +81,7 @@ def test_no_verdict_is_not_worse_and_is_told():
 
 
 def test_what_was_perfect_and_is_not_any_more_is_worse_without_bound():
-    assert query_score.ratio({"rmse_V": 1.0, "rmse_before_V": 0.0}) == np.inf
+    assert prediction_score.rmse_ratio({"rmse_V": 1.0, "rmse_before_V": 0.0}) == np.inf
 
 
 @pytest.mark.parametrize("there", [0, 3])

@@ -113,7 +113,7 @@ def test_noise_of_its_own_beside_what_was_drawn(case):
     noise = replace(steady, correlation=0.9)
     slow, _ = with_error(case, "correlated-noise", 0.9)
     lasts, _, found, log_sd = rig_sizes._of_noise(slow, slow.rig[0], noise)
-    assert lasts == found == pytest.approx(-1.0 / np.log(0.9)) and log_sd < rig_sizes.TOLD
+    assert lasts == found == pytest.approx(-1.0 / np.log(0.9)) and log_sd < rig_sizes.TELLABLE_SD
 
 
 @pytest.mark.long

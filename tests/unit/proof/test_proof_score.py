@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from proof import figures, p_value_score, rig_sizes, score
+from proof import figures, measures, p_value_score, rig_sizes, score
 from proof.blocks import trials
 from proof.intervals import bootstrap, wilson
 from proof.judge import covered, matched, names_truth, next_gap
@@ -166,7 +166,7 @@ def test_false_alarms_are_counted():
     rows = [row("null", i) for i in (1, 2)]
     rows += [row("null", 3, [found("offset")], probability=0.7)]
     rows += [{"kind": "null", "seed": 4, "failed": "LinAlgError()"}]
-    table = score.summary(rows)
+    table = score.diagnoses_summary(rows)
     alarms = line(table, "nothing left out", "an effect named")
     assert (alarms["hits"], alarms["n"], alarms["value"]) == (2, 4, 0.5)
     assert alarms["met"] is False
@@ -195,7 +195,7 @@ def test_single_effects_are_held_against_name_site_and_value():
         single(7, [right], gap=4.0),
         single(8, [right], gap=7.9),
     ]
-    table = score.summary(rows)
+    table = score.diagnoses_summary(rows)
 
     def counts(what):
         one = line(table, "one effect", what)
@@ -211,12 +211,12 @@ def test_single_effects_are_held_against_name_site_and_value():
     coverage = line(table, "one effect", "90 % intervals that hold the truth, gap ≥ 8")
     assert (coverage["value"], coverage["n"]) == (0.5, 2)
 
-    made = score.effects(rows)
-    (name,) = score.by_name(made).to_dict("records")
+    made = measures.effects(rows)
+    (name,) = measures.by_name(made).to_dict("records")
     expected = {"name": "contact-impedance", "alone": 8, "alone_right": 6, "apart": 6}
     assert {**name, **expected, "apart_right": 4, "sited": 6, "sites_right": 4} == name
     assert (name["intervals"], name["covered"], name["in_sets"]) == (2, 1, 0)
-    confused = score.confusion(made).set_index("called")
+    confused = measures.confusion(made).set_index("called")
     assert confused["recordings"].to_dict() == {"contact-impedance": 6, "nothing": 1, "several": 1}
     assert confused["apart"].to_dict() == {"contact-impedance": 4, "nothing": 1, "several": 1}
 
@@ -235,7 +235,7 @@ def test_sets_are_scored_by_f1():
         ),
         row("pair", 3, [], [a, b], [far, near]),
     ]
-    table = score.summary(rows)
+    table = score.diagnoses_summary(rows)
     gated = line(table, "two effects", "F1 of the set, each gap ≥ 8 given the others")
     assert gated["value"] == pytest.approx(2 * 3 / (4 + 5))
     assert (gated["n"], gated["met"]) == (2, False)
@@ -254,7 +254,7 @@ def test_physics_outside_the_catalogue_counts_where_the_fit_leaves_some():
         row("null", 1, probability=0.3),
         row("null", 2, probability=0.1),
     ]
-    table = score.summary(rows)
+    table = score.diagnoses_summary(rows)
     flagged = line(table, "outside the catalogue", "flagged, SNR ≥ 8 after the best fit")
     assert (flagged["hits"], flagged["n"]) == (1, 2)
     every = line(table, "outside the catalogue", "flagged, all")
@@ -262,7 +262,7 @@ def test_physics_outside_the_catalogue_counts_where_the_fit_leaves_some():
     what = "AUROC of other.probability, SNR ≥ 8 after the best fit"
     area = line(table, "outside the catalogue", what)
     assert (area["value"], area["n"]) == (pytest.approx(3.5 / 4), 4)
-    bins = score.reliability(rows).set_index("from")
+    bins = measures.reliability(rows).set_index("from")
     assert bins.loc[0.3, ["n", "probability", "share"]].tolist() == [2, 0.3, 0.5]
     assert bins.loc[0.9, ["n", "probability", "share"]].tolist() == [2, 0.9, 1.0]
     assert bins["n"].sum() == 5
@@ -280,7 +280,7 @@ def test_a_probability_that_is_one_has_slope_one():
     ]
     for one, probability in zip(rows, said, strict=True):
         one["said"]["other"]["probability"] = float(probability)
-    slope = line(score.summary(rows), "outside the catalogue", "other.probability: slope")
+    slope = line(score.diagnoses_summary(rows), "outside the catalogue", "other.probability: slope")
     assert slope["low"] < 1.0 < slope["high"] and slope["value"] == pytest.approx(1.0, abs=0.2)
 
 
@@ -291,7 +291,9 @@ def test_hidden_frames_against_the_better_black_box():
         **rows[2],
         "hidden": {**HIDDEN, "rmse_V": 3.2, "chi2_per_dof": 2.0, "within_90": 0.3},
     }
-    table = score.summary([*rows, row("null", 1, hidden={**HIDDEN, "chi2_per_dof": 50.0})])
+    table = score.diagnoses_summary(
+        [*rows, row("null", 1, hidden={**HIDDEN, "chi2_per_dof": 50.0})]
+    )
     of = "hidden frames, an effect"
     what = "RMSE over that of the better black box (GP, MLP), median"
     assert line(table, of, what)["value"] == 0.25
@@ -350,13 +352,13 @@ def test_sizes_of_rig_errors_that_can_be_told_are_counted():
     rows.append(row("pair", 1, rig_sizes=[size(True, False), size(False, False)]))
     rows.append({"kind": "null", "seed": 9, "failed": "why"})
     what = "size within a factor 1.5, of those that can be told"
-    counted = line(score.summary(rows), "errors of the rig", what)
+    counted = line(score.diagnoses_summary(rows), "errors of the rig", what)
     assert (counted["hits"], counted["n"], counted["met"]) == (10, 11, True)
     assert counted["wanted"] == "≥ 0.9"
 
 
 def test_what_is_asked_for():
-    table = score.summary([])
+    table = score.diagnoses_summary([])
     asked_for = table[table["wanted"] != ""].set_index(["of", "what"])["wanted"]
     at = "right electrode, drive, measuring pair or channels, gap ≥ 8"
     within = "size within a factor 1.5, of those that can be told"
@@ -373,7 +375,7 @@ def test_what_is_asked_for():
 
 
 def test_nothing_to_score_is_no_success():
-    table = score.summary([])
+    table = score.diagnoses_summary([])
     assert (table["n"] == 0).all()
     assert table["met"].isna().all()
 
@@ -392,7 +394,7 @@ def test_small_p_values_are_counted_by_rig_and_skin_by_skin(tmp_path):
     rows = [skin(1, [0.2, 0.04, 0.005, 0.9]), skin(2, [0.3, 0.5], "gain-walk")]
     rows[1]["nulls"].append({"rig": "gain-walk", "number": 2, "failed": "why", "cpu_seconds": 4.0})
     rows.append({"kind": "skin", "seed": 3, "code": "a", "failed": "why"})
-    table = p_value_score.summary(rows)
+    table = p_value_score.p_value_summary(rows)
     every = line(table, "every rig", "best candidate's p below 0.05")
     assert (every["hits"], every["n"], every["met"]) == (3, 7, False)
     assert (every["low"], every["high"]) == wilson(3, 7)
@@ -418,6 +420,6 @@ def test_small_p_values_are_counted_by_rig_and_skin_by_skin(tmp_path):
 
 
 def test_no_p_values_are_no_success():
-    table = p_value_score.summary([])
+    table = p_value_score.p_value_summary([])
     assert (table["n"] == 0).all()
     assert table["met"].isna().all()

@@ -5,8 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from eitskin.data.recording import Recording
-from eitskin.diagnose import diagnosis
-from proof.trial import missing
+from proof.refit import calibrated, missing
 from witness import cases
 
 FRAMES = 40
@@ -16,8 +15,8 @@ def left(kind, seed):
     """SNR of what the calibrations alone leave."""
     case = cases.draw(kind, seed, FRAMES)
     recorded = Recording(case.states, case.voltage, None, None, dict(case.metadata))
-    _, search, _ = diagnosis.begun(recorded, 1)
-    return missing(SimpleNamespace(after=search.calibrated(), recorded=recorded), case)
+    _, _, state = calibrated(recorded, 1)
+    return missing(SimpleNamespace(after=state, recorded=recorded), case)
 
 
 @pytest.mark.parametrize(

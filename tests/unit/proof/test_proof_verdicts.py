@@ -168,4 +168,7 @@ def test_verdicts_import_nothing_that_draws_or_opens():
     assert "eitskin.diagnose.search.search" in used
     tops = {name.split(".")[0] for name in used} - {"scripts/verdicts"}
     assert tops == {"proof", "eitskin"}
-    assert {name for name in used if name.startswith("proof.")} == {"proof.verdicts"}
+    assert {name for name in used if name.startswith("proof.")} == {
+        "proof.ledger",
+        "proof.verdicts",
+    }

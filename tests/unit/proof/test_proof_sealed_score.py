@@ -11,7 +11,18 @@ from eitskin.effects import EFFECTS
 from eitskin.effects.effect import SITES
 from eitskin.paper.similarity import MEASURES
 from eitskin.quantities import MINUS
-from proof import case_figure, causes, figures, intervals, page, score, scoring
+from proof import (
+    baselines,
+    case_figure,
+    causes,
+    claims,
+    figures,
+    intervals,
+    measures,
+    opened,
+    page,
+    sealed_score,
+)
 from proof.judge import numbers
 
 NAMES = (
@@ -53,7 +64,7 @@ def a_row(number, kind, truth=(), gap=8.0, outside=None, off=0.0):
     """A case of which everything is known, diagnosed without a fault."""
     probability = 0.95 if outside else 0.05
     effects = [said_of(item, off) for item in truth]
-    hidden = dict.fromkeys((*scoring.METHODS, "chi2_per_dof", "within_90"), 4.0)
+    hidden = dict.fromkeys((*opened.METHODS, "chi2_per_dof", "within_90"), 4.0)
     hidden |= {"none": 10.0, "eitskin": 1.0, "oracle": 1.0, "chi2_per_dof": 1.02, "within_90": 0.9}
     verdict = "partly-explained" if outside else "explained" if truth else "consistent"
     return {
@@ -80,7 +91,7 @@ def a_row(number, kind, truth=(), gap=8.0, outside=None, off=0.0):
         "log_evidence": None if outside else 1000.0,
         "said_log_evidence": 1000.0,
         "best": None if outside else [said_of(item) for item in truth],
-        "baselines": {name: [] for name in scoring.baselines.NAMING},
+        "baselines": {name: [] for name in baselines.NAMING},
         "broken": [],
         "seconds": 5.0,
         "said": {
@@ -108,7 +119,7 @@ def a_block():
 
 
 def values(rows):
-    table = scoring.table(rows, scoring.CLAIMS)
+    table = claims.score(rows, sealed_score.CLAIMS)
     return dict(zip(table["what"].str.partition(",")[0], table["value"], strict=True)), table
 
 
@@ -134,7 +145,7 @@ ASKED = (
 
 
 def test_every_line_has_its_gate_and_its_target():
-    table = scoring.table(a_block(), scoring.CLAIMS)
+    table = claims.score(a_block(), sealed_score.CLAIMS)
     assert len(table) == len(ASKED)
     for line, (start, gate, target) in zip(table.to_dict("records"), ASKED, strict=True):
         assert line["what"].startswith(start)
@@ -143,7 +154,7 @@ def test_every_line_has_its_gate_and_its_target():
 
 
 def test_a_perfect_diagnosis_reaches_every_target_but_too_wide_intervals():
-    table = scoring.table(a_block(), scoring.CLAIMS)
+    table = claims.score(a_block(), sealed_score.CLAIMS)
     missed = table[~table["target_met"].astype(bool)]
     # Nothing but intervals that always hold the truth can be wrong here, and they are told.
     assert missed["what"].tolist() == ["90 % intervals that hold the truth"]
@@ -207,8 +218,8 @@ def test_a_diagnosis_that_broke_off_counts_against():
     rows = a_block()
     for row in rows:
         if row["kind"] in ("null", "single"):
-            row.update(failed=True, said=scoring.SAID_NOTHING)
-            row["hidden"] = scoring._hidden({})
+            row.update(failed=True, said=opened.SAID_NOTHING)
+            row["hidden"] = opened.hidden({})
     told, _ = values(rows)
     assert told["false alarm"] == 1.0
     assert told["right name or declared class"] == 0.0
@@ -218,9 +229,9 @@ def test_a_diagnosis_that_broke_off_counts_against():
 
 def test_misfit_closed_is_measured_between_belief_and_oracle():
     hidden = {"none": 10.0, "oracle": 2.0, "eitskin": 4.0, "gp": 12.0}
-    assert scoring.misfit_closed(hidden) == 0.75
-    assert scoring.misfit_closed(hidden, "gp") == -0.25
-    assert np.isnan(scoring.misfit_closed({**hidden, "oracle": 10.5}))
+    assert measures.misfit_closed({"hidden": hidden}) == 0.75
+    assert measures.misfit_closed({"hidden": hidden}, "gp") == -0.25
+    assert np.isnan(measures.misfit_closed({"hidden": {**hidden, "oracle": 10.5}}))
 
 
 def test_errors_are_measured_in_the_bound_s_own_sd():
@@ -234,7 +245,7 @@ def test_errors_are_measured_in_the_bound_s_own_sd():
     row["said"]["effects"] = [{**entry, "electrodes": [7, 2], "parameters": {"ratio": told}}]
     row["best"] = [{**entry, "parameters": {"ratio": best}}]
     # Site 2: 2.2 for 2; site 7: 3.3 for 3: two and three standard deviations; their median.
-    assert scoring.errors(row) == pytest.approx([2.5], rel=1e-4)
+    assert measures.errors(row) == pytest.approx([2.5], rel=1e-4)
     assert [n.place for n in numbers(row["said"]["effects"][0], truth, "sparse")] == [2, 7]
 
 
@@ -251,7 +262,7 @@ def test_errors_are_measured_in_the_bound_s_own_sd():
     ],
 )
 def test_instrument_and_skin(name, where):
-    assert scoring.side(name) == where
+    assert measures.side(name) == where
 
 
 def test_sides_and_sites_are_counted_of_those_that_have_them():
@@ -267,11 +278,11 @@ def test_sides_and_sites_are_counted_of_those_that_have_them():
 
 def test_strata_cover_all_rows_once():
     rows = a_block()
-    parts = scoring.strata(rows)
+    parts = sealed_score.strata(rows)
     for word in ("generator", "kind"):
         own = [row["case"] for name, of in parts.items() if name.startswith(word) for row in of]
         assert sorted(own) == sorted(row["case"] for row in rows)
-    lines = scoring.whole(rows)
+    lines = sealed_score.scored(rows)
     assert set(lines["rows"]) == {"all", *parts}
     alone = lines[(lines["rows"] == "kind: single") & lines["what"].str.startswith("F1")]
     assert alone.empty
@@ -281,7 +292,7 @@ def test_methods_are_scored_by_the_same_rules():
     rows = a_block()
     for row in rows:
         row["baselines"]["lasso"] = copy.deepcopy(row["said"]["effects"])
-    table = scoring.by_method(rows).set_index("method")
+    table = sealed_score.by_method(rows).set_index("method")
     assert table.loc["lasso", "f1_triple"] == table.loc["eitskin", "f1_triple"] == 1.0
     assert table.loc["matched-filter", "right_name"] == 0.0
     assert np.isnan(table.loc["gp", "right_name"])
@@ -292,7 +303,7 @@ def test_methods_are_scored_by_the_same_rules():
 def test_the_page_says_everything_and_lists_the_misses():
     rows = a_block()
     rows[9] = wrong(rows[9])
-    lines, methods = scoring.whole(rows), scoring.by_method(rows)
+    lines, methods = sealed_score.scored(rows), sealed_score.by_method(rows)
     text = page.markdown(rows, lines, methods, "snakemake concealed")
     for start, gate, target in ASKED:
         (line, *_) = [x for x in text.splitlines() if f"| {start}" in x and f"| {gate} |" in x]
@@ -336,7 +347,9 @@ def test_physics_from_outside_has_a_line_by_kind_and_generator_with_its_count():
     for row in rows:
         row["generator"] = "elements" if row["kind"] == "outside" else "boundary"
     rows[0]["said"]["other"]["probability"] = 0.99
-    text = page.markdown(rows, scoring.whole(rows), scoring.by_method(rows), "snakemake concealed")
+    text = page.markdown(
+        rows, sealed_score.scored(rows), sealed_score.by_method(rows), "snakemake concealed"
+    )
     told = {line.split(" | ")[0]: line.split(" | ")[1:] for line in text.splitlines()}
     assert told["| recordings"][-2:] == ["flagged", "falsely flagged |"]
     for name in ("kind: outside", "generator: elements"):
@@ -362,10 +375,10 @@ def test_nothing_missed_is_said_to_be_flagged_or_too_wide():
     item = {"name": NAMES[0][0], **NAMES[0][1]}
     flagged = a_row(9, "single", [item])
     flagged["said"]["other"]["probability"] = 0.99
-    assert not page.right(flagged) and causes.cause(flagged) == causes.BESIDES
+    assert not causes.is_right(flagged) and causes.cause(flagged) == causes.BESIDES
     wide = a_row(9, "single", [item])
     wide["said"]["effects"][0]["alternatives"] = ["common-mode"]
-    assert not page.right(wide) and causes.cause(wide) == causes.TOO_WIDE
+    assert not causes.is_right(wide) and causes.cause(wide) == causes.TOO_WIDE
 
 
 def test_physics_from_outside_is_told_by_what_the_named_effects_leave():
@@ -403,7 +416,7 @@ def test_a_median_off_the_figure_is_an_arrow_with_its_number():
 def test_real_recordings_are_not_told_as_without_anything_outside():
     rows = a_block()
     real = [{**row, "kind": "real"} for row in rows[:5]]
-    pd.testing.assert_frame_equal(page.reliability([*rows, *real]), score.reliability(rows))
+    pd.testing.assert_frame_equal(measures.reliability([*rows, *real]), measures.reliability(rows))
 
 
 def test_a_share_of_none_and_the_lack_of_an_interval_are_drawn():
@@ -423,18 +436,18 @@ def test_a_true_effect_is_told_without_the_names_that_its_units_say():
         ("contact-impedance", {"ratio": [2.0]}, ": ratio 2"),
     ):
         item = {"name": name, "electrodes": [6], "parameters": values}
-        assert case_figure.truth_of(item) == f"{name}, electrode 6{told}"
+        assert case_figure.truth_words(item) == f"{name}, electrode 6{told}"
     patch = {"x_mm": 40.0, "y_mm": 30.0, "radius_mm": 12.0, "contrast": None}
-    text = case_figure.truth_of({"name": "conductivity-patch", "parameters": patch})
+    text = case_figure.truth_words({"name": "conductivity-patch", "parameters": patch})
     assert text.endswith(": x 40\xa0mm; y 30\xa0mm; radius 12\xa0mm")
 
 
 def test_figures_are_drawn_also_of_nothing(tmp_path):
     rows = a_block()
     for part in (rows, rows[:1]):
-        gaps, closed = scoring.by_gap(part), scoring.closed(part)
+        gaps, closed = sealed_score.by_gap(part), sealed_score.closed(part)
         assert figures.accuracy(gaps).get_axes()
         assert figures.misfit_closed(closed).get_axes()
-    own = scoring.by_gap(rows)
+    own = sealed_score.by_gap(rows)
     assert (own.loc[own["method"] == "eitskin", "right"] == 1.0).all()
     assert own["ceiling"].tolist()[:3] == pytest.approx(norm.cdf([1.55, 4.05, 20.05]))
