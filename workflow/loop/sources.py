@@ -19,9 +19,9 @@ import yaml
 from eitskin.data import dataset
 from eitskin.data.dataset import Dataset
 from eitskin.data.recording import Recording, presses
-from eitskin.diagnose.diagnosis import problem_of
 from eitskin.diagnose.fitting.excerpt import excerpt
 from eitskin.diagnose.fitting.fit import fit
+from eitskin.diagnose.fitting.readings import problem_of
 from eitskin.diagnose.noise.estimate import estimate_noise
 from eitskin.diagnose.verdict import corrected
 from eitskin.effects.settings import settings, site_counts

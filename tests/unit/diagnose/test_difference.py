@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from concealed import planted
 from eitskin import cli
 from eitskin.data import recording
 from eitskin.data.importers.description import describe
@@ -23,6 +22,7 @@ from eitskin.errors import InputError
 from eitskin.physics.forward import channel_values
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
+from proof import planted
 
 NAMES = ("monday", "friday")
 N = 16

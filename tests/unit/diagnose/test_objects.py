@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from concealed import planted
 from eitskin import cli
 from eitskin.data import recording
 from eitskin.data.importers.description import describe
@@ -20,6 +19,7 @@ from eitskin.diagnose.compare.sheet import Sheet
 from eitskin.physics.forward import channel_values
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
+from proof import planted
 from shared_data import shared_data
 from witness import boundary
 from witness.curves import Shape

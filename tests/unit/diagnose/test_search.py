@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from calibration.trial import true_gaps
 from eitskin import cores
 from eitskin.data.recording import Recording, presses
 from eitskin.diagnose import diagnosis
@@ -36,6 +35,7 @@ from eitskin.diagnose.verdict.atlas import atlas
 from eitskin.diagnose.verdict.corrected import items
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
+from proof.refit import true_gaps
 from small_skin import (
     CHANNELS,
     SKIN,

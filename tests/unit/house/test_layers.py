@@ -29,12 +29,10 @@ FLOORS = (  # from the ground up; what stands on one floor does not know each ot
 )
 BESIDE = {  # what uses the tool, and what each may use of the others
     "benchmark": {"witness"},
-    "calibration": {"witness"},
-    "concealed": {"calibration", "witness"},
     "loop": {"witness"},
     "manual": set(),
+    "proof": {"witness"},
     "rigsim": set(),
-    "studies": set(),
     "witness": set(),
 }
 ONLY = {  # what knows even less of the tool than its floor would allow

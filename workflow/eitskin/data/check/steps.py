@@ -17,7 +17,7 @@ from eitskin.data.recording import Recording, presses
 
 WIDTHS, MANY = (2, 4, 8, 16), 4  # frames on either side; so many times as many in all
 LEAST_SPLITS = 8  # of a kind, to know what is ordinary
-# In energy, over that of an ordinary split; `python -m calibration.steps` has the false alarms. One
+# In energy, over that of an ordinary split; `python -m proof.steps` has the false alarms. One
 # number of a wandering source varies more than the sum over many channels does.
 LARGER, LARGER_COMMON = 20.0, 40.0
 SPIKE = 5.0  # standard deviations
