@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from eitskin.data import recording
-from eitskin.diagnose import diagnosis
+from eitskin.diagnose import diagnosis, files
 from eitskin.diagnose.verdict.record import read_query, record
 from eitskin.errors import InputError
 from proof import ledger

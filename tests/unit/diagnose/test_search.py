@@ -92,7 +92,7 @@ def test_loud_frames_are_numbered_as_in_the_recording_that_an_excerpt_is_of(cont
     thinned = replace(
         recorded, frames=recorded.frames.assign(frame=3 * recorded.frames["frame"] + 1)
     )
-    found = replace(found, recorded=thinned, noise=replace(found.noise, loud_frames=(2, 5)))
+    found = replace(found, recording=thinned, noise=replace(found.noise, loud_frames=(2, 5)))
     assert conclusion.document(found, "contact")["noise"]["loud_frames"] == [7, 16]
 
 
