@@ -21,7 +21,7 @@ from eitskin.data.recording import Recording, frames_table
 from eitskin.diagnose.diagnosis import begun, problem_of
 from eitskin.diagnose.noise.estimate import Noise
 from eitskin.errors import InputError
-from eitskin.physics.solver import Spent
+from eitskin.physics.solver import EffortExceeded
 from witness import rig_errors
 from witness.cases import Alike, Case, draw
 from witness.generators import GENERATORS
@@ -111,7 +111,7 @@ def gaps_at(case: Case, noise_V: np.ndarray) -> list | None:
         with problem.model.near.within(MOST_SOLVED):
             before = search.calibrated()
             return gaps_about(search, before, before, [], case.effects, case.scopes)
-    except Spent:
+    except EffortExceeded:
         return None
 
 

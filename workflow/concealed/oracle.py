@@ -26,7 +26,7 @@ from eitskin.diagnose.search.state import State
 from eitskin.diagnose.verdict import result
 from eitskin.diagnose.verdict.result import read_query
 from eitskin.effects.effect import SITES
-from eitskin.physics.solver import Spent
+from eitskin.physics.solver import EffortExceeded
 
 MOST_SOLVED = 4_000  # sheets, for the fit of one set
 
@@ -56,9 +56,9 @@ class Refit:
             return self.nothing
         near = self.search.problem.model.near
         try:
-            with near.within(near.spent + MOST_SOLVED):
+            with near.within(near.effort + MOST_SOLVED):
                 return with_all(self.search, self.nothing, wanted)
-        except Spent:
+        except EffortExceeded:
             return None
 
     def as_said(self, said: list[dict]) -> State | None:

@@ -375,7 +375,7 @@ class _Solver:
             ]
             found = list(compress(found, forward.meets([place for place, _ in found])))
             here = [place for place, _ in found]
-            self.near.spent += len(here) * forward.touch_effort
+            self.near.effort += len(here) * forward.touch_effort
             modes = [forward.contact(*p) for p in here] if contact else forward.places(here)
             for one, (_, at) in zip(modes, found, strict=True):
                 change = one.impedance_change(contrast[rows[at]])

@@ -27,7 +27,7 @@ from eitskin.diagnose.search import afar
 from eitskin.diagnose.search.state import State, likelihood, occam
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
-from eitskin.physics.solver import Spent
+from eitskin.physics.solver import EffortExceeded
 
 Part = TypeVar("Part")
 Result = TypeVar("Result")
@@ -81,7 +81,7 @@ class Fitting:
     @property
     def spent(self) -> bool:
         """Whether the search has taken so long that it ends with what it has."""
-        return self.problem.model.near.spent > self.most_solved
+        return self.problem.model.near.effort > self.most_solved
 
     def starts_afar(self, candidate: Candidate) -> bool:
         """Whether no tangent leads to a candidate, so that its fits begin as of `afar`."""
@@ -267,7 +267,7 @@ class Fitting:
                 known = found.fit.theta, found.fit.jacobian
                 fitted = fit(found.fit.problem, effects, *known)
                 return self.state(fitted, state.p_values, found.sizes, found.rig)
-        except (InputError, np.linalg.LinAlgError, Spent):
+        except (InputError, np.linalg.LinAlgError, EffortExceeded):
             return None
 
     def with_effect(
@@ -332,7 +332,7 @@ class Fitting:
                 if fitted.cost > state.fit.cost + 2.0 * LOST:
                     return None
                 return self.state(fitted, state.p_values, state.sizes, state.rig)
-        except (InputError, np.linalg.LinAlgError, Spent):
+        except (InputError, np.linalg.LinAlgError, EffortExceeded):
             return None
 
     def without(self, state: State, index: int) -> State:
