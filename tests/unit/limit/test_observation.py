@@ -141,7 +141,7 @@ def test_a_session_known_is_the_simulator(tmp_path, baseline):
     write_skin_stage(mesh, grid, stages[0], 1, SKIN, "train", EFFECTS[:2], 4, False, own)
     for k, effect in enumerate(EFFECTS[2:], start=1):
         write_stage(stages[k - 1], stages[k], 1, effect, k)
-    made, untouched, touched = Stage(stages[-1]).whole()
+    made, untouched, touched = Stage(stages[-1]).joined()
     assert np.array_equal(made[["x_mm", "force_N"]], table[["x_mm", "force_N"]])
     write_dataset(stages[-1], tmp_path / "set.parquet", "own-continuous", 1, 0.01, baseline)
     frames = 1 if baseline == "paired" else 4

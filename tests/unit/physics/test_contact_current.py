@@ -18,7 +18,7 @@ from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from eitskin.physics.solver import forward_model
 from eitskin.physics.touch import Touch
-from eitskin.simulate.leaks import leaking
+from eitskin.simulate.leaks import leaking_potential
 from eitskin.simulate.readings import simulate
 from symmetric_mesh import symmetric_disc_mesh
 
@@ -227,6 +227,6 @@ def test_readings_against_a_network_with_its_ground(sink_grounded):
 
 def test_point_electrodes_cannot_leak():
     with pytest.raises(InputError, match="a width above 0"):
-        leaking(
+        leaking_potential(
             np.zeros((1, 1, 2)), np.ones((1, 2)), np.full((1, 2, 2), np.nan), None, False
         )

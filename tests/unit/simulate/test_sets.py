@@ -100,7 +100,7 @@ def test_sessions_in_order_and_crossed():
 def test_the_skin_stage_is_the_forward_model(tmp_path):
     chain(tmp_path)
     stage = stages.Stage(tmp_path / "0.parquet")
-    (table, untouched, touched), channels = stage.whole(), stage.channels
+    (table, untouched, touched), channels = stage.joined(), stage.channels
     row = table.iloc[17]
     counts = site_counts(channels)
     chosen = settings([ELLIPSE], counts, (1, int(row["session"]), 0))
@@ -116,8 +116,8 @@ def test_the_skin_stage_is_the_forward_model(tmp_path):
 
 def test_the_untouched_frame_carries_the_gain_of_its_touch(tmp_path):
     chain(tmp_path)
-    table, before, _ = stages.Stage(tmp_path / "0.parquet").whole()
-    _, after, _ = stages.Stage(tmp_path / "1.parquet").whole()
+    table, before, _ = stages.Stage(tmp_path / "0.parquet").joined()
+    _, after, _ = stages.Stage(tmp_path / "1.parquet").joined()
     gain = 1 + 0.01 * (table["force_N"].to_numpy() - 5.0)
     assert np.allclose(after / before, gain[:, None], rtol=1e-5)
 
@@ -125,7 +125,7 @@ def test_the_untouched_frame_carries_the_gain_of_its_touch(tmp_path):
 @pytest.mark.parametrize("baseline", ["paired", "averaged"])
 def test_noise_and_baseline(tmp_path, baseline):
     found = dataset.read(chain(tmp_path, baseline=baseline))
-    _, untouched, touched = stages.Stage(tmp_path / "1.parquet").whole()
+    _, untouched, touched = stages.Stage(tmp_path / "1.parquet").joined()
     noise = (found.delta_V - (touched - untouched)) / np.median(np.abs(touched), axis=1)[:, None]
     frames = 12
     expected = 0.01 * np.sqrt(2.0 if baseline == "paired" else 1.0 + 1.0 / frames)
@@ -144,7 +144,7 @@ def test_a_continuous_set_has_its_own_size_or_the_grids(tmp_path, given, samples
     continuous = {"reach_mm": 64.0, "probe_mm": 16.0, "forces": forces, **given}
     out = tmp_path / "0.parquet"
     sets.write_skin_stage(laid, grid, out, 1, SKIN, "train", [ELLIPSE], 12, False, continuous)
-    table, *_ = stages.Stage(out).whole()
+    table, *_ = stages.Stage(out).joined()
     assert len(table) == samples and table["place"].is_unique
     np.testing.assert_array_equal(table["session"], np.arange(samples) // 12)
 
@@ -227,7 +227,7 @@ def test_a_sample_s_touch_and_wires(tmp_path):
     ]
     laid, grid, out = (tmp_path / name for name in ("mesh.npz", "grid.csv", "swap.parquet"))
     sets.write_skin_stage(laid, grid, out, 1, SKIN, "train", effects, 12, False)
-    table, _, touched = stages.Stage(out).whole()
+    table, _, touched = stages.Stage(out).joined()
     row = table.iloc[17]
     touch = Touch(row["x_mm"], row["y_mm"], 8.0, 0.9 * np.sqrt(row["force_N"]))
     wires = np.arange(16)

@@ -1,5 +1,4 @@
-"""What a simulation is laid out on: nodes on the electrodes, places to touch, forces to press
-with."""
+"""The layout of a simulated set: electrode nodes, touched places and force levels."""
 
 from pathlib import Path
 
@@ -35,7 +34,7 @@ def polar_grid(
 def force_levels(
     seed: int, mean_N: float, sd_N: float, max_N: float, levels: int, decimals: int
 ) -> np.ndarray:
-    """(levels,) N, ascending: normal, clipped to 0 ... max_N, rounded, no level twice.
+    """(levels,) N, ascending: normal, clipped to 0 ... max_N, rounded, all different.
 
     Raises InputError where rounding leaves too few different levels.
     """
@@ -44,16 +43,16 @@ def force_levels(
     if levels > max_N / step + 1.0:
         expected = f"at most {int(max_N / step) + 1} at {decimals} decimals up to {max_N:g} N"
         raise InputError("config", "forces.levels", levels, expected)
-    found: np.ndarray = np.zeros(0)
+    levels_N: np.ndarray = np.zeros(0)
     for _ in range(1000):
-        drawn = force_N(rng.standard_normal(levels), mean_N, sd_N, max_N)
-        unique = np.unique(np.round(np.concatenate([found, drawn]) / step).astype(int) * step)
+        sample_N = force_N(rng.standard_normal(levels), mean_N, sd_N, max_N)
+        unique = np.unique(np.round(np.concatenate([levels_N, sample_N]) / step).astype(int) * step)
         if len(unique) >= levels:
-            chosen = rng.choice(len(unique), levels, replace=False)
-            return np.round(unique[np.sort(chosen)], decimals)
-        found = unique
+            selection = rng.choice(len(unique), levels, replace=False)
+            return np.round(unique[np.sort(selection)], decimals)
+        levels_N = unique
     raise InputError(
-        "config", "forces.levels", levels, f"at most {len(found)} at {decimals} decimals"
+        "config", "forces.levels", levels, f"at most {len(levels_N)} at {decimals} decimals"
     )
 
 
@@ -69,7 +68,7 @@ def write(
 ) -> None:
     """Write `mesh` (npz: channels, force_N, electrode node angles and weights) and `places` (CSV).
 
-    The blocks are the configuration's. Raises InputError where they make no skin that can be
+    The blocks are those of the configuration. Raises InputError where they make no skin that can be
     measured.
     """
     believed = Skin.from_metadata(skin, "config.yaml")

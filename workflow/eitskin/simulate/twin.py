@@ -81,7 +81,7 @@ def presses(
 
 
 def write(
-    out: str | Path,
+    path: str | Path,
     seed: int,
     skin: dict,
     protocol: dict,
@@ -101,7 +101,7 @@ def write(
     rng = np.random.default_rng([seed, 3])
     grid = polar_grid(geometry.radius_mm, probe_mm=0.0, **touch_grid)
     frames = presses(grid, rng=rng, **press)
-    chosen = settings(effects, site_counts(channels), (seed, 0))
+    effect_settings = settings(effects, site_counts(channels), (seed, 0))
     metadata = recording.metadata_of(
         channels, believed.metadata(), "simulation", "magnitude", frame_s=press["frame_s"]
     )
@@ -111,11 +111,11 @@ def write(
         recording.presses(twin),
         believed,
         channels,
-        chosen,
+        effect_settings,
         accuracy,
         frame_s=press["frame_s"],
         progress=True,
     )
     scale = noise * np.median(np.abs(clean), axis=1, keepdims=True)
     twin.voltage = np.abs(clean + scale * rng.standard_normal(clean.shape))
-    recording.write(twin, out)
+    recording.write(twin, path)
