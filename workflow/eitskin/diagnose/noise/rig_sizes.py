@@ -237,7 +237,7 @@ class Scoring:
             counts = [len(rig.columns[names[i]]) for i in members]
             return np.cumsum([0, *counts[:-1]])
 
-        units = cores.each(unit, self.kinds)
+        units = cores.threaded(unit, self.kinds)
         self._starts = [starts(members) for _, members in self.kinds]
         self._along = [along for along, _ in units]
         pairs = [(a, b) for a in range(len(units)) for b in range(a, len(units))]
@@ -249,9 +249,9 @@ class Scoring:
         def trace(number: int) -> np.ndarray:
             return _traces(whitening, self.kinds[number][0], units[number][1], self.of_press)
 
-        self._traces = cores.each(trace, range(len(units)))
+        self._traces = cores.threaded(trace, range(len(units)))
         self.information = np.zeros((len(names), len(names)))
-        for (a, b), found in zip(pairs, cores.each(shared, pairs), strict=True):
+        for (a, b), found in zip(pairs, cores.threaded(shared, pairs), strict=True):
             (_, left), (_, right) = self.kinds[a], self.kinds[b]
             total = np.add.reduceat(found, self._starts[a])
             total = np.add.reduceat(total, self._starts[b], axis=1)
@@ -282,7 +282,7 @@ class Scoring:
             return (along**2).sum(axis=1) - self._traces[number]
 
         found = np.zeros(len(self.information))
-        squared = cores.each(squares, range(len(self.kinds)))
+        squared = cores.threaded(squares, range(len(self.kinds)))
         for (_, members), own, first in zip(self.kinds, squared, self._starts, strict=True):
             found[members] = 0.5 * np.add.reduceat(own, first)
         return found / self._unit

@@ -275,7 +275,7 @@ class Whitening:
                 found = part.apply(found, part.root)
             return np.where(self.mask, found, 0.0)
 
-        return _by_groups(whitened, values, cores.each)
+        return _by_groups(whitened, values, cores.threaded)
 
     def back(self, whitened: np.ndarray) -> np.ndarray:
         """(..., N, M): the transpose of whitening, applied; of what is whitened, the inverse
@@ -310,7 +310,7 @@ class Whitening:
             alone[np.arange(len(at)), :, at] = column[:, at].T
             return (self(alone) ** 2).sum(axis=(1, 2)).astype(float)
 
-        groups = cores.each(lengths, range(0, len(channels), TOGETHER))
+        groups = cores.threaded(lengths, range(0, len(channels), TOGETHER))
         return np.concatenate([np.zeros(0), *groups])
 
     def filtered(self, columns: np.ndarray, each: str) -> np.ndarray:

@@ -215,7 +215,7 @@ def _correlations(columns: list[np.ndarray]) -> np.ndarray:
             other = above if j == i else np.array(columns[j : j + STACKED], float)
             found[i : i + STACKED, j : j + STACKED] = above @ other.T
 
-    cores.each(beside, range(0, len(columns), STACKED))
+    cores.threaded(beside, range(0, len(columns), STACKED))
     upper = np.triu(found)
     length = np.sqrt(np.diag(found))
     return (upper + np.triu(found, 1).T) / np.outer(length, length)
