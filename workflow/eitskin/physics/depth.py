@@ -29,7 +29,7 @@ from eitskin.physics.column_touch import ColumnTouch
 from eitskin.physics.electrodes import Electrodes
 from eitskin.physics.forward import Accuracy, Forward
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.touch import Touch, TouchEdge, graded_panels
+from eitskin.physics.touch import PanelSizes, Touch, TouchEdge, graded_panels
 from eitskin.physics.touch_cache import ContactCoupling, Place, TouchCoupling
 
 PANEL_NODES = 10
@@ -316,9 +316,7 @@ def _panels(
         start,
         stop,
         lambda lag: 0.45 * np.hypot(lag - zero, clearance),
-        min(1.0, 1.5 / rate),
-        SHORTEST_PANEL,
-        PANEL_NODES,
+        PanelSizes(min(1.0, 1.5 / rate), SHORTEST_PANEL, PANEL_NODES),
     )
 
 

@@ -27,7 +27,7 @@ from eitskin.physics.electrodes import ElectrodeMotion, Electrodes
 from eitskin.physics.even_touches import even_touches
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
-from eitskin.physics.touch import EdgeMotion, Touch, TouchAccuracy, TouchEdge
+from eitskin.physics.touch import EdgeMotion, Surroundings, Touch, TouchAccuracy, TouchEdge
 from eitskin.physics.touch_cache import ContactCoupling, Place, TouchCache, TouchCoupling
 
 # Rim points of the conformal map: more than twice its degree, 48, with room for rough rims.
@@ -243,9 +243,9 @@ class Forward:
     def edge(self, touch: Touch, touch_clearance: float = np.inf) -> TouchEdge:
         """The touch's edge and multipoles at this accuracy; touch_clearance: distance to the
         nearest other touch, in radii."""
-        return TouchEdge(
-            touch, self.geometry, self.disc, self.accuracy.touch, touch_clearance, bulk=self.bulk
-        )
+        surroundings = Surroundings(touch_clearance)
+        accuracy = self.accuracy.touch
+        return TouchEdge(touch, self.geometry, self.disc, accuracy, surroundings, self.bulk)
 
     def place(self, x_mm: float, y_mm: float, radius_mm: float) -> TouchModes:
         """The modes of a touch at one place, for every contrast at once."""

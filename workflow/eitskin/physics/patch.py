@@ -26,6 +26,8 @@ from eitskin.physics.touch import (
     EDGE_ANGLES,
     NODE_COUNTS,
     Circle,
+    PanelSizes,
+    Surroundings,
     Touch,
     TouchAccuracy,
     TouchEdge,
@@ -80,7 +82,7 @@ class PatchEdge(Circle):
         if gap > 0 and self.digits / np.log1p(gap) <= len(self.t):
             return PatchNodes(self, self.t, self.zeta, self.dzeta, None)
         start = np.angle(circle.centre - self.centre)
-        panels = (LONGEST_PANEL, self.accuracy.rim_gap, self.accuracy.panel_nodes)
+        panels = PanelSizes(LONGEST_PANEL, self.accuracy.rim_gap, self.accuracy.panel_nodes)
         stop = start + 2.0 * np.pi
         t, weight = self.panels(start, stop, circle, lambda t: np.inf, panels)
         zeta, tangent = self.mapped(t, 1)
@@ -305,7 +307,8 @@ class PatchForward(Forward):
         geometry, accuracy = self.geometry, self.accuracy.touch
 
         def compute() -> BareTouch:
-            edge = TouchEdge(touch, geometry, self.patch.disc, accuracy, neighbour=self.patch)
+            surroundings = Surroundings(circle=self.patch)
+            edge = TouchEdge(touch, geometry, self.patch.disc, accuracy, surroundings)
             coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))
             return BareTouch(edge, coupling)
 

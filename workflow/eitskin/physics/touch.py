@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -39,7 +39,15 @@ ROUGH_STRIDE = 4  # every fourth of EDGE_ANGLES gives the distance to the rim of
 ROUGH_MARGIN = 0.1  # radii; a touch nearer to the rim is measured at all EDGE_ANGLES
 
 Clearance = Callable[[np.ndarray], np.ndarray | float]
-Panels = tuple[float, float, int]  # longest, shortest, nodes
+
+
+class PanelSizes(NamedTuple):
+    """Lengths of the longest and the shortest panel, nodes of each, and the most panels."""
+
+    longest: float
+    shortest: float
+    nodes: int
+    most_panels: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -177,7 +185,7 @@ class Circle:
         stop: float,
         neighbour: "Circle | None",
         clearance: Clearance,
-        panels: Panels,
+        panels: PanelSizes,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Nodes and weights from start to stop by graded_panels with `clearance` and `panels`.
 
@@ -185,14 +193,15 @@ class Circle:
         they shrink the more the flatter the crossing.
         """
         if neighbour is None:
-            return graded_panels(start, stop, clearance, *panels)
+            return graded_panels(start, stop, clearance, panels)
         crossings = self.crossings(neighbour)
         if len(crossings):
             size = min(neighbour.radius / self.radius, 1.0)
             shortest = max(
                 CROSSED_PANEL * size * self.angle_sine2(neighbour), SHORTEST_CROSSED_PANEL
             )
-            panels = (panels[0] * CROSSED_NODES / panels[2], shortest, CROSSED_NODES)
+            longest = panels.longest * CROSSED_NODES / panels.nodes
+            panels = PanelSizes(longest, shortest, CROSSED_NODES)
 
         def joint_clearance(t: np.ndarray) -> np.ndarray:
             gap = np.abs(np.abs(self.place(t) - neighbour.centre) - neighbour.radius) / self.radius
@@ -202,22 +211,31 @@ class Circle:
 
         between = start + (crossings - start) % (2.0 * np.pi)
         panel_ends = np.unique([start, *between[between < stop], stop])
-        parts = [
-            graded_panels(a, b, joint_clearance, *panels, MOST_PANELS)
-            for a, b in pairwise(panel_ends)
-        ]
+        panels = panels._replace(most_panels=MOST_PANELS)
+        parts = [graded_panels(a, b, joint_clearance, panels) for a, b in pairwise(panel_ends)]
         node, weight = zip(*parts, strict=True)
         return np.concatenate(node), np.concatenate(weight)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a touch must resolve besides the rim: the distance to the nearest other touch, in its
+    radii, and a circle at which the conductivity jumps."""
+
+    touch_clearance: float = np.inf
+    circle: Circle | None = None
+
+
+ALONE = Surroundings()
 
 
 class TouchEdge(Circle):
     """The boundary of a touch in the unit disc, its multipoles, and how they interact with it.
 
-    Nodes on the edge are evenly spaced, or graded towards the rim and towards `neighbour` (a circle
-    at which the conductivity jumps) where the touch comes near them; a part of the rim closes a
-    clipped touch. touch_clearance: distance to the nearest other touch, in radii; bulk: the
-    correction for a conductivity that rises across the skin. Raises InputError for a touch outside
-    the skin or one that the rim cuts more than twice.
+    Nodes on the edge are evenly spaced, or graded towards the rim and towards the circle of its
+    `surroundings` where the touch comes near them; a part of the rim closes a clipped touch. bulk:
+    the correction for a conductivity that rises across the skin. Raises InputError for a touch
+    outside the skin or one that the rim cuts more than twice.
     """
 
     def __init__(
@@ -226,13 +244,12 @@ class TouchEdge(Circle):
         geometry: Geometry,
         disc: DiscMap,
         accuracy: TouchAccuracy,
-        touch_clearance: float = np.inf,
-        neighbour: Circle | None = None,
+        surroundings: Surroundings = ALONE,
         bulk: GradientBulk | None = None,
     ):
         super().__init__(touch.x_mm + 1j * touch.y_mm, touch.radius_mm, geometry, disc)
         self.touch, self.bulk, self.accuracy = touch, bulk, accuracy
-        degree = self._place_nodes(touch_clearance, neighbour)
+        degree = self._place_nodes(surroundings.touch_clearance, surroundings.circle)
         boundary = np.concatenate([self.zeta, np.exp(1j * self.rim_theta)])
         self.harmonics = Harmonics.around(boundary, degree)
         self._build_modes()
@@ -256,7 +273,7 @@ class TouchEdge(Circle):
             self.even = self.even and touch_nodes <= MOST_EVEN_NODES
         degree, count = self.accuracy.resolution(max(self.rim_nodes, touch_nodes))
         longest = min(0.5 * accuracy.panel_nodes / degree, longest)
-        panels = (longest, accuracy.rim_gap, accuracy.panel_nodes)
+        panels = PanelSizes(longest, accuracy.rim_gap, accuracy.panel_nodes)
         self.rim_theta = self.rim_weight = np.zeros(0)
         self.clipped = gap < 0
         if self.clipped:
@@ -300,7 +317,7 @@ class TouchEdge(Circle):
             zeta, tangent = self.mapped(EDGE_ANGLES, 1)
             return (1.0 - np.abs(zeta)) / np.abs(tangent)
 
-    def _clip(self, panels: Panels, neighbour: Circle | None) -> None:
+    def _clip(self, panels: PanelSizes, neighbour: Circle | None) -> None:
         rim_distance = self._rim_distance()
         outside = rim_distance < 0
         leaves = np.flatnonzero(~outside & np.roll(outside, -1))
@@ -320,7 +337,10 @@ class TouchEdge(Circle):
 
         scale = np.abs(arc - arc.mean()).max()
         self.rim_theta, self.rim_weight = graded_panels(
-            start, stop, clearance, panels[0] * scale, panels[1] * scale, panels[2]
+            start,
+            stop,
+            clearance,
+            PanelSizes(panels.longest * scale, panels.shortest * scale, panels.nodes),
         )
 
     def _crossings(self, bracket: np.ndarray) -> np.ndarray:
@@ -598,25 +618,22 @@ def graded_panels(
     start: float,
     stop: float,
     clearance: Clearance,
-    longest: float,
-    shortest: float,
-    panel_nodes: int,
-    most_panels: float = np.inf,
+    panels: PanelSizes,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Gauss-Legendre nodes and weights on [start, stop], in panels halved until they fit.
 
-    A panel fits when it is no longer than `longest` and no longer than twice clearance(its middle),
-    the distance (in units of the parameter) to the sources that its points interact with, or when
-    it is below `shortest`. Halving stops beyond `most_panels` panels.
+    A panel fits when it is no longer than the longest and no longer than twice clearance(its
+    middle), the distance (in units of the parameter) to the sources that its points interact with,
+    or when it is below `shortest`. Halving stops beyond `most_panels` panels.
     """
-    edges = np.linspace(start, stop, int(np.ceil((stop - start) / longest)) + 1)
+    edges = np.linspace(start, stop, int(np.ceil((stop - start) / panels.longest)) + 1)
     while True:
         middle, length = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
-        coarse = (length > 2.0 * clearance(middle)) & (length > shortest)
-        if not coarse.any() or len(edges) > most_panels:
+        coarse = (length > 2.0 * clearance(middle)) & (length > panels.shortest)
+        if not coarse.any() or len(edges) > panels.most_panels:
             break
         edges = np.sort(np.concatenate([edges, middle[coarse]]))
-    node, weight = _gauss(panel_nodes)
+    node, weight = _gauss(panels.nodes)
     half = 0.5 * np.diff(edges)[:, None]
     return (edges[:-1, None] + half * (1.0 + node)).ravel(), (half * weight).ravel()
 

@@ -1,5 +1,6 @@
 """The layout of a simulated set: electrode nodes, touched places and force levels."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -56,28 +57,30 @@ def force_levels(
     )
 
 
-def write(
-    mesh: str | Path,
-    places: str | Path,
-    seed: int,
-    skin: dict,
-    protocol: dict,
-    touch_grid: dict,
-    forces: dict,
-    accuracy: str,
-) -> None:
+@dataclass(frozen=True)
+class Layout:
+    """Blocks of the configuration that a simulated set is laid out by."""
+
+    seed: int
+    skin: dict
+    protocol: dict
+    touch_grid: dict
+    forces: dict
+    accuracy: str
+
+
+def write(mesh: str | Path, places: str | Path, layout: Layout) -> None:
     """Write `mesh` (npz: channels, force_N, electrode node angles and weights) and `places` (CSV).
 
-    The blocks are those of the configuration. Raises InputError where they make no skin that can be
-    measured.
+    Raises InputError where the blocks make no skin that can be measured.
     """
-    believed = Skin.from_metadata(skin, "config.yaml")
+    believed = Skin.from_metadata(layout.skin, "config.yaml")
     geometry = Geometry.from_skin(believed)
-    channels = channel_table(len(geometry.electrode_deg), **protocol)
-    forward = Forward(geometry, accuracy)
+    channels = channel_table(len(geometry.electrode_deg), **layout.protocol)
+    forward = Forward(geometry, layout.accuracy)
     forward.voltages(channels)
-    grid = polar_grid(geometry.radius_mm, **touch_grid)
-    levels = force_levels(seed, **forces)
+    grid = polar_grid(geometry.radius_mm, **layout.touch_grid)
+    levels = force_levels(layout.seed, **layout.forces)
     with atomic_path(places) as temporary:
         grid.to_csv(temporary, index=False, float_format="%.17g")
     with atomic_path(mesh) as temporary, open(temporary, "wb") as file:

@@ -5,6 +5,7 @@ As in the paper's code, the untouched frame carries the instrument of its touche
 
 import zlib
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -171,38 +172,43 @@ def write_clean(
     _write_sessions(path, table, channels, skin, accuracy, nothing)
 
 
-def write_skin_stage(
-    mesh: str | Path,
-    touch_grid: str | Path,
-    path: str | Path,
-    seed: int,
-    skin: dict,
-    accuracy: str,
-    effects: list[dict],
-    session_frames: int,
-    crossed: bool,
-    continuous: dict | None = None,
-) -> None:
-    """Write a stage: every place and force with the effects that need a forward solve, drawn anew
-    for each session.
+@dataclass(frozen=True)
+class SkinStage:
+    """What the stage of the skin is simulated from, by the names of the configuration.
 
-    continuous: reach_mm, probe_mm and forces of `continuous_samples`, which replace the grid, and
-    `samples`, by default as many as the grid has.
+    effects: those that need a forward solve, drawn anew for each session; session_frames and
+    crossed as for `sessions`; continuous: reach_mm, probe_mm and forces of `continuous_samples`,
+    which replace the grid, and `samples`, by default as many as the grid has.
     """
+
+    seed: int
+    skin: dict
+    accuracy: str
+    effects: list[dict]
+    session_frames: int
+    crossed: bool
+    continuous: dict | None = None
+
+
+def write_skin_stage(
+    mesh: str | Path, touch_grid: str | Path, path: str | Path, stage: SkinStage
+) -> None:
+    """Write the stage of the skin: every place and force, or continuously distributed ones."""
     channels, force_N, grid = _laid_out(mesh, touch_grid)
-    if continuous:
+    seed, session_frames = stage.seed, stage.session_frames
+    if stage.continuous:
         as_many = {"samples": len(grid) * len(force_N)}
         table = continuous_samples(
-            **(as_many | continuous), session_frames=session_frames, seed=seed
+            **(as_many | stage.continuous), session_frames=session_frames, seed=seed
         )
     else:
-        layout = sessions(len(grid), len(force_N), session_frames, crossed, seed)
+        layout = sessions(len(grid), len(force_N), session_frames, stage.crossed, seed)
         table = _grid_samples(grid, force_N, *layout)
 
     def settings_of(session: int, channels: np.ndarray) -> list[Setting]:
-        return sample_settings(effects, site_counts(channels), (seed, session, 0))
+        return sample_settings(stage.effects, site_counts(channels), (seed, session, 0))
 
-    _write_sessions(path, table, channels, skin, accuracy, settings_of)
+    _write_sessions(path, table, channels, stage.skin, stage.accuracy, settings_of)
 
 
 def write_stage(
