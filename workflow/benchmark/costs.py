@@ -172,7 +172,7 @@ def twinned(seed: int, count: int) -> float:
     given["press"] |= {"probes_mm": [10.0], "sessions_per_probe": 1}
     with TemporaryDirectory() as folder:
         path = Path(folder) / "twin.parquet"
-        twin.write(path, **given | {"seed": seed})
+        twin.write(path, twin.Twin(**given | {"seed": seed}))
         return begun(path)
 
 

@@ -282,11 +282,8 @@ def _skin_stage(config: dict, name: str, folder: Path) -> Path:
     chosen = config["configurations"][name]
     laid, places, stage = (folder / part for part in ("mesh.npz", "places.csv", "0"))
     blocks = ("seed", "skin", "protocol", "touch_grid", "forces", "accuracy")
-    layout.write(laid, places, **{block: config[block] for block in blocks})
-    sets.write_skin_stage(
-        laid,
-        places,
-        stage,
+    layout.write(laid, places, layout.Layout(**{block: config[block] for block in blocks}))
+    skin_stage = sets.SkinStage(
         config["seed"],
         config["skin"],
         config["accuracy"],
@@ -294,6 +291,7 @@ def _skin_stage(config: dict, name: str, folder: Path) -> Path:
         chosen["session_frames"],
         chosen["crossed"],
     )
+    sets.write_skin_stage(laid, places, stage, skin_stage)
     return stage
 
 

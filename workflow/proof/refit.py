@@ -26,7 +26,7 @@ from eitskin.diagnose.search.staging import prepared
 from eitskin.diagnose.verdict.diagnosis import Diagnosis
 from eitskin.diagnose.verdict.gaps import Gap, gaps
 from eitskin.effects.effect import SITES
-from eitskin.physics.solver import Spent
+from eitskin.physics.solver import EffortExceeded
 from witness.cases import Case
 
 FIT_SHEETS = 4_000  # sheets that the fit of one set may solve: some minutes
@@ -69,9 +69,9 @@ class Refit:
             return self.nothing
         near = self.search.problem.model.near
         try:
-            with near.within(near.spent + FIT_SHEETS):
+            with near.within(near.effort + FIT_SHEETS):
                 return with_all(self.search, self.nothing, wanted)
-        except Spent:
+        except EffortExceeded:
             return None
 
     def as_named(self, entries: list[dict]) -> Explanation | None:
@@ -154,7 +154,7 @@ def gaps_in_noise(case: Case, noise_V: np.ndarray) -> Gaps | None:
         with problem.model.near.within(GAP_SHEETS):
             search, nothing = refits.calibrated(search)
             return _gaps_of_set(search, (nothing, nothing), [], case.effects, case.scopes)
-    except Spent:
+    except EffortExceeded:
         return None
 
 

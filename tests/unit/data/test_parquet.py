@@ -52,7 +52,7 @@ def test_what_cannot_be_read_is_refused(written, change, columns, place, found):
     written.write_bytes(change(written.read_bytes()))
     with pytest.raises(InputError) as refused:
         parquet.read(written, columns)
-    assert (refused.value.place, refused.value.found) == (place, found)
+    assert (refused.value.place, refused.value.actual) == (place, found)
 
 
 def test_readings_have_no_dictionary(tmp_path):

@@ -214,7 +214,7 @@ def test_what_begins_on_a_few_frames_is_the_same_on_any_number_of_cores(contact,
         assert "start" in [step["action"] for step in found[-1].search.journal.steps]
     one, two = found
     assert conclusion.document(one, "x") == conclusion.document(two, "x")
-    assert one.search.problem.model.near.spent == two.search.problem.model.near.spent
+    assert one.search.problem.model.near.effort == two.search.problem.model.near.effort
 
 
 def test_the_recovered_effect_in_a_clean_simulation_has_the_same_atlas(contact):
@@ -333,17 +333,17 @@ def test_trials_of_other_processes_are_of_this_search(contact, monkeypatch):
 def test_what_trials_solve_counts_for_those_that_follow(contact, monkeypatch):
     found = contact[1]
     held, state, near = found.search, found.before, found.search.problem.model.near
-    begun, seen = near.spent, []
+    begun, seen = near.effort, []
     monkeypatch.setattr(refits, "PROCESSES", 2)
 
     def solving(part):
-        seen.append(near.spent - begun)
-        near.spent += 10.0
-        return near.spent - begun - 10.0
+        seen.append(near.effort - begun)
+        near.effort += 10.0
+        return near.effort - begun - 10.0
 
     assert refits.in_processes(held, state, solving, range(5)) == [0.0, 0.0, 20.0, 20.0, 40.0]
-    assert near.spent == begun + 50.0 and not seen
-    near.spent = begun
+    assert near.effort == begun + 50.0 and not seen
+    near.effort = begun
 
 
 def test_what_an_effect_leaves_is_fitted_once(contact, monkeypatch):

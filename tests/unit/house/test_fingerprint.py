@@ -211,7 +211,7 @@ def test_numbers_do_not_know_the_style_of_figures():
 def test_what_code_says_is_as_python_tells_it():
     for path in (ROOT / "workflow" / "eitskin" / "data").rglob("*.py"):
         tree = ast.parse(path.read_text(encoding="utf-8"))
-        assert subject._told(tree) == ast.dump(tree), path
+        assert subject._dumped(tree) == ast.dump(tree), path
 
 
 def test_the_workflow_starts_without_statistics():

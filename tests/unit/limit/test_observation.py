@@ -11,6 +11,7 @@ from eitskin.limit.observation import Covariance, Experiment, Sample
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from eitskin.simulate.sets import (
+    SkinStage,
     continuous_samples,
     write_dataset,
     write_skin_stage,
@@ -138,10 +139,11 @@ def test_a_session_known_is_the_simulator(tmp_path, baseline):
     table.iloc[:1].assign(radius_mm=8.0).to_csv(grid)
     own = {"reach_mm": 72.0, "probe_mm": 16.0, "forces": FORCES}
     stages = [tmp_path / f"{k}.parquet" for k in range(4)]
-    write_skin_stage(mesh, grid, stages[0], 1, SKIN, "train", EFFECTS[:2], 4, False, own)
+    skin_stage = SkinStage(1, SKIN, "train", EFFECTS[:2], 4, False, own)
+    write_skin_stage(mesh, grid, stages[0], skin_stage)
     for k, effect in enumerate(EFFECTS[2:], start=1):
         write_stage(stages[k - 1], stages[k], 1, effect, k)
-    made, untouched, touched = Stage(stages[-1]).whole()
+    made, untouched, touched = Stage(stages[-1]).joined()
     assert np.array_equal(made[["x_mm", "force_N"]], table[["x_mm", "force_N"]])
     write_dataset(stages[-1], tmp_path / "set.parquet", "own-continuous", 1, 0.01, baseline)
     frames = 1 if baseline == "paired" else 4

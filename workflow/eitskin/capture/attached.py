@@ -12,7 +12,7 @@ from pathlib import Path
 
 from eitskin.capture import configuration
 from eitskin.capture.press_plan import plan_sha256
-from eitskin.configuration import GIVEN, PATHS, captured_path, file_of
+from eitskin.configuration import COMMAND_LINE, PATHS, captured_path, file_of
 from eitskin.errors import InputError
 from eitskin.schema import dotted
 
@@ -22,7 +22,7 @@ def manifest_path(name: str) -> str:
     return f"results/recordings/{name}.manifest.json"
 
 
-def attach(config: dict, files: Iterable[str | Path], rest: str = GIVEN) -> None:
+def attach(config: dict, files: Iterable[str | Path], rest: str = COMMAND_LINE) -> None:
     """Make the capture of `config["rig"]` one of the recordings, where it is there whole; else take
     it out of everything that names it.
 

@@ -351,7 +351,7 @@ def _check_arcs(file: str | Path, skin: Skin) -> None:
     try:
         Geometry(radius, 1.0, 1.0, np.array(angles), np.array(width), np.array(1.0))
     except InputError as error:
-        found = f"{width} mm: {error.found}"
+        found = f"{width} mm: {error.actual}"
         raise InputError(file, "skin.electrode_width_mm", found, error.expected) from error
 
 

@@ -40,7 +40,7 @@ def refuse(said: dict, file: str | Path = "skin") -> None:
         check_reading(_part(said, READING), file)
     except InputError as error:
         place = error.place.removeprefix("skin.").removeprefix("key ")
-        raise InputError(file, place, error.found, error.expected) from error
+        raise InputError(file, place, error.actual, error.expected) from error
 
 
 def apply(said: dict, recording: Recording, file: str | Path = "skin") -> Recording:

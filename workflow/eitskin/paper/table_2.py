@@ -128,11 +128,11 @@ def _simulated(
     effects, noise = block["effects"], block["noise"]
     believed = Skin.from_metadata(skin, "config.yaml")
     believed = replace(believed, electrode_deg=source.skin.electrode_deg)
-    drawn = (sessions, frames, force_N, accuracy, seed)
+    plan = untouched_frames.Plan(sessions, frames, force_N, accuracy, seed)
     magnitude = source.metadata["voltage"] == "magnitude"
 
     def simulated(kept: list[dict], noise: float) -> np.ndarray:
-        voltage = untouched_frames.frames(believed, source.channels, effects, kept, noise, *drawn)
+        voltage = untouched_frames.frames(believed, source.channels, effects, kept, noise, plan)
         return (np.abs(voltage) if magnitude else voltage)[:, own.kept]
 
     sets = {PLAIN: simulated([], noise), ALL: simulated(effects, noise)}

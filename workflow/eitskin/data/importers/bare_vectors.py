@@ -57,7 +57,7 @@ def pairs(file: str | Path, n_electrodes: int, drive: str, measure: str) -> np.n
     try:
         channels = every_channel(n_electrodes, drive, measure.removesuffix(REVERSED))
     except InputError as error:
-        found = f"{error.found} of drive {drive!r}, measure {measure!r}"
+        found = f"{error.actual} of drive {drive!r}, measure {measure!r}"
         expected = f"{error.expected}; of measure also with {REVERSED}"
         raise InputError(file, "drive, measure", found, expected) from error
     return swap_measured(channels) if measure.endswith(REVERSED) else channels

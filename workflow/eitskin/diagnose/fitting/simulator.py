@@ -17,7 +17,7 @@ from eitskin.physics.depth import span
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.skin import Skin
 from eitskin.physics.solver import SolvedSkins
-from eitskin.simulate.readings import Sensed, apply_skin, of_stage, read, sense
+from eitskin.simulate.readings import Sensed, apply_skin, read, sense, stage_settings
 
 # Frames of all the states that were solved last, and bytes, of which those of many channels are
 # fewer.
@@ -211,7 +211,7 @@ class RecordingSimulator:
         touched: bool,
         accuracy: str,
     ) -> Sensed:
-        stages = [s for stage in ("touch", "skin", "clock") for s in of_stage(chosen, stage)]
+        stages = [s for stage in ("touch", "skin", "clock") for s in stage_settings(chosen, stage)]
         key = (
             self._moved,
             touched,
@@ -233,7 +233,7 @@ class RecordingSimulator:
             accuracy,
             frame_s=self.frame_s,
             force_max_N=self.force_max_N,
-            near=self.near,
+            solved_skins=self.near,
         )
         self._sensed[key] = sensed
         frames = KEPT_BYTES // (sensed.nbytes // len(states) + 1)

@@ -218,7 +218,7 @@ class Tangents:
             return [_kept(own if own @ own > LEAST * length else None) for own, length in left]
 
         groups = [raw[start : start + BATCH_COLUMNS] for start in range(0, len(raw), BATCH_COLUMNS)]
-        return [column for group in cores.each(apart, groups) for column in group]
+        return [column for group in cores.threaded(apart, groups) for column in group]
 
     def _raw_of(self, singles: list[tuple[Candidate, int]]) -> list[np.ndarray | None]:
         return [self._raw(candidate, index) for candidate, index in singles]

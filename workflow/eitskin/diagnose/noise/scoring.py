@@ -51,19 +51,19 @@ class Scoring:
             columns = rig_errors.single_precision_columns
             self._indicator = self._indicator.astype(np.float32)
             self._unit = np.array([rig_errors.prior_sds[name] ** 2 for name in names])
-        stacked = cores.each(
+        stacked = cores.threaded(
             partial(_entered_and_whitened, single, columns, names),
             [kind for kind in ORDER if any(COMPONENTS[name].acts_on == kind for name in names)],
         )
         self._kinds = [entered for entered, _ in stacked]
         whitened = [white for _, white in stacked]
-        self._traces = cores.each(partial(_traces, single, self._indicator), whitened)
+        self._traces = cores.threaded(partial(_traces, single, self._indicator), whitened)
         self.information = self._information(whitened, len(names))
 
     def _information(self, kinds: list[_Columns], count: int) -> np.ndarray:
         """(C, C): of the variances of `count` components, of whitened columns."""
         pairs = [(a, b) for number, a in enumerate(kinds) for b in kinds[number:]]
-        squares = cores.each(partial(_squared_products, self._indicator), pairs)
+        squares = cores.threaded(partial(_squared_products, self._indicator), pairs)
         information = np.zeros((count, count))
         for (a, b), square in zip(pairs, squares, strict=True):
             total = np.add.reduceat(square, a.starts)
@@ -96,7 +96,7 @@ class Scoring:
             return (sums**2).sum(axis=1) - self._traces[number]
 
         slope = np.zeros(len(self.information))
-        excesses = cores.each(excess, range(len(self._kinds)))
+        excesses = cores.threaded(excess, range(len(self._kinds)))
         for kind, column_excess in zip(self._kinds, excesses, strict=True):
             slope[kind.members] = 0.5 * np.add.reduceat(column_excess, kind.starts)
         return slope / self._unit

@@ -109,7 +109,7 @@ class Whitening:
                 white = factor.apply(white, factor.inverse_root)
             return np.where(self.mask, white, 0.0)
 
-        return in_batches(whitened, values, cores.each)
+        return in_batches(whitened, values, cores.threaded)
 
     def transposed(self, whitened: np.ndarray) -> np.ndarray:
         """(..., N, M): the transpose of whitening, applied; of whitened values it is the inverse
@@ -144,7 +144,7 @@ class Whitening:
             separate[np.arange(len(batch)), :, batch] = column[:, batch].T
             return (self(separate) ** 2).sum(axis=(1, 2)).astype(float)
 
-        batches = cores.each(lengths, range(0, len(channels), BATCH_COLUMNS))
+        batches = cores.threaded(lengths, range(0, len(channels), BATCH_COLUMNS))
         return np.concatenate([np.zeros(0), *batches])
 
     def filtered(self, columns: np.ndarray, acts_on: str) -> np.ndarray:

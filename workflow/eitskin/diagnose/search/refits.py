@@ -33,7 +33,7 @@ from eitskin.diagnose.search.prediction import misfit
 from eitskin.diagnose.search.search import Search
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
-from eitskin.physics.solver import Spent
+from eitskin.physics.solver import EffortExceeded
 
 Part = TypeVar("Part")
 Result = TypeVar("Result")
@@ -268,7 +268,7 @@ def from_far(
             return explain(search, fine, explanation.p_values, near.error_sds, near.rig)
     except (InputError, np.linalg.LinAlgError):
         return Refusal(PHYSICS, 0.0)
-    except Spent:
+    except EffortExceeded:
         return Refusal(BUDGET, np.inf)
 
 
@@ -367,7 +367,7 @@ def _fitted(
             return explain(search, fitted, p_values, sds, explanation.rig)
     except (InputError, np.linalg.LinAlgError):
         return Refusal(PHYSICS, 0.0)
-    except Spent:
+    except EffortExceeded:
         return Refusal(BUDGET, np.inf)
 
 

@@ -223,7 +223,7 @@ def _correlations(columns: list[np.ndarray]) -> np.ndarray:
             right = above if j == i else np.array(columns[j : j + STACKED], float)
             gram[i : i + STACKED, j : j + STACKED] = above @ right.T
 
-    cores.each(fill_rows, range(0, len(columns), STACKED))
+    cores.threaded(fill_rows, range(0, len(columns), STACKED))
     upper = np.triu(gram)
     length = np.sqrt(np.diag(gram))
     return (upper + np.triu(gram, 1).T) / np.outer(length, length)

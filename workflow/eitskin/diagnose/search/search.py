@@ -93,7 +93,7 @@ class Search:
     @property
     def spent(self) -> bool:
         """Whether the budget is used up, so that the search ends with what it has."""
-        return self.problem.model.near.spent > self.budget
+        return self.problem.model.near.effort > self.budget
 
     @property
     def untouched(self) -> bool:

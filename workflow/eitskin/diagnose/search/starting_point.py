@@ -71,7 +71,7 @@ def read(path: str | Path, channels: np.ndarray) -> list[Setting]:
         stated = settings(items, site_counts(channels), (0, 0))
     except InputError as error:
         place = f"{PLACE}, {error.file}, {error.place}"
-        raise InputError(path, place, error.found, error.expected) from error
+        raise InputError(path, place, error.actual, error.expected) from error
     protocol = twin.get("protocol", {})
     if any(one.kind in NAMED_BY for one in stated) and not _makes(protocol, channels):
         expected = "what makes the recording's channels, as effects are at some of them"

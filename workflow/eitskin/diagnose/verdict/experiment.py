@@ -26,7 +26,7 @@ from eitskin.effects.effect import Setting
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.skin import Skin
-from eitskin.physics.solver import Spent, forward_model
+from eitskin.physics.solver import EffortExceeded, forward_model
 from eitskin.quantities import listed, number
 
 MOST_PRESSES = 8  # on which recipes are compared
@@ -102,10 +102,10 @@ class Recipe:
                 search = Search(problem, candidates, fold, seed, report)
                 state = explain(search, fit(problem, effects, theta))
                 named = gaps(search, state, index, within)
-        except (InputError, np.linalg.LinAlgError, Spent):
+        except (InputError, np.linalg.LinAlgError, EffortExceeded):
             return None
         finally:
-            budget.left -= model.near.spent
+            budget.left -= model.near.effort
         return named[0].gap if named else None
 
 

@@ -7,23 +7,25 @@ import pytest
 
 from eitskin import cores
 from eitskin.errors import InputError
-from eitskin.physics import forward, kept_touches, patch
+from eitskin.physics import forward, patch, touch_cache
 from eitskin.physics.geometry import Geometry, Patch
-from eitskin.physics.kept_touches import Coupled, Entered, KeptTouches
 from eitskin.physics.solver import forward_model
+from eitskin.physics.touch_cache import ContactCoupling, TouchCache, TouchCoupling
 
 SKIN = Geometry(80.0, 3.0, 0.5, np.arange(16) * 22.5, 5.0, 1e-3)
 
 
 def test_the_oldest_go_first_where_there_is_no_more_room(monkeypatch):
-    monkeypatch.setattr(kept_touches, "KEPT_BYTES", 100)
-    kept, met = KeptTouches(), []
+    monkeypatch.setattr(touch_cache, "CACHE_BYTES", 100)
+    kept, met = TouchCache(), []
 
     def ask(x_mm: float, nbytes: int) -> None:
         place = (x_mm, 0.0, 1.0)
         none = np.zeros(0)
         kept.get(
-            Coupled, place, lambda: met.append(x_mm) or Coupled(np.zeros(nbytes // 8), none, none)
+            TouchCoupling,
+            place,
+            lambda: met.append(x_mm) or TouchCoupling(np.zeros(nbytes // 8), none, none),
         )
 
     for x_mm in (0.0, 1.0, 0.0):  # 40 bytes each
@@ -36,13 +38,13 @@ def test_the_oldest_go_first_where_there_is_no_more_room(monkeypatch):
 
 
 def test_kinds_of_one_place_share_the_room(monkeypatch):
-    monkeypatch.setattr(kept_touches, "KEPT_BYTES", 100)
-    kept, place = KeptTouches(), (0.0, 0.0, 1.0)
-    touched = kept.get(Coupled, place, lambda: Coupled(*np.zeros((3, 2))))
-    entered = kept.get(Entered, place, lambda: Entered(*np.zeros((2, 2)), 1.0, 1.0))
-    assert kept.get(Coupled, place, pytest.fail) is touched
-    assert kept.get(Entered, place, pytest.fail) is entered
-    kept.get(Entered, (1.0, 0.0, 1.0), lambda: Entered(*np.zeros((2, 2)), 1.0, 1.0))
+    monkeypatch.setattr(touch_cache, "CACHE_BYTES", 100)
+    kept, place = TouchCache(), (0.0, 0.0, 1.0)
+    touched = kept.get(TouchCoupling, place, lambda: TouchCoupling(*np.zeros((3, 2))))
+    entered = kept.get(ContactCoupling, place, lambda: ContactCoupling(*np.zeros((2, 2)), 1.0, 1.0))
+    assert kept.get(TouchCoupling, place, pytest.fail) is touched
+    assert kept.get(ContactCoupling, place, pytest.fail) is entered
+    kept.get(ContactCoupling, (1.0, 0.0, 1.0), lambda: ContactCoupling(*np.zeros((2, 2)), 1.0, 1.0))
     assert place not in kept  # the oldest of either kind
 
 
@@ -78,8 +80,8 @@ def test_several_places_are_those_of_each_alone(geometry):
 
 
 def test_places_that_are_shared_out_have_the_same_bytes(monkeypatch):
-    monkeypatch.setattr(forward, "SHARED_OUT", 1.0)
-    monkeypatch.setattr(forward, "TOGETHER", 3)
+    monkeypatch.setattr(forward, "PARALLEL_EFFORT", 1.0)
+    monkeypatch.setattr(forward, "PLACES_PER_TASK", 3)
     places = [(x_mm, 5.0, 6.0) for x_mm in np.linspace(-40.0, 40.0, 9)]
     forked, here = [], cores.forked
     monkeypatch.setattr(cores, "forked", lambda of, parts: forked.append(parts) or here(of, parts))
@@ -89,7 +91,7 @@ def test_places_that_are_shared_out_have_the_same_bytes(monkeypatch):
         skin = forward_model(SKIN)
         skin.places(places[:1])
         found.append(skin.places([*places, places[3]]))
-        assert all(place in skin._kept for place in places)
+        assert all(place in skin._touch_cache for place in places)
     (parts,) = forked
     assert [len(share) for share in parts] == [2, 1]
     assert sorted(chain(*chain(*parts))) == sorted(places[1:])
@@ -107,7 +109,7 @@ def test_a_patch_that_moves_meets_the_touches_of_the_one_before(monkeypatch):
     for own in patches:
         alone = forward_model(SKIN.with_values(patch=own)).places(places)
         made.clear()
-        near = forward_model(SKIN.with_values(patch=own), near=near)
+        near = forward_model(SKIN.with_values(patch=own), donor=near)
         for one, other in zip(near.places(places), alone, strict=True):
             assert np.array_equal(one.gains, other.gains) and np.array_equal(one.poles, other.poles)
         counts.append(len(made))
@@ -121,12 +123,12 @@ def test_touches_that_serve_one_patch_alone_take_no_room(monkeypatch):
     places = [(20.0 + shift, 20.0, 6.0) for shift in np.linspace(-3.0, 3.0, 12)]  # across it
     near = forward_model(SKIN.with_values(patch=Patch(20.0, 10.0, 12.0, 3.0)))
     near.places([(-30.0, 5.0, 6.0), *places])
-    kept = [place for kind, place in near.bare._kept._found if kind is patch.BareTouch]
+    kept = [place for kind, place in near.bare._touch_cache._responses if kind is patch.BareTouch]
     assert kept == [(-30.0, 5.0, 6.0)]
 
 
 def test_the_first_place_that_is_refused_is_told_on_two_cores_too(monkeypatch):
-    monkeypatch.setattr(forward, "SHARED_OUT", 1.0)
+    monkeypatch.setattr(forward, "PARALLEL_EFFORT", 1.0)
     monkeypatch.setenv("OMP_NUM_THREADS", "2")
     places = [(x_mm, 0.0, 6.0) for x_mm in (0.0, 10.0, 95.0, 91.0, 99.0)]
     with pytest.raises(InputError, match=r"\(95, 0\) mm"):
