@@ -19,7 +19,7 @@ from eitskin.physics.protocol import channel_table
 from eitskin.progress import patient
 from eitskin.stream.frames import Frame
 from eitskin.stream.judge import Judge
-from eitskin.stream.run import Told, run
+from eitskin.stream.run import Tally, run
 from eitskin.stream.sources import Source
 from eitskin.stream.view import View
 
@@ -102,7 +102,7 @@ def loop(judge: Judge, given: np.ndarray) -> np.ndarray:
         ended.append(time.perf_counter())
 
     view = View(judge.predictor.targets, True, StringIO())
-    run(Source(frames(), 1, False, "drawn"), judge, view, None, Told())
+    run(Source(frames(), 1, False, "drawn"), judge, view, None, Tally())
     return 1e3 * np.diff(ended)[WARM:]
 
 
@@ -112,7 +112,7 @@ def streamed(runs: int) -> list[dict]:
     state alone beside PyTorch; of the MLP also without an electrode, and the whole loop."""
     train.deterministic()
     data, draw = learned_from(), np.random.default_rng(3)
-    part = splits.assign(data.table, "random", 1)
+    part = splits.assign(data.channel_table, "random", 1)
     optimiser, budget = train.Optimiser(2e-3), train.Budget(None, 1)
     recipe = train.Recipe(optimiser, budget, widths=(512, 256, 128), latent_dim=LATENT)
     given = LEVEL_V + drawn(touched(FRAMES, draw), draw)
@@ -134,7 +134,7 @@ def streamed(runs: int) -> list[dict]:
             for one in still:
                 judge(one, 0.0)
             if lost:
-                judge.lose([LOST])
+                judge.set_lost_electrodes([LOST])
             return judge
 
         return made
@@ -156,6 +156,6 @@ def streamed(runs: int) -> list[dict]:
         )
         rows.append(row(f"state alone, {name}", "ms", ours, "PyTorch", peer))
         if name == "mlp":
-            told("mlp without an electrode", judge_of(predictor, lost=True))
+            told("mlp without an electrode", judge_of(predictor, lost_electrodes=True))
             told("mlp, whole loop", judge_of(predictor), loop)
     return rows
