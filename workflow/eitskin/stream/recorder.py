@@ -83,7 +83,7 @@ class Recorder:
             unit=trained_on["unit"],
             values="difference" if is_difference else "absolute",
         )
-        if self.path.exists() and not journal.taken_away(self.path, KIND):
+        if self.path.exists() and not journal.remove_if_empty(self.path, KIND):
             expected = f"none; `{recovery_command(self.path, recording_path)}` makes its recording"
             raise InputError(self.path, "file", "an earlier stream's journal", expected)
         columns = [TARGETS[target] for target in trained_on["targets"]]

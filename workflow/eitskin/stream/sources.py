@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eitskin.capture.wire import BOARDS, Board, Reject, measured
+from eitskin.capture.wire import BOARDS, Board, Reject, measured_mask
 from eitskin.data import importers
 from eitskin.data.dataset import fits
 from eitskin.data.recording import Recording, voltages
@@ -104,7 +104,7 @@ def _board_events(
     """
     from eitskin.capture.lines import Port  # pyserial, which recordings do without
 
-    measured_pairs = measured(profile.n_electrodes)
+    measured_pairs = measured_mask(profile.n_electrodes)
     try:
         port = Port(device, baud, profile.parse, profile.start, time.perf_counter)
     except OSError as error:
@@ -133,7 +133,7 @@ def _board_events(
                 latest_s = max(line.end_s - start_s, latest_s + MIN_INTERVAL_S)
                 reading = np.delete(line.value[measured_pairs], lost_channels)
                 yield Frame(latest_s, line.end_s, reading, reading > profile.linear_V)
-            if port.lost is not None:
+            if port.failure is not None:
                 yield Trouble(now_s - start_s, f"{device} is gone")
                 port.close()
                 reopened_port = _reopen(device, baud, profile, stop)
