@@ -112,7 +112,7 @@ def streamed(runs: int) -> list[dict]:
     state alone beside PyTorch; of the MLP also without an electrode, and the whole loop."""
     train.deterministic()
     data, draw = learned_from(), np.random.default_rng(3)
-    part = splits.assign(data.channel_table, "random", 1)
+    part = splits.assign(data.table, "random", 1)
     optimiser, budget = train.Optimiser(2e-3), train.Budget(None, 1)
     recipe = train.Recipe(optimiser, budget, widths=(512, 256, 128), latent_dim=LATENT)
     given = LEVEL_V + drawn(touched(FRAMES, draw), draw)
@@ -156,6 +156,6 @@ def streamed(runs: int) -> list[dict]:
         )
         rows.append(row(f"state alone, {name}", "ms", ours, "PyTorch", peer))
         if name == "mlp":
-            told("mlp without an electrode", judge_of(predictor, lost_electrodes=True))
+            told("mlp without an electrode", judge_of(predictor, lost=True))
             told("mlp, whole loop", judge_of(predictor), loop)
     return rows

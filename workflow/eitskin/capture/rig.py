@@ -17,7 +17,7 @@ from eitskin.capture.lines import Line, Port, is_frame_after
 from eitskin.capture.robot import Robot, RobotError
 from eitskin.capture.wire import BOARDS, Reject, Restart, measured_mask
 
-Outcome = TypeVar("Found")
+Outcome = TypeVar("Outcome")
 
 POLL_S = 0.005  # from one check of all devices to the next: below the load cell's period
 ARRIVED_M = 2e-4  # twice a UR's pose repeatability

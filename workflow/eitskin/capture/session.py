@@ -131,12 +131,12 @@ def _lift(rig: Rig) -> None:
 
 @dataclass(frozen=True)
 class _Run:
-    """One run of a capture: its number, its contacts of `n_planned`, the journal and its writer."""
+    """One run of a capture: its contacts of `n_planned`, the earlier journal and its writer."""
 
     number: int
     contacts: list[Contact]
     n_planned: int
-    journal: journal.Journal
+    history: journal.Journal
     writer: journal.Writer
 
 
@@ -154,7 +154,7 @@ def _drive(rig: Rig, run: _Run, mounted_mm: float | None, show: Callable[[dict],
                 _change_probe(rig, contact.probe_mm)
                 probe_mm = contact.probe_mm
                 writer.append({"kind": "probe", "run": run.number, "probe_mm": probe_mm})
-            attempt = run.journal.attempts(contact.number)
+            attempt = run.history.attempts(contact.number)
             attempt_key = {"contact": contact.number, "attempt": attempt, "run": run.number}
             writer.append({"kind": "begin", **attempt_key, **_planned(contact), **_clocks()})
 
