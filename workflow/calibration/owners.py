@@ -30,11 +30,11 @@ def asked_of(owner: Owned) -> Asked:
 def said_by_check(recorded: Recording, checked: Check) -> dict:
     """The first frames after steps and the ceilings, V, that the check's sentences hold, and its
     warnings, (topic, sentence)."""
-    warned = checked.of(WARNING)
+    warned = checked.of_severity(WARNING)
     topics = {one.topic for one in warned}
     ceilings = []
     if "clipped" in topics:
-        stop = measures.clipped(recorded)
+        stop = measures.clipped_channels(recorded)
         assert stop is not None  # else there is no warning
         ceilings = [one.ceiling for one in clipping.ceilings(recorded)]
         ceilings = [stop.ceiling] if len(stop.channels) else ceilings

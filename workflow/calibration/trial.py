@@ -143,7 +143,7 @@ def owner_trial(kind: str, seed: int) -> dict:
         "check": owners.said_by_check(drawn.recorded, checked),
     }
     if not checked.ok:
-        errors = checked.of(check.ERROR)
+        errors = checked.of_severity(check.ERROR)
         return {**row, "unusable": [(one.topic, one.sentence) for one in errors]}
     return row | _compared(kind, seed, drawn)
 

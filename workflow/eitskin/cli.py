@@ -269,7 +269,9 @@ def _checked(
     topics alone, where these are given."""
     file = arguments.file if file is None else file
     result = check.check(recorded, progress=True)
-    wrong = [one for one in result.of(check.ERROR) if topics is None or one.topic in topics]
+    wrong = [
+        one for one in result.of_severity(check.ERROR) if topics is None or one.topic in topics
+    ]
     if not wrong or arguments.anyway:
         return result
     for finding in wrong:
@@ -289,7 +291,7 @@ def _print_apart(checked: check.Check, count: int, arguments: argparse.Namespace
     """Where a recording of so many frames has steps, the commands that diagnose apart what lies
     between them."""
     start = arguments.frames[0] if arguments.frames else 0
-    frames = [found.frame for found in checked.about("step") if found.frame is not None]
+    frames = [found.frame for found in checked.of_topic("step") if found.frame is not None]
     steps = sorted(start + frame for frame in frames)
     if not steps:
         return
@@ -309,7 +311,11 @@ def _print_before(checked: check.Check, count: int, arguments: argparse.Namespac
         print(
             "frames: {} to {} of the file, from here on numbered from 0.".format(*arguments.frames)
         )
-    for finding in (*checked.about("skin"), *checked.of(check.WARNING), *checked.of(check.ERROR)):
+    for finding in (
+        *checked.of_topic("skin"),
+        *checked.of_severity(check.WARNING),
+        *checked.of_severity(check.ERROR),
+    ):
         _say(f"{finding.topic}: {finding.sentence}")
     _print_apart(checked, count, arguments)
 
@@ -348,8 +354,8 @@ def _import(arguments: argparse.Namespace) -> int:
     if arguments.json:
         answers.write(answers.checked(result, arguments.file) | {"out": arguments.out})
         return 0
-    held = (*result.about("frames"), *result.about("channels"))
-    for finding in (*held, *result.of(check.WARNING), *result.of(check.ERROR)):
+    held = (*result.of_topic("frames"), *result.of_topic("channels"))
+    for finding in (*held, *result.of_severity(check.WARNING), *result.of_severity(check.ERROR)):
         _say(f"{finding.topic}: {finding.sentence}")
     print(arguments.out)
     return 0

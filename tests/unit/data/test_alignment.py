@@ -64,17 +64,17 @@ def moved(made, scale, turn_deg, shift, mirrored):
     scale=st.floats(0.5, 2.0),
     turn_deg=st.floats(-179.0, 179.0),
     shift=st.complex_numbers(max_magnitude=300.0),
-    mirrored=st.booleans(),
+    is_mirrored=st.booleans(),
     seed=st.integers(0, 3),
 )
-def test_a_similarity_is_found_again(make_recording, scale, turn_deg, shift, mirrored, seed):
+def test_a_similarity_is_found_again(make_recording, scale, turn_deg, shift, is_mirrored, seed):
     made = make_recording(seed=seed)
     if seed % 2:
         made.voltage = np.abs(made.voltage)
         made.metadata["voltage"] = "magnitude"
-    robot = moved(made, scale, turn_deg, shift, mirrored)
+    robot = moved(made, scale, turn_deg, shift, is_mirrored)
     similarity = alignment.fit(robot)
-    assert similarity.mirrored == mirrored
+    assert similarity.is_mirrored == is_mirrored
     assert similarity.scale == pytest.approx(scale, rel=0.02)
     away = (similarity.rotation_deg - turn_deg + 180.0) % 360.0 - 180.0
     assert abs(away) < 1.0
@@ -104,10 +104,10 @@ def test_lost_readings_do_not_move_the_hotspots_far(make_recording):
 def test_the_strongest_touches_are_chosen_by_force_else_by_change(make_recording):
     made = make_recording(presses=80)
     rows = alignment.strongest_touches(made)
-    assert len(rows) == alignment.MOST_TOUCHES
+    assert len(rows) == alignment.MAX_TOUCHES
     assert made.frames["force_N"][rows[:80]].eq(8.0).all()
     made.frames.loc[made.frames["touch"], "force_N"] = np.nan
-    assert len(alignment.strongest_touches(made)) == alignment.MOST_TOUCHES
+    assert len(alignment.strongest_touches(made)) == alignment.MAX_TOUCHES
 
 
 def test_what_cannot_be_aligned_is_refused(make_recording):
@@ -131,11 +131,11 @@ def test_what_cannot_be_aligned_is_refused(make_recording):
 def test_touches_on_a_real_hydrogel_skin_tell_its_handedness():
     made = importers.load(shared_data("hydrogel-skin/ohmc16.mat"))
     straight = alignment.fit(made)
-    assert not straight.mirrored and straight.scale == pytest.approx(1.0, abs=0.05)
+    assert not straight.is_mirrored and straight.scale == pytest.approx(1.0, abs=0.05)
     assert straight.residual < 10.0 and straight.rival_residual > 40.0
     robot = moved(made, 0.8, 130.0, 20.0 + 400.0j, True)
     turned = alignment.fit(robot)
-    assert turned.mirrored
+    assert turned.is_mirrored
     assert turned.residual == pytest.approx(straight.residual, rel=1e-6)
     away = turned.rotation_deg - straight.rotation_deg - 130.0
     assert abs((away + 180.0) % 360.0 - 180.0) < 1e-3
@@ -144,6 +144,6 @@ def test_touches_on_a_real_hydrogel_skin_tell_its_handedness():
 def test_a_real_robot_frame_is_aligned():
     made = importers.load(shared_data("patterned-skin/inp_noPattern.csv"))
     similarity = alignment.fit(made)
-    assert similarity.mirrored and similarity.rival_residual > 3 * similarity.residual
+    assert similarity.is_mirrored and similarity.rival_residual > 3 * similarity.residual
     x, y = similarity(made.frames["x_mm"], made.frames["y_mm"])
     assert np.hypot(x, y).max() < 1.0, "every press lies on the skin"

@@ -20,7 +20,7 @@ def topics(made, severity):
 
 
 def value(made, topic):
-    (finding,) = check.check(made).about(topic)
+    (finding,) = check.check(made).of_topic(topic)
     return finding.value
 
 
@@ -82,9 +82,9 @@ def test_reciprocity_error_is_the_median_relative_difference(make_recording):
 def test_one_of_a_thing_is_no_plural(make_recording):
     made = make_recording(presses=1)
     assert "in 1 press at 1 place;" in "".join(
-        f.sentence for f in check.check(made).about("frames")
+        f.sentence for f in check.check(made).of_topic("frames")
     )
-    probe, *_ = check.check(made).about("probe")
+    probe, *_ = check.check(made).of_topic("probe")
     assert probe.severity == FACT
     assert probe.sentence.endswith(" mm always.") and "different" not in probe.sentence
 
@@ -139,16 +139,16 @@ def test_a_recording_without_readings_is_unusable_and_says_why(make_recording, s
     made = make_recording(presses=3)
     spoil(made)
     result = check.check(made)
-    (finding,) = result.about("dead")
+    (finding,) = result.of_topic("dead")
     assert not result.ok and finding.severity == ERROR and finding.value == live
     assert f"{live} of 208 channels have a reading other than 0" in check.text(result)
 
 
 def test_a_channel_that_stands_twice_is_a_warning_a_table_of_one_channel_an_error(make_recording):
     made = make_recording()
-    assert not check.check(made).about("repeated")
+    assert not check.check(made).of_topic("repeated")
     made.metadata["channels"][5] = made.metadata["channels"][4]
-    (finding,) = sentences.repeated(made)
+    (finding,) = sentences.repeated_channels(made)
     assert finding.severity == WARNING and finding.value == pytest.approx(1 / 208)
     assert "a channel appears twice: 1 channel (5: drive 0-1, measured 6-7)" in finding.sentence
     made.metadata["channels"] = [made.metadata["channels"][0]] * 208
@@ -214,8 +214,8 @@ def test_a_wrong_order_is_an_error_and_named(make_recording, drive, signed):
     assert check.check(made).ok
     result = check.check(disordered(made, FROM_OWN))
     assert not result.ok
-    (finding,) = result.about("order")
-    assert finding.severity == ERROR and finding.value > wiring.DOUBTFUL
+    (finding,) = result.of_topic("order")
+    assert finding.severity == ERROR and finding.value > wiring.DOUBTFUL_MISFIT
     assert finding.sentence.startswith("wrong channel order") and FROM_OWN in finding.sentence
     assert check.text(result).endswith("Not usable as it stands.\n")
 
@@ -237,14 +237,14 @@ def test_readings_too_few_for_another_order_do_not_stop_the_check(make_recording
     lost = np.ones(208, dtype=bool)
     lost[[*pairs[5], *pairs[40]]] = False
     made.voltage[:, lost] = np.nan
-    (finding,) = check.check(made).about("order")
+    (finding,) = check.check(made).of_topic("order")
     assert finding.severity == FACT
 
 
 def test_readings_that_no_order_repairs_are_unusable(make_recording):
     made = make_recording(presses=0)
     made.voltage = made.voltage[:, np.random.default_rng(0).permutation(208)]
-    (finding,) = check.check(made).about("order")
+    (finding,) = check.check(made).of_topic("order")
     assert finding.severity == ERROR and "no known channel order repairs it" in finding.sentence
 
 
@@ -252,13 +252,13 @@ def test_opposite_drive_that_breaks_reversal_is_not_called_a_wrong_order(make_re
     made = make_recording(channel_table(16, "opposite"), presses=0)
     one_sided = (made.channels[:, 2] - made.channels[:, 0]) % 16
     made.voltage *= 1.0 + 3.0 * np.exp(-one_sided / 4.0)
-    (finding,) = check.check(made).about("order")
+    (finding,) = check.check(made).of_topic("order")
     assert finding.severity == WARNING and "the skin or the instrument" in finding.sentence
 
 
 def test_exchanged_plus_and_minus_are_an_error(make_recording):
     made = make_recording()
-    assert not check.check(made).about("polarity")
+    assert not check.check(made).of_topic("polarity")
     made.metadata["channels"] = made.channels[:, [0, 1, 3, 2]].tolist()
     assert topics(made, ERROR) == {"polarity"}
 
@@ -267,12 +267,12 @@ def test_electrodes_numbered_the_other_way_or_from_another_are_an_error(make_rec
     made = make_recording(presses=40)
     assert abs(value(made, "numbering")) < 2.0
     made.frames["y_mm"] *= -1.0
-    (finding,) = check.check(made).about("numbering")
+    (finding,) = check.check(made).of_topic("numbering")
     assert finding.severity == ERROR and "the other way round" in finding.sentence
     assert "clockwise, or mirror" in finding.sentence
     made.frames["y_mm"] *= -1.0
     made.metadata["skin"]["electrode_deg"] = [22.5 * (k + 1) for k in range(16)]
-    (finding,) = check.check(made).about("numbering")
+    (finding,) = check.check(made).of_topic("numbering")
     assert finding.severity == ERROR and "off by +1.0 electrodes" in finding.sentence
     told = re.search(r"with about (\d+) degrees less each", finding.sentence)
     assert told is not None
@@ -329,7 +329,7 @@ def test_a_broken_real_recording_is_unusable():
     (path,) = folder.glob("*Hz.csv")
     result = check.check(importers.load(path))
     assert not result.ok
-    (finding,) = result.about("order")
+    (finding,) = result.of_topic("order")
     assert "no known channel order repairs it" in finding.sentence
     assert finding.value == pytest.approx(0.42, abs=0.01)
 
@@ -337,9 +337,9 @@ def test_a_broken_real_recording_is_unusable():
 def test_the_real_hydrogel_skin_breaks_reversal_but_not_its_order():
     result = check.check(importers.load(shared_data("hydrogel-skin/ohmc16.mat")))
     assert result.ok
-    (order,) = result.about("order")
+    (order,) = result.of_topic("order")
     assert order.severity == WARNING and "by 1.14 and" in order.sentence
-    (drift,) = result.about("drift")
+    (drift,) = result.of_topic("drift")
     assert drift.value == pytest.approx(0.115, abs=0.001)
 
 

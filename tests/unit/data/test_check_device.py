@@ -18,7 +18,7 @@ from eitskin.data.check import (
     sentences,
     suspicions,
 )
-from eitskin.data.check.exchanged import exchanged
+from eitskin.data.check.exchange import exchanged_channels
 from eitskin.data.check.steps import steps
 from eitskin.data.recording import Recording
 from eitskin.physics.geometry import even_angles
@@ -93,8 +93,8 @@ def test_readings_far_from_the_believed_disc_are_doubted_with_their_factor(times
     made.voltage *= factor
     doubt = doubted(made)["voltage_V"]
     assert doubt.factor == pytest.approx(before * factor)
-    assert ("mV given as V" in doubt.looks_like) == (100 < doubt.factor < 1e4)
-    assert ("mA given as A" in doubt.looks_like) == (1e-4 < doubt.factor < 1e-2)
+    assert ("mV given as V" in doubt.likely_mistake) == (100 < doubt.factor < 1e4)
+    assert ("mA given as A" in doubt.likely_mistake) == (1e-4 < doubt.factor < 1e-2)
 
 
 def test_the_amplitude_of_point_electrodes_is_one(make_recording):
@@ -129,7 +129,7 @@ def test_a_skin_of_another_unit_is_doubted(make_recording, key, good, bad, says)
     assert not doubted(made)
     made.metadata["skin"][key] = bad
     (doubt,) = doubted(made).values()
-    assert doubt.key == f"skin.{key}" and says in doubt.looks_like
+    assert doubt.key == f"skin.{key}" and says in doubt.likely_mistake
     (finding,) = suspicions.units(made)
     assert finding.severity == WARNING and f"skin.{key}" in finding.sentence
 
@@ -170,7 +170,7 @@ def test_forces_that_no_gel_bears_or_nobody_feels_are_doubted(make_recording, ti
     made.frames["force_N"] *= times
     made.frames["probe_mm"] = made.frames["probe_mm"] * (np.nan if probe is None else 1.0)
     doubt = doubted(made)["force_N"]
-    assert says in doubt.looks_like and (doubt.factor < 1) == (times < 1)
+    assert says in doubt.likely_mistake and (doubt.factor < 1) == (times < 1)
 
 
 def test_a_query_in_another_unit_is_doubted(make_recording):
@@ -198,22 +198,22 @@ def test_times_in_milliseconds_are_doubted(make_recording, frame_s):
 def test_constant_readings_are_an_error_where_somebody_touches(make_recording):
     made = make_recording(presses=3)
     made.voltage[:] = made.voltage[0]
-    (finding,) = suspicions.constant(made)
+    (finding,) = suspicions.constant_frames(made)
     assert finding.severity == ERROR and "12 of them" in finding.sentence
     assert not check.check(made).ok
     made = make_recording(presses=0)
     made.voltage[:] = made.voltage[0]
-    (finding,) = suspicions.constant(made)
+    (finding,) = suspicions.constant_frames(made)
     assert finding.severity == WARNING
     made.voltage[3, 7] *= 1.0 + 1e-12
-    assert not suspicions.constant(made)
+    assert not suspicions.constant_frames(made)
 
 
 @per_example
 @given(seed=seeds, noise=st.sampled_from([1e-4, 1e-3, 1e-2]))
 def test_touches_that_change_nothing_are_said(make_recording, seed, noise):
     made = make_recording(presses=10, noise=noise, seed=seed)
-    assert not suspicions.unseen(made)
+    assert not suspicions.unseen_touches(made)
     touched = made.frames["touch"].to_numpy(dtype=bool)
     made.voltage[touched] = make_recording(presses=0, noise=0.0).voltage[0]
     draw = np.random.default_rng([seed, 1])
@@ -221,7 +221,7 @@ def test_touches_that_change_nothing_are_said(make_recording, seed, noise):
     free = made.voltage[untouched(made)]
     # quieter than untouched frames, so that chance makes no difference
     made.voltage[touched] += 0.5 * free.std(axis=0) * draw.standard_normal(shape)
-    (finding,) = suspicions.unseen(made)
+    (finding,) = suspicions.unseen_touches(made)
     assert finding.severity == WARNING and "40 touched frames" in finding.sentence
 
 
@@ -245,7 +245,7 @@ def test_a_ceiling_with_noise_after_it_is_found_where_touches_push_at_it(
     assert ceiling.ceiling == pytest.approx(share * largest, rel=0.01)
     steps_apart = (made.channels[:, 2] - made.channels[:, 0]) % 16
     assert set(np.flatnonzero(np.isin(steps_apart, (2, 14)))) == set(ceiling.channels.tolist())
-    (finding,) = sentences.clipped(made)
+    (finding,) = sentences.clipped_channels(made)
     assert finding.severity == WARNING and finding.value == pytest.approx(32 / 208)
     assert f"in {len(ceiling.frames)} frames" in finding.sentence
 
@@ -277,9 +277,9 @@ def test_drives_of_a_source_at_its_compliance_are_named(
     if not signed:
         made.voltage = np.abs(made.voltage)
         made.metadata["voltage"] = "magnitude"
-    assert compliance.weak(made) is None
+    assert compliance.weak_drives(made) is None
     made.voltage[:, np.isin(made.channels[:, 0], list(drives))] *= share
-    found = compliance.weak(made)
+    found = compliance.weak_drives(made)
     wanted = {tuple(sorted((drive, (drive + 1) % 16))) for drive in drives}
     assert set(found.drives) == wanted
     assert found.shares == pytest.approx([share] * len(drives), rel=0.01)
@@ -290,7 +290,7 @@ def test_drives_of_a_source_at_its_compliance_are_named(
 def test_readings_that_break_reciprocity_at_random_are_no_weak_drives(make_recording):
     made = make_recording(presses=0)
     made.voltage *= 1.0 + 0.1 * np.random.default_rng(0).standard_normal(208)
-    assert compliance.weak(made) is None
+    assert compliance.weak_drives(made) is None
 
 
 # --- two columns exchanged ---
@@ -303,12 +303,12 @@ def test_two_columns_in_each_others_place_are_named(make_recording, rows, signed
     if not signed:
         made.voltage = np.abs(made.voltage)
         made.metadata["voltage"] = "magnitude"
-    assert exchanged(made) == []
+    assert exchanged_channels(made) == []
     one, other = sorted(rows)
     level = np.abs(made.voltage[0])
     assume(abs(level[one] - level[other]) > 0.1 * level[[one, other]].max())
     made.voltage[:, [one, other]] = made.voltage[:, [other, one]]
-    found = exchanged(made)
+    found = exchanged_channels(made)
     assert (one, other) in found and len(found) in (2, 4)
     (finding,) = suspicions.exchanged_channels(made)
     assert finding.severity == WARNING and f"{one} and {other}" in finding.sentence
@@ -323,7 +323,7 @@ def test_two_columns_in_each_others_place_are_named(make_recording, rows, signed
 def test_a_broken_reciprocity_is_no_exchange(make_recording, rows, factors, seed):
     made = make_recording(presses=4, noise=1e-3, seed=seed)
     made.voltage[:, sorted(rows)] *= factors
-    assert exchanged(made) == []
+    assert exchanged_channels(made) == []
 
 
 def test_two_channels_off_alike_are_told_as_that_too(make_recording):

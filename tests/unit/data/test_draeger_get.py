@@ -49,7 +49,7 @@ def test_another_order_is_noticed_and_can_be_asked_for(tmp_path):
     ascending = sorted(range(208), key=lambda k: (FILED[k][0], FILED[k][3]))
     values[:, :208] = values[:, ascending]
     path.write_bytes(values.tobytes())
-    (finding,) = check.check(importers.load(path)).about("order")
+    (finding,) = check.check(importers.load(path)).of_topic("order")
     assert finding.severity == check.ERROR and "--order drive-minus-ascending" in finding.sentence
     made = importers.load(path, order="drive-minus-ascending")
     assert made.channels.tolist() == [FILED[k] for k in ascending]

@@ -450,7 +450,7 @@ def test_the_tanks_in_each_others_order_break_reciprocity(name, module):
         other = pyeidors_tank if module is lct_tank else lct_tank
         table = pyeidors_tank.channels_from_drive() if other is pyeidors_tank else channel_table(16)
         made.metadata["channels"] = table[:, [0, 1, 3, 2]].tolist()
-        order = check.check(made).about("order")
+        order = check.check(made).of_topic("order")
         assert 0.6 < order[0].value < 1.1
         assert [finding.severity for finding in order] == [check.ERROR]
         assert "wrong channel order" in order[0].sentence

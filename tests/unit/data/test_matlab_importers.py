@@ -89,7 +89,7 @@ def test_both_signs_are_read_and_the_wrong_one_noticed(tmp_path):
     cases = ((-1, None, "adjacent"), (PHASE, "adjacent", "adjacent-reversed"))
     for sign, measure, right in cases:
         scipy.io.savemat(path, {"vh": sign * frames()})
-        (finding,) = check.check(importers.load(path, measure=measure)).about("polarity")
+        (finding,) = check.check(importers.load(path, measure=measure)).of_topic("polarity")
         assert finding.severity == check.ERROR
         assert finding.sentence.endswith(f"--measure {right}.")
         made = importers.load(path, measure=right)
@@ -109,7 +109,7 @@ def test_frames_that_turn_with_the_drive(tmp_path, whole):
             importers.load(path)
         said = str(caught.value)
     else:
-        (finding,) = check.check(importers.load(path)).about("order")
+        (finding,) = check.check(importers.load(path)).of_topic("order")
         said = finding.sentence
     named = said.split("--order ")[1].split()[0]
     for order in (turning, named):
@@ -185,7 +185,7 @@ def test_the_reference_of_the_challenge(tmp_path):
         assert "Uel left out" in made.metadata["source"]
         assert f"{np.sum(~free)} readings at driven electrodes" in made.metadata["source"]
     scipy.io.savemat(path, ours | {"Uelref": -voltages})
-    assert check.check(importers.load(path)).about("polarity")
+    assert check.check(importers.load(path)).of_topic("polarity")
     refused(path, "setting measure: .*ktc-mat states its own", measure="adjacent")
 
 

@@ -110,8 +110,8 @@ def test_any_protocol_comes_back(tmp_path_factory, n, drive, measure, order, who
     expected = phase * readings(channels, n)[free]
     read = made.voltage if made.quadrature is None else made.voltage + 1j * made.quadrature
     np.testing.assert_allclose(read[0], expected, rtol=1e-12)
-    assert not check.check(made).about("polarity")
-    assert all(one.severity != check.ERROR for one in check.check(made).about("order"))
+    assert not check.check(made).of_topic("polarity")
+    assert all(one.severity != check.ERROR for one in check.check(made).of_topic("order"))
 
 
 def test_channels_may_be_listed(write):
@@ -422,7 +422,7 @@ def test_labels_that_do_not_belong_to_the_frames_are_refused(write, tmp_path):
 # --- broken files
 
 TEXT = lines(frames())
-BROKEN = {
+MAX_MISFIT = {
     "cut": (TEXT[:-30].encode(), "line 3: found 3. cells, expected 40"),
     "a word": (TEXT.replace("\n", "\nlost ", 1).encode(), "line 2, column 0: found 'lost "),
     "a word at first": (b"x," + TEXT.split(",", 1)[1].encode(), "line 1: found 'x', expected num"),
@@ -445,15 +445,15 @@ BROKEN = {
 }
 
 
-@pytest.mark.parametrize("name", BROKEN)
+@pytest.mark.parametrize("name", MAX_MISFIT)
 def test_a_broken_text_is_refused(write, name):
-    content, match = BROKEN[name]
+    content, match = MAX_MISFIT[name]
     refused(write(content, ADJACENT), match)
 
 
 @pytest.mark.parametrize("name", ["no text", "UTF-16 unmarked", "nothing", "columns counted"])
 def test_a_broken_text_is_refused_without_a_description_too(write, name):
-    content, match = BROKEN[name]
+    content, match = MAX_MISFIT[name]
     refused(write(content), match)
     if name != "columns counted":
         refused(write(content, None, "skin.dat"), "format: found .*, expected one of eit-recording")

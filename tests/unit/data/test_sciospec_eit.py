@@ -123,7 +123,7 @@ def test_source_and_sink_exchanged_are_noticed(tmp_path):
     lines = eit_text(around()).splitlines()
     lines[18::2] = [" ".join(reversed(line.split())) for line in lines[18::2]]
     path.write_text("\n".join(lines))
-    assert check.check(importers.load(path)).about("polarity")
+    assert check.check(importers.load(path)).of_topic("polarity")
 
 
 def test_the_files_own_drives_are_not_named_anew(tmp_path):
@@ -135,7 +135,7 @@ def test_the_files_own_drives_are_not_named_anew(tmp_path):
         importers.load(path, measure="askew")
 
 
-BROKEN = {
+MAX_MISFIT = {
     "cut within a line": (
         lambda text: text[: len(text) - 200],
         "numbers, expected 32, real and im",
@@ -157,10 +157,10 @@ BROKEN = {
 }
 
 
-@pytest.mark.parametrize("name", BROKEN)
+@pytest.mark.parametrize("name", MAX_MISFIT)
 def test_a_broken_file_is_refused(tmp_path, name):
     path = tmp_path / "setup_00001.eit"
-    spoil, match = BROKEN[name]
+    spoil, match = MAX_MISFIT[name]
     whole = eit_text(around())
     assert spoil(whole) != whole
     path.write_text(spoil(whole))

@@ -80,7 +80,7 @@ def test_touches_must_meet_the_skin_that_is_stated(bare):
 
 def test_the_check_says_what_is_believed(bare):
     told = stated.apply({"radius_mm": 100, "current_A": 0.001}, bare)
-    (finding,) = check(told).about("skin")
+    (finding,) = check(told).of_topic("skin")
     sentence = finding.sentence.replace("\N{NO-BREAK SPACE}", " ")
     assert "believed: radius 100 mm, current 1 mA, 16 electrodes in even steps" in sentence
     assert "not known, so calibrated: thickness, conductivity" in sentence

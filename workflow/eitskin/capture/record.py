@@ -90,8 +90,8 @@ def to_recording(records: list[dict], file: str | Path) -> tuple[Recording, int]
         believed_skin(config, file).metadata(),
         source(records),
         "magnitude",
-        "robot",
-        float(min([*table["frame_s"], *np.diff(time_s)])),
+        position_frame="robot",
+        frame_s=float(min([*table["frame_s"], *np.diff(time_s)])),
     )
     return Recording(frames, voltage, None, None, metadata), int((~valid_frames).sum())
 

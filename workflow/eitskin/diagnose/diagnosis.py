@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from eitskin.data.check import named
+from eitskin.data.check import naming
 from eitskin.data.recording import Recording, voltages
 from eitskin.data.subset import of_frames
 from eitskin.diagnose.fitting.candidates import Scales, catalogue
@@ -493,7 +493,7 @@ def _strange(fit: Fit, recorded: Recording, query: Recording) -> list[int]:
         if len(rows):
             found.append(index)
             assert setting.kind is not None
-            them = named.channels(query, rows)
+            them = naming.channels(query, rows)
             said = f"{setting.effect.name}: {them} of the query are predicted without it, for the"
             said += f" recording has no such {WHERE[setting.kind]}; std_V has its spread"
             print(f"  {said}", file=sys.stderr, flush=True)

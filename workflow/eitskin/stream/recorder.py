@@ -79,7 +79,7 @@ class Recorder:
             UNKNOWN_SKIN if skin is None else Skin.from_metadata(skin, "model").metadata(),
             f"{description}; states estimated by {header['model']} of {trained_on['name']}",
             trained_on.get("voltage", "signed"),
-            trained_on.get("position_frame", "skin"),
+            position_frame=trained_on.get("position_frame", "skin"),
             unit=trained_on["unit"],
             values="difference" if is_difference else "absolute",
         )

@@ -10,7 +10,7 @@ import numpy as np
 
 from eitskin.capture.wire import BOARDS, Board, Reject, measured_mask
 from eitskin.data import importers
-from eitskin.data.dataset import fits
+from eitskin.data.dataset import check_compatibility
 from eitskin.data.recording import Recording, voltages
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
@@ -176,7 +176,7 @@ def recording_source(path: str, trained_on: dict, fast: bool, stop: Stop) -> Sou
     recording = (
         as_recording(path, with_undecided=True) if is_journal(path) else importers.load(path)
     )
-    lost_channels = fits(recording, trained_on, path)
+    lost_channels = check_compatibility(recording, trained_on, path)
     voltages(recording, path)
     is_difference = recording.metadata["values"] == "difference"
     touched_mask = recording.frames["touch"].to_numpy(bool)

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from eitskin.data.channel_order import ORDERS, in_order, misfit
-from eitskin.data.check.wiring import DOUBTFUL, FAR_BETTER
+from eitskin.data.check.wiring import DOUBTFUL_MISFIT, MIN_IMPROVEMENT
 from eitskin.data.importers.description import describe, swap_measured
-from eitskin.data.recording import MOST_ELECTRODES, Recording, frames_table
+from eitskin.data.recording import MAX_ELECTRODES, Recording, frames_table
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import every_channel, reciprocal_channels, undriven
@@ -121,8 +121,8 @@ def listed(
         raise InputError(file, "measurement", f"{len(channels)} channels", f"{width}, one a number")
     for row, one in enumerate(channels):
         whole = isinstance(one, list) and [type(each) for each in one] == [int] * 4
-        if not whole or not 0 <= min(one) <= max(one) < (n_electrodes or MOST_ELECTRODES):
-            expected = f"[source, sink, plus, minus], 0 to {(n_electrodes or MOST_ELECTRODES) - 1}"
+        if not whole or not 0 <= min(one) <= max(one) < (n_electrodes or MAX_ELECTRODES):
+            expected = f"[source, sink, plus, minus], 0 to {(n_electrodes or MAX_ELECTRODES) - 1}"
             raise InputError(file, f"measurement, row {row}", one, expected)
         if one[0] == one[1] or one[2] == one[3]:
             raise InputError(file, f"measurement, row {row}", one, "two electrodes a pair")
@@ -160,10 +160,10 @@ def refuse_other_order(
         return float(np.linalg.norm(known)) if known else np.inf
 
     own = broken(None)
-    if not DOUBTFUL < own < np.inf:
+    if not DOUBTFUL_MISFIT < own < np.inf:
         return
     best = min(ORDERS, key=broken)
-    if broken(best) < own / FAR_BETTER:
+    if broken(best) < own / MIN_IMPROVEMENT:
         turned, then = percent(own), percent(broken(best))
         found = f"one in which exchanging drive and measurement, or going round, changes {turned}"
         expected = f"--order {best} ({ORDERS[best].sentence}), in which {then} change"
