@@ -211,7 +211,7 @@ def _add_frames(command: argparse.ArgumentParser, name: str, what: str) -> None:
 
 def _add_reading(command: argparse.ArgumentParser) -> None:
     """What a file may not say of its own format, channels and skin."""
-    formats = f"by default told by its content; {', '.join(importers.known())}"
+    formats = f"by default told by its content; {', '.join(importers.format_names())}"
     command.add_argument("--format", help=formats)
     steps = "adjacent, opposite or skip-<n>"
     command.add_argument("--order", help="the order of the readings, as check names it")

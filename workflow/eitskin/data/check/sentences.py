@@ -210,9 +210,9 @@ def dead_channels(recording: Recording) -> list[Finding]:
     dead = measures.dead_channels(recording)
     if dead is None:
         return []
-    both = ", untouched as well as touched" if dead.has_both_states else ""
+    states_text = ", untouched as well as touched" if dead.has_both_states else ""
     sentence = (
-        f"{dead.n_live} of {dead.channels} channels have a reading other than 0{both}; "
+        f"{dead.n_live} of {dead.channels} channels have a reading other than 0{states_text}; "
         f"{dead.n_needed} at least are needed."
     )
     return [Finding("dead", ERROR, sentence, float(dead.n_live))]

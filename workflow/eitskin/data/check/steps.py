@@ -144,7 +144,7 @@ def _median(scaled: np.ndarray) -> np.ndarray:
 
 
 def _is_loud(scaled: np.ndarray) -> np.ndarray:
-    """(U,) bool: frames (U, M) that differ from their neighbours in most channels, in noise units."""
+    """(U,) bool: frames (U, M), in noise units, unlike their neighbours in most channels."""
     deviation = np.nanmedian(np.abs(scaled - _median(scaled)), axis=1)
     return deviation > SPIKE_SD * np.maximum(np.median(deviation), 1.0 / SPIKE_SD)
 

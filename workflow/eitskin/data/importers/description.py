@@ -1,4 +1,4 @@
-"""The metadata of an imported recording: what its files say, and null for what they do not."""
+"""The metadata of an imported recording: its files' statements, and null for all others."""
 
 from collections.abc import Sequence
 
