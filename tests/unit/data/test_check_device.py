@@ -353,7 +353,7 @@ def with_step(recording, frame, size, rows, seed):
 
 
 @per_example
-@given(seed=seeds, size=st.floats(80.0, 1e4), at=st.floats(0.0, 1.0))
+@given(seed=seeds, size=st.floats(80.0, 1e4), fraction=st.floats(0.0, 1.0))
 def test_a_step_is_found_at_its_first_frame(make_recording, seed, size, fraction):
     recording = make_recording(presses=12, seed=seed)
     assert not steps(recording)

@@ -47,7 +47,7 @@ def _is_number(cell: str) -> bool:
 
 
 def numbers(path: Path, lines: Sequence[str], columns: int, head: int) -> np.ndarray:
-    """(rows, columns) float64 of numbers between spaces, from a file's lines after its header.
+    """(rows, columns) float64 of numbers between spaces, of a file's lines after the first `head`.
 
     Empty lines are skipped. Raises InputError naming the line for another number of cells and for
     what is no number.
