@@ -221,7 +221,7 @@ def _add_frames(command: argparse.ArgumentParser, name: str, purpose: str) -> No
 
 def _add_reading(command: argparse.ArgumentParser) -> None:
     """Options for the format, channels and skin of a file."""
-    formats = f"by default told by its content; {', '.join(importers.known())}"
+    formats = f"by default told by its content; {', '.join(importers.format_names())}"
     command.add_argument("--format", help=formats)
     steps = "adjacent, opposite or skip-<n>"
     command.add_argument("--order", help="the order of the readings, as check names it")
@@ -281,7 +281,7 @@ def _checked(
     full_check = check.check(recorded, progress=True)
     errors = [
         finding
-        for finding in full_check.of(check.ERROR)
+        for finding in full_check.of_severity(check.ERROR)
         if topics is None or finding.topic in topics
     ]
     if not errors or arguments.anyway:
@@ -302,7 +302,7 @@ def _say(text: str, stream: TextIO | None = None) -> None:
 def _print_step_commands(checked: check.Check, count: int, arguments: argparse.Namespace) -> None:
     """For a recording of `count` frames with steps, print the commands that diagnose its parts."""
     start = arguments.frames[0] if arguments.frames else 0
-    frames = [finding.frame for finding in checked.about("step") if finding.frame is not None]
+    frames = [finding.frame for finding in checked.of_topic("step") if finding.frame is not None]
     steps = sorted(start + frame for frame in frames)
     if not steps:
         return
@@ -337,7 +337,11 @@ def _print_before(checked: check.Check, count: int, arguments: argparse.Namespac
         print(
             "frames: {} to {} of the file, from here on numbered from 0.".format(*arguments.frames)
         )
-    for finding in (*checked.about("skin"), *checked.of(check.WARNING), *checked.of(check.ERROR)):
+    for finding in (
+        *checked.of_topic("skin"),
+        *checked.of_severity(check.WARNING),
+        *checked.of_severity(check.ERROR),
+    ):
         _say(f"{finding.topic}: {finding.sentence}")
     _print_step_commands(checked, count, arguments)
 
@@ -376,8 +380,12 @@ def _import(arguments: argparse.Namespace) -> int:
     if arguments.json:
         answers.write(answers.checked(full_check, arguments.file) | {"out": arguments.out})
         return 0
-    extent = (*full_check.about("frames"), *full_check.about("channels"))
-    for finding in (*extent, *full_check.of(check.WARNING), *full_check.of(check.ERROR)):
+    extent = (*full_check.of_topic("frames"), *full_check.of_topic("channels"))
+    for finding in (
+        *extent,
+        *full_check.of_severity(check.WARNING),
+        *full_check.of_severity(check.ERROR),
+    ):
         _say(f"{finding.topic}: {finding.sentence}")
     print(arguments.out)
     return 0

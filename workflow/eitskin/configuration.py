@@ -104,7 +104,7 @@ def schema(path: str | Path) -> dict:
         }
         for name, effect in EFFECTS.items()
     ]
-    recording["properties"]["format"]["enum"] = importers.known()
+    recording["properties"]["format"]["enum"] = importers.format_names()
     recording["properties"]["skin"]["propertyNames"] = {"enum": list(stated.KEYS)}
     recording["properties"]["order"]["enum"] = list(ORDERS)
     kinds = f"^(single:({'|'.join(EFFECTS)})|pair|triple)$"

@@ -17,7 +17,7 @@ import numpy as np
 from eitskin.data import importers
 from eitskin.data.importers import iirc_tank
 from eitskin.data.importers.description import describe
-from eitskin.data.importers.matlab_file import named
+from eitskin.data.importers.matlab_file import named_arrays
 from eitskin.data.recording import Recording, frames_table
 from eitskin.physics.forward import Forward, channel_values
 from eitskin.physics.geometry import Geometry, even_angles
@@ -107,7 +107,7 @@ def _repeats(recorded: Recording, rng: np.random.Generator) -> Sessions:
 
 def _rod(path: Path) -> Recording:
     """The IIRC's frames with a rod at unknown places, as if nobody touched."""
-    reading = iirc_tank.readings(named(path, iirc_tank.ARRAYS)[1]).real
+    reading = iirc_tank.readings(named_arrays(path, iirc_tank.ARRAYS)[1]).real
     channels = channel_table(iirc_tank.N_ELECTRODES)
     angles = even_angles(iirc_tank.N_ELECTRODES)
     metadata = describe(channels, angles, f"{path.name}, rod", "signed")

@@ -101,7 +101,7 @@ def check_findings(recorded: Recording, checked: Check) -> dict:
     topics = {finding.topic for finding in findings}
     ceilings = []
     if "clipped" in topics:
-        stop = measures.clipped(recorded)
+        stop = measures.clipped_channels(recorded)
         assert stop is not None  # else there is no warning
         ceilings = [clip.ceiling for clip in clipping.ceilings(recorded)]
         ceilings = [stop.ceiling] if len(stop.channels) else ceilings

@@ -101,7 +101,7 @@ def owner_trial(kind: str, seed: int) -> dict:
         "check": check_findings(case.recorded, checked),
     }
     if not checked.ok:
-        errors = [(finding.topic, finding.sentence) for finding in checked.of(check.ERROR)]
+        errors = [(finding.topic, finding.sentence) for finding in checked.of_severity(check.ERROR)]
         return {**row, "unusable": errors}
     return row | _compared(case)
 

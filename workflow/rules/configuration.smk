@@ -7,7 +7,7 @@ from eitskin.errors import reported
 
 # Whoever adds an effect or a format may leave it broken: read with them, it is told in one line.
 with reported("logs/configuration.log"):
-    from eitskin.capture.attached import attach
+    from eitskin.capture.attachment import attach
     from eitskin.configuration import COMMAND_LINE, read, validate, with_continuous
     from eitskin.fingerprint import fingerprint
 

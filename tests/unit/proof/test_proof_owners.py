@@ -36,7 +36,7 @@ def test_what_the_check_says_is_what_is_counted():
         said, text = queries.check_findings(recorded, checked), check.text(checked)
         assert all(f"from frame {frame} on" in text for frame in said["steps"])
         assert all(f"stop at {ceiling:.4g}" in text for ceiling in said["ceilings"])
-        assert len(said["steps"]) == len(checked.about("step"))
+        assert len(said["steps"]) == len(checked.of_topic("step"))
         warned = {topic for topic, _ in said["warnings"]}
         assert bool(said["ceilings"]) == ("clipped" in warned)
         assert {"step": said["steps"], "clipped": said["ceilings"]}[kind]

@@ -63,7 +63,7 @@ def test_the_broken_recording_is_called_unusable_with_its_reason():
     [path] = [p for p in folder.glob("*Hz.csv")]
     found = check.check(importers.load(path))
     assert not found.ok
-    assert "42 % rms" in found.about("order")[0].sentence
+    assert "42 % rms" in found.of_topic("order")[0].sentence
 
 
 def test_recordings_without_reciprocal_pairs_are_refused():

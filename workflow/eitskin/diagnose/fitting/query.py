@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from eitskin.data.check import named
+from eitskin.data.check import naming
 from eitskin.data.recording import Recording
 from eitskin.diagnose.fitting.channel_mapping import carried, unknown
 from eitskin.diagnose.fitting.fit import Fit, Problem, difference
@@ -60,7 +60,7 @@ def _unmapped_effects(fit: Fit, recording: Recording, query: Recording) -> list[
         if len(rows):
             indices.append(index)
             assert setting.kind is not None
-            channels = named.channels(query, rows)
+            channels = naming.channels(query, rows)
             line = f"{setting.effect.name}: {channels} of the query are predicted without it, for"
             line += f" the recording has no such {SITE_NOUNS[setting.kind]}; std_V has its spread"
             print(f"  {line}", file=sys.stderr, flush=True)

@@ -292,7 +292,7 @@ def beliefs(recorded: Recording) -> tuple[Skin, list[Calibration]]:
         scale = similarity.scale * (1.0 if skin.radius_mm else radius)
         shift = np.array(similarity.shift) * (1.0 if skin.radius_mm else radius)
         found += [
-            Calibration("robot_scale", "1", -scale if similarity.mirrored else scale, 0.1),
+            Calibration("robot_scale", "1", -scale if similarity.is_mirrored else scale, 0.1),
             Calibration("robot_rotation_deg", "°", similarity.rotation_deg, 10.0, log=False),
             Calibration("robot_x_mm", "mm", float(shift[0]), 0.1 * radius, log=False),
             Calibration("robot_y_mm", "mm", float(shift[1]), 0.1 * radius, log=False),

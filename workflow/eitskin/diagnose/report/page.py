@@ -223,13 +223,13 @@ def _warnings(found: Evidence) -> str:
     checked = check.check(found.recording)
     rows = [
         f"<li>{escape(finding.topic)}: {escape(finding.sentence)}</li>"
-        for finding in (*checked.of(check.ERROR), *checked.of(check.WARNING))
+        for finding in (*checked.of_severity(check.ERROR), *checked.of_severity(check.WARNING))
     ]
     if not rows:
         return ""
     head = "The check of this recording warns:" if checked.ok else "This recording is not usable:"
     apart = ""
-    if checked.about("step"):
+    if checked.of_topic("step"):
         apart = (
             "<p>What lies before a step and after it is diagnosed apart; <code>eitskin check</code>"
             " prints the commands that make a report of each part.</p>"

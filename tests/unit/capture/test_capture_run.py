@@ -8,7 +8,7 @@ import yaml
 pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
 
 from eitskin.capture import cli, record, session
-from eitskin.capture.captured import capture_recording
+from eitskin.capture.run import capture_recording
 from eitskin.errors import InputError
 
 PAPER = Path(__file__).parents[3] / "workflow" / "config" / "rig.yaml"
@@ -21,23 +21,25 @@ def captured(tmp_path):
     """Capture the paper's rig, or another, into a folder; no device is there."""
 
     def capture(rig=RIG, mounted_mm=7.0):
-        out = tmp_path / "it.parquet", tmp_path / "it.json"
-        return capture_recording(rig, "rig.yaml", tmp_path / "j.jsonl", False, mounted_mm, out)
+        output_paths = tmp_path / "it.parquet", tmp_path / "it.json"
+        return capture_recording(
+            rig, "rig.yaml", tmp_path / "j.jsonl", False, mounted_mm, output_paths
+        )
 
     return capture
 
 
 def test_a_journal_becomes_recording_and_manifest(captured, tmp_path, monkeypatch):
     done = []
-    monkeypatch.setattr(session, "capture", lambda *given: done.append(given[2]))
-    monkeypatch.setattr(record, "write", lambda *given: done.append(given))
+    monkeypatch.setattr(session, "capture", lambda *arguments: done.append(arguments[2]))
+    monkeypatch.setattr(record, "write", lambda *arguments: done.append(arguments))
     assert captured() is None
     journal = tmp_path / "j.jsonl"
     assert done == [journal, (journal, tmp_path / "it.parquet", tmp_path / "it.json")]
 
 
 def test_of_a_capture_that_ended_early_nothing_is_written(captured, tmp_path, monkeypatch, capsys):
-    def stop(*_given):
+    def stop(*_arguments):
         raise session.Stopped("the force jumped; stopped by stopL", session.FAULT)
 
     monkeypatch.setattr(session, "capture", stop)

@@ -1,4 +1,4 @@
-"""A capture in front of a person, and what becomes of its journal."""
+"""A capture shown to a person, whose journal becomes a recording and its manifest."""
 
 import contextlib
 from pathlib import Path
@@ -13,17 +13,17 @@ def capture_recording(
     journal: str | Path,
     resume: bool,
     mounted_mm: float | None,
-    out: tuple[str | Path, str | Path],
+    output_paths: tuple[str | Path, str | Path],
 ) -> session.Stopped | None:
-    """Capture as `session.capture` does, seen on stderr, and write the recording and its manifest,
-    the two of `out`. Where the capture ended early neither is written, and why it did is returned.
+    """Capture with progress on stderr, then write recording and manifest to `output_paths`.
 
-    Raises InputError as `session.capture` and `record.write` do.
+    Returns the reason where the capture ended early; then nothing is written. Raises InputError as
+    `session.capture` and `record.write` do.
     """
     try:
         with contextlib.closing(View()) as view:
             session.capture(config, file, journal, resume, mounted_mm, view)
     except session.Stopped as stopped:
         return stopped
-    record.write(journal, *out)
+    record.write(journal, *output_paths)
     return None

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from eitskin.capture import configuration
-from eitskin.capture.attached import attach, manifest_path
+from eitskin.capture.attachment import attach, manifest_path
 from eitskin.capture.press_plan import plan_sha256
 from eitskin.configuration import captured_path, validate
 from eitskin.errors import InputError
@@ -24,15 +24,19 @@ NAME, FILE = "gel", "my-rig.yaml"
 def config(tmp_path, monkeypatch):
     """A configuration with a rig, its capture named wherever recordings are."""
     monkeypatch.chdir(tmp_path)
-    whole = json.loads(json.dumps(CONFIG))
-    whole["rig"] = {**copy.deepcopy(RIG), "name": NAME}
-    whole["table_1"]["recordings"][NAME] = ["place"]
+    configuration = json.loads(json.dumps(CONFIG))
+    configuration["rig"] = {**copy.deepcopy(RIG), "name": NAME}
+    configuration["table_1"]["recordings"][NAME] = ["place"]
     for key in ("varied_on", "compared_on"):
-        whole["ablation"][key][NAME] = ["random"]
-    for names in (whole["diagnoses"], whole["transfer"]["targets"], whole["tanks"]):
+        configuration["ablation"][key][NAME] = ["random"]
+    for names in (
+        configuration["diagnoses"],
+        configuration["transfer"]["targets"],
+        configuration["tanks"],
+    ):
         names.append(NAME)
-    whole["loop"]["recordings"].append(NAME)
-    return whole
+    configuration["loop"]["recordings"].append(NAME)
+    return configuration
 
 
 def attached(config):
@@ -51,13 +55,13 @@ def refusal(config):
     return str(refused.value)
 
 
-def capture(config, **said):
+def capture(config, **manifest):
     """What a capture leaves behind, as far as it is looked at."""
     path = Path(captured_path(NAME))
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(b"PAR1")
-    said = {"plan_sha256": plan_sha256(config["rig"]), **said}
-    Path(manifest_path(NAME)).write_text(json.dumps(said), encoding="utf-8")
+    manifest = {"plan_sha256": plan_sha256(config["rig"]), **manifest}
+    Path(manifest_path(NAME)).write_text(json.dumps(manifest), encoding="utf-8")
 
 
 def test_a_recording_that_is_not_captured_is_left_out_of_everything(config, capsys):
@@ -66,16 +70,16 @@ def test_a_recording_that_is_not_captured_is_left_out_of_everything(config, caps
 
 
 def test_nothing_else_is_left_out(config):
-    found = json.loads(json.dumps(attached(config)))
-    del found["rig"]
-    assert found == json.loads(json.dumps(CONFIG))
+    remaining = json.loads(json.dumps(attached(config)))
+    del remaining["rig"]
+    assert remaining == json.loads(json.dumps(CONFIG))
 
 
 def test_a_captured_one_is_a_recording_and_stays_wherever_it_is_named(config, capsys):
     capture(config)
-    before = json.loads(json.dumps(config))
-    before["recordings"][NAME] = {"path": captured_path(NAME)}
-    assert json.loads(json.dumps(attached(config))) == before
+    expected = json.loads(json.dumps(config))
+    expected["recordings"][NAME] = {"path": captured_path(NAME)}
+    assert json.loads(json.dumps(attached(config))) == expected
     assert capsys.readouterr().err == ""
 
 
@@ -130,9 +134,9 @@ def test_the_name_of_another_recording_is_refused(config):
 
 
 def test_a_simulated_set_s_name_is_refused():
-    whole = {**CONFIG, "rig": {**RIG, "name": "simulated-authors"}}
+    configuration = {**CONFIG, "rig": {**RIG, "name": "simulated-authors"}}
     with pytest.raises(InputError, match=r"rig\.name: found a simulated set's name"):
-        validate(whole, SCHEMA, [])
+        validate(configuration, SCHEMA, [])
 
 
 def test_a_rig_is_refused_by_its_own_schema(config):

@@ -1,4 +1,4 @@
-"""Channels, frames, electrodes and drives as a sentence names them."""
+"""Channels, frames and electrodes in words."""
 
 from collections.abc import Sequence
 
@@ -7,27 +7,29 @@ import numpy as np
 from eitskin.data.recording import Recording
 from eitskin.quantities import listed
 
-FEW = 3
+MAX_NAMED = 3  # more make a sentence unreadable
 
 
 def channels(recording: Recording, rows: np.ndarray | Sequence[int]) -> str:
     """`3 channels (0: drive 0-1, measured 2-3, ...)`, at most three named."""
-    shown = ", ".join(
+    named_channels = ", ".join(
         "{}: drive {}-{}, measured {}-{}".format(row, *recording.channels[row])
-        for row in rows[:FEW]
+        for row in rows[:MAX_NAMED]
     )
-    more = ", ..." if len(rows) > FEW else ""
+    ellipsis = ", ..." if len(rows) > MAX_NAMED else ""
     plural = "" if len(rows) == 1 else "s"
-    return f"{len(rows)} channel{plural} ({shown}{more})"
+    return f"{len(rows)} channel{plural} ({named_channels}{ellipsis})"
 
 
 def frames(rows: np.ndarray) -> str:
     """`frame 4`, `12 frames (4 to 9, 12, ...)`, at most three runs named."""
     runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
-    shown = [f"{run[0]} to {run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs[:FEW]]
+    named_runs = [
+        f"{run[0]} to {run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs[:MAX_NAMED]
+    ]
     if len(rows) == 1:
         return f"frame {rows[0]}"
-    return f"{len(rows)} frames ({', '.join(shown)}{', ...' if len(runs) > FEW else ''})"
+    return f"{len(rows)} frames ({', '.join(named_runs)}{', ...' if len(runs) > MAX_NAMED else ''})"
 
 
 def electrodes(numbers: Sequence[int]) -> str:
