@@ -126,10 +126,10 @@ def temporal_correlation(
             return np.where(np.arange(2) == index, x, coordinates)
 
         grid = grids[index]
-        lowest = int(np.argmin([deviance(point(x)) for x in grid]))
+        nearest = int(np.argmin([deviance(point(x)) for x in grid]))
         minimum = minimize_scalar(
             lambda x: deviance(point(x)),
-            bounds=(grid[max(lowest - 1, 0)], grid[min(lowest + 1, len(grid) - 1)]),
+            bounds=(grid[max(nearest - 1, 0)], grid[min(nearest + 1, len(grid) - 1)]),
             method="bounded",
             options={"xatol": TOLERANCE},
         )
@@ -138,12 +138,12 @@ def temporal_correlation(
     uncorrelated = TemporalCorrelation(0.0, 0.0)
     white = series.whitened(uncorrelated, values, channel_modes)
     minima = [minimum_along(index, np.full(2, -np.inf)) for index in range(2)]
-    index = int(np.argmin([lowest for lowest, _ in minima]))
-    lowest, coordinates = minima[index]
-    if chi2.sf(white.deviance - lowest, 1) > ALPHA:
+    index = int(np.argmin([minimum_deviance for minimum_deviance, _ in minima]))
+    single_deviance, coordinates = minima[index]
+    if chi2.sf(white.deviance - single_deviance, 1) > ALPHA:
         return uncorrelated, white
-    joint, start = minimum_along(1 - index, coordinates)
-    if chi2.sf(lowest - joint, 1) < BOTH_ALPHA:
+    joint_deviance, start = minimum_along(1 - index, coordinates)
+    if chi2.sf(single_deviance - joint_deviance, 1) < BOTH_ALPHA:
         minimum = minimize(
             deviance,
             start,
@@ -151,7 +151,7 @@ def temporal_correlation(
             bounds=[(grid[0], grid[-1]) for grid in grids],
             options={"xatol": TOLERANCE, "fatol": DEVIANCE_TOLERANCE},
         )
-        if chi2.sf(lowest - minimum.fun, 1) < ALPHA:
+        if chi2.sf(single_deviance - minimum.fun, 1) < ALPHA:
             coordinates = minimum.x
     temporal = TemporalCorrelation(*map(float, temporal_at(coordinates)))
     return temporal, series.whitened(temporal, values, channel_modes)
