@@ -174,14 +174,14 @@ def conceal(block: Block, names: list[str]) -> dict[str, dict]:
     planned = plan(block.name, block.sizes.cases, root)
     commitments = {}
     for name in names:
-        files = tuple(ledger.files_of(block.public, name).values())
+        files = ledger.files_of(block.public, name)
         sealed = block.truths / f"{name}.sealed"
-        plain = _standing(block, root, name, [*files, sealed])
+        plain = _standing(block, root, name, [*files.values(), sealed])
         if plain is None:
             plain = _draw(block, root, name, planned[name])
             with atomic_path(sealed) as temporary:
                 temporary.write_bytes(sealing.seal_truth(root, block.name, name, plain))
-        commitments[name] = sealing.commitment(root, name, *files, plain)
+        commitments[name] = sealing.commitment(root, name, files, plain)
     return commitments
 
 
