@@ -85,19 +85,19 @@ def shown(case: Case | Planted, planned: Planned, root: bytes, name: str) -> Sho
     level that was drawn for it. A real recording stays as it is."""
     if case.clean is None:
         return Shown(case.voltage, case.noise_V, case.level, None)
-    least = max(LEAST_LEVEL, GENERATORS[planned.generator].least_level)
+    least_level = max(LEAST_LEVEL, GENERATORS[planned.generator].least_level)
     shape, gaps = case.noise_V / case.level, None
-    level = float(np.clip(case.level, least, MOST_LEVEL))
+    level = float(np.clip(case.level, least_level, MOST_LEVEL))
     if planned.gap is not None:
         for _ in range(ROUNDS):
             gaps = gaps_in_noise(case, shape * level)
             nearest = smallest(gaps)
             if nearest is None or abs(nearest / planned.gap - 1.0) < NEAR:
                 break
-            wanted = float(np.clip(level * nearest / planned.gap, least, MOST_LEVEL))
-            if wanted == level:
+            level_wanted = float(np.clip(level * nearest / planned.gap, least_level, MOST_LEVEL))
+            if level_wanted == level:
                 break
-            level, gaps = wanted, None
+            level, gaps = level_wanted, None
     noise = shape * level
     if gaps is None:
         gaps = gaps_in_noise(case, noise)

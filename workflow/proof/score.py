@@ -104,15 +104,15 @@ SNR_LEFT = f"SNR ≥ {APART:g} after the best fit"
 WITHIN = f"size within a factor {rig_sizes.WITHIN:g}, of those that can be told"
 
 
-def _set_claims(kind: str, subject: str, wanted: float) -> list[Claim]:
-    every, apart = where(is_kind(kind)), where(is_kind(kind), has_gap(APART))
+def _set_claims(kind: str, subject: str, least_f1: float) -> list[Claim]:
+    whole_kind, apart = where(is_kind(kind)), where(is_kind(kind), has_gap(APART))
     return claims(
         subject,
-        (f"F1 of the set, {EACH_FAR}", apart, measures.f1, at_least(wanted)),
+        (f"F1 of the set, {EACH_FAR}", apart, measures.f1, at_least(least_f1)),
         (f"the whole set right, {EACH_FAR}", apart, RIGHT),
-        ("F1 of the set, all", every, measures.f1),
-        ("the whole set right, all", every, RIGHT),
-        (COVERED, every, COVERAGE),
+        ("F1 of the set, all", whole_kind, measures.f1),
+        ("the whole set right, all", whole_kind, RIGHT),
+        (COVERED, whole_kind, COVERAGE),
     )
 
 
@@ -237,8 +237,8 @@ def diagnoses_scored(rows: Rows) -> tuple[dict[str, pd.DataFrame], str]:
         "rig": by_rig(rows),
         "rig_sizes": rig_table(diagnosed),
     }
-    sought = {name for name, e in EFFECTS.items() if not (e.composite or e.last_resort)}
-    return tables, f"names never drawn: {', '.join(sorted(sought - set(DRAWN))) or 'none'}"
+    searched_names = {name for name, e in EFFECTS.items() if not (e.composite or e.last_resort)}
+    return tables, f"names never drawn: {', '.join(sorted(searched_names - set(DRAWN))) or 'none'}"
 
 
 SCORED: dict[str, Callable[[Rows], tuple[dict[str, pd.DataFrame], str]]] = {

@@ -36,7 +36,7 @@ from proof.measures import (
 )
 from proof.opened import METHODS, SAID_NOTHING
 
-EVERY, WITH_EFFECT = where(), where(has_effect)
+ALL, WITH_EFFECT = where(), where(has_effect)
 NULL, SINGLE, DECOY = (where(is_kind(kind)) for kind in ("null", "single", "decoy"))
 PAIR, TRIPLE = where(is_kind("pair")), where(is_kind("triple"))
 RIGHT, SITES_RIGHT = share_of(has_all_right), share_of(measures.has_sites_right)
@@ -68,8 +68,8 @@ def _right_name(low: float, high: float, *bounds: Bounds | None) -> tuple:
     return f"right name or declared class, {gaps}", select, RIGHT, *bounds, measures.ceiling
 
 
-SECONDS = ("seconds a diagnosis, median", EVERY, median_of(_seconds))
-BROKEN = ("diagnosis broken off", EVERY, share_of(is_broken))
+SECONDS = ("seconds a diagnosis, median", ALL, median_of(_seconds))
+BROKEN = ("diagnosis broken off", ALL, share_of(is_broken))
 CLAIMS = [
     *claims(
         "nothing concealed",
@@ -113,11 +113,11 @@ CLAIMS = [
         "rightly named",
         (
             "error over its Cramér-Rao sd, median (efficient: 0.67)",
-            *(EVERY, median_over(measures.errors), at_most(2.0), at_most(1.3)),
+            *(ALL, median_over(measures.errors), at_most(2.0), at_most(1.3)),
         ),
         (
             "90 % intervals that hold the truth",
-            *(EVERY, mean_over(measures.coverages), (0.75, 0.98), (0.85, 0.95)),
+            *(ALL, mean_over(measures.coverages), (0.75, 0.98), (0.85, 0.95)),
         ),
     ),
     *claims(
@@ -137,7 +137,7 @@ CLAIMS = [
     ),
     *claims(
         "outside the catalogue, and all others",
-        ("AUROC", EVERY, measures.auroc, at_least(0.90), at_least(0.96)),
+        ("AUROC", ALL, measures.auroc, at_least(0.90), at_least(0.96)),
     ),
     *claims(
         "outside the catalogue",

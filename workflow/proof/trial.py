@@ -36,13 +36,13 @@ def trial(kind: str, seed: int) -> dict:
     diagnosed, seconds = ledger.timed(partial(diagnosis.diagnose, case.recorded))
     query = Recording(case.query, None, None, None, dict(case.metadata))
     voltage, sd = diagnosis.predict(diagnosed, query)
-    before, _ = diagnosis.predict(diagnosed, query, diagnosed.before)
+    plain, _ = diagnosis.predict(diagnosed, query, diagnosed.before)
     error = voltage - case.query_clean
-    rmse = {"rmse_V": rms(error), "rmse_before_V": rms(before - case.query_clean)}
+    rmse = {"rmse_V": rms(error), "rmse_before_V": rms(plain - case.query_clean)}
     misfit = case.voltage - diagnosed.search.as_reported(diagnosed.before.fit)
     corrections = black_box.corrections(case.states, misfit, diagnosed.noise.sd, case.query, seed)
     for name, correction in corrections.items():
-        rmse[f"rmse_{name}_V"] = rms(before + correction - case.query_clean)
+        rmse[f"rmse_{name}_V"] = rms(plain + correction - case.query_clean)
     return {
         **seconds,
         "level": case.level,
@@ -116,13 +116,13 @@ def _compared(case: QueryCase) -> dict:
     try:
         diagnosed, seconds = ledger.timed(diagnose)
         after, _ = diagnosis.predict(diagnosed, case.query)
-        before, _ = diagnosis.predict(diagnosed, case.query, diagnosed.before)
+        plain, _ = diagnosis.predict(diagnosed, case.query, diagnosed.before)
     except InputError as error:
         return {"seconds": time.perf_counter() - start, "refused": str(error)}
     return {
         **seconds,
         "said": result.result(diagnosed, f"{case.kind} {case.seed}"),
-        "hidden": harm(after, before, case.readings, case.unit),
+        "hidden": harm(after, plain, case.readings, case.unit),
     }
 
 
@@ -133,8 +133,8 @@ def row(kind: str, seed: int) -> dict:
         "query": query_trial,
         "owner": owner_trial,
     }
-    made = sorts.get(kind.partition(":")[0], trial)
-    return {"kind": kind, "seed": seed, "code": CODE, **made(kind, seed)}
+    trial_row = sorts.get(kind.partition(":")[0], trial)
+    return {"kind": kind, "seed": seed, "code": CODE, **trial_row(kind, seed)}
 
 
 def file_of(folder: Path, kind: str, seed: int) -> Path:
