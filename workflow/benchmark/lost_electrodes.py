@@ -12,7 +12,7 @@ over sessions.
 
 import argparse
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -78,29 +78,41 @@ def rows_of(tested: np.ndarray, sets: list[tuple[int, ...]], samples: int) -> li
     return [np.sort(members) for members in np.split(order, np.cumsum(counts)[:-1])]
 
 
+@dataclass(frozen=True)
+class Touches:
+    """Touches of a dataset: changes (N, M) in V, states (N, T) in the order x, y, F, and sessions
+    (N,)."""
+
+    change: np.ndarray
+    truth: np.ndarray
+    session: np.ndarray
+
+    def part(self, index: np.ndarray) -> "Touches":
+        """Some of the touches."""
+        return Touches(self.change[index], self.truth[index], self.session[index])
+
+
 def table(
     predictor: Predictor,
-    change: np.ndarray,
-    truth: np.ndarray,
-    session: np.ndarray,
+    touches: Touches,
     sets: list[tuple[int, ...]],
     rows: list[np.ndarray],
     model: SessionModel | None = None,
 ) -> pd.DataFrame:
-    """A row a set, of its touches `rows` among changes (N, M) and states (N, T), in the order x, y,
-    F, of sessions (N,); then one of each size of set, all its touches together. model: whose
-    posterior means are the limit, beside them."""
+    """A row a set, of its touches `rows`; then one of each size of set, all its touches together.
+    model: whose posterior means are the limit, beside them."""
     starts = None if model is None else Starts(model)
     parts: dict[str, list[tuple]] = {}
-    for lost, touches in zip(patient(sets, "sets of lost electrodes"), rows, strict=True):
-        state, half = errors(predictor, change[touches], lost)
-        error, limit_error = state - truth[touches], None
+    for lost, index in zip(patient(sets, "sets of lost electrodes"), rows, strict=True):
+        part = touches.part(index)
+        state, half = errors(predictor, part.change, lost)
+        error, limit_error = state - part.truth, None
         if model is not None and starts is not None:
-            limit_error = limit(model, starts, change[touches], lost) - truth[touches]
-        part = error, np.abs(error) <= half, session[touches], limit_error
-        parts.setdefault(" ".join(map(str, lost)) or SIZES[0], []).append(part)
+            limit_error = limit(model, starts, part.change, lost) - part.truth
+        outcome = error, np.abs(error) <= half, part.session, limit_error
+        parts.setdefault(" ".join(map(str, lost)) or SIZES[0], []).append(outcome)
         if lost:
-            parts.setdefault(SIZES[len(lost)], []).append(part)
+            parts.setdefault(SIZES[len(lost)], []).append(outcome)
     together = [name for name in parts if name in SIZES[1:]]
     order = [*(name for name in parts if name not in together), *together]
     return pd.DataFrame([_row(name, parts[name]) for name in order])
@@ -164,9 +176,9 @@ def main() -> int:
     sets = sets_of(1 + int(np.max(predictor.header["dataset"]["channels"])))
     rows = rows_of(tested, sets, arguments.samples)
     model = model_of(data, configuration.read("config.yaml"))
-    change, truth = data.delta_V.astype(float), data.states()
     session = data.table["session"].to_numpy()
-    lines = table(predictor, change, truth, session, sets, rows, model)
+    touches = Touches(data.delta_V.astype(float), data.states(), session)
+    lines = table(predictor, touches, sets, rows, model)
     lines.to_csv(sys.stdout, index=False, float_format="%.3f")
     return 0
 

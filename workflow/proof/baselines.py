@@ -125,15 +125,15 @@ def lasso(basis: TangentBasis) -> tuple[np.ndarray, np.ndarray]:
         _, path, _ = lasso_path(
             design, target, eps=SMALLEST, alphas=PENALTIES, precompute=design.T @ design
         )
-    least, best = basis.chi2, np.zeros(0, int)
+    least_criterion, best = basis.chi2, np.zeros(0, int)
     for values in path.T:
         active = np.flatnonzero(values)
         if len(active):
             gain = basis.slope[active] @ _least_squares(basis, active)
             ways = log_ways(len(basis.columns), len(active))
             criterion = basis.chi2 - gain + len(active) * np.log(basis.dof) + 2.0 * ways
-            if criterion < least:
-                least, best = criterion, active
+            if criterion < least_criterion:
+                least_criterion, best = criterion, active
     return best, _least_squares(basis, best)
 
 
@@ -143,9 +143,9 @@ def named(basis: TangentBasis, columns: np.ndarray) -> list[dict]:
     entries: dict[tuple, dict] = {}
     for k in columns:
         candidate, i = basis.columns[k]
-        several = tuple(sorted(candidate.start.items())) if candidate.effect.several else ()
+        start_values = tuple(sorted(candidate.start.items())) if candidate.effect.several else ()
         entry = entries.setdefault(
-            (candidate.name, candidate.kind, several),
+            (candidate.name, candidate.kind, start_values),
             {"name": candidate.name, "alternatives": [], "parameters": {}}
             | {kind: [] for kind in SITES},
         )
@@ -168,8 +168,8 @@ def compare(recorded: Recording, query: Recording, seed: int) -> tuple[dict, dic
         fits[name] = columns, values, columns
     entries: dict[str, list | None] = dict.fromkeys(METHODS)
     predicted = {"none": plain}
-    for name, (columns, values, shown) in fits.items():
-        entries[name] = named(basis, shown)
+    for name, (columns, values, outstanding) in fits.items():
+        entries[name] = named(basis, outstanding)
         change = (values @ basis.query_change[columns]).reshape(plain.shape)
         predicted[name] = plain + change
     perturbed = equation_9(refit)
@@ -190,12 +190,12 @@ def run(cases: list[str], block: Path, seed: int, code: str) -> None:
     refuse_sealed(block)
     for case in cases:
         files, path = ledger.files_of(block, case), block / "baselines" / f"{case}.json"
-        made, arrays = ledger.sources(code, **files), path.with_suffix(".npz")
-        if not (arrays.is_file() and ledger.stands(path, made, block.name == FINAL)):
+        provenance, arrays = ledger.sources(code, **files), path.with_suffix(".npz")
+        if not (arrays.is_file() and ledger.stands(path, provenance, block.name == FINAL)):
             for old in (path, arrays):
                 old.unlink(missing_ok=True)
             row = ledger.outcome(partial(_compared, files, arrays, seed))
-            ledger.write(path, {**row, "made": made})
+            ledger.write(path, {**row, "made": provenance})
             if not arrays.is_file():
                 _write({}, arrays)
 

@@ -34,6 +34,11 @@ class Claim:
     ceiling: Callable[[Rows], float] | None = None
 
 
+def claims(subject: str, *lines: tuple) -> list[Claim]:
+    """Claims about one subject, of what follows it in a Claim."""
+    return [Claim(subject, *line) for line in lines]
+
+
 def at_most(value: float) -> Bounds:
     """Bounds without a lowest value."""
     return -np.inf, value
@@ -69,7 +74,7 @@ def mean_over(numbers: Callable[[dict], list[float]]) -> Callable[[Rows], dict]:
     return lambda rows: mean(np.array([value for row in rows for value in numbers(row)], float))
 
 
-def summary(*parts: tuple[Rows, tuple[Claim, ...]]) -> pd.DataFrame:
+def summary(*parts: tuple[Rows, list[Claim]]) -> pd.DataFrame:
     """One line (SUMMARY) a claim of each part, over the part's rows: its value beside its gate."""
     lines = []
     for rows, claims in parts:
@@ -81,7 +86,7 @@ def summary(*parts: tuple[Rows, tuple[Claim, ...]]) -> pd.DataFrame:
     return pd.DataFrame(lines, columns=list(SUMMARY))
 
 
-def score(rows: Rows, claims: tuple[Claim, ...]) -> pd.DataFrame:
+def score(rows: Rows, claims: list[Claim]) -> pd.DataFrame:
     """One line (LINE) a claim: its value beside its ceiling, its gate and its target."""
     lines = []
     for claim in claims:

@@ -85,19 +85,19 @@ def shown(case: Case | Planted, planned: Planned, root: bytes, name: str) -> Sho
     level that was drawn for it. A real recording stays as it is."""
     if case.clean is None:
         return Shown(case.voltage, case.noise_V, case.level, None)
-    least = max(LEAST_LEVEL, GENERATORS[planned.generator].least_level)
+    least_level = max(LEAST_LEVEL, GENERATORS[planned.generator].least_level)
     shape, gaps = case.noise_V / case.level, None
-    level = float(np.clip(case.level, least, MOST_LEVEL))
+    level = float(np.clip(case.level, least_level, MOST_LEVEL))
     if planned.gap is not None:
         for _ in range(ROUNDS):
             gaps = gaps_in_noise(case, shape * level)
             nearest = smallest(gaps)
             if nearest is None or abs(nearest / planned.gap - 1.0) < NEAR:
                 break
-            wanted = float(np.clip(level * nearest / planned.gap, least, MOST_LEVEL))
-            if wanted == level:
+            level_wanted = float(np.clip(level * nearest / planned.gap, least_level, MOST_LEVEL))
+            if level_wanted == level:
                 break
-            level, gaps = wanted, None
+            level, gaps = level_wanted, None
     noise = shape * level
     if gaps is None:
         gaps = gaps_in_noise(case, noise)
@@ -174,14 +174,14 @@ def conceal(block: Block, names: list[str]) -> dict[str, dict]:
     planned = plan(block.name, block.sizes.cases, root)
     commitments = {}
     for name in names:
-        files = tuple(ledger.files_of(block.public, name).values())
+        files = ledger.files_of(block.public, name)
         sealed = block.truths / f"{name}.sealed"
-        plain = _standing(block, root, name, [*files, sealed])
+        plain = _standing(block, root, name, [*files.values(), sealed])
         if plain is None:
             plain = _draw(block, root, name, planned[name])
             with atomic_path(sealed) as temporary:
                 temporary.write_bytes(sealing.seal_truth(root, block.name, name, plain))
-        commitments[name] = sealing.commitment(root, name, *files, plain)
+        commitments[name] = sealing.commitment(root, name, files, plain)
     return commitments
 
 

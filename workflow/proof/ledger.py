@@ -48,14 +48,14 @@ def sources(code: str, **files: Path) -> dict[str, str]:
     return {"code": code, **digests}
 
 
-def stands(path: Path, made: dict[str, str], any_code: bool = False) -> bool:
+def stands(path: Path, provenance: dict[str, str], any_code: bool = False) -> bool:
     """Whether a JSON object is there whose `made`, or itself, says these sources and, unless any
     will do, this code."""
     if not path.is_file():
         return False
     recorded = json.loads(path.read_text("utf-8"))
     recorded = recorded.get("made", recorded)
-    return recorded == ({**made, "code": recorded["code"]} if any_code else made)
+    return recorded == ({**provenance, "code": recorded["code"]} if any_code else provenance)
 
 
 def write(path: Path, content: dict, indent: int | None = None) -> None:

@@ -217,11 +217,11 @@ def side(name: str) -> str:
 
 def f1(rows: Rows) -> dict:
     """F1 over the effects of all recordings: 2 right / (true + named)."""
-    right = np.array([right_names(row) for row in rows])
+    right_count = np.array([right_names(row) for row in rows])
     true = np.array([len(row["truth"]) for row in rows])
     named = np.array([len(row["said"]["effects"]) for row in rows])
     return resampled(
-        len(rows), lambda i: float(2 * right[i].sum() / (true[i].sum() + named[i].sum()))
+        len(rows), lambda i: float(2 * right_count[i].sum() / (true[i].sum() + named[i].sum()))
     )
 
 
@@ -257,8 +257,8 @@ def calibration_error(rows: Rows) -> dict:
 
     def error(index: np.ndarray) -> float:
         excess = probability[index] - foreign[index]
-        off = np.bincount(_bin(probability[index]), excess, BINS)
-        return float(np.abs(off).sum() / len(index))
+        excess_sums = np.bincount(_bin(probability[index]), excess, BINS)
+        return float(np.abs(excess_sums).sum() / len(index))
 
     return resampled(len(rows), error)
 

@@ -71,7 +71,7 @@ def _row(block: Path, case: str) -> dict:
         "said_log_evidence": best.get("said_log_evidence"),
         "baselines": compared.get("effects", {}),
         "broken": [
-            name for name, made in (("baselines", compared), ("oracle", best)) if "failed" in made
+            name for name, row in (("baselines", compared), ("oracle", best)) if "failed" in row
         ],
         "said": SAID_NOTHING if "failed" in diagnosis else diagnosis,
         **({"failed": diagnosis["failed"]} if "failed" in diagnosis else {}),

@@ -65,10 +65,10 @@ def run(cases: list[str], block: Path, seed: int, code: str) -> None:
             **ledger.files_of(block, case),
             "verdict": block / "verdicts" / case / "diagnosis.json",
         }
-        made, path = ledger.sources(code, **files), block / "oracle" / f"{case}.json"
-        if not ledger.stands(path, made):
+        provenance, path = ledger.sources(code, **files), block / "oracle" / f"{case}.json"
+        if not ledger.stands(path, provenance):
             row = ledger.outcome(partial(_fitted, files, case, truth, arrays, seed))
-            ledger.write(path, {**row, "made": made})
+            ledger.write(path, {**row, "made": provenance})
 
 
 def _fitted(files: dict[str, Path], case: str, truth: dict, arrays: dict, seed: int) -> dict:

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from proof.claims import Claim, Rows, at_most, share_of, summary, where
+from proof.claims import Rows, at_most, claims, share_of, summary, where
 from proof.intervals import mean, resampled
 from proof.measures import Condition, is_broken
 from proof.nulls import RIGS
@@ -37,23 +37,21 @@ def p_value_summary(rows: Rows) -> pd.DataFrame:
     recordings and by rig; a recording that breaks off counts as one. Recordings of a skin are
     alike: of all, the interval over skins drawn anew stands beside Wilson's."""
     recordings = _recordings(rows)
-    claims = [claim for level in LEVELS for claim in _level_claims(level)]
+    below = claims("every rig", *(line for level in LEVELS for line in _level_lines(level)))
     for rig in RIGS:
-        claims += [
-            Claim(
-                rig,
-                f"best candidate's p below {level:g}",
-                where(_is_of(rig)),
-                share_of(_is_below(level)),
-            )
-            for level in LEVELS
-        ]
-    run = (
-        Claim("the run", "recordings broken off", where(), share_of(is_broken)),
-        Claim("the run", "processor seconds a recording, mean", where(), _mean_seconds),
+        select = where(_is_of(rig))
+        below += claims(rig, *((_text(p), select, share_of(_is_below(p))) for p in LEVELS))
+    skins = claims("the run", ("skins broken off", where(), share_of(is_broken)))
+    run = claims(
+        "the run",
+        ("recordings broken off", where(), share_of(is_broken)),
+        ("processor seconds a recording, mean", where(), _mean_seconds),
     )
-    skins = (Claim("the run", "skins broken off", where(), share_of(is_broken)),)
-    return summary((recordings, tuple(claims)), (rows, skins), (recordings, run))
+    return summary((recordings, below), (rows, skins), (recordings, run))
+
+
+def _text(level: float) -> str:
+    return f"best candidate's p below {level:g}"
 
 
 def _is_of(rig: str) -> Condition:
@@ -64,19 +62,16 @@ def _is_below(level: float) -> Condition:
     return lambda null: is_broken(null) or null["p_value"] < level
 
 
-def _level_claims(level: float) -> tuple[Claim, Claim]:
-    quantity = f"best candidate's p below {level:g}"
-
+def _level_lines(level: float) -> tuple[tuple, tuple]:
     def over_skins(recordings: Rows) -> dict:
         seeds = pd.Series([null["seed"] for null in recordings], dtype=object)
         below = pd.Series(list(map(_is_below(level), recordings)), dtype=bool)
-        hits, n = (below.groupby(seeds).agg(how).to_numpy() for how in ("sum", "size"))
+        hits, n = (below.groupby(seeds).agg(total).to_numpy() for total in ("sum", "size"))
         return resampled(len(n), lambda index: float(hits[index].sum() / n[index].sum()))
 
-    share = share_of(_is_below(level))
     return (
-        Claim("every rig", quantity, where(), share, at_most(MOST_OFTEN * level)),
-        Claim("every rig", f"{quantity}, skins drawn anew", where(), over_skins),
+        (_text(level), where(), share_of(_is_below(level)), at_most(MOST_OFTEN * level)),
+        (f"{_text(level)}, skins drawn anew", where(), over_skins),
     )
 
 

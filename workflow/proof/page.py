@@ -37,7 +37,7 @@ def cases(rows: Rows) -> pd.DataFrame:
 
 
 def _case(row: dict) -> dict:
-    diagnosis, hidden, right = row["said"], row["hidden"], causes.is_right(row)
+    diagnosis, hidden, is_right = row["said"], row["hidden"], causes.is_right(row)
     entries = diagnosis["effects"]
     sites = [
         any(judge.sites_right(entry, true_effect) for entry in entries)
@@ -63,8 +63,8 @@ def _case(row: dict) -> dict:
         "verdict": diagnosis["verdict"],
         "said": _joined(map(_sited_name, entries)),
         "alternatives": _joined(name for entry in entries for name in entry["alternatives"]),
-        "right": right,
-        "cause": "" if right else causes.cause(row),
+        "right": is_right,
+        "cause": "" if is_right else causes.cause(row),
         "truth_better_by_nats": causes.better_by(row),
         "rightly_named": measures.right_names(row),
         "sites_right": all(sites) if sites else None,

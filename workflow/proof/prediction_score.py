@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from eitskin.effects.effect import SITES
-from proof.claims import Claim, Rows, at_least, at_most, share_of, summary, where
+from proof.claims import Claim, Rows, at_least, at_most, claims, share_of, summary, where
 from proof.intervals import Bounds, point
 from proof.measures import Condition
 from proof.queries import KINDS
@@ -188,6 +188,22 @@ def _is_better(line: dict) -> bool:
     return line["standard_errors"] < -WORSE
 
 
+def _is_present(line: dict) -> bool:
+    return line["outcome"] != "absent"
+
+
+def _has_no_verdict(line: dict) -> bool:
+    return bool(np.isnan(line["standard_errors"]))
+
+
+def _has_false_name(line: dict) -> bool:
+    return _is_predicted(line) and line["false"] > 0
+
+
+def _is_step_exact(line: dict) -> bool:
+    return line["steps"] == _numbers([line["step"]])
+
+
 def _largest_ratio(lines: Rows) -> dict:
     return point(max((line["ratio"] for line in lines), default=np.nan), len(lines))
 
@@ -203,53 +219,38 @@ def _of_kind(kind: str) -> tuple[Condition, ...]:
 
 def _query_claims(subject: str, kind: tuple[Condition, ...], gate: Gate) -> list[Claim]:
     """A query of no verdict counts as not worse."""
-    predicted = where(*kind, _is_predicted)
-    tried = where(*kind, lambda line: line["outcome"] != "absent")
-    return [
-        Claim(subject, AFTER_WORSE, predicted, share_of(_is_worse), gate(at_most(MOST_WORSE))),
-        Claim(subject, AFTER_BETTER, predicted, share_of(_is_better)),
-        Claim(
-            subject,
-            "no verdict, of one unit",
-            predicted,
-            share_of(lambda line: np.isnan(line["standard_errors"])),
-        ),
-        Claim(
-            subject,
+    predicted, present = where(*kind, _is_predicted), where(*kind, _is_present)
+    return claims(
+        subject,
+        (AFTER_WORSE, predicted, share_of(_is_worse), gate(at_most(MOST_WORSE))),
+        (AFTER_BETTER, predicted, share_of(_is_better)),
+        ("no verdict, of one unit", predicted, share_of(_has_no_verdict)),
+        (
             "rms error after over before, largest",
-            predicted,
-            _largest_ratio,
-            gate(at_most(MOST_RATIO)),
+            *(predicted, _largest_ratio, gate(at_most(MOST_RATIO))),
         ),
-        Claim(subject, "an effect named", predicted, share_of(lambda line: line["names"] != "")),
-        Claim(subject, "refused with a message", tried, share_of(_is_outcome("refused"))),
-        Claim(subject, "tracebacks", tried, share_of(_is_outcome("failed")), gate(at_most(0.0))),
-    ]
+        ("an effect named", predicted, share_of(partial(_has_text, "names"))),
+        ("refused with a message", present, share_of(_is_outcome("refused"))),
+        ("tracebacks", present, share_of(_is_outcome("failed")), gate(at_most(0.0))),
+    )
 
 
 def _owner_claims(subject: str, kind: tuple[Condition, ...], gate: Gate) -> list[Claim]:
     """What was not predicted has no *after*, and one of no verdict counts as not worse."""
-    every, predicted = where(*kind), where(*kind, _is_predicted)
-    return [
-        Claim(
-            subject,
+    members, predicted = where(*kind), where(*kind, _is_predicted)
+    return claims(
+        subject,
+        (
             "right name or class, or refusal",
-            every,
-            share_of(lambda line: line["right"]),
-            gate(at_least(LEAST_RIGHT)),
+            *(members, share_of(partial(_is_true, "right")), gate(at_least(LEAST_RIGHT))),
         ),
-        Claim(
-            subject,
-            "an effect named that is none of it",
-            every,
-            share_of(lambda line: _is_predicted(line) and line["false"] > 0),
-        ),
-        Claim(subject, AFTER_WORSE, predicted, share_of(_is_worse), gate(at_most(0.0))),
-        Claim(subject, AFTER_BETTER, predicted, share_of(_is_better)),
-        Claim(subject, "ended by the check", every, share_of(_is_outcome("unusable"))),
-        Claim(subject, "refused by the diagnosis", every, share_of(_is_outcome("refused"))),
-        Claim(subject, "tracebacks", every, share_of(_is_outcome("failed")), gate(at_most(0.0))),
-    ]
+        ("an effect named that is none of it", members, share_of(_has_false_name)),
+        (AFTER_WORSE, predicted, share_of(_is_worse), gate(at_most(0.0))),
+        (AFTER_BETTER, predicted, share_of(_is_better)),
+        ("ended by the check", members, share_of(_is_outcome("unusable"))),
+        ("refused by the diagnosis", members, share_of(_is_outcome("refused"))),
+        ("tracebacks", members, share_of(_is_outcome("failed")), gate(at_most(0.0))),
+    )
 
 
 def _has_text(column: str, line: dict) -> bool:
@@ -265,53 +266,46 @@ def _is_not(kind: str, line: dict) -> bool:
 
 
 STEP = where(*_of_kind("step"))
-STEPS = (
-    Claim(
+STEPS = [
+    *claims(
         "step",
-        "its frame said and no other",
-        STEP,
-        share_of(lambda line: line["steps"] == _numbers([line["step"]])),
-        at_least(1.0),
+        ("its frame said and no other", STEP, share_of(_is_step_exact), at_least(1.0)),
+        (
+            "its fault named at its sites, by what the step changed",
+            *(STEP, share_of(partial(_is_true, "fault_by_step"))),
+        ),
+        (
+            "its fault alone named at its sites, of the part after it",
+            *(STEP, share_of(partial(_is_true, "fault_after"))),
+        ),
     ),
     *(
-        Claim("step", quantity, STEP, share_of(partial(_is_true, key)))
-        for key, quantity in (
-            ("fault_by_step", "its fault named at its sites, by what the step changed"),
-            ("fault_after", "its fault alone named at its sites, of the part after it"),
-        )
-    ),
-    *(
-        Claim(
-            f"all but {kind}",
-            f"{quantity} said",
-            where(partial(_is_not, kind)),
-            share_of(partial(_has_text, column)),
-        )
+        claim
         for kind, column, quantity in (
-            ("step", "steps", "a step"),
-            ("clipped", "ceilings_V", "a ceiling"),
+            ("step", "steps", "a step said"),
+            ("clipped", "ceilings_V", "a ceiling said"),
+        )
+        for claim in claims(
+            f"all but {kind}",
+            (quantity, where(partial(_is_not, kind)), share_of(partial(_has_text, column))),
         )
     ),
-)
+]
 
 
 def _without_gate(bounds: Bounds) -> None:
     return None
 
 
-CLAIMS_OF: dict[str, tuple[Claim, ...]] = {
-    "queries": (
+CLAIMS_OF: dict[str, list[Claim]] = {
+    "queries": [
         *_query_claims("all queries", (), lambda bounds: bounds),
         *(claim for kind in KINDS for claim in _query_claims(kind, _of_kind(kind), _without_gate)),
-    ),
-    "owners": (
+    ],
+    "owners": [
         *_owner_claims("all recordings", (), lambda bounds: bounds),
         *STEPS,
-        *(
-            claim
-            for kind in owned.KINDS
-            for claim in _owner_claims(kind, _of_kind(kind), _without_gate)
-        ),
-    ),
+        *(c for kind in owned.KINDS for c in _owner_claims(kind, _of_kind(kind), _without_gate)),
+    ],
 }
 TABLE_OF: dict[str, Callable[[Rows], pd.DataFrame]] = {"queries": queries, "owners": owners}

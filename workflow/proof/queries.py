@@ -97,7 +97,7 @@ def of_owner(owner: Owned) -> QueryCase:
 def check_findings(recorded: Recording, checked: Check) -> dict:
     """The first frames after steps and the ceilings, V, that the check's sentences hold, and its
     warnings, (topic, sentence)."""
-    findings = checked.of(WARNING)
+    findings = checked.of_severity(WARNING)
     topics = {finding.topic for finding in findings}
     ceilings = []
     if "clipped" in topics:
@@ -201,10 +201,10 @@ def _mirrored(rng: np.random.Generator, metadata: dict) -> str:
 def _exchanged(rng: np.random.Generator, metadata: dict) -> str:
     """Wires in another order than the owner believes: two to all of them."""
     wires = np.arange(cases.N_ELECTRODES)
-    moved = rng.choice(wires, int(rng.integers(2, len(wires) + 1)), replace=False)
-    wires[moved] = np.roll(moved, 1)
+    exchanged_wires = rng.choice(wires, int(rng.integers(2, len(wires) + 1)), replace=False)
+    wires[exchanged_wires] = np.roll(exchanged_wires, 1)
     metadata["channels"] = wires[np.array(metadata["channels"])].tolist()
-    return f"{len(moved)} electrodes in another order"
+    return f"{len(exchanged_wires)} electrodes in another order"
 
 
 def _opposite(rng: np.random.Generator, metadata: dict) -> str:
@@ -288,13 +288,13 @@ def _without_presses(
     size = number // HELD_OUT
     press = row[-size:] if from_end else rng.choice(row, size, False)
     held_out = np.isin(group, press)
-    shown = np.isin(group, row) & ~held_out
+    given_frames = np.isin(group, row) & ~held_out
     simulable = ~frames["touch"].to_numpy(bool) | frames[list(TOUCH_KEYS)].notna().all(axis=1)
-    asked = held_out & simulable if (held_out & simulable).any() else held_out
-    start_s = float(frames["time_s"][shown | asked].min())
-    recorded = _part(source, shown, start_s, source.readings[shown])
+    query_frames = held_out & simulable if (held_out & simulable).any() else held_out
+    start_s = float(frames["time_s"][given_frames | query_frames].min())
+    recorded = _part(source, given_frames, start_s, source.readings[given_frames])
     words = f"{number} presses from {start}, less {'the last' if from_end else 'any'} {len(press)}"
-    return words, recorded, _part(source, asked, start_s), source.readings[asked]
+    return words, recorded, _part(source, query_frames, start_s), source.readings[query_frames]
 
 
 def without_channels(
@@ -302,12 +302,17 @@ def without_channels(
 ) -> tuple[str, Recording, Recording, np.ndarray]:
     """All frames less one in HELD_OUT of the channels, reciprocal ones together: in words; the
     recording; a query of these channels in all the frames, and their readings (N, M), else NaN."""
-    group, every = reciprocal_groups(source.channels), np.ones(len(source.frames), bool)
+    group, all_frames = reciprocal_groups(source.channels), np.ones(len(source.frames), bool)
     label = rng.permutation(np.unique(group))
     held_out = np.isin(group, label[: len(label) // HELD_OUT])
-    recorded = _part(source, every, 0.0, np.where(held_out, np.nan, source.readings))
+    recorded = _part(source, all_frames, 0.0, np.where(held_out, np.nan, source.readings))
     readings = np.where(held_out, source.readings, np.nan)
-    return f"less {int(held_out.sum())} channels", recorded, _part(source, every, 0.0), readings
+    return (
+        f"less {int(held_out.sum())} channels",
+        recorded,
+        _part(source, all_frames, 0.0),
+        readings,
+    )
 
 
 def _part(

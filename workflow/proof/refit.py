@@ -63,14 +63,16 @@ class Refit:
     def with_effects(self, effects: list[dict], scopes: list[str]) -> Explanation | None:
         """The state with true effects; None where one of them cannot be fitted, or where all take
         more than FIT_SHEETS."""
-        pairs = zip(effects, scopes, strict=True)
-        wanted = [_starting(candidate_of(self.search.candidates, *pair), pair[0]) for pair in pairs]
-        if not wanted:
+        candidates = [
+            _starting(candidate_of(self.search.candidates, effect, scope), effect)
+            for effect, scope in zip(effects, scopes, strict=True)
+        ]
+        if not candidates:
             return self.nothing
         near = self.search.problem.model.near
         try:
             with near.within(near.effort + FIT_SHEETS):
-                return with_all(self.search, self.nothing, wanted)
+                return with_all(self.search, self.nothing, candidates)
         except EffortExceeded:
             return None
 
@@ -168,23 +170,25 @@ def _gaps_of_set(
     """As `true_gaps`; states: without effects and after the search, with the gaps of the latter's
     effects."""
     nothing, state = states
-    wanted = [candidate_of(search.candidates, *pair) for pair in zip(truth, scopes, strict=True)]
-    if not wanted:
+    candidates = [
+        candidate_of(search.candidates, *pair) for pair in zip(truth, scopes, strict=True)
+    ]
+    if not candidates:
         return []
-    if {(c.name, c.sites) for c in wanted} != {(c.name, c.sites) for c in state.effects}:
-        fitted = with_all(replace(search, budget_share=math.inf), nothing, wanted)
+    if {(c.name, c.sites) for c in candidates} != {(c.name, c.sites) for c in state.effects}:
+        fitted = with_all(replace(search, budget_share=math.inf), nothing, candidates)
         if fitted is None:
-            return [None] * len(wanted)
+            return [None] * len(candidates)
         state = fitted
-        state_gaps = [gaps(search, state, i) for i in range(len(wanted))]
-    gaps_of = {c.name: gaps for c, gaps in zip(state.effects, state_gaps, strict=True)}
+        state_gaps = [gaps(search, state, i) for i in range(len(candidates))]
+    gaps_of = {c.name: pairs for c, pairs in zip(state.effects, state_gaps, strict=True)}
     return [[(gap.rival, gap.gap) for gap in gaps_of[effect["name"]]] for effect in truth]
 
 
-def with_all(search: Search, state: Explanation, wanted: list[Candidate]) -> Explanation | None:
+def with_all(search: Search, state: Explanation, candidates: list[Candidate]) -> Explanation | None:
     """`state` with candidates fitted one after the other, the gross faults first; None where one
     cannot be."""
-    for candidate in sorted(wanted, key=lambda c: not gross(c)):
+    for candidate in sorted(candidates, key=lambda c: not gross(c)):
         fitted = refits.with_effect(search, state, candidate)
         if isinstance(fitted, Refusal):
             return None

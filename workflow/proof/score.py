@@ -22,6 +22,7 @@ from proof.claims import (
     Rows,
     at_least,
     at_most,
+    claims,
     mean_over,
     median_of,
     share_of,
@@ -30,7 +31,18 @@ from proof.claims import (
 )
 from proof.intervals import interval_of, share
 from proof.markdown import measured_cells, table
-from proof.measures import APART, SHOWN, has_gap, is_kind, is_sited
+from proof.measures import (
+    APART,
+    has_all_right,
+    has_gap,
+    hidden,
+    is_alarm,
+    is_broken,
+    is_flagged,
+    is_kind,
+    is_named,
+    is_sited,
+)
 from proof.trial import file_of
 from witness.strengths import DRAWN
 
@@ -39,11 +51,6 @@ RIG = (
     *("rig_error", "n", "named", "named_low", "named_high"),
     *("flagged", "flagged_low", "flagged_high"),
 )
-NULL = where(is_kind("null"))
-SINGLE = where(is_kind("single"), has_gap(APART))
-SITED = where(is_kind("single"), has_gap(APART), is_sited(*SITES))
-WITH_EFFECT = where(measures.has_effect)
-FOREIGN_LEFT = where(measures.is_foreign, measures.has_snr_left(APART))
 
 
 def read(folder: Path, block: str, size: str) -> tuple[Rows, int]:
@@ -57,12 +64,16 @@ def read(folder: Path, block: str, size: str) -> tuple[Rows, int]:
 
 def _foreign_and_native(rows: Rows) -> Rows:
     """Recordings with foreign physics that the best fit leaves, then those without any."""
-    return FOREIGN_LEFT(rows) + where(measures.is_native)(rows)
+    return FOREIGN_LEFT(rows) + NATIVE(rows)
 
 
 def _rmse_over_boxes(row: dict) -> float:
-    boxes = [measures.hidden(f"rmse_{box}_V")(row) for box in measures.BOXES]
+    boxes = [hidden(f"rmse_{box}_V")(row) for box in measures.BOXES]
     return float(row["hidden"]["rmse_V"] / np.min(boxes))
+
+
+def _closed(row: dict) -> float:
+    return 1.0 - row["hidden"]["rmse_V"] / row["hidden"]["rmse_before_V"]
 
 
 def _held_out(key: str, row: dict) -> float:
@@ -78,179 +89,103 @@ def _rig_sizes_within(rows: Rows) -> dict:
     return share(counts["within"], counts["told"])
 
 
-def _sets() -> list[Claim]:
-    claims = []
-    for kind, subject, wanted in (("pair", "two effects", 0.90), ("triple", "three effects", 0.65)):
-        every, apart = where(is_kind(kind)), where(is_kind(kind), has_gap(APART))
-        gated, whole_set = f"each gap ≥ {APART:g} given the others", "the whole set right"
-        is_right = share_of(measures.has_all_right)
-        coverage = mean_over(measures.coverages)
-        claims += [
-            Claim(subject, f"F1 of the set, {gated}", apart, measures.f1, at_least(wanted)),
-            Claim(subject, f"{whole_set}, {gated}", apart, is_right),
-            Claim(subject, "F1 of the set, all", every, measures.f1),
-            Claim(subject, f"{whole_set}, all", every, is_right),
-            Claim(subject, "90 % intervals that hold the truth", every, coverage),
-        ]
-    return claims
-
-
-RIGHT_NAME = share_of(measures.has_all_right)
-SITES_RIGHT = share_of(measures.has_sites_right)
-FLAGGED = share_of(measures.is_flagged)
-ALL = where()
+ALL, NULL, SINGLE = where(), where(is_kind("null")), (is_kind("single"), has_gap(APART))
+SITED = (*SINGLE, is_sited(*SITES))
+NATIVE, FOREIGN = where(measures.is_native), where(measures.is_foreign)
+FOREIGN_LEFT = where(measures.is_foreign, measures.has_snr_left(APART))
+WITH_EFFECT = where(measures.has_effect)
+RIGHT, COVERAGE = share_of(has_all_right), mean_over(measures.coverages)
+SITES_RIGHT, FLAGGED = share_of(measures.has_sites_right), share_of(is_flagged)
 AT = "right electrode, drive, measuring pair or channels"
+CLASS = "right name or declared class, gap"
+COVERED = "90 % intervals that hold the truth"
+FAR, EACH_FAR = f"gap ≥ {APART:g}", f"each gap ≥ {APART:g} given the others"
+SNR_LEFT = f"SNR ≥ {APART:g} after the best fit"
+WITHIN = f"size within a factor {rig_sizes.WITHIN:g}, of those that can be told"
+
+
+def _set_claims(kind: str, subject: str, least_f1: float) -> list[Claim]:
+    whole_kind, apart = where(is_kind(kind)), where(is_kind(kind), has_gap(APART))
+    return claims(
+        subject,
+        (f"F1 of the set, {EACH_FAR}", apart, measures.f1, at_least(least_f1)),
+        (f"the whole set right, {EACH_FAR}", apart, RIGHT),
+        ("F1 of the set, all", whole_kind, measures.f1),
+        ("the whole set right, all", whole_kind, RIGHT),
+        (COVERED, whole_kind, COVERAGE),
+    )
+
+
 # Over all rows: a null that breaks off counts as a false alarm.
-NULLS = (
-    Claim(
-        "nothing left out",
-        "an effect named",
-        NULL,
-        share_of(measures.is_alarm(measures.is_named)),
-        at_most(0.02),
-    ),
-    Claim(
-        "nothing left out",
+NULLS = claims(
+    "nothing left out",
+    ("an effect named", NULL, share_of(is_alarm(is_named)), at_most(0.02)),
+    (
         "something outside the catalogue flagged",
-        NULL,
-        share_of(measures.is_alarm(measures.is_flagged)),
-        at_most(0.03),
+        *(NULL, share_of(is_alarm(is_flagged)), at_most(0.03)),
     ),
 )
 # Over rows of diagnoses that did not break off.
-DIAGNOSED = (
-    Claim(
+DIAGNOSED = [
+    *claims(
         "one effect",
-        f"right name or declared class, gap ≥ {APART:g}",
-        SINGLE,
-        RIGHT_NAME,
-        at_least(0.93),
+        (f"{CLASS} ≥ {APART:g}", where(*SINGLE), RIGHT, at_least(0.93)),
+        (f"{CLASS} 5 to 8", where(is_kind("single"), has_gap(5.0, 8.0)), RIGHT),
+        (f"{CLASS} 3 to 5", where(is_kind("single"), has_gap(3.0, 5.0)), RIGHT),
+        (f"{AT}, {FAR}", where(*SITED), SITES_RIGHT, at_least(0.95)),
+        (f"{AT}, of those rightly named", where(*SITED, has_all_right), SITES_RIGHT),
+        (
+            "class declared in full, of several",
+            where(*SINGLE, measures.has_class, has_all_right),
+            share_of(measures.has_class_declared),
+        ),
+        (f"{COVERED}, {FAR}", where(*SINGLE), COVERAGE, (0.85, 0.95)),
     ),
-    *(
-        Claim(
-            "one effect",
-            f"right name or declared class, gap {low:g} to {high:g}",
-            where(is_kind("single"), has_gap(low, high)),
-            RIGHT_NAME,
-        )
-        for low, high in ((SHOWN, APART), (3.0, SHOWN))
-    ),
-    Claim("one effect", f"{AT}, gap ≥ {APART:g}", SITED, SITES_RIGHT, at_least(0.95)),
-    Claim(
-        "one effect",
-        f"{AT}, of those rightly named",
-        where(is_kind("single"), has_gap(APART), is_sited(*SITES), measures.has_all_right),
-        SITES_RIGHT,
-    ),
-    Claim(
-        "one effect",
-        "class declared in full, of several",
-        where(is_kind("single"), has_gap(APART), measures.has_class, measures.has_all_right),
-        share_of(measures.has_class_declared),
-    ),
-    Claim(
-        "one effect",
-        f"90 % intervals that hold the truth, gap ≥ {APART:g}",
-        SINGLE,
-        mean_over(measures.coverages),
-        (0.85, 0.95),
-    ),
-    *_sets(),
-    Claim(
+    *_set_claims("pair", "two effects", 0.90),
+    *_set_claims("triple", "three effects", 0.65),
+    *claims(
         "outside the catalogue",
-        f"flagged, SNR ≥ {APART:g} after the best fit",
-        FOREIGN_LEFT,
-        FLAGGED,
-        at_least(0.70),
+        (f"flagged, {SNR_LEFT}", FOREIGN_LEFT, FLAGGED, at_least(0.70)),
+        ("flagged, all", FOREIGN, FLAGGED),
+        ("falsely flagged: all without it", NATIVE, FLAGGED, at_most(0.05)),
+        (f"AUROC of other.probability, {SNR_LEFT}", _foreign_and_native, measures.auroc),
+        ("other.probability: prevalence here", ALL, share_of(measures.is_foreign)),
+        (
+            "other.probability: expected calibration error",
+            *(ALL, measures.calibration_error, at_most(0.05)),
+        ),
+        ("other.probability: slope", ALL, measures.calibration_slope),
     ),
-    Claim("outside the catalogue", "flagged, all", where(measures.is_foreign), FLAGGED),
-    Claim(
-        "outside the catalogue",
-        "falsely flagged: all without it",
-        where(measures.is_native),
-        FLAGGED,
-        at_most(0.05),
-    ),
-    Claim(
-        "outside the catalogue",
-        f"AUROC of other.probability, SNR ≥ {APART:g} after the best fit",
-        _foreign_and_native,
-        measures.auroc,
-    ),
-    Claim(
-        "outside the catalogue",
-        "other.probability: prevalence here",
-        ALL,
-        share_of(measures.is_foreign),
-    ),
-    Claim(
-        "outside the catalogue",
-        "other.probability: expected calibration error",
-        ALL,
-        measures.calibration_error,
-        at_most(0.05),
-    ),
-    Claim("outside the catalogue", "other.probability: slope", ALL, measures.calibration_slope),
-    Claim(
-        "errors of the rig",
-        f"size within a factor {rig_sizes.WITHIN:g}, of those that can be told",
-        ALL,
-        _rig_sizes_within,
-        at_least(0.90),
-    ),
-    Claim(
+    *claims("errors of the rig", (WITHIN, ALL, _rig_sizes_within, at_least(0.90))),
+    *claims(
         "hidden frames, an effect",
-        "χ²/dof, median",
-        WITH_EFFECT,
-        median_of(measures.hidden("chi2_per_dof")),
-        at_most(1.3),
+        ("χ²/dof, median", WITH_EFFECT, median_of(hidden("chi2_per_dof")), at_most(1.3)),
+        (
+            "RMSE over that of the better black box (GP, MLP), median",
+            *(WITH_EFFECT, median_of(_rmse_over_boxes), at_most(0.5)),
+        ),
+        (
+            "noise-free values within the 90 % bands, mean",
+            *(WITH_EFFECT, mean_over(lambda row: [row["hidden"]["within_90"]]), (0.80, 0.97)),
+        ),
+        ("misfit closed, median", WITH_EFFECT, median_of(_closed)),
     ),
-    Claim(
-        "hidden frames, an effect",
-        "RMSE over that of the better black box (GP, MLP), median",
-        WITH_EFFECT,
-        median_of(_rmse_over_boxes),
-        at_most(0.5),
+    *claims(
+        "held-out frames, an effect",
+        *(
+            (f"χ²/dof {moment}, median", WITH_EFFECT, median_of(partial(_held_out, key)))
+            for moment, key in (("before", "chi2_per_dof_before"), ("after", "chi2_per_dof_after"))
+        ),
     ),
-    Claim(
-        "hidden frames, an effect",
-        "noise-free values within the 90 % bands, mean",
-        WITH_EFFECT,
-        mean_over(lambda row: [row["hidden"]["within_90"]]),
-        (0.80, 0.97),
-    ),
-    Claim(
-        "hidden frames, an effect",
-        "misfit closed, median",
-        WITH_EFFECT,
-        median_of(lambda row: 1.0 - row["hidden"]["rmse_V"] / row["hidden"]["rmse_before_V"]),
-    ),
-    *(
-        Claim(
-            "held-out frames, an effect",
-            f"χ²/dof {moment}, median",
-            WITH_EFFECT,
-            median_of(partial(_held_out, f"chi2_per_dof_{moment}")),
-        )
-        for moment in ("before", "after")
-    ),
-)
-BROKEN = (Claim("the run", "trials broken off", ALL, share_of(measures.is_broken)),)
-RUN = (
-    Claim("the run", "true effects whose gap is not known", ALL, measures.unknown_gaps),
-    *(
-        claim
-        for key, unit in (("seconds", "seconds"), ("cpu_seconds", "processor seconds"))
-        for claim in (
-            Claim(
-                "the run",
-                f"{unit} a diagnosis, median",
-                ALL,
-                median_of(partial(_seconds, key)),
-            ),
-            Claim("the run", f"{unit} a diagnosis, worst", ALL, measures.largest(key)),
-        )
-    ),
+]
+BROKEN = claims("the run", ("trials broken off", ALL, share_of(is_broken)))
+RUN = claims(
+    "the run",
+    ("true effects whose gap is not known", ALL, measures.unknown_gaps),
+    ("seconds a diagnosis, median", ALL, median_of(partial(_seconds, "seconds"))),
+    ("seconds a diagnosis, worst", ALL, measures.largest("seconds")),
+    ("processor seconds a diagnosis, median", ALL, median_of(partial(_seconds, "cpu_seconds"))),
+    ("processor seconds a diagnosis, worst", ALL, measures.largest("cpu_seconds")),
 )
 
 
@@ -261,7 +196,7 @@ def diagnoses_summary(rows: Rows) -> pd.DataFrame:
 
 
 def _diagnosed(rows: Rows) -> Rows:
-    return [row for row in rows if not measures.is_broken(row)]
+    return [row for row in rows if not is_broken(row)]
 
 
 def rig_table(rows: Rows) -> pd.DataFrame:
@@ -277,14 +212,14 @@ def by_rig(rows: Rows) -> pd.DataFrame:
     nulls = [
         (row, kinds)
         for row, kinds in zip(rows, errors, strict=True)
-        if row["kind"] == "null" and (kinds or (measures.is_broken(row) and any(errors)))
+        if row["kind"] == "null" and (kinds or (is_broken(row) and any(errors)))
     ]
     lines = []
     for kind in ("any", *sorted(set().union(*(kinds for _, kinds in nulls)))):
         counted = [row for row, kinds in nulls if kind == "any" or kind in kinds]
         line = {"rig_error": kind, "n": len(counted)}
-        for key, condition in (("named", measures.is_named), ("flagged", measures.is_flagged)):
-            measured = share_of(measures.is_alarm(condition))(counted)
+        for key, condition in (("named", is_named), ("flagged", is_flagged)):
+            measured = share_of(is_alarm(condition))(counted)
             line |= interval_of(key, measured) | {key: measured["hits"]}
         lines.append(line)
     return pd.DataFrame(lines, columns=list(RIG))
@@ -302,8 +237,8 @@ def diagnoses_scored(rows: Rows) -> tuple[dict[str, pd.DataFrame], str]:
         "rig": by_rig(rows),
         "rig_sizes": rig_table(diagnosed),
     }
-    sought = {name for name, e in EFFECTS.items() if not (e.composite or e.last_resort)}
-    return tables, f"names never drawn: {', '.join(sorted(sought - set(DRAWN))) or 'none'}"
+    searched_names = {name for name, e in EFFECTS.items() if not (e.composite or e.last_resort)}
+    return tables, f"names never drawn: {', '.join(sorted(searched_names - set(DRAWN))) or 'none'}"
 
 
 SCORED: dict[str, Callable[[Rows], tuple[dict[str, pd.DataFrame], str]]] = {

@@ -1,7 +1,5 @@
 """The score of an opened block: every claim beside its gate and its target, reached or not."""
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 
@@ -9,10 +7,10 @@ from eitskin.effects.effect import SITES
 from proof import baselines, measures, planted
 from proof.claims import (
     LINE,
-    Claim,
     Rows,
     at_least,
     at_most,
+    claims,
     mean_over,
     median_of,
     median_over,
@@ -20,15 +18,30 @@ from proof.claims import (
     share_of,
     where,
 )
-from proof.intervals import interval_of, median, share
-from proof.measures import APART, SHOWN, has_effect, has_gap, is_alarm, is_kind, is_sited
+from proof.intervals import Bounds, interval_of, median, share
+from proof.measures import (
+    APART,
+    SHOWN,
+    has_all_right,
+    has_effect,
+    has_gap,
+    hidden,
+    is_alarm,
+    is_broken,
+    is_foreign,
+    is_kind,
+    is_noticed,
+    is_sited,
+    misfit_closed,
+)
 from proof.opened import METHODS, SAID_NOTHING
 
-SINGLE = where(is_kind("single"))
-EVERY = where()
-WITH_EFFECT = where(has_effect)
-ALARM = is_alarm(measures.is_noticed)
-HIDDEN = "an effect, hidden frames"
+ALL, WITH_EFFECT = where(), where(has_effect)
+NULL, SINGLE, DECOY = (where(is_kind(kind)) for kind in ("null", "single", "decoy"))
+PAIR, TRIPLE = where(is_kind("pair")), where(is_kind("triple"))
+RIGHT, SITES_RIGHT = share_of(has_all_right), share_of(measures.has_sites_right)
+FLAGGED = share_of(measures.is_flagged)
+F1, HIDDEN = "F1 of the set", "an effect, hidden frames"
 
 
 def fault_found(row: dict) -> bool:
@@ -37,210 +50,151 @@ def fault_found(row: dict) -> bool:
     return planted.finds_fault(row["said"], {"effects": row["control"] or []}, row["fault"])
 
 
-def _right_name(low: float, high: float, gate: float | None, target: float | None) -> Claim:
-    band = f"gap ≥ {low:g}" if high == np.inf else f"gap {low:g} to {high:g}"
-    return Claim(
-        "one effect",
-        f"right name or declared class, {band}",
-        where(is_kind("single"), has_gap(low, high)),
-        share_of(measures.has_all_right),
-        None if gate is None else at_least(gate),
-        None if target is None else at_least(target),
-        measures.ceiling,
-    )
+def _is_found(row: dict) -> bool:
+    return not is_broken(row) and fault_found(row)
+
+
+def _has_fault(row: dict) -> bool:
+    return bool(row["fault"])
 
 
 def _seconds(row: dict) -> float:
     return row.get("seconds", np.nan)
 
 
-SECONDS = Claim(
-    "every recording",
-    "seconds a diagnosis, median",
-    EVERY,
-    median_of(_seconds),
-    at_most(120.0),
-    at_most(30.0),
-)
-BROKEN = Claim("every recording", "diagnosis broken off", EVERY, share_of(measures.is_broken))
-CLAIMS = (
-    Claim(
+def _right_name(low: float, high: float, *bounds: Bounds | None) -> tuple:
+    gaps = f"gap ≥ {low:g}" if high == np.inf else f"gap {low:g} to {high:g}"
+    select = where(is_kind("single"), has_gap(low, high))
+    return f"right name or declared class, {gaps}", select, RIGHT, *bounds, measures.ceiling
+
+
+SECONDS = ("seconds a diagnosis, median", ALL, median_of(_seconds))
+BROKEN = ("diagnosis broken off", ALL, share_of(is_broken))
+CLAIMS = [
+    *claims(
         "nothing concealed",
-        "false alarm, of any kind",
-        where(is_kind("null")),
-        share_of(ALARM),
-        at_most(0.05),
-        at_most(0.02),
+        (
+            "false alarm, of any kind",
+            *(NULL, share_of(is_alarm(is_noticed)), at_most(0.05), at_most(0.02)),
+        ),
     ),
-    Claim(
+    *claims(
         "an effect",
-        f"something noticed, gap ≥ {SHOWN:g}",
-        where(has_effect, has_gap(SHOWN)),
-        share_of(measures.is_noticed),
-        at_least(0.90),
-        at_least(0.98),
+        (
+            f"something noticed, gap ≥ {SHOWN:g}",
+            where(has_effect, has_gap(SHOWN)),
+            *(share_of(is_noticed), at_least(0.90), at_least(0.98)),
+        ),
     ),
-    _right_name(APART, np.inf, 0.95, 0.98),
-    _right_name(3.0, SHOWN, 0.75, 0.88),
-    Claim(
-        "two effects",
-        "F1 of the set",
-        where(is_kind("pair")),
-        measures.f1,
-        at_least(0.80),
-        at_least(0.92),
+    *claims(
+        "one effect",
+        _right_name(APART, np.inf, at_least(0.95), at_least(0.98)),
+        _right_name(3.0, SHOWN, at_least(0.75), at_least(0.88)),
     ),
-    Claim(
-        "three effects",
-        "F1 of the set",
-        where(is_kind("triple")),
-        measures.f1,
-        at_least(0.65),
-        at_least(0.82),
-    ),
-    Claim(
+    *claims("two effects", (F1, PAIR, measures.f1, at_least(0.80), at_least(0.92))),
+    *claims("three effects", (F1, TRIPLE, measures.f1, at_least(0.65), at_least(0.82))),
+    *claims(
         "one effect, something named",
-        "instrument or skin, rightly",
-        where(is_kind("single"), measures.is_named),
-        share_of(measures.has_side_right),
-        at_least(0.95),
-        at_least(0.99),
+        (
+            "instrument or skin, rightly",
+            where(is_kind("single"), measures.is_named),
+            *(share_of(measures.has_side_right), at_least(0.95), at_least(0.99)),
+        ),
     ),
-    Claim(
+    *claims(
         "one effect",
-        "electrode exactly right",
-        where(is_kind("single"), is_sited("electrodes")),
-        share_of(measures.has_sites_right),
-        at_least(0.93),
-        at_least(0.99),
+        (
+            "electrode exactly right",
+            where(is_kind("single"), is_sited("electrodes")),
+            *(SITES_RIGHT, at_least(0.93), at_least(0.99)),
+        ),
     ),
-    Claim(
+    *claims(
         "rightly named",
-        "error over its Cramér-Rao sd, median (efficient: 0.67)",
-        EVERY,
-        median_over(measures.errors),
-        at_most(2.0),
-        at_most(1.3),
+        (
+            "error over its Cramér-Rao sd, median (efficient: 0.67)",
+            *(ALL, median_over(measures.errors), at_most(2.0), at_most(1.3)),
+        ),
+        (
+            "90 % intervals that hold the truth",
+            *(ALL, mean_over(measures.coverages), (0.75, 0.98), (0.85, 0.95)),
+        ),
     ),
-    Claim(
-        "rightly named",
-        "90 % intervals that hold the truth",
-        EVERY,
-        mean_over(measures.coverages),
-        (0.75, 0.98),
-        (0.85, 0.95),
-    ),
-    Claim(
+    *claims(
         HIDDEN,
-        "misfit closed (1 = oracle), median",
-        WITH_EFFECT,
-        median_of(measures.misfit_closed),
-        at_least(0.85),
-        at_least(0.97),
+        (
+            "misfit closed (1 = oracle), median",
+            *(WITH_EFFECT, median_of(misfit_closed), at_least(0.85), at_least(0.97)),
+        ),
+        (
+            "χ²/dof, median",
+            *(WITH_EFFECT, median_of(hidden("chi2_per_dof")), at_most(1.3), (0.95, 1.10)),
+        ),
+        (
+            "RMSE of the best black box (GP, NN) over ours, median",
+            *(WITH_EFFECT, median_of(measures.boxes_over_ours), at_least(2.0), at_least(4.0)),
+        ),
     ),
-    Claim(
-        HIDDEN,
-        "χ²/dof, median",
-        WITH_EFFECT,
-        median_of(measures.hidden("chi2_per_dof")),
-        at_most(1.3),
-        (0.95, 1.10),
-    ),
-    Claim(
-        HIDDEN,
-        "RMSE of the best black box (GP, NN) over ours, median",
-        WITH_EFFECT,
-        median_of(measures.boxes_over_ours),
-        at_least(2.0),
-        at_least(4.0),
-    ),
-    Claim(
+    *claims(
         "outside the catalogue, and all others",
-        "AUROC",
-        EVERY,
-        measures.auroc,
-        at_least(0.90),
-        at_least(0.96),
+        ("AUROC", ALL, measures.auroc, at_least(0.90), at_least(0.96)),
     ),
-    Claim(
+    *claims(
         "outside the catalogue",
-        "flagged",
-        where(measures.is_foreign),
-        share_of(measures.is_flagged),
-        at_least(0.70),
-        at_least(0.88),
+        ("flagged", where(is_foreign), FLAGGED, at_least(0.70), at_least(0.88)),
     ),
-    SECONDS,
-)
+    *claims("every recording", (*SECONDS, at_most(120.0), at_most(30.0))),
+]
 # What the table does not ask for and a reader may.
-BESIDE = (
-    Claim(
+BESIDE = [
+    *claims(
         "a decoy",
-        "named what it looks like",
-        where(is_kind("decoy")),
-        share_of(is_alarm(measures.has_decoy_named)),
+        ("named what it looks like", DECOY, share_of(is_alarm(measures.has_decoy_named))),
+        ("right name or declared class", DECOY, RIGHT),
     ),
-    Claim(
-        "a decoy",
-        "right name or declared class",
-        where(is_kind("decoy")),
-        share_of(measures.has_all_right),
-    ),
-    _right_name(SHOWN, APART, None, None),
+    *claims("one effect", _right_name(SHOWN, APART, None, None)),
     *(
-        Claim(
-            subject,
-            f"F1 of the set, each gap ≥ {APART:g}",
-            where(is_kind(kind), has_gap(APART)),
-            measures.f1,
-        )
+        claim
         for kind, subject in (("pair", "two effects"), ("triple", "three effects"))
+        for claim in claims(
+            subject,
+            (f"{F1}, each gap ≥ {APART:g}", where(is_kind(kind), has_gap(APART)), measures.f1),
+        )
     ),
-    Claim(
-        "two or three effects",
-        "the whole set right",
-        where(is_kind("pair", "triple")),
-        share_of(measures.has_all_right),
+    *claims(
+        "two or three effects", ("the whole set right", where(is_kind("pair", "triple")), RIGHT)
     ),
-    Claim(
+    *claims(
         "one effect",
-        f"electrode exactly right, gap ≥ {APART:g}",
-        where(is_kind("single"), has_gap(APART), is_sited("electrodes")),
-        share_of(measures.has_sites_right),
+        (
+            f"electrode exactly right, gap ≥ {APART:g}",
+            where(is_kind("single"), has_gap(APART), is_sited("electrodes")),
+            SITES_RIGHT,
+        ),
+        ("site exactly right", where(is_kind("single"), is_sited(*SITES)), SITES_RIGHT),
     ),
-    Claim(
-        "one effect",
-        "site exactly right",
-        where(is_kind("single"), is_sited(*SITES)),
-        share_of(measures.has_sites_right),
-    ),
-    Claim(
+    *claims(
         "outside the catalogue",
-        f"flagged, SNR ≥ {APART:g} after the best fit",
-        where(measures.is_foreign, measures.has_snr_left(APART)),
-        share_of(measures.is_flagged),
+        (
+            f"flagged, SNR ≥ {APART:g} after the best fit",
+            where(is_foreign, measures.has_snr_left(APART)),
+            FLAGGED,
+        ),
     ),
-    Claim(
-        "nothing outside the catalogue",
-        "falsely flagged",
-        where(measures.is_native),
-        share_of(measures.is_flagged),
+    *claims(
+        "nothing outside the catalogue", ("falsely flagged", where(measures.is_native), FLAGGED)
     ),
-    Claim(
+    *claims(
         HIDDEN,
-        "noise-free values within the 90 % bands",
-        WITH_EFFECT,
-        median_of(measures.hidden("within_90")),
+        ("noise-free values within the 90 % bands", WITH_EFFECT, median_of(hidden("within_90"))),
     ),
-    BROKEN,
-)
-PLANTED = Claim(
+    *claims("every recording", BROKEN),
+]
+PLANTED = claims(
     "a fault in a real recording",
-    "found, at its site",
-    where(is_kind("real"), lambda row: bool(row["fault"])),
-    share_of(lambda row: not measures.is_broken(row) and fault_found(row)),
+    ("found, at its site", where(is_kind("real"), _has_fault), share_of(_is_found)),
 )
-REAL = (PLANTED, replace(SECONDS, gate=None, target=None), BROKEN)
+REAL = [*PLANTED, *claims("every recording", SECONDS, BROKEN)]
 
 
 def strata(rows: Rows) -> dict[str, Rows]:
@@ -260,8 +214,8 @@ def scored(rows: Rows) -> pd.DataFrame:
         real = where(is_kind("real"))(members)
         table = score([row for row in members if row not in real], CLAIMS + BESIDE)
         if real:
-            claims = (PLANTED,) if len(real) < len(members) else REAL
-            table = pd.concat([table, score(real, claims)])
+            asked = PLANTED if len(real) < len(members) else REAL
+            table = pd.concat([table, score(real, asked)])
         tables.append((table if name == "all" else table[table["n"] > 0]).assign(rows=name))
     return pd.concat(tables, ignore_index=True)[["rows", *LINE]]
 
@@ -273,9 +227,9 @@ def by_method(rows: Rows) -> pd.DataFrame:
     counted = WITH_EFFECT(rows)
     for method in METHODS:
         names_effects = method == "eitskin" or method in baselines.NAMING
-        line = {"method": method}
+        line: dict = {"method": method}
         line |= _naming([_as_named_by(row, method) for row in rows] if names_effects else [])
-        closed = [measures.misfit_closed(row, method) for row in counted]
+        closed = [misfit_closed(row, method) for row in counted]
         times = [row["hidden"][method] / row["hidden"]["eitskin"] for row in counted]
         for key, values in (("misfit_closed", closed), ("rmse_over_ours", times)):
             line |= interval_of(key, median(np.array(values, float)))
@@ -290,9 +244,8 @@ def _as_named_by(row: dict, method: str) -> dict:
 
 
 def _naming(rows: Rows) -> dict:
-    nulls = where(is_kind("null"))(rows)
-    line = interval_of("false_alarms", share_of(measures.is_named)(nulls))
-    line |= interval_of("right_name", share_of(measures.has_all_right)(SINGLE(rows)))
+    line = interval_of("false_alarms", share_of(measures.is_named)(NULL(rows)))
+    line |= interval_of("right_name", RIGHT(SINGLE(rows)))
     for kind in ("single", "pair", "triple"):
         line |= interval_of(f"f1_{kind}", measures.f1(where(is_kind(kind))(rows)))
     return line
@@ -306,7 +259,7 @@ def by_gap(rows: Rows) -> pd.DataFrame:
     for method in ("eitskin", *baselines.NAMING):
         for strength in sorted({row["strength"] for row in single}):
             members = [_as_named_by(r, method) for r in single if r["strength"] == strength]
-            measured = share(sum(map(measures.has_all_right, members)), len(members))
+            measured = share(sum(map(has_all_right, members)), len(members))
             gap = float(np.median(list(map(measures.smallest_gap, members))))
             lines.append(
                 {"method": method, "strength": strength, "gap": gap, "n": len(members)}
@@ -321,7 +274,7 @@ def closed(rows: Rows) -> pd.DataFrame:
     """One line a case with an effect and a method: the misfit closed on hidden frames."""
     methods = [method for method in METHODS if method not in ("none", "oracle")]
     lines = [
-        (row["case"], method, measures.misfit_closed(row, method))
+        (row["case"], method, misfit_closed(row, method))
         for row in rows
         if row["truth"]
         for method in methods

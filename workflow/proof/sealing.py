@@ -115,11 +115,11 @@ def salted(salt: str, path: Path) -> str:
     return hashlib.sha256(bytes.fromhex(salt) + path.read_bytes()).hexdigest()
 
 
-def commitment(root: bytes, case: str, recording: Path, query: Path, plain: bytes) -> dict:
-    """What is made public of a case: {recording, query: {salt, sha256}, truth: sha256}; the salt of
-    the truth is in it, under lock."""
+def commitment(root: bytes, case: str, files: dict[str, Path], plain: bytes) -> dict:
+    """What is made public of a case, by the names of its files, recording and query: {salt, sha256}
+    of each, and truth: sha256; the salt of the truth is in it, under lock."""
     digests = {}
-    for name, path in (("recording", recording), ("query", query)):
+    for name, path in files.items():
         salt = derived(root, "salt", case, name).hex()
         digests[name] = {"salt": salt, "sha256": salted(salt, path)}
     return {**digests, "truth": hashlib.sha256(plain).hexdigest()}

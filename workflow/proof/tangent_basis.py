@@ -137,7 +137,7 @@ def _projected(refit: Refit, query: Recording, columns: _Columns) -> TangentBasi
     residual = residual - knobs.T @ solve(square, knobs @ residual, assume_a="pos")
     predict = simulator(fitted, refit.recorded, query)
     voltage = predict(fitted.theta)
-    moved = [
+    knob_changes = [
         difference(predict, fitted.theta, voltage, i).ravel() for i in range(len(fitted.theta))
     ]
     gram, slope, shared = _products(columns.recorded, residual, knobs)
@@ -146,7 +146,7 @@ def _projected(refit: Refit, query: Recording, columns: _Columns) -> TangentBasi
     squared = np.diag(projected)
     free = np.flatnonzero(squared > LEAST * np.diag(gram))
     length = np.sqrt(squared[free])
-    query_change = (columns.query - follow.T @ np.array(moved))[free] / length[:, None]
+    query_change = (columns.query - follow.T @ np.array(knob_changes))[free] / length[:, None]
     index_of = {column: k for k, column in enumerate(free)}
     groups = [
         (candidate, np.array([index_of[k] for k in place if k in index_of], int))

@@ -39,13 +39,13 @@ def trial(kind: str, seed: int) -> dict:
     diagnosed, seconds = ledger.timed(partial(diagnosis.diagnose, case.recorded))
     query = Recording(case.query, None, None, None, dict(case.metadata))
     voltage, sd = predict(diagnosed.after.fit, diagnosed.recording, query)
-    before, _ = predict(diagnosed.before.fit, diagnosed.recording, query)
+    plain, _ = predict(diagnosed.before.fit, diagnosed.recording, query)
     error = voltage - case.query_clean
-    rmse = {"rmse_V": rms(error), "rmse_before_V": rms(before - case.query_clean)}
+    rmse = {"rmse_V": rms(error), "rmse_before_V": rms(plain - case.query_clean)}
     misfit = case.voltage - as_reported(diagnosed.search, diagnosed.before.fit)
     corrections = black_box.corrections(case.states, misfit, diagnosed.noise.sd, case.query, seed)
     for name, correction in corrections.items():
-        rmse[f"rmse_{name}_V"] = rms(before + correction - case.query_clean)
+        rmse[f"rmse_{name}_V"] = rms(plain + correction - case.query_clean)
     return {
         **seconds,
         "level": case.level,
@@ -119,13 +119,13 @@ def _compared(case: QueryCase) -> dict:
     try:
         diagnosed, seconds = ledger.timed(diagnose)
         after, _ = predict(diagnosed.after.fit, diagnosed.recording, case.query)
-        before, _ = predict(diagnosed.before.fit, diagnosed.recording, case.query)
+        plain, _ = predict(diagnosed.before.fit, diagnosed.recording, case.query)
     except InputError as error:
         return {"seconds": time.perf_counter() - start, "refused": str(error)}
     return {
         **seconds,
         "said": conclusion.document(diagnosed, f"{case.kind} {case.seed}"),
-        "hidden": harm(after, before, case.readings, case.unit),
+        "hidden": harm(after, plain, case.readings, case.unit),
     }
 
 
@@ -136,8 +136,8 @@ def row(kind: str, seed: int) -> dict:
         "query": query_trial,
         "owner": owner_trial,
     }
-    made = sorts.get(kind.partition(":")[0], trial)
-    return {"kind": kind, "seed": seed, "code": CODE, **made(kind, seed)}
+    trial_row = sorts.get(kind.partition(":")[0], trial)
+    return {"kind": kind, "seed": seed, "code": CODE, **trial_row(kind, seed)}
 
 
 def file_of(folder: Path, kind: str, seed: int) -> Path:

@@ -11,7 +11,7 @@ from eitskin.diagnose.verdict.record import read_query, record
 from eitskin.errors import InputError
 from proof import ledger
 
-MADE = "made.json"
+PROVENANCE = "made.json"
 FINAL = "final"  # the block of which nothing is ever made again, by whatever code
 SECONDS = "seconds"  # folder of what each took, which no seal is over: it is never the same twice
 
@@ -27,9 +27,9 @@ def run(cases: list[str], block: Path, schema: Path, seed: int, code: str) -> No
     refuse_sealed(block)
     for case in cases:
         folder, files = block / "verdicts" / case, ledger.files_of(block, case)
-        made = ledger.sources(code, **files)
+        provenance = ledger.sources(code, **files)
         is_whole = (folder / "diagnosis.json").is_file()
-        if is_whole and ledger.stands(folder / MADE, made, block.name == FINAL):
+        if is_whole and ledger.stands(folder / PROVENANCE, provenance, block.name == FINAL):
             continue
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
@@ -40,7 +40,7 @@ def run(cases: list[str], block: Path, schema: Path, seed: int, code: str) -> No
             ledger.write(folder / "diagnosis.json", {"recording": case, **failure})
         seconds = round(time.perf_counter() - start, 2)
         ledger.write(block / SECONDS / f"{case}.json", {"seconds": seconds})
-        ledger.write(folder / MADE, made, indent=1)
+        ledger.write(folder / PROVENANCE, provenance, indent=1)
 
 
 def refuse_sealed(block: Path) -> None:

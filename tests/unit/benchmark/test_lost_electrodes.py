@@ -81,8 +81,8 @@ def test_sets_of_one_size_are_told_together(monkeypatch):
     monkeypatch.setattr(lost_electrodes, "Starts", lambda model: "starts")
     sets = [(), (0,), (1,), (0, 1)]
     rows = [np.arange(20), np.arange(20, 30), np.arange(30, 40), np.arange(40, 60)]
-    change, session = np.arange(60.0)[:, None], np.arange(60) // 4
-    found = lost_electrodes.table(None, change, truth, session, sets, rows, object())
+    touches = lost_electrodes.Touches(np.arange(60.0)[:, None], truth, np.arange(60) // 4)
+    found = lost_electrodes.table(None, touches, sets, rows, object())
     found = found.set_index("lost")
     assert list(found.index) == ["none", "0", "1", "0 1", "one", "two"]
     assert list(found["touches"]) == [20, 10, 10, 20, 20, 20]
@@ -92,5 +92,5 @@ def test_sets_of_one_size_are_told_together(monkeypatch):
     assert (found["held_x"] == 0.5).all()
     together = np.sqrt(np.mean((2.0 * off["one"][20:40, 2]) ** 2))
     assert found.loc["one", "rmse_F_N"] == pytest.approx(together)
-    plain = lost_electrodes.table(None, change, truth, session, sets, rows)
+    plain = lost_electrodes.table(None, touches, sets, rows)
     assert not any("times" in name for name in plain.columns)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eitskin.errors import InputError
-from proof import sealing
+from proof import ledger, sealing
 
 CASES = ("case-001", "case-002", "case-003")
 
@@ -25,14 +25,14 @@ def concealed(folder, seed=5, block="demo"):
     made = {}
     truths.mkdir(parents=True, exist_ok=True)
     for number, case in enumerate(CASES):
-        files = [public / part / f"{case}.parquet" for part in ("recordings", "queries")]
-        for file in files:
+        files = ledger.files_of(public, case)
+        for file in files.values():
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(f"{case} {file.parent.name}".encode())
         plain = sealing.packed(truth(case), {"clean_V": np.full((4, 3), number / 7)})
         sealed = sealing.seal_truth(root, block, case, plain)
         (truths / f"{case}.sealed").write_bytes(sealed)
-        made[case] = sealing.commitment(root, case, *files, plain)
+        made[case] = sealing.commitment(root, case, files, plain)
         verdict = public / "verdicts" / case / "diagnosis.json"
         verdict.parent.mkdir(parents=True, exist_ok=True)
         verdict.write_text(f'{{"recording": "{case}"}}\n')
