@@ -9,9 +9,9 @@ import pytest
 
 from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table
-from eitskin.diagnose.diagnosis import problem_of
 from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.diagnose.fitting.fit import Problem, fit
+from eitskin.diagnose.fitting.readings import problem_of
 from eitskin.diagnose.noise.noise_model import NoiseModel
 from eitskin.diagnose.search import refits
 from eitskin.diagnose.search.catalogue import Conditions, catalogue

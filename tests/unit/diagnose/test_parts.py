@@ -25,7 +25,7 @@ STEPS = 33, 57
 class Told:
     """What stands for a diagnosis where only its place matters."""
 
-    recorded: Recording
+    recording: Recording
     parts: tuple = ()
     steps: tuple = ()
 

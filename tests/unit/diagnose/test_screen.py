@@ -56,7 +56,7 @@ def noisy(tangents, columns, draw):
         fitted=tangents.fitted,
         blocks=tangents.blocks,
         count=tangents.count,
-        in_single=tangents.single_precision,
+        in_single=tangents.in_single,
     )
 
 
@@ -124,7 +124,7 @@ def test_a_channel_that_is_fitted_already_has_nothing_to_gain(tangents):
         fitted=np.concatenate([tangents.fitted, [own / np.linalg.norm(own)]]),
         blocks=tangents.blocks,
         count=tangents.count,
-        in_single=tangents.single_precision,
+        in_single=tangents.in_single,
     )
     every = channels.scores(seen, dense)[-1]
     assert every.dof == 39 and np.isfinite(every.gain)
@@ -140,7 +140,7 @@ def test_a_channel_whose_gain_is_all_but_an_offset_is_told_as_in_double_precisio
     offset, gains = of["offset"], of["channel-gain"]
     start = np.zeros(len(problem.model.calibrations) + offset.size)
     tangents = Tangents(fit(problem, [offset], start, polish=True))
-    assert tangents.single_precision is not problem.whitening
+    assert tangents.in_single is not problem.whitening
     found = channels.scores(tangents, gains)
     monkeypatch.setitem(vars(tangents), "in_single", problem.whitening)
     for one, other in zip(found, channels.scores(tangents, gains), strict=True):

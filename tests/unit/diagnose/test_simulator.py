@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eitskin.diagnose.diagnosis import problem_of
+from eitskin.diagnose.fitting.readings import problem_of
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
 from eitskin.diagnose.noise.noise_model import NoiseModel
 from eitskin.errors import InputError

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eitskin.diagnose.diagnosis import begun
 from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
 from eitskin.diagnose.fitting.touches import straight
 from eitskin.diagnose.noise import component_sds, scoring, whitening
@@ -32,6 +31,7 @@ from eitskin.diagnose.noise.rig_errors import RigErrors
 from eitskin.diagnose.noise.scoring import Scoring, ScoringCache
 from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.diagnose.search import refits
+from eitskin.diagnose.search.staging import prepared
 from eitskin.diagnose.verdict import rig_words
 from small_skin import calibrated, problem_of, small_recording
 
@@ -668,7 +668,7 @@ def test_touches_without_force_have_no_errors_of_it():
 def test_a_diagnosis_begins_where_no_touch_has_force():
     recorded = small_recording(places=4)
     recorded.frames["force_N"] = 0.0
-    _, search, _ = begun(recorded, 1)
+    _, search, _ = prepared(recorded, 1)
     assert np.isfinite(refits.calibrated(search)[1].log_evidence)
     model = search.problem.model
     far = {key: np.full(len(model.states), 1.0) for key in ("x_mm", "y_mm")}
