@@ -113,14 +113,16 @@ def test_a_place_that_nobody_knows_starts_off_the_middle_where_there_is_room():
 def test_starts_of_a_name_differ_in_their_first_coordinate():
     body = {"name": "third-dimension"}
     search = search_of(untouched(body, skin=TANK, thickness_mm=None, electrode_height_mm=None))
-    begun = proposals._far(search, search.calibrated(), [])
+    search, sheet = refits.calibrated(search)
+    begun = proposals._far(search, sheet, [])
     depths = [s.candidate.start["depth_mm"] for s in begun if s.candidate.name == body["name"]]
     assert len(depths) == len(set(depths)) > 1
 
 
 def test_before_a_fit_from_afar_bodies_are_solved_coarsely():
     search = search_of(untouched())
-    rough, problem = refits.rough(search, search.calibrated()), search.problem
+    search, sheet = refits.calibrated(search)
+    rough, problem = refits.rough(search, sheet), search.problem
     assert rough.model.coarse and rough.model.near is problem.model.near
     assert rough.whitening.size == problem.whitening.size
     residual = [p.residual(np.zeros(len(p.model.calibrations)), []) for p in (rough, problem)]

@@ -1,5 +1,7 @@
 """What is far off where nobody touches is looked for there first."""
 
+from dataclasses import replace
+
 import pytest
 
 from eitskin.data.subset import of_frames
@@ -17,6 +19,7 @@ NOISE = 3e-4
 def first_of(recorded):
     lines: list[str] = []
     _, search, _ = staging.prepared(recorded, 1)
+    search = replace(search, report=lines.append)
     return staging._untouched_first(search, recorded, 1), lines
 
 
