@@ -44,9 +44,11 @@ def scores(tangents: Tangents, dense: Candidate) -> list[Score]:
             break
         best, subset = total - log_ways(count, size), order[:size]
     if len(subset):
-        few = sparse(dense, tuple(sorted(int(dense.own_sites[k]) for k in subset)))
+        best_subset = sparse(dense, tuple(sorted(int(dense.own_sites[k]) for k in subset)))
         total = float(gain[subset].sum())
-        scored.append(Score(few, total, len(subset), float(best), subset_choices(few)))
+        scored.append(
+            Score(best_subset, total, len(subset), float(best), subset_choices(best_subset))
+        )
     dense_evidence = best_amplitude(
         [evidence_along(slope, information, a).sum() for a in AMPLITUDES]
     )

@@ -49,7 +49,7 @@ def start(
     if sizes is None:
         far = candidates[0].effect.far if candidates else (0.0,)
         sizes = [(size,) * count for size in far]
-    least, best = np.inf, np.r_[np.zeros(len(names)), theta[len(names) :], np.zeros(count)]
+    least_cost, best = np.inf, np.r_[np.zeros(len(names)), theta[len(names) :], np.zeros(count)]
     recorded = problem.whitening(problem.recorded)
     contacts = CONTACTS if contact else CONTACTS[:1]
     widths = WIDTHS if width and not candidates else WIDTHS[:1]
@@ -64,7 +64,7 @@ def start(
         if factor > 0.0:
             unlikely = np.log(factor) / sd
             cost = float(((recorded - factor * simulated) ** 2).sum() + unlikely**2)
-            if cost < least:
-                least, best = cost, trial
+            if cost < least_cost:
+                least_cost, best = cost, trial
                 best[scale] = np.clip(power * unlikely, -MOST_SCALE, MOST_SCALE)
-    return least, best
+    return least_cost, best

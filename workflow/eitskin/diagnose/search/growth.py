@@ -69,43 +69,43 @@ Outcome = tuple[Search, Explanation, Explanation]
 def run(
     search: Search,
     start: StartingPoint | None = None,
-    before: Explanation | None = None,
+    calibration: Explanation | None = None,
 ) -> Outcome:
     """The search as it ended, the explanation without an effect, and the best one; start: effects
-    that fewer frames showed; before: the calibrated explanation, where it is known."""
-    if before is None:
-        search, before = calibrated(search)
+    that fewer frames showed; calibration: the calibrated explanation, where it is known."""
+    if calibration is None:
+        search, calibration = calibrated(search)
     if start is None or not start.effects:
-        return grown(search, before)
-    return grown(search, before, at_start(search, before, start))
+        return grown(search, calibration)
+    return grown(search, calibration, at_start(search, calibration, start))
 
 
-def grown(search: Search, before: Explanation, begin: Explanation | None = None) -> Outcome:
+def grown(search: Search, calibration: Explanation, begin: Explanation | None = None) -> Outcome:
     """The same from an explanation without effects, or from `begin`, which has some."""
-    search.journal.step("calibrate", None, before)
+    search.journal.step("calibrate", None, calibration)
     if begin is not None:
         for effect in begin.effects:
-            known = begin.p_value(effect) if begin.p_values else None
-            search.journal.step(START, effect, begin, known)
+            p_value = begin.p_value(effect) if begin.p_values else None
+            search.journal.step(START, effect, begin, p_value)
         if not replaces_instrument(begin.effects):
-            return search, before, _explained(search, _drop(search, _confirmed(search, begin)))
+            return search, calibration, _explained(search, _drop(search, _confirmed(search, begin)))
         blurred, begin = last_resorts.blurred(search, begin)
         confirmed = _drop(blurred, _confirmed(blurred, begin))
         if replaces_instrument(confirmed.effects):
-            return blurred, before, confirmed
+            return blurred, calibration, confirmed
         search = blurred.restored()
-        search.journal.step("not kept", None, before)
-    explanation = before
+        search.journal.step("not kept", None, calibration)
+    explanation = calibration
     while (plain := _with_gross_fault(search, explanation)) is not None:
         search, explanation = plain
     unlike = is_unlike(search, explanation)
     if _tries_last_resorts(search, explanation):
         search, another = last_resorts.another_instrument(search, explanation)
         if another is not None:
-            return search, before, another
+            return search, calibration, another
     if unlike:
-        search.journal.step(UNLIKE_STEP, None, before)
-        return search, before, before
+        search.journal.step(UNLIKE_STEP, None, calibration)
+        return search, calibration, calibration
     free = _with_free_channels(search, explanation)
     if free is not None:
         search = replace(search, rival_evidence=free.log_evidence)
@@ -115,7 +115,7 @@ def grown(search: Search, before: Explanation, begin: Explanation | None = None)
         search.journal.step("swap", free.effects[-1], free)
         search = replace(search, rival_evidence=-np.inf)
         best = _explained(search, _drop(search, free))
-    return search, before, best
+    return search, calibration, best
 
 
 def _tries_last_resorts(search: Search, explanation: Explanation) -> bool:
@@ -131,7 +131,7 @@ def _tries_last_resorts(search: Search, explanation: Explanation) -> bool:
     return is_tried
 
 
-def at_start(search: Search, before: Explanation, start: StartingPoint) -> Explanation | None:
+def at_start(search: Search, calibration: Explanation, start: StartingPoint) -> Explanation | None:
     """The effects of a starting point fitted to all frames; None where that is no better than
     without them, or where no such skin exists."""
     try:
@@ -139,7 +139,7 @@ def at_start(search: Search, before: Explanation, start: StartingPoint) -> Expla
         explanation = explain(search, fitted, start.p_values)
     except InputError:
         return None
-    if explanation.log_evidence <= before.log_evidence or is_unlike(search, explanation):
+    if explanation.log_evidence <= calibration.log_evidence or is_unlike(search, explanation):
         return None
     return explanation
 
@@ -264,8 +264,8 @@ def _with_gross_fault(
         for i, c in enumerate(faults)
         if c.key not in keys
     ]
-    least, best = min(remainders)
-    if least > PLAIN_SHARE * unexplained(settings):
+    remainder, best = min(remainders)
+    if remainder > PLAIN_SHARE * unexplained(settings):
         return None
     effects = [*explanation.effects, faults[best]]
     theta = np.r_[start, np.zeros(sum(c.size for c in effects))]
@@ -317,12 +317,12 @@ def _is_needed(search: Search, trial: Explanation, new: Candidate) -> bool:
     way to where they seem to be it may have found what the explanation before had not."""
     if trial.fit.problem.model is search.problem.model:
         return True
-    less = without(search, trial, trial.effects.index(new))
+    reduced_set = without(search, trial, trial.effects.index(new))
     assert trial.score is not None
-    p = ratio_p_value(search, trial.score, less, trial)
-    raised = trial.log_evidence - less.log_evidence
+    p = ratio_p_value(search, trial.score, reduced_set, trial)
+    raised = trial.log_evidence - reduced_set.log_evidence
     admits = search.journal.admits
-    return admits(CHANCE, p, new, less) and admits(EVIDENCE, raised, new, less)
+    return admits(CHANCE, p, new, reduced_set) and admits(EVIDENCE, raised, new, reduced_set)
 
 
 def _confirmed(search: Search, explanation: Explanation) -> Explanation:
@@ -331,19 +331,21 @@ def _confirmed(search: Search, explanation: Explanation) -> Explanation:
     draw_null(search, linearised(search, explanation))
     admits = search.journal.admits
     while True:
-        for index, less in each_without(search, explanation, len(explanation.effects)):
+        for index, reduced_set in each_without(search, explanation, len(explanation.effects)):
             effect = explanation.effects[index]
-            gain = max(2.0 * (explanation.log_likelihood - less.log_likelihood), 0.0)
-            one = Score(effect, gain, max(effect.size, 1), 0.0, _choices(effect))
-            p = global_p(search, one.p_value)
-            raised = explanation.log_evidence - less.log_evidence
+            gain = max(2.0 * (explanation.log_likelihood - reduced_set.log_likelihood), 0.0)
+            ratio = Score(effect, gain, max(effect.size, 1), 0.0, _choices(effect))
+            p = global_p(search, ratio.p_value)
+            raised = explanation.log_evidence - reduced_set.log_evidence
             if not (
-                admits(EVIDENCE, raised, effect, less)
-                and admits(CHANCE, p, effect, less)
-                and admits(PREDICTION, sure_gain(search, explanation, less), effect, less)
+                admits(EVIDENCE, raised, effect, reduced_set)
+                and admits(CHANCE, p, effect, reduced_set)
+                and admits(
+                    PREDICTION, sure_gain(search, explanation, reduced_set), effect, reduced_set
+                )
             ):
-                search.journal.step("drop", effect, less, p)
-                explanation = less
+                search.journal.step("drop", effect, reduced_set, p)
+                explanation = reduced_set
                 break
             explanation = explanation.with_p_values({**explanation.p_values, effect.key: p})
         else:
@@ -356,11 +358,11 @@ def _drop(search: Search, explanation: Explanation) -> Explanation:
     dropped = True
     while dropped and len(explanation.effects) > 1:
         dropped = False
-        for index, less in each_without(search, explanation, len(explanation.effects) - 1):
-            raised = explanation.log_evidence - less.log_evidence
-            if not search.journal.admits(EVIDENCE, raised, explanation.effects[index], less):
-                search.journal.step("drop", explanation.effects[index], less)
-                explanation, dropped = less, True
+        for index, reduced_set in each_without(search, explanation, len(explanation.effects) - 1):
+            raised = explanation.log_evidence - reduced_set.log_evidence
+            if not search.journal.admits(EVIDENCE, raised, explanation.effects[index], reduced_set):
+                search.journal.step("drop", explanation.effects[index], reduced_set)
+                explanation, dropped = reduced_set, True
                 break
     trimmed = _trim(search, explanation)
     fitted = polished(search, trimmed.fit)
@@ -375,16 +377,16 @@ def _trim(search: Search, explanation: Explanation) -> Explanation:
         if effect.effect.site_number:
             continue
         while effect.scope == "sparse" and effect.size == len(effect.own_sites) > 1:
-            whole = explanation.fit
-            place = whole.place(index)
-            sd = np.sqrt(np.diag(whole.covariance)[place])
-            weakest = int(np.argmin(np.abs(whole.theta[place]) / sd))
+            fitted_whole = explanation.fit
+            place = fitted_whole.place(index)
+            sd = np.sqrt(np.diag(fitted_whole.covariance)[place])
+            weakest = int(np.argmin(np.abs(fitted_whole.theta[place]) / sd))
             fewer = without_site(effect, weakest)
             effects = [*explanation.effects[:index], fewer, *explanation.effects[index + 1 :]]
-            theta = np.delete(whole.theta, place.start + weakest)
-            jacobian = np.delete(whole.jacobian, place.start + weakest, axis=0)
+            theta = np.delete(fitted_whole.theta, place.start + weakest)
+            jacobian = np.delete(fitted_whole.jacobian, place.start + weakest, axis=0)
             try:
-                fitted = fit(whole.problem, effects, theta, jacobian)
+                fitted = fit(fitted_whole.problem, effects, theta, jacobian)
             except InputError:
                 break
             trial = explain(
@@ -415,9 +417,9 @@ def _stand(search: Search, explanation: Explanation) -> Explanation:
         else:
             return explanation
         stood.append(explanation)
-        same = [i for i, s in enumerate(stood) if set(s.key) == set(explanation.key)]
-        if len(same) > 1:
-            best = max(reversed(stood[same[0] :]), key=lambda s: s.log_evidence)
+        repeats = [i for i, s in enumerate(stood) if set(s.key) == set(explanation.key)]
+        if len(repeats) > 1:
+            best = max(reversed(stood[repeats[0] :]), key=lambda s: s.log_evidence)
             if best is not explanation:
                 search.journal.step("take back", None, best)
             return best
@@ -428,19 +430,19 @@ def _in_place(search: Search, explanation: Explanation, index: int) -> Explanati
     """An explanation with another name in the place of effect `index`; None where the effect
     stands."""
     effect = explanation.effects[index]
-    less = reduced(search, explanation, index)
-    ranked = scores(search, less)
-    for rival in trials(search, less, ranked, effect, explanation.log_evidence):
-        new = added_effect(less, rival)
+    reduced_set = reduced(search, explanation, index)
+    ranked = scores(search, reduced_set)
+    for rival in trials(search, reduced_set, ranked, effect, explanation.log_evidence):
+        new = added_effect(reduced_set, rival)
         ahead = (
             rival.log_evidence
             - explanation.log_evidence
             - _further_sites(effect, rival.effects[-1])
         )
-        if not search.journal.admits(PLACE, ahead, new, less, effect.name):
+        if not search.journal.admits(PLACE, ahead, new, reduced_set, effect.name):
             continue
-        sure = sure_gain(search, rival, less)
-        if search.journal.admits(PREDICTION, sure, new, less, effect.name):
+        sure = sure_gain(search, rival, reduced_set)
+        if search.journal.admits(PREDICTION, sure, new, reduced_set, effect.name):
             p = rival.p_values[new.key]
             rival = rival.with_p_values({**explanation.p_values, new.key: p})
             search.journal.step("swap", new, rival, p)

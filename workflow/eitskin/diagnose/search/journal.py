@@ -73,8 +73,8 @@ class Journal:
         beside = "" if explanation is None else " ".join(c.name for c in explanation.effects)
         kind = "" if isinstance(candidate, str) else candidate.kind or ""
         sites = sites_text(candidate)
-        rest = gate.name, float(value), admitted, beside, place, detail
-        self.decisions.append(Decision(self.round, name, kind, sites, *rest))
+        judgement = gate.name, float(value), admitted, beside, place, detail
+        self.decisions.append(Decision(self.round, name, kind, sites, *judgement))
         return admitted
 
     def any_admits(

@@ -72,8 +72,8 @@ def another_instrument(
     draw_null(search, linearised(search, explanation))
     better = []
     problem = rough(search, explanation)
-    tried = list(groups(search.candidates, search.last_resorts))
-    for group in nearest(problem, explanation.effects, explanation.fit.theta, tried):
+    candidate_groups = list(groups(search.candidates, search.last_resorts))
+    for group in nearest(problem, explanation.effects, explanation.fit.theta, candidate_groups):
         trial = from_far(search, explanation, group, start_coordinates(group))
         if not isinstance(trial, Explanation):
             search.journal.admits(trial.gate, trial.value, group[0], explanation)
@@ -89,8 +89,8 @@ def another_instrument(
     if not better:
         return search, None
     in_blur, best = blurred(search, max(better, key=lambda trial: trial.log_evidence))
-    first = best.effects[len(explanation.effects)]
-    if not search.journal.admits(TOLD, size_sd(best.fit), first, explanation):
+    resort = best.effects[len(explanation.effects)]
+    if not search.journal.admits(TOLD, size_sd(best.fit), resort, explanation):
         return in_blur.restored(), None
     for effect in best.effects[len(explanation.effects) :]:
         search.journal.step("add", effect, best, best.p_values[effect.key])
@@ -106,8 +106,8 @@ def blurred(search: Search, explanation: Explanation) -> tuple[Search, Explanati
     level = np.nanmean(residual, axis=0)
     constant = np.sqrt((level**2).mean())
     scatter = np.sqrt(np.nanmean((residual - level) ** 2))
-    ones = np.ones(recorded.shape[1])
-    whitening = Whitening.from_readings(recorded, scatter * ones, False, constant * ones)
+    unit = np.ones(recorded.shape[1])
+    whitening = Whitening.from_readings(recorded, scatter * unit, False, constant * unit)
     unblurred = search.problem, search.rig
     search = search.in_covariance(replace(search.problem, whitening=whitening), None)
     search = replace(search, unblurred=unblurred)

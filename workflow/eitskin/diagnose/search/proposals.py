@@ -111,8 +111,8 @@ def global_p(search: Search, local: float) -> float:
 def best_p_value(search: Search, explanation: Explanation) -> float:
     """Global p-value of the best candidate beside an explanation, 1 where there is none; cached as
     that of the set that candidates were last held against."""
-    least = min((s.p_value for s in scores(search, explanation)), default=1.0)
-    p_value = global_p(search, least)
+    least_p_value = min((s.p_value for s in scores(search, explanation)), default=1.0)
+    p_value = global_p(search, least_p_value)
     search.cache.best_refused = explanation.key, p_value
     return p_value
 
@@ -127,13 +127,13 @@ def refused_p_value(search: Search, explanation: Explanation) -> float:
 
 
 def ratio_p_value(
-    search: Search, one: Score, explanation: Explanation, trial: Explanation
+    search: Search, score_test: Score, explanation: Explanation, trial: Explanation
 ) -> float:
     """Global p-value of what a trial has beyond an explanation: its likelihood ratio's (Wilks
     1938), the sds of the rig's errors learned for both."""
     gain = 2.0 * (trial.log_likelihood - explanation.log_likelihood)
-    dof = max(one.dof, len(trial.fit.theta) - len(explanation.fit.theta))
-    return global_p(search, replace(one, gain=max(gain, 0.0), dof=dof).p_value)
+    dof = max(score_test.dof, len(trial.fit.theta) - len(explanation.fit.theta))
+    return global_p(search, replace(score_test, gain=max(gain, 0.0), dof=dof).p_value)
 
 
 def _switch_scores(
@@ -156,15 +156,15 @@ def _switch_scores(
         if c.key not in lengths
         or search.journal.admits(REACH, lengths[c.key] / chi2, c, explanation)
     ]
-    known: dict[tuple, tuple[float, float]] = {}
+    products_of: dict[tuple, tuple[float, float]] = {}
     shares = cores.shares([candidate] for candidate in reached)
     for part in search.problem.model.near.forked(products, shares):
-        known |= part
+        products_of |= part
     ranked = []
     for candidate in reached:
-        if candidate.key not in known:
+        if candidate.key not in products_of:
             continue
-        length, product = known[candidate.key]
+        length, product = products_of[candidate.key]
         lengths[candidate.key] = length
         if length == 0.0:
             continue
@@ -185,10 +185,10 @@ def _hopeful_names(
         (HOPE, ranked[0].log_evidence),
     )
     hopeful = {}
-    for name, one in {one.candidate.name: one for one in reversed(ranked)}.items():
-        detail = f"its own best score has a p-value of {number(global_p(search, one.p_value), 2)}"
-        if search.journal.any_admits(values, one.candidate, explanation, detail):
-            hopeful[name] = one
+    for name, best in {s.candidate.name: s for s in reversed(ranked)}.items():
+        detail = f"its own best score has a p-value of {number(global_p(search, best.p_value), 2)}"
+        if search.journal.any_admits(values, best.candidate, explanation, detail):
+            hopeful[name] = best
     return hopeful
 
 
@@ -199,8 +199,8 @@ def _absorbed(search: Search, explanation: Explanation, listed: set[str]) -> lis
     best: dict[str, Score] = {}
     for component, sd in explanation.error_sds.items():
         if sd > 0.0 and not COMPONENTS[component].discrepancy:
-            for one in _without_component(search, explanation, component, listed):
-                best.setdefault(one.candidate.name, one)
+            for score_test in _without_component(search, explanation, component, listed):
+                best.setdefault(score_test.candidate.name, score_test)
     return list(best.values())
 
 
@@ -218,19 +218,19 @@ def _without_component(
     shape = tangents.voltage.shape
     weights = problem.whitening.transposed(tangents.residual.reshape(shape)).ravel()
     bounds: dict[str, list[tuple[float, Candidate]]] = {}
-    for one in scores(search, explanation):
-        candidate = one.candidate
-        if candidate.name in listed or candidate.scope == "dense" or one.information is None:
+    for score_test in scores(search, explanation):
+        candidate = score_test.candidate
+        if candidate.name in listed or candidate.scope == "dense" or score_test.information is None:
             continue
         slope = tangents.along(candidate, weights)
-        gain = float(slope @ np.linalg.pinv(one.information) @ slope)
-        p = chance_p_value(gain, one.dof)
+        gain = float(slope @ np.linalg.pinv(score_test.information) @ slope)
+        p = chance_p_value(gain, score_test.dof)
         if ABSORBED.admits(global_p(search, p)):
             bounds.setdefault(candidate.name, []).append((p, candidate))
-    least = [_least(tangents, pairs) for pairs in bounds.values()]
+    best_scores = [_least(tangents, pairs) for pairs in bounds.values()]
     significant = [
         s
-        for s in least
+        for s in best_scores
         if s is not None
         and search.journal.admits(ABSORBED, global_p(search, s.p_value), s.candidate, explanation)
     ]
@@ -244,13 +244,13 @@ def _without_component(
 
 def _least(tangents: Tangents, bounds: list[tuple[float, Candidate]]) -> Score | None:
     """The score of least p-value among candidates of which a lower bound of it is known."""
-    best, least = None, 1.0
+    best, p_value = None, 1.0
     for bound, candidate in sorted(bounds, key=lambda pair: pair[0]):
-        if bound >= least:
+        if bound >= p_value:
             break
-        one = score(tangents, candidate)
-        if one is not None and one.p_value < least:
-            best, least = one, one.p_value
+        score_test = score(tangents, candidate)
+        if score_test is not None and score_test.p_value < p_value:
+            best, p_value = score_test, score_test.p_value
     return best
 
 
@@ -279,32 +279,32 @@ def trials(
     attempted = [s for s in listed if incumbent is None or s.candidate.key != incumbent.key]
     race = RACE.threshold
 
-    def attempt(one: Score) -> Explanation | Refusal:
+    def attempt(proposal: Score) -> Explanation | Refusal:
         if search.spent:
             return Refusal(BUDGET, np.inf)
-        races = not search.journal.passes(RACE, np.inf, one.candidate.name)
+        races = not search.journal.passes(RACE, np.inf, proposal.candidate.name)
         enough = cost_for(explanation, best - race) if races else np.inf
-        trial = with_effect(search, explanation, one.candidate, enough)
+        trial = with_effect(search, explanation, proposal.candidate, enough)
         if isinstance(trial, Explanation):
             whitening = trial.fit.problem.whitening
             if whitening is not explanation.fit.problem.whitening:
                 whitening.forget()  # most trials are never looked at again
         return trial
 
-    fits = [attempt(one) for one in attempted[:1]]  # what the others have to come near to
-    reached = [one.log_evidence for one in fits if isinstance(one, Explanation)]
+    fits = [attempt(proposal) for proposal in attempted[:1]]  # what the others have to come near to
+    reached = [trial.log_evidence for trial in fits if isinstance(trial, Explanation)]
     best = max([best, *reached])
     fits += in_processes(search, explanation, attempt, attempted[1:])
     fitted = []
-    for one, trial in zip(attempted, fits, strict=True):
+    for proposal, trial in zip(attempted, fits, strict=True):
         if isinstance(trial, Refusal):
-            search.journal.admits(trial.gate, trial.value, one.candidate, explanation)
+            search.journal.admits(trial.gate, trial.value, proposal.candidate, explanation)
             continue
         new = added_effect(explanation, trial)
-        p_value = ratio_p_value(search, one, explanation, trial)
+        p_value = ratio_p_value(search, proposal, explanation, trial)
         if (behind := best - trial.log_evidence) > race:
-            search.journal.admits(RACE, behind, one.candidate, explanation)
-        fitted.append(trial.with_p_values({**trial.p_values, new.key: p_value}, one))
+            search.journal.admits(RACE, behind, proposal.candidate, explanation)
+        fitted.append(trial.with_p_values({**trial.p_values, new.key: p_value}, proposal))
         if not trial.fit.ended:
             search.report(f"{new.name}: its fit did not come to an end")
     fitted.sort(key=lambda trial: -trial.log_evidence)
@@ -314,8 +314,8 @@ def trials(
 
 def cached_trials(search: Search, explanation: Explanation) -> list[Explanation] | None:
     """The `trials` beside an explanation; None where none were fitted."""
-    fitted, known = search.cache.trials.get(explanation.key, (None, []))
-    return known if fitted is explanation.fit else None
+    fitted, fitted_trials = search.cache.trials.get(explanation.key, (None, []))
+    return fitted_trials if fitted is explanation.fit else None
 
 
 def _far(search: Search, explanation: Explanation, listed: list[Score]) -> list[Score]:

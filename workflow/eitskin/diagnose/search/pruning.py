@@ -31,14 +31,14 @@ def pruned(
 
     reserve_of: the reserve, of sds of the rig's errors; noise_dof: of the noise's scale.
     """
-    search, before, after = outcome
+    search, calibration, after = outcome
     was_replaced = replaces_instrument(after.effects)
     in_noise, after = settled(search, after)
     after, reserve = _earning(in_noise, after, reserve_of, noise_dof)
     if was_replaced and not replaces_instrument(after.effects):
         in_noise = in_noise.restored()
-        after, reserve = _earning(in_noise, before, reserve_of, noise_dof)
-    return (in_noise, before, after), reserve
+        after, reserve = _earning(in_noise, calibration, reserve_of, noise_dof)
+    return (in_noise, calibration, after), reserve
 
 
 def _earning(
@@ -54,11 +54,11 @@ def _earning(
         reserve = reserve_of(explanation.error_sds)
         plain = without_discrepancy(explanation, explanation.fit)
         is_accepted = ACCEPTABLE.admits(reserve.p_value(plain, noise_dof))
-        weakest, least = None, 0.0
+        weakest, lowest = None, 0.0
         for index in range(len(explanation.effects)):
             worth = _worth(search, explanation, index, reserve, is_accepted)
-            if worth < least:
-                weakest, least = index, worth
+            if worth < lowest:
+                weakest, lowest = index, worth
         if weakest is None:
             return explanation, reserve
         search.journal.step("not earned", explanation.effects[weakest], explanation)
@@ -76,26 +76,30 @@ def _worth(
     predicts in a covariance of its own then: another one moves it.
     """
     effect = explanation.effects[index]
-    less = reduced(search, explanation, index)
-    gain, error = reserve.gain(explanation.fit, less.fit)
+    reduced_set = reduced(search, explanation, index)
+    gain, error = reserve.gain(explanation.fit, reduced_set.fit)
     margin = STANDARD_ERRORS * error if effect.scope == "dense" else 0.0
-    folds = explanation.held_out, predicted(search, less, explanation)
+    folds = explanation.held_out, predicted(search, reduced_set, explanation)
     folds_gain, folds_error = folds[0].gain(folds[1])
     values = [
         (RESERVED, gain - margin),
         (FOLDS, folds_gain - STANDARD_ERRORS * folds_error),
-        (PRESSES, reserve.gain_over_presses(explanation.fit, less.fit, folds)),
+        (PRESSES, reserve.gain_over_presses(explanation.fit, reduced_set.fit, folds)),
     ]
     admits = search.journal.admits
-    worth = min((v for gate, v in values if not admits(gate, v, effect, less)), default=0.0)
-    harm = reserve.harm(explanation.fit, less.fit, (explanation.held_out, less.held_out))
-    return worth if _is_harmless(search.journal, effect, less, harm, is_accepted) else -np.inf
+    worth = min((v for gate, v in values if not admits(gate, v, effect, reduced_set)), default=0.0)
+    harm = reserve.harm(
+        explanation.fit, reduced_set.fit, (explanation.held_out, reduced_set.held_out)
+    )
+    return (
+        worth if _is_harmless(search.journal, effect, reduced_set, harm, is_accepted) else -np.inf
+    )
 
 
 def _is_harmless(
     journal: Journal,
     effect: Candidate,
-    less: Explanation,
+    reduced_set: Explanation,
     harm: tuple[float, float, float],
     is_accepted: bool,
 ) -> bool:
@@ -105,5 +109,5 @@ def _is_harmless(
     ratio = rms / rms_without if rms_without else (np.inf if rms else 1.0)
     values = [(HARM_RATIO, ratio), (HARM_ERRORS, 0.0 if np.isnan(errors) else errors)]
     if is_accepted:
-        return journal.any_admits(values, effect, less)
-    return all([journal.admits(gate, value, effect, less) for gate, value in values])
+        return journal.any_admits(values, effect, reduced_set)
+    return all([journal.admits(gate, value, effect, reduced_set) for gate, value in values])

@@ -63,22 +63,24 @@ def explain(
     like it. A discrepancy may have taken what an effect has to explain: the fit goes on without one
     as well, unless that is FORLORN, and the likelier of both counts.
     """
-    whole = _learned_explanation(search, fitted, p_values, error_sds, rig, search.cache.scoring)
-    named = without_discrepancy(whole, whole.fit)
-    if named is whole.fit:
-        return whole
-    named_sds = {k: s for k, s in whole.error_sds.items() if not COMPONENTS[k].discrepancy}
+    explanation = _learned_explanation(
+        search, fitted, p_values, error_sds, rig, search.cache.scoring
+    )
+    named = without_discrepancy(explanation, explanation.fit)
+    if named is explanation.fit:
+        return explanation
+    named_sds = {k: s for k, s in explanation.error_sds.items() if not COMPONENTS[k].discrepancy}
     trial = stepped(named)
-    behind = whole.log_likelihood - marginal_likelihood(trial, named_sds, whole.rig)
+    behind = explanation.log_likelihood - marginal_likelihood(trial, named_sds, explanation.rig)
     behind -= 0.5 * promised(trial)
     if (
         trial is not named
         and behind > FORLORN
-        and not GROSS_MISFIT.admits(misfit(search.problem, whole))
+        and not GROSS_MISFIT.admits(misfit(search.problem, explanation))
     ):
-        return whole
-    plain = _learned_explanation(search, trial, p_values, named_sds, whole.rig)
-    return whole if plain.log_evidence <= whole.log_evidence else plain
+        return explanation
+    plain = _learned_explanation(search, trial, p_values, named_sds, explanation.rig)
+    return explanation if plain.log_evidence <= explanation.log_evidence else plain
 
 
 def _learned_explanation(
@@ -183,10 +185,10 @@ def calibrated(search: Search) -> tuple[Search, Explanation]:
     if search.learns_rig and search.rig is None:
         rig = linearised_rig_errors(best, search.problem.whitening, search.converter_step)
         search = replace(search, rig=rig)
-    near = explain(search, best)
-    far = from_far(search, near, []) if search.learns_rig and search.untouched else None
-    if not isinstance(far, Explanation) or far.log_evidence <= near.log_evidence:
-        return search, near
+    from_tangents = explain(search, best)
+    far = from_far(search, from_tangents, []) if search.learns_rig and search.untouched else None
+    if not isinstance(far, Explanation) or far.log_evidence <= from_tangents.log_evidence:
+        return search, from_tangents
     return search, far
 
 
@@ -263,9 +265,9 @@ def from_far(
             )
             theta = fit(problem, effects, start, polish=True).theta
             coarse = fit(replace(problem, model=search.problem.model), effects, theta)
-            near = explain(search, coarse, explanation.p_values, sds)
-            fine = fit(near.fit.problem, effects, near.fit.theta, near.fit.jacobian)
-            return explain(search, fine, explanation.p_values, near.error_sds, near.rig)
+            refined = explain(search, coarse, explanation.p_values, sds)
+            fine = fit(refined.fit.problem, effects, refined.fit.theta, refined.fit.jacobian)
+            return explain(search, fine, explanation.p_values, refined.error_sds, refined.rig)
     except (InputError, np.linalg.LinAlgError):
         return Refusal(PHYSICS, 0.0)
     except EffortExceeded:
@@ -358,8 +360,8 @@ def _fitted(
             if discrete(effects[-1]) or far_off or not fitted.ended:
                 count = len(search.problem.model.calibrations)
                 afresh = np.r_[np.zeros(count), start[count:]]
-                again = fit(problem, effects, afresh, enough=enough)
-                fitted = min(fitted, again, key=lambda f: f.chi2)
+                from_beliefs = fit(problem, effects, afresh, enough=enough)
+                fitted = min(fitted, from_beliefs, key=lambda f: f.chi2)
             behind = 0.5 * (fitted.cost - explanation.fit.cost)
             if not search.journal.passes(ASTRAY, behind, effects[-1].name):
                 return Refusal(ASTRAY, behind)
@@ -374,15 +376,15 @@ def _fitted(
 def without(search: Search, explanation: Explanation, index: int) -> Explanation:
     """An explanation less effect `index`, the rest fitted anew; from the beliefs where no skin has
     the rest alone."""
-    whole = explanation.fit
-    place = whole.place(index)
-    effects = [c for i, c in enumerate(whole.effects) if i != index]
-    theta = np.delete(whole.theta, np.arange(place.start, place.stop))
-    jacobian = np.delete(whole.jacobian, np.arange(place.start, place.stop), axis=0)
+    whole_fit = explanation.fit
+    place = whole_fit.place(index)
+    effects = [c for i, c in enumerate(whole_fit.effects) if i != index]
+    theta = np.delete(whole_fit.theta, np.arange(place.start, place.stop))
+    jacobian = np.delete(whole_fit.jacobian, np.arange(place.start, place.stop), axis=0)
     try:
-        fitted = fit(whole.problem, effects, theta, jacobian)
+        fitted = fit(whole_fit.problem, effects, theta, jacobian)
     except InputError:
-        fitted = fit(whole.problem, effects, np.zeros_like(theta))
+        fitted = fit(whole_fit.problem, effects, np.zeros_like(theta))
     return explain(search, fitted, explanation.p_values, explanation.error_sds, explanation.rig)
 
 
@@ -410,11 +412,13 @@ def reduced(search: Search, explanation: Explanation, index: int) -> Explanation
     key = tuple(c.key for i, c in enumerate(explanation.effects) if i != index)
     if key in cache.met:
         return replace(cache.met[key], p_values=dict(explanation.p_values))
-    whole, less = cache.reduced.get(key, (None, None))
-    if less is None or whole is not explanation.fit:
-        less = without(search, explanation, index)
+    whole_fit, reduced_set = cache.reduced.get(key, (None, None))
+    if reduced_set is None or whole_fit is not explanation.fit:
+        reduced_set = without(search, explanation, index)
         if not search.spent:
-            fitted = polished(search, less.fit)
-            less = explain(search, fitted, less.p_values, less.error_sds, less.rig)
-        cache.reduced[key] = explanation.fit, less
-    return replace(less, p_values=dict(explanation.p_values))
+            fitted = polished(search, reduced_set.fit)
+            reduced_set = explain(
+                search, fitted, reduced_set.p_values, reduced_set.error_sds, reduced_set.rig
+            )
+        cache.reduced[key] = explanation.fit, reduced_set
+    return replace(reduced_set, p_values=dict(explanation.p_values))

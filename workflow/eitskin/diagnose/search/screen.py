@@ -96,17 +96,17 @@ def score(tangents: Tangents, candidate: Candidate) -> Score | None:
 
 def best_few(tangents: Tangents, dense: Candidate) -> Score | None:
     """Score of the `subset` of a dense candidate; None where there is none."""
-    few = subset(tangents, dense)
-    if few is None:
+    best_subset = subset(tangents, dense)
+    if best_subset is None:
         return None
-    one = score(tangents, few)
-    return None if one is None else replace(one, choices=subset_choices(few))
+    score_test = score(tangents, best_subset)
+    return None if score_test is None else replace(score_test, choices=subset_choices(best_subset))
 
 
-def subset_choices(few: Candidate) -> int:
+def subset_choices(candidate: Candidate) -> int:
     """Of the sites of a sparse candidate of two or more: the subsets of any size, every size
     weighing the same."""
-    return SIZES * few.looks
+    return SIZES * candidate.looks
 
 
 def subset(tangents: Tangents, dense: Candidate) -> Candidate | None:
@@ -154,17 +154,17 @@ def sparse(dense: Candidate, sites: tuple[int, ...]) -> Candidate:
 class NullDistribution:
     """The least p-value of the whole catalogue where nothing is missing, by simulation.
 
-    least (draws,), sorted: of the candidates' score tests on whitened noise through their own
-    tangents; free: how many further independent looks there are.
+    least_p_values (draws,), sorted: of the candidates' score tests on whitened noise through their
+    own tangents; free: how many further independent looks there are.
     """
 
-    least: np.ndarray
+    least_p_values: np.ndarray
     free: int
 
     def p_value(self, p: float) -> float:
         """How often chance alone gives a least p-value of p or less; at least 1 / (draws + 1)."""
-        below = np.searchsorted(self.least, p, side="right")
-        share = (1.0 + below) / (1.0 + len(self.least))
+        below = np.searchsorted(self.least_p_values, p, side="right")
+        share = (1.0 + below) / (1.0 + len(self.least_p_values))
         return float(1.0 - (1.0 - share) * (1.0 - min(p, 1.0)) ** self.free)
 
 
@@ -202,15 +202,15 @@ def null_distribution(
             nonzero = value > ROUNDING * value[-1]
             turned = vector[:, nonzero] / np.sqrt(value[nonzero])
             whiten.append((group, turned.astype(np.float32)))
-    least = []
+    least_p_values = []
     for _ in range(NULL_DRAWS // BATCH):
         normal = rng.standard_normal((BATCH, len(root)), dtype=np.float32) @ root.T
         worst = chdtrc(1, (normal**2).max(axis=1))
         for group, turned in whiten:
             gain = ((normal[:, group] @ turned) ** 2).sum(axis=1)
             worst = np.minimum(worst, _tail(turned.shape[1], gain))
-        least.append(worst)
-    return NullDistribution(np.sort(np.concatenate(least)), free)
+        least_p_values.append(worst)
+    return NullDistribution(np.sort(np.concatenate(least_p_values)), free)
 
 
 def _correlations(columns: list[np.ndarray]) -> np.ndarray:
@@ -218,10 +218,10 @@ def _correlations(columns: list[np.ndarray]) -> np.ndarray:
     gram = np.empty((len(columns), len(columns)))
 
     def fill_rows(i: int) -> None:
-        above = np.array(columns[i : i + STACKED], float)
+        rows = np.array(columns[i : i + STACKED], float)
         for j in range(i, len(columns), STACKED):
-            right = above if j == i else np.array(columns[j : j + STACKED], float)
-            gram[i : i + STACKED, j : j + STACKED] = above @ right.T
+            block = rows if j == i else np.array(columns[j : j + STACKED], float)
+            gram[i : i + STACKED, j : j + STACKED] = rows @ block.T
 
     cores.threaded(fill_rows, range(0, len(columns), STACKED))
     upper = np.triu(gram)

@@ -8,7 +8,7 @@ from eitskin.diagnose.search.gates import AMPLITUDE, GAIN_SHARE, NAMES, NEAR_BES
 from eitskin.diagnose.search.journal import Journal
 from eitskin.diagnose.search.screen import Score
 
-FEW = 6  # coordinates; candidates with more are fitted after the others
+LIGHT_SIZE = 6  # coordinates; candidates with more are fitted after the others
 
 
 def shortlist(
@@ -21,22 +21,22 @@ def shortlist(
         return []
     top, gain = ranked[0].log_evidence, max(s.gain for s in ranked)
     by_name: dict[str, list[Score]] = {}
-    for one in ranked:
-        forms = by_name.setdefault(one.candidate.name, [])
-        is_new = _form(one.candidate) not in {_form(s.candidate) for s in forms}
-        if not forms or (is_new and not _is_slow(one.candidate)):
-            forms.append(one)
+    for score in ranked:
+        forms = by_name.setdefault(score.candidate.name, [])
+        is_new = _form(score.candidate) not in {_form(s.candidate) for s in forms}
+        if not forms or (is_new and not _is_slow(score.candidate)):
+            forms.append(score)
     listed = []
     for rank, (name, forms) in enumerate(by_name.items(), start=1):
         if name not in names or not journal.admits(NAMES, rank, forms[0].candidate, explanation):
             continue
-        for one in forms:
-            values = [(NEAR_BEST, one.log_evidence - top), (GAIN_SHARE, _ratio(one.gain, gain))]
-            if one.candidate.effect.driver == "amplitude":
-                values.append((AMPLITUDE, one.gain))
-            if journal.any_admits(values, one.candidate, explanation):
-                listed.append(one)
-    return sorted(listed, key=lambda s: s.candidate.size > FEW)
+        for score in forms:
+            values = [(NEAR_BEST, score.log_evidence - top), (GAIN_SHARE, _ratio(score.gain, gain))]
+            if score.candidate.effect.driver == "amplitude":
+                values.append((AMPLITUDE, score.gain))
+            if journal.any_admits(values, score.candidate, explanation):
+                listed.append(score)
+    return sorted(listed, key=lambda s: s.candidate.size > LIGHT_SIZE)
 
 
 def _ratio(gain: float, largest: float) -> float:

@@ -89,9 +89,9 @@ def searched(
 ) -> tuple[Outcome, bool]:
     """The outcome of a search of a recording, begun where it is cheapest, and whether a stage of it
     was cut short; stated: effects with which it begins where these explain the recording."""
-    earlier = _at_stated(search, stated) if stated else None
-    if earlier is not None:
-        return grown(*earlier), False
+    stated_start = _at_stated(search, stated) if stated else None
+    if stated_start is not None:
+        return grown(*stated_start), False
     mask = search.problem.whitening.mask
     fitted = replace(recording, voltage=np.where(mask, recording.readings, np.nan))
     start = _untouched_first(search, fitted, seed)
@@ -101,16 +101,16 @@ def searched(
         partial(_few_first, search, fitted, seed, start),
         partial(_calibrated_rig, search),
     ]
-    (start, was_cut_short), (before, rig) = forked(search, lambda stage: stage(), stages)
+    (start, was_cut_short), (calibration, rig) = forked(search, lambda stage: stage(), stages)
     search = replace(search, rig=rig)
     search.report(f"then on {len(recording.frames)}")
-    return run(search, start, before), was_cut_short
+    return run(search, start, calibration), was_cut_short
 
 
 def _calibrated_rig(search: Search) -> tuple:
     """The calibrated explanation, and the rig's errors about it."""
-    search, before = calibrated(search)
-    return before, search.rig
+    search, calibration = calibrated(search)
+    return calibration, search.rig
 
 
 def pruned_by_reserve(
@@ -126,23 +126,23 @@ def pruned_by_reserve(
 
 
 def _on_frames(
-    search: Search, recording: Recording, few: Recording, seed: int, share: float
+    search: Search, recording: Recording, part: Recording, seed: int, share: float
 ) -> Search:
-    """A search like that of a recording, on a few of its frames."""
+    """A search like that of a recording, on the frames of an excerpt of it."""
     problem = search.problem
-    model = RecordingSimulator(recording, few, problem.model.near)
-    readings = np.where(model.known[:, None], few.readings, np.nan)
-    clock = few.frames["frame"].to_numpy()
+    model = RecordingSimulator(recording, part, problem.model.near)
+    readings = np.where(model.known[:, None], part.readings, np.nan)
+    clock = part.frames["frame"].to_numpy()
     whitening = replace(problem.whitening, mask=np.isfinite(readings), frame_number=clock)
     problem = Problem(model, readings, whitening)
-    every: list[Candidate] = [*search.candidates, *search.last_resorts]
+    candidates: list[Candidate] = [*search.candidates, *search.last_resorts]
     return Search(
         problem,
-        [c for c in every if not c.effect.last_resort],
+        [c for c in candidates if not c.effect.last_resort],
         _folds(problem, recording.channels, seed),
         seed,
         search.report,
-        last_resorts=[c for c in every if c.effect.last_resort],
+        last_resorts=[c for c in candidates if c.effect.last_resort],
         budget_share=share,
         learns_rig=True,
         converter_step=search.converter_step,
@@ -161,13 +161,13 @@ def _at_stated(
     if start is None:
         search.report("not all of it is sought in this recording; begun anew")
         return None
-    calibrated_search, before = calibrated(search)
-    begin = at_start(calibrated_search, before, start)
+    calibrated_search, calibration = calibrated(search)
+    begin = at_start(calibrated_search, calibration, start)
     limit = EXPLAINED * search.problem.whitening.size
     if begin is None or without_discrepancy(begin, begin.fit).chi2 > limit:
         search.report("it does not explain this recording; begun anew")
         return None
-    return calibrated_search, before, begin
+    return calibrated_search, calibration, begin
 
 
 def _few_first(
@@ -175,9 +175,9 @@ def _few_first(
 ) -> tuple[StartingPoint, bool]:
     """The effects that FIRST_FRAMES frames show, from a start, and whether the search on them was
     cut short."""
-    few = excerpt(recording, FIRST_FRAMES)
-    search.report(f"first on {len(few.frames)} frames")
-    on_few = _on_frames(search, recording, few, seed, FIRST_SHARE)
+    part = excerpt(recording, FIRST_FRAMES)
+    search.report(f"first on {len(part.frames)} frames")
+    on_few = _on_frames(search, recording, part, seed, FIRST_SHARE)
     on_few, _, after = run(on_few, start)
     return StartingPoint.from_explanation(after), on_few.spent
 
@@ -190,14 +190,14 @@ def _untouched_first(search: Search, recording: Recording, seed: int) -> Startin
     count = int((~model.touched).sum())
     if model.difference or count < LEAST_UNTOUCHED or not model.touched.any():
         return None
-    few = of_frames(recording, ~model.touched)
-    untouched = _on_frames(search, recording, few, seed, UNTOUCHED_SHARE)
+    part = of_frames(recording, ~model.touched)
+    untouched = _on_frames(search, recording, part, seed, UNTOUCHED_SHARE)
     plain = fit(untouched.problem, [], np.zeros(len(model.calibrations)))
     size = untouched.problem.whitening.size
     if plain.chi2 < GROSS_MISFIT.threshold * size:
         return None
-    calibrated_search, before = calibrated(untouched)
-    if before.error_sds.get(DISCREPANCY, 0.0) < UNTOUCHED_DISCREPANCY:
+    calibrated_search, calibration = calibrated(untouched)
+    if calibration.error_sds.get(DISCREPANCY, 0.0) < UNTOUCHED_DISCREPANCY:
         return None
     search.report(f"first on the {count} frames in which nobody touches")
     _, _, after = run(calibrated_search)

@@ -21,7 +21,7 @@ from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
 
 PROTOCOL, PLACE = "twin.protocol", "twin.effects"  # of effects.yaml
-SAME = 1e-6  # of a typical change: so near a value, a candidate has it
+TOLERANCE = 1e-6  # of a typical change, within which a candidate has a stated value
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def read(path: str | Path, channels: np.ndarray) -> list[Setting]:
         place = f"{PLACE}, {error.file}, {error.place}"
         raise InputError(path, place, error.actual, error.expected) from error
     protocol = twin.get("protocol", {})
-    if any(one.kind in NAMED_BY for one in stated) and not _makes(protocol, channels):
+    if any(setting.kind in NAMED_BY for setting in stated) and not _makes(protocol, channels):
         expected = "what makes the recording's channels, as effects are at some of them"
         raise InputError(path, PROTOCOL, protocol, expected)
     return stated
@@ -167,6 +167,6 @@ def _agrees(placed: Setting, setting: Setting, candidate: Candidate) -> bool:
             turn = 360.0 / polar[2]
             deviation = (deviation + 0.5 * turn) % turn - 0.5 * turn
         scale = candidate.scales.of(effect.parameters[key])
-        if np.any(np.abs(deviation) > SAME * max(scale, np.abs(stated).max(initial=0.0))):
+        if np.any(np.abs(deviation) > TOLERANCE * max(scale, np.abs(stated).max(initial=0.0))):
             return False
     return True

@@ -30,8 +30,8 @@ def score(tangents: Tangents, effect: Effect, skin: Skin, scales: Scales) -> scr
     candidate = Candidate(effect, None, None, "", start, skin, scales, looks)
     if len(tangents.of(candidate)) < 2:
         return None
-    one = screen.score(tangents, candidate)
-    return None if one is None else replace(one, choices=looks)
+    score_test = screen.score(tangents, candidate)
+    return None if score_test is None else replace(score_test, choices=looks)
 
 
 def at_frequency(candidate: Candidate, frequency_Hz: float, model: RecordingSimulator) -> Candidate:
