@@ -1,4 +1,4 @@
-# make · make small · make paper · make concealed · make concealed_final · make demo-capture · make test · make test-long · make coverage · make rehearse · make cluster · make lint · make docs · make real · make bench · make accuracy · make clean
+# make · make small · make paper · make concealed · make concealed_final · make demo-capture · make test · make test-long · make durations · make coverage · make rehearse · make cluster · make lint · make docs · make real · make bench · make accuracy · make clean
 # Needs Python 3.11 or 3.12 (PYTHON=… picks one); after the installs nothing needs the network.
 
 BIN := .venv/bin
@@ -15,6 +15,10 @@ RUN = sh -c 'flock -n .venv/run.lock true || echo "eitskin: another run is going
 ROWS = --configfile workflow/config/paper.yaml
 FULL = $(ROWS) workflow/config/full.yaml
 
+PYTEST = $(BIN)/python -m pytest -n $(CORES) --dist loadgroup
+LONG = -m '(hypothesis or long) and not rehearsal' --hypothesis-profile search
+SHARD ?= commit
+
 # What `make demo-capture` makes of its capture.
 DEMO = --configfile workflow/config/demo_capture.yaml
 DEMO_REPORT := results/diagnosis/emulated-rig/report.html
@@ -28,9 +32,11 @@ export EITSKIN_DATA
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
+# Tests start hundreds of processes; none need compile what another has compiled.
+export PYTHONDONTWRITEBYTECODE =
 
 .DELETE_ON_ERROR:
-.PHONY: run small paper concealed concealed_final demo-capture test test-long coverage rehearse cluster lint docs real bench accuracy clean
+.PHONY: run small paper concealed concealed_final demo-capture test test-long durations coverage rehearse cluster lint docs real bench accuracy clean
 
 run: .venv/installed
 	@echo "eitskin: simulating, training and diagnosing on $(CORES) cores; Ctrl-C stops it, make again goes on"
@@ -68,19 +74,24 @@ demo-capture: .venv/installed-rig
 
 test: .venv/installed-test
 	@echo "eitskin: testing"
-	@$(BIN)/python -m pytest -n $(CORES) --dist loadgroup
+	@$(PYTEST)
 
-# Every property on examples that no run has seen, and what takes long. The seed draws them again.
+# Properties on examples that no run has seen, and what takes long. The seed draws them again.
+# Commits take its shards in turn; SHARD=all tests all, SHARD=2 the second.
 test-long: .venv/installed-test
 	@seed=$${SEED:-$$(od -An -N4 -tu4 /dev/urandom | tr -d ' ')}; \
-	echo "eitskin: searching properties and testing what takes long; again: make test-long SEED=$$seed"; \
-	$(BIN)/python -m pytest -n $(CORES) --dist loadgroup -m '(hypothesis or long) and not rehearsal' \
-	  --hypothesis-profile search --hypothesis-seed $$seed
+	echo "eitskin: searching properties and testing what takes long; again: make test-long SHARD=$(SHARD) SEED=$$seed"; \
+	$(PYTEST) $(LONG) --shard $(SHARD) --hypothesis-seed $$seed
+
+durations: .venv/installed-test
+	@echo "eitskin: measuring what every test costs, an hour; tests/durations.csv"
+	@$(PYTEST) --renew-durations test
+	@$(PYTEST) $(LONG) --hypothesis-seed 0 --renew-durations long
 
 # Of the fast tests; TESTS=tests/unit/data: of a part of them.
 coverage: .venv/installed-test
 	@echo "eitskin: measuring what the fast tests run, longer than they take; the least covered modules first"
-	@$(BIN)/python -m pytest -q -n $(CORES) --dist loadgroup --cov --cov-report= $(TESTS)
+	@$(PYTEST) -q --cov --cov-report= $(TESTS)
 	@$(BIN)/python -m coverage report | sed -n '1,42p;/^TOTAL/p'
 
 rehearse: .venv/installed-test

@@ -1,5 +1,6 @@
 """A copy of the workflow in a folder of its own, run as `make` runs it."""
 
+import compileall
 import csv
 import gc
 import hashlib
@@ -11,6 +12,8 @@ from collections.abc import Sequence
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
+
+import durations
 
 ROOT = Path(__file__).parents[2]
 TINY = "tiny.yaml"
@@ -29,8 +32,10 @@ FORKS = get_context("forkserver")
 FORKS.set_forkserver_preload(LIBRARIES)
 
 
-def plan(folder: str, environment: dict[str, str], arguments: list[str], out: str, err: str):
-    """Snakemake's command line, in a process that has its libraries already."""
+def plan(folder: str, environment: dict[str, str], arguments: list[str], *files: str):
+    """Snakemake's command line, in a process that has its libraries already; what it prints, its
+    messages and its processor seconds in three files."""
+    out, err, seconds = files
     for file, descriptor in ((out, 1), (err, 2)):
         os.dup2(os.open(file, os.O_WRONLY | os.O_CREAT), descriptor)
     os.chdir(folder)
@@ -40,7 +45,10 @@ def plan(folder: str, environment: dict[str, str], arguments: list[str], out: st
     gc.freeze()  # the libraries are not searched for garbage again
     from snakemake import cli
 
-    cli.main()
+    try:
+        cli.main()
+    finally:
+        Path(seconds).write_text(str(sum(os.times()[:4])))
 
 
 class House:
@@ -51,7 +59,8 @@ class House:
 
     @classmethod
     def build(cls, folder: Path) -> "House":
-        """Copy what the repository holds of the workflow."""
+        """Copy what the repository holds of the workflow, and compile it: each of some hundred jobs
+        and plans would do so."""
         folder.mkdir(parents=True)
         for name in ("Snakefile", "config.yaml"):
             shutil.copy(ROOT / name, folder)
@@ -59,6 +68,7 @@ class House:
             ignored = shutil.ignore_patterns("__pycache__")
             shutil.copytree(ROOT / name, folder / name, ignore=ignored)
         shutil.copy(Path(__file__).with_name(TINY), folder)
+        compileall.compile_dir(folder / "workflow", quiet=1)
         return cls(folder)
 
     def copy(self, folder: Path) -> "House":
@@ -77,11 +87,10 @@ class House:
         return os.environ | {"PYTHONPATH": str(self.folder / "workflow")}
 
     def snakemake(self, *arguments: str, cores: int = 2) -> subprocess.CompletedProcess:
-        """Run to the end; output captured as text. Plans are made by forks of a process that has
-        loaded Snakemake: to load it takes longer than to plan."""
-        command = self.command(*arguments, cores=cores)
+        """Run to the end; output captured as text. Plans are made by forks (`forked`)."""
         if PLANS & set(arguments):
-            return self._planned(command)
+            return self.forked(*arguments, cores=cores)
+        command = self.command(*arguments, cores=cores)
         return subprocess.run(
             command,
             cwd=self.folder,
@@ -90,14 +99,18 @@ class House:
             text=True,
         )
 
-    def _planned(self, command: list[str]) -> subprocess.CompletedProcess:
+    def forked(self, *arguments: str, cores: int = 2) -> subprocess.CompletedProcess:
+        """A run that begins no job, by a fork of a process that has loaded Snakemake: to load it
+        takes longer than to plan, or to refuse."""
+        command = self.command(*arguments, cores=cores)
         with TemporaryDirectory() as said:
-            files = [Path(said) / name for name in ("out", "err")]
+            files = [Path(said) / name for name in ("out", "err", "seconds")]
             given = (str(self.folder), self.environment, command[3:], *map(str, files))
             process = FORKS.Process(target=plan, args=given)
             process.start()
             process.join()
-            out, err = (file.read_text(encoding="utf-8") for file in files)
+            out, err, seconds = (file.read_text(encoding="utf-8") for file in files)
+        durations.forked_seconds.append(float(seconds))
         return subprocess.CompletedProcess(command, process.exitcode, out, err)
 
     def edit(self, file: str, old: str, new: str) -> None:

@@ -29,7 +29,7 @@ def test_a_recordings_order_and_pairs_are_the_importers(fresh, tmp_path):
     (house.folder / "extra.yaml").write_text(
         "recordings: {my-skin: {path: mine.mat, order: upwards}}\n"
     )
-    run = house.snakemake("extra.yaml", "--", target)
+    run = house.forked("extra.yaml", "--", target)
     assert run.returncode != 0 and "Traceback" not in run.stderr
     assert "extra.yaml: recordings.my-skin.order: found 'upwards', expected one of" in run.stderr
 
@@ -48,7 +48,7 @@ def test_some_of_a_recordings_frames_are_a_recording_of_their_own(fresh, tmp_pat
     (house.folder / "extra.yaml").write_text(
         "recordings: {later: {path: skin.parquet, frames: 4:19}}\n"
     )
-    run = house.snakemake("extra.yaml", "--", "results/recordings/later.parquet")
+    run = house.forked("extra.yaml", "--", "results/recordings/later.parquet")
     assert run.returncode != 0 and "Traceback" not in run.stderr
     assert "extra.yaml: recordings.later.frames: found " in run.stderr
     assert "expected a list" in run.stderr

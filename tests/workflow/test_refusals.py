@@ -36,7 +36,7 @@ pytestmark = pytest.mark.xdist_group("refusals")
 def test_a_wrong_configuration(fresh, tmp_path, config, message):
     house = fresh.copy(tmp_path / "house")
     (house.folder / "wrong.yaml").write_text(config)
-    run = house.snakemake("wrong.yaml")
+    run = house.forked("wrong.yaml")
     assert run.returncode != 0
     lines = run.stderr.splitlines()
     assert len([line for line in lines if message in line]) == 1
@@ -67,7 +67,7 @@ def test_a_broken_effect_is_told_by_file_and_line(fresh, tmp_path):
 def test_the_file_of_defaults_is_refused_by_line(fresh, tmp_path, text, message):
     house = fresh.copy(tmp_path / "house")
     (house.folder / "config.yaml").write_bytes(text)
-    run = house.snakemake()
+    run = house.forked()
     assert run.returncode != 0
     assert run.stderr.splitlines()[-1].startswith(message)
     assert "Traceback" not in run.stderr and "Snakefile" not in run.stderr

@@ -156,6 +156,7 @@ def folder(tmp_path):
     return made, recording, said
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_report_says_what_is_pinned_and_prints_no_interval(folder):
     made, recording, said = folder
     page.write(made, recording, SCHEMA, made / "report.html")

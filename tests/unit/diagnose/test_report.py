@@ -211,6 +211,7 @@ def test_hollow_dots_are_against_white_noise(written, rig):
         assert sorted(dots) == pytest.approx(sorted(expected))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_folders_of_an_earlier_version_are_read(tmp_path):
     folder, _ = diagnosed(tmp_path, "consistent")
     path = folder / "evidence" / "residuals.npz"
@@ -364,6 +365,7 @@ def test_long_lists_and_many_numbers_stay_in_the_figure(written):
         assert all(text.get_window_extent().x1 <= drawn.bbox.width for text in drawn.texts)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_was_not_compared_is_not_told_as_without_rivals(tmp_path):
     folder, _ = diagnosed(tmp_path, "explained")
     path = folder / "evidence" / "identifiability.csv"
@@ -391,6 +393,7 @@ def _rest(folder):
     return folder / "recording.parquet", SCHEMA, predicted(folder)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_the_diagnosis_writes_is_text_not_markup(tmp_path):
     folder, _ = diagnosed(tmp_path, "partly-explained")
     evil = "<script>alert('x')</script> & <b>"
@@ -410,6 +413,7 @@ def test_what_the_diagnosis_writes_is_text_not_markup(tmp_path):
 
 
 @pytest.mark.parametrize("marked", [True, False])
+@pytest.mark.usefixtures("undrawn")
 def test_the_part_that_the_report_is_of_is_the_one_that_is_told(tmp_path, marked):
     """Frames alone do not say which it is; files of before have no mark."""
     folder, _ = diagnosed(tmp_path, "consistent")
@@ -427,8 +431,9 @@ def test_the_part_that_the_report_is_of_is_the_one_that_is_told(tmp_path, marked
     assert "Frames 61 to 200" in text and "All is other." in text
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_sites_of_every_kind_and_no_gap(tmp_path):
-    """Every name of the catalogue at its sites: drawn, and mended in words without a gap."""
+    """Every name of the catalogue at its sites is mended in words without a gap."""
     folder, _ = diagnosed(tmp_path, "explained")
 
     with_every_effect(folder)
@@ -445,6 +450,7 @@ def test_sites_of_every_kind_and_no_gap(tmp_path):
         assert words in text
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_dense_values_are_summed_up(tmp_path):
     folder, _ = diagnosed(tmp_path, "explained")
 
@@ -490,6 +496,7 @@ def test_rivals_begin_with_what_is_named_where_that_is_told(written, tmp_path):
     assert drawn.texts[0].get_text() == "without contact-impedance"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_was_found_first_on_fewer_frames_is_on_the_path(written, tmp_path):
     assert "Start: found before" not in Page(page_of(written, "explained")).text
     folder, _ = diagnosed(tmp_path, "explained")
@@ -500,6 +507,7 @@ def test_what_was_found_first_on_fewer_frames_is_on_the_path(written, tmp_path):
     assert "Start: found before" in text
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_several_of_one_start_say_the_misfit_of_all_once(tmp_path):
     folder, _ = diagnosed(tmp_path, "explained")
     path = folder / "evidence" / "search.csv"

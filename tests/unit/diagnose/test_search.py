@@ -111,7 +111,10 @@ def test_one_effect_is_found(contact):
     assert fit["chi2_per_dof_after"] < 1.2 < fit["chi2_per_dof_before"]
 
 
-@pytest.mark.parametrize(("ratio", "electrodes"), [(1.1, [3]), (1.25, [3, 6])])
+@pytest.mark.parametrize(
+    ("ratio", "electrodes"),
+    [(1.1, [3]), pytest.param(1.25, [3, 6], marks=pytest.mark.long)],
+)
 def test_a_further_site_must_earn_what_an_effect_must(ratio, electrodes):
     """The second contact is worth one nat at a ratio of 1.1, over ten at 1.25."""
     both = {**CONTACT, "electrodes": [3, 6], "parameters": {"ratio": [1.7, ratio]}}
@@ -205,6 +208,7 @@ def test_equal_seeds_give_equal_diagnoses_on_any_number_of_cores(contact, monkey
     assert conclusion.document(again, "x") == conclusion.document(found, "x")
 
 
+@pytest.mark.long
 def test_what_begins_on_a_few_frames_is_the_same_on_any_number_of_cores(contact, monkeypatch):
     monkeypatch.setattr(staging, "FIRST_FRAMES", len(contact[0].frames) // 2)
     found = []
@@ -432,7 +436,7 @@ def test_a_broken_wire_is_no_name_where_the_readings_are_of_no_such_skin(monkeyp
     assert found.after.effects == [] and found.other.sentence.startswith("The readings are not")
 
 
-@pytest.mark.parametrize("wrong", ["order", "polarity"])
+@pytest.mark.parametrize("wrong", ["order", pytest.param("polarity", marks=pytest.mark.long)])
 def test_readings_in_an_order_or_polarity_of_their_own_get_no_name(wrong):
     recorded = small_recording(noise=NOISE, places=2)
     order = np.random.default_rng(1).permutation(len(CHANNELS))

@@ -241,7 +241,9 @@ def test_the_configuration_takes_it_and_knows_its_parameters(tmp_path, monkeypat
             validate(config, schema, [ROOT / "config.yaml"])
 
 
-@pytest.mark.parametrize("name", ["toy-softening", "toy-bleeding"])
+@pytest.mark.parametrize(
+    "name", ["toy-softening", pytest.param("toy-bleeding", marks=pytest.mark.long)]
+)
 def test_a_diagnosis_names_it_and_its_report_tells_it(name, tmp_path, monkeypatch):
     for other in set(ITEMS) - {name}:
         monkeypatch.delitem(effects.EFFECTS, other)

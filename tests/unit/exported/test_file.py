@@ -13,6 +13,8 @@ from eitskin.exported import file, predictor
 from eitskin.exported.predictor import Predictor
 from eitskin.learn import predict
 
+pytestmark = pytest.mark.xdist_group("streamed")  # one predictor, trained in seconds
+
 
 class Bomb:
     def __reduce__(self):

@@ -10,6 +10,8 @@ from eitskin.errors import InputError
 from eitskin.exported.channels import STRENGTHS
 from eitskin.learn import export
 
+pytestmark = pytest.mark.xdist_group("streamed")  # one predictor, trained in seconds
+
 
 def test_a_budget_that_validates_on_nothing_is_refused():
     trained = skin.trained()

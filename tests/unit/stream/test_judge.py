@@ -12,6 +12,8 @@ from eitskin.exported.predictor import Predictor
 from eitskin.stream.judge import CANNOT_TELL, NO_TOUCH, STARTING, TOUCH, Judge
 from streamed_verdicts import CASES, MOST_WRONG, verdict_shares
 
+pytestmark = pytest.mark.xdist_group("streamed")  # one predictor, trained in seconds
+
 PLACE = np.array([20.0, -10.0, 6.0])
 NOTHING = np.zeros(3)
 OPEN = np.isin(skin.TABLE[:, :2], 5).any(axis=1)

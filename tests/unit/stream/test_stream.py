@@ -30,6 +30,8 @@ from rigsim import faults
 from rigsim.eit import text, values
 from rigsim.ptys import SerialPort
 
+pytestmark = pytest.mark.xdist_group("streamed")  # one predictor, trained in seconds
+
 pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
 ROOT = Path(__file__).parents[3]
 PATIENCE_S = 120.0  # with a machine that is busy with other things
