@@ -21,7 +21,7 @@ import pandas as pd
 from eitskin import configuration
 from eitskin.data import dataset, splits
 from eitskin.exported.channels import strength
-from eitskin.exported.electrodes import using
+from eitskin.exported.electrodes import channels_using
 from eitskin.exported.predictor import Predictor, read
 from eitskin.limit.observation import SessionModel
 from eitskin.limit.posterior_mean import Starts, estimate, experiment_of
@@ -37,12 +37,12 @@ DRAWN = 32  # pairs of draws from each posterior
 def errors(predictor: Predictor, change: np.ndarray, lost: tuple[int, ...]) -> tuple:
     """States (N, T) of changes (N, M) without electrodes, and half their intervals (N, T)."""
     table = np.array(predictor.header["dataset"]["channels"])
-    gone = np.flatnonzero(using(table, lost))
+    gone = np.flatnonzero(channels_using(table, lost))
     z = change / predictor.scale
     number = np.searchsorted(predictor.channels.edges, strength(np.delete(z, gone, axis=1)))
     if not lost:
         return predictor.states(change), predictor.half[number]
-    whole = predictor.channels.filled_alike(z, gone) * predictor.scale
+    whole = predictor.channels.filled_together(z, gone) * predictor.scale
     half = np.array([predictor.half_of(int(one), lost) for one in number])
     return predictor.states_without(whole, lost), half
 
@@ -52,7 +52,7 @@ def limit(
 ) -> np.ndarray:
     """(N, 3): posterior means of x mm, y mm and F N given changes (N, M) without electrodes."""
     table = model.experiment.channels
-    kept = np.setdiff1d(np.arange(len(table)), np.flatnonzero(using(table, lost)))
+    kept = np.setdiff1d(np.arange(len(table)), np.flatnonzero(channels_using(table, lost)))
     model = replace(model, read=kept)
     found = []
     for k, own in enumerate(change):

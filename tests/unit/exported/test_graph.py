@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from eitskin.errors import InputError
-from eitskin.exported.graph import Applied, Graph
+from eitskin.exported.graph import Graph, GraphFunction
 from eitskin.learn import models, networks, trace
 from eitskin.physics.protocol import channel_table
 
@@ -32,7 +32,7 @@ def made(name):
 def test_every_model_of_the_table_is_the_same(name):
     module, frames = made(name), torch.randn(5, 208)
     graph, arrays = trace.traced(module, frames, "net/")
-    applied = Applied(Graph.of(graph.plain()), arrays)
+    applied = GraphFunction(Graph.from_json(graph.as_json()), arrays)
     for given in (frames, frames[:1]):
         expected = module(given).numpy()
         (found,) = applied(given.numpy())

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from eitskin.exported.channels import Channels, edges_of, precisions
-from eitskin.exported.electrodes import using
+from eitskin.exported.channels import Channels, precisions, strength_edges
+from eitskin.exported.electrodes import channels_using
 from eitskin.learn import without_electrodes
 from eitskin.physics.protocol import channel_table
 
@@ -27,7 +27,7 @@ def shown():
         "state_scale": np.ones(3),
     }
     scalers = {key: torch.from_numpy(value) for key, value in scalers.items()}
-    edges = edges_of(change / scale)
+    edges = strength_edges(change / scale)
     return change, state, Channels(precisions(change / scale, edges), edges), scalers
 
 
@@ -48,7 +48,7 @@ def test_every_touch_lacks_a_set_of_its_own_and_others_in_the_next_epoch(shown):
     assert 0.5 < (lost.sum(axis=1) == 1).mean() < 0.7
     assert len(np.unique(lost, axis=0)) == len(without_electrodes.sets_of(8))
     for change, own, which in zip(z, given, lost, strict=True):
-        there = ~using(TABLE, np.flatnonzero(which))
+        there = ~channels_using(TABLE, np.flatnonzero(which))
         assert np.allclose(own[: len(TABLE)][there], change[there], atol=1e-5)
         assert not np.allclose(own[: len(TABLE)][~there], change[~there], atol=1e-7)
     again = lacking(rows).numpy()[:, len(TABLE) :].astype(bool)
@@ -66,6 +66,9 @@ def test_equal_seeds_train_equal_networks_that_do_without(shown):
     scale = scalers["voltage_scale"].numpy()
     which = np.zeros((COUNT, 8))
     which[:, 5] = 1.0
-    filled = channels.filled_alike(change / scale, np.flatnonzero(using(TABLE, (5,)))) * scale
+    filled = (
+        channels.filled_together(change / scale, np.flatnonzero(channels_using(TABLE, (5,))))
+        * scale
+    )
     found = trained[0](torch.from_numpy(np.hstack([filled, which]))).numpy()
     assert np.sqrt(np.mean((found - state) ** 2)) < 0.3

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from authors_strengths import EFFECTS, FORCES
-from eitskin.exported.electrodes import using
+from eitskin.exported.electrodes import channels_using
 from eitskin.limit.observation import Experiment
 from eitskin.limit.posterior_mean import Starts
 from eitskin.physics.protocol import channel_table
@@ -26,7 +26,7 @@ def model():
 def test_the_limit_knows_nothing_of_channels_that_are_lost(model):
     change = model.mixing @ model.change(np.array([30.0, -12.0, 5.0]), np.zeros(10))[0]
     harmed = change.copy()
-    harmed[np.flatnonzero(using(CHANNELS, (2,)))] = 1e3
+    harmed[np.flatnonzero(channels_using(CHANNELS, (2,)))] = 1e3
     starts = Starts(model)
     found = lost_electrodes.limit(model, starts, np.array([change]), (2,))
     assert np.array_equal(found, lost_electrodes.limit(model, starts, np.array([harmed]), (2,)))

@@ -9,8 +9,8 @@ from torch import Tensor, nn
 from eitskin.data.baseline import upper_limit
 from eitskin.data.dataset import Dataset
 from eitskin.errors import InputError
-from eitskin.exported.channels import STRENGTHS, Channels, edges_of, precisions, strength
-from eitskin.exported.electrodes import Electrodes, using
+from eitskin.exported.channels import STRENGTHS, Channels, precisions, strength, strength_edges
+from eitskin.exported.electrodes import Electrodes, channels_using
 from eitskin.exported.file import Exported
 from eitskin.exported.graph import Graph
 from eitskin.exported.predictor import Predictor
@@ -94,7 +94,7 @@ def export(
     scale, table = model.tensors["voltage_scale"].numpy(), np.array(told["channels"])
     change, states = dataset.delta_V.astype(float), dataset.states()
     z = change / scale
-    edges = edges_of(z[trained_on])
+    edges = strength_edges(z[trained_on])
     channels = Channels(precisions(z[trained_on], edges), edges)
     without = without_electrodes.train(
         change[trained_on],
@@ -210,8 +210,8 @@ def _half_without(
     sets = without_electrodes.sets_of(int(table.max()) + 1)
     for number, lost in enumerate(sets):
         rows = slice(None) if len(lost) == 1 else slice(number % PAIRED, None, PAIRED)
-        gone = np.flatnonzero(using(table, lost))
-        z = predictor.channels.filled_alike(change[rows] / predictor.scale, gone)
+        gone = np.flatnonzero(channels_using(table, lost))
+        z = predictor.channels.filled_together(change[rows] / predictor.scale, gone)
         left = np.delete(z, gone, axis=1)
         state = predictor.states_without(z * predictor.scale, lost)
         errors, strong = found[len(lost) - 1]
@@ -233,7 +233,7 @@ def _lost(channels: Channels, table: np.ndarray, z: np.ndarray, strong: np.ndarr
     squared distance of the oddest channel from what the others say, and `electrode`, a channel's
     share of the oddest electrode's."""
     electrodes = Electrodes(channels, table)
-    odd = [electrodes.oddest(one, number) for one, number in zip(z, strong, strict=True)]
+    odd = [electrodes.largest_distances(one, number) for one, number in zip(z, strong, strict=True)]
     single, electrode = np.array(odd).T
     return {
         name: [upper_limit(values[strong == number], RARE) for number in range(STRENGTHS)]
@@ -256,6 +256,6 @@ def _widening(predictor: Predictor, dataset: Dataset, tested: np.ndarray) -> np.
         change[draw.choice(size, 1 + draw.integers(int(TAKEN * size)), replace=False)] = np.nan
         whole, missing = predictor.filled(change)
         state, spread = predictor.propagated(whole, missing)
-        over = (state - truth[row]) ** 2 - predictor.half[missing.number] ** 2
+        over = (state - truth[row]) ** 2 - predictor.half[missing.class_number] ** 2
         factors.append(np.sqrt(over.clip(min=0.0)) / spread)
     return np.maximum(_limits(np.array(factors), LEVEL), ndtri(0.5 + 0.5 * LEVEL))

@@ -57,7 +57,7 @@ def _graph(program: ExportedProgram, prefix: str) -> tuple[Graph, dict[str, np.n
             steps.append(Step(node.name, _name(node.target), arguments, named))
             references[node.name] = {"step": node.name}
     graph = Graph(given[0], steps, outputs)
-    if unknown := graph.unknown():
+    if unknown := graph.unknown_operations():
         expected = "operations of eitskin.exported.graph"
         raise InputError("export", "operations", ", ".join(unknown), expected)
     return graph, arrays

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from eitskin.exported.channels import Channels
-from eitskin.exported.electrodes import using
+from eitskin.exported.electrodes import channels_using
 from eitskin.learn import networks
 from eitskin.learn.predict import unstandardised
 from eitskin.learn.train import Budget, Optimiser, deterministic, fit, standardise
@@ -54,7 +54,7 @@ class _Lacking:
     ):
         self.module, self.z, self.channels = module, z, channels
         self.sets = sets_of(module.electrodes)
-        self.gone = [np.flatnonzero(using(table, lost)) for lost in self.sets]
+        self.gone = [np.flatnonzero(channels_using(table, lost)) for lost in self.sets]
         self.scale = module.scalers["voltage_scale"].numpy()
         self.draw = np.random.default_rng(seed)
         self.given = torch.empty(len(z), z.shape[1] + module.electrodes)
@@ -76,7 +76,7 @@ class _Lacking:
             rows = np.flatnonzero(own == k)
             which = np.zeros((len(rows), electrodes))
             which[:, self.sets[k]] = 1.0
-            filled = self.channels.filled_alike(self.z[rows], self.gone[k]) * self.scale
+            filled = self.channels.filled_together(self.z[rows], self.gone[k]) * self.scale
             given = torch.from_numpy(np.hstack([filled, which]))
             self.given[rows] = self.module.standardised(given)
         self.left = count

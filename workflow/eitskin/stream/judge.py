@@ -6,7 +6,7 @@ import numpy as np
 
 from eitskin.errors import InputError
 from eitskin.exported.channels import Missing
-from eitskin.exported.electrodes import Electrodes, using
+from eitskin.exported.electrodes import Electrodes, channels_using
 from eitskin.exported.predictor import Estimate, Predictor
 from eitskin.stream import opening
 from eitskin.stream.untouched import OPENING, PER_S, Untouched
@@ -151,7 +151,7 @@ class Judge:
         found, why = self.predictor.estimate(*filled, lost), ""
         if size < self.predictor.weakest:
             why = "weaker than what was trained on, or the untouched frame has moved"
-        elif beyond := self.predictor.beyond(found):
+        elif beyond := self.predictor.out_of_range(found):
             why = f"stronger, weaker or farther out than what was trained on: {beyond}"
         kind = CANNOT_TELL if why else TOUCH
         return Verdict(kind, found, self.lost, self._left_out(change), why, news)
@@ -173,7 +173,9 @@ class Judge:
         rest = change.copy()
         for _ in range(MOST_SINGLE):
             z, number = self._whole(rest)
-            apart = self._electrodes.singles(self._electrodes.pull(z, number), number)
+            apart = self._electrodes.channel_distances(
+                self._electrodes.precision_weighted(z, number), number
+            )
             worst = int(apart.argmax())
             if apart[worst] <= self._limits["single"][number]:
                 break
@@ -183,7 +185,9 @@ class Judge:
         if len(self.lost) < MOST_LOST:
             z, number = self._whole(change)
             gone = tuple(np.flatnonzero(np.isnan(change)).tolist())
-            shares = self._electrodes.apart(self._electrodes.pull(z, number), number, gone)
+            shares = self._electrodes.electrode_distances(
+                self._electrodes.precision_weighted(z, number), number, gone
+            )
             for electrode in np.argsort(-shares)[:2].tolist():
                 rest = change.copy()
                 rest[self._electrodes.groups[electrode]] = np.nan
@@ -193,7 +197,7 @@ class Judge:
 
     def _whole(self, change: np.ndarray) -> tuple[np.ndarray, int]:
         whole, missing = self.predictor.filled(change)
-        return whole / self.predictor.scale, missing.number
+        return whole / self.predictor.scale, missing.class_number
 
     def _fits(self, change: np.ndarray) -> bool:
         """Whether a change is an untouched frame's or a familiar touch's."""
@@ -213,7 +217,7 @@ class Judge:
     def lose(self, electrodes: list[int]) -> None:
         """From now on these electrodes are lost, and no others."""
         self.lost = tuple(sorted(electrodes))
-        self._gone = using(self.table, self.lost)
+        self._gone = channels_using(self.table, self.lost)
         self._agreed = dict.fromkeys(self.lost, 0)
 
     def _returned(self, change: np.ndarray) -> tuple[str, ...]:
@@ -232,7 +236,7 @@ class Judge:
             mute[group] = 0.0
             if self._fits(mute):
                 continue
-            others = using(self.table, [k for k in self.lost if k != electrode])
+            others = channels_using(self.table, [k for k in self.lost if k != electrode])
             agrees = self._fits(np.where(others, np.nan, change))
             self._agreed[electrode] = self._agreed[electrode] + 1 if agrees else 0
             if self._agreed[electrode] >= BACK_AFTER:

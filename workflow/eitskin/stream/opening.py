@@ -3,7 +3,7 @@
 import numpy as np
 
 from eitskin.errors import InputError
-from eitskin.exported.electrodes import using
+from eitskin.exported.electrodes import channels_using
 from eitskin.exported.predictor import Predictor
 from eitskin.stream.untouched import Untouched
 
@@ -21,7 +21,7 @@ def dead(frames: np.ndarray, table: np.ndarray) -> list[int]:
     What points to one electrode points to no other any more.
     """
     suspect = silent(frames) | unreciprocal(frames, table)
-    users = np.array([using(table, [k]) for k in range(int(table.max()) + 1)])
+    users = np.array([channels_using(table, [k]) for k in range(int(table.max()) + 1)])
     counted = np.ones(len(table), dtype=bool)
     found: list[int] = []
     while True:
@@ -69,5 +69,5 @@ def check(frames: np.ndarray, predictor: Predictor) -> None:
     if predictor.activity(change) < predictor.weakest:
         return
     whole, missing = predictor.filled(change)
-    if predictor.familiar(whole) and not predictor.beyond(predictor.estimate(whole, missing)):
+    if predictor.familiar(whole) and not predictor.out_of_range(predictor.estimate(whole, missing)):
         raise InputError("recording", "opening frames", "a touch like those trained on", expected)

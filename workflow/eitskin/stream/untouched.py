@@ -42,9 +42,9 @@ class Untouched:
         touches of its strength leave unexplained (Aitken 1935)."""
         z = change / self._scale
         gone = tuple(np.flatnonzero(np.isnan(z)).tolist())
-        key = self._channels.class_of(z), gone
+        key = self._channels.strength_class(z), gone
         if key not in self._weights:
-            self._weights[key] = self._channels.along(self.level / self._scale, *key)
+            self._weights[key] = self._channels.pattern_weights(self.level / self._scale, *key)
         return float(np.nan_to_num(z) @ self._weights[key])
 
     def allowed(self, moved: float, time_s: float) -> float:
