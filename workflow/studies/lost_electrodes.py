@@ -25,7 +25,7 @@ from eitskin.exported.electrodes import channels_using
 from eitskin.exported.predictor import Predictor, read
 from eitskin.limit.observation import SessionModel
 from eitskin.limit.posterior_mean import Starts, estimate, experiment_of
-from eitskin.limit.score import sessions_again
+from eitskin.limit.score import resampled_sessions
 from eitskin.progress import patient
 
 PAIRS, SEED = 30, 1
@@ -53,11 +53,11 @@ def limit(
     """(N, 3): posterior means of x mm, y mm and F N given changes (N, M) without electrodes."""
     table = model.experiment.channels
     kept = np.setdiff1d(np.arange(len(table)), np.flatnonzero(channels_using(table, lost)))
-    model = replace(model, read=kept)
+    model = replace(model, read_channels=kept)
     found = []
     for k, own in enumerate(change):
         rng = np.random.default_rng([SEED, k])
-        posterior = estimate(model, own[kept], starts.of(own, kept), DRAWN, rng)
+        posterior = estimate(model, own[kept], starts.nearest(own, kept), DRAWN, rng)
         found.append(posterior["mean"])
     return np.array(found)
 
@@ -116,7 +116,7 @@ def _row(name: str, found: list[tuple]) -> dict:
         return row
     least = np.concatenate([one[3] for one in found])
     row |= {f"limit_{key}": value for key, value in _sizes(least).items()}
-    again = sessions_again(pd.DataFrame({"session": session}), SEED)
+    again = resampled_sessions(pd.DataFrame({"session": session}), SEED)
     times = [_times(off[drawn], least[drawn]) for drawn in again]
     for key, value in _times(off, least).items():
         low, high = np.quantile([one[key] for one in times], [0.025, 0.975])
@@ -146,7 +146,7 @@ def model_of(data: dataset.Dataset, config: dict) -> SessionModel | None:
         return None
     skin, effects = config["skin"], one["effects"]
     frames = one["session_frames"], one["continuous"]
-    return experiment_of(data, skin, config["accuracy"], effects, *frames).unknown()
+    return experiment_of(data, skin, config["accuracy"], effects, *frames).prior_session()
 
 
 def main() -> int:

@@ -32,12 +32,12 @@ def sampled(model, rng):
 
 @pytest.mark.long
 def test_errors_are_as_large_as_the_posterior_says_with_the_skin_known():
-    model = experiment().known(1, 3)
+    model = experiment().drawn_session(1, 3)
     starts, rng = posterior_mean.Starts(model), np.random.default_rng(2)
     pulls, effective = [], []
     for _ in range(60):
         change, state, _ = sampled(model, rng)
-        found = posterior_mean.estimate(model, change, starts.of(change), 32, rng)
+        found = posterior_mean.estimate(model, change, starts.nearest(change), 32, rng)
         pulls.append((found["mean"] - state) / found["sd"])
         effective.append(found["effective"])
     # mean square of 180 pulls: 1 ± 0.105
@@ -48,7 +48,7 @@ def test_errors_are_as_large_as_the_posterior_says_with_the_skin_known():
 @pytest.mark.long
 def test_scores_at_the_truth_are_as_large_as_the_information_says():
     """The posterior's gradient at what was drawn has the precision as its covariance."""
-    model, rng = experiment().unknown(), np.random.default_rng(3)
+    model, rng = experiment().prior_session(), np.random.default_rng(3)
     sizes = []
     for _ in range(40):
         change, _, z = sampled(model, rng)
@@ -60,20 +60,22 @@ def test_scores_at_the_truth_are_as_large_as_the_information_says():
 
 
 def test_an_unknown_skin_s_touch_is_found():
-    model, rng = experiment().unknown(), np.random.default_rng(4)
+    model, rng = experiment().prior_session(), np.random.default_rng(4)
     change, state, _ = sampled(model, rng)
-    found = posterior_mean.estimate(model, change, posterior_mean.Starts(model).of(change), 16, rng)
+    found = posterior_mean.estimate(
+        model, change, posterior_mean.Starts(model).nearest(change), 16, rng
+    )
     assert (np.abs(found["mean"] - state) < 4.0 * found["sd"]).all()
     assert found["sd"][:2].max() < 3.0 and found["sd"][2] < 2.0
 
 
 def test_an_untouched_frame_tells_no_place():
-    model = experiment().known(1, 3)
+    model = experiment().drawn_session(1, 3)
     rng = np.random.default_rng(4)
     noise = model.change(np.zeros(3), np.zeros(0))[1]
     change = noise * rng.standard_normal(208)
     found = posterior_mean.estimate(
-        model, change, posterior_mean.Starts(model).of(change), 200, rng
+        model, change, posterior_mean.Starts(model).nearest(change), 200, rng
     )
     assert found["mean"][2] < 0.5
     assert np.hypot(*found["mean"][:2]) < 30.0 and found["sd"][:2].min() > 15.0
@@ -106,7 +108,7 @@ def test_scores_are_the_metrics_of_the_models():
 def test_samples_are_tested_ones_and_the_same_each_time(monkeypatch):
     monkeypatch.setattr(posterior_mean, "PLACES", 40)
     own, rng = experiment(), np.random.default_rng(6)
-    known = [own.known(1, session) for session in range(3)]
+    known = [own.drawn_session(1, session) for session in range(3)]
     changes, states, _ = zip(*(sampled(known[k // 4], rng) for k in range(12)), strict=True)
     frame = pd.DataFrame(np.array(states), columns=list(score.TARGETS.values()))
     frame.insert(0, "sample", np.arange(12))
@@ -121,7 +123,7 @@ def test_samples_are_tested_ones_and_the_same_each_time(monkeypatch):
 
 def test_bounds_at_the_text_s_noise_are_those_computed_before():
     """0.6 to 0.8 mm and 0.42 N, medians over places; noise on one frame, the skin known."""
-    model = experiment(noise=0.02, averaged=10**9).unknown().at_mean()
+    model = experiment(noise=0.02, averaged=10**9).prior_session().at_mean()
     grid, rng = polar_grid(80.0, 8, 24, 0.1, 0.9, 16.0), np.random.default_rng(1)
     places = [place for k, place in enumerate(grid.itertuples()) if k % 5 == 0 and k < 168]
     bounds = [
@@ -135,13 +137,13 @@ def test_what_is_unknown_widens_the_bound_and_what_is_not_drawn_does_not():
     state = np.array([40.0, 10.0, 6.0])
     known, unknown = (
         cramer_rao.bound(model, state)
-        for model in (experiment().unknown().at_mean(), experiment().unknown())
+        for model in (experiment().prior_session().at_mean(), experiment().prior_session())
     )
     assert (unknown >= known).all() and unknown[0] > 1.5 * known[0]
     sure = [
         {**e, "parameters": {k: _still(v) for k, v in e["parameters"].items()}} for e in EFFECTS
     ]
-    assert np.allclose(cramer_rao.bound(experiment(sure).unknown(), state), known)
+    assert np.allclose(cramer_rao.bound(experiment(sure).prior_session(), state), known)
 
 
 def _still(value):
@@ -150,12 +152,12 @@ def _still(value):
 
 def test_the_posterior_is_near_its_bound_where_the_prior_says_little():
     """Away from the rim and at middling force a known skin's posterior sd is about the bound's."""
-    model = experiment().known(1, 3)
+    model = experiment().drawn_session(1, 3)
     state, rng = np.array([45.0, 20.0, 5.0]), np.random.default_rng(5)
     e, noise = model.change(state, np.zeros(0))
     change = model.mixing @ e + noise * rng.standard_normal(208)
     found = posterior_mean.estimate(
-        model, change, posterior_mean.Starts(model).of(change), 100, rng
+        model, change, posterior_mean.Starts(model).nearest(change), 100, rng
     )
     assert found["sd"] == pytest.approx(cramer_rao.bound(model, state), rel=0.3)
 

@@ -20,7 +20,7 @@ SKIN = Skin(80.0, 3.0, 0.5, tuple(45.0 * np.arange(8)), 0.0, 0.0, 1e-3, 0.9)
 @pytest.fixture(scope="module")
 def model():
     experiment = Experiment(SKIN, CHANNELS, "train", EFFECTS, 0.01, 1, 72.0, 16.0, FORCES, 10.0)
-    return experiment.unknown()
+    return experiment.prior_session()
 
 
 def test_the_limit_knows_nothing_of_channels_that_are_lost(model):
