@@ -140,7 +140,7 @@ def streamed(runs: int) -> list[dict]:
         return made
 
     for name in patient(list(models.MODELS), "streamed, models"):
-        model = train.train_model(data, part, name, recipe, 1)
+        model = train.train_model(train.Split(data, part), name, recipe, 1)
         predictor = Predictor(export.export(model, data, part, None, 1))
         told(name, judge_of(predictor))
         told(f"{name}, processor time", judge_of(predictor), of_processor)

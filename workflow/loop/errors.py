@@ -10,7 +10,7 @@ from eitskin.data import recording
 from eitskin.data.dataset import Dataset
 from eitskin.data.recording import Recording
 from eitskin.learn import train, transfer, transfer_runs
-from eitskin.learn.train import Recipe
+from eitskin.learn.train import Recipe, Split
 from loop import sources
 from loop.naming import BELIEF, DIAGNOSIS, LABELS, TRUTH
 
@@ -57,13 +57,16 @@ def errors(
     samples = recipe.budget.samples
     assert samples is not None  # the configuration's schema
     if source == LABELS:
-        job = (recipe, samples, seed, draw)
-        rows = transfer.few_alone(target, part == "test", few, model, *job)
+        run = transfer.Run(transfer_runs.TRAINED_FEW, draw, seed, len(few))
+        split = Split(target, part)
+        rows = transfer.trained_on_labelled(split, few, model, recipe, samples, run)
         return pd.DataFrame(rows, columns=list(transfer_runs.RUNS))
     taught = simulator(source, recorded, folder, authors)
     name = f"{source} {seed}"
     made, parts = sources.source_set(taught, recorded, samples, seed, forces, probe_mm, name)
-    trained = train.train_model(made, parts, model, recipe, seed)
+    source_split = Split(made, parts)
+    trained = train.train_model(source_split, model, recipe, seed)
     angles = recorded.skin.electrode_deg
-    sides = (made, parts, target, part, None if angles is None else list(angles))
-    return transfer.transferred(trained, *sides, [few]).assign(seed=seed)
+    electrode_deg = None if angles is None else list(angles)
+    rows = transfer.transferred(trained, source_split, Split(target, part), electrode_deg, [few])
+    return rows.assign(seed=seed)

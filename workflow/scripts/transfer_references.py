@@ -9,6 +9,6 @@ with reported(snakemake.log[0]):
     params, files = snakemake.params, snakemake.input
     data = dataset.read(files.dataset)
     part = splits.read(files.split, data.table)
-    recipe = Recipe.of(params.recipe, Budget(**params.budget), params.latent_dim)
+    recipe = Recipe.from_settings(params.recipe, Budget(**params.budget), params.latent_dim)
     rows = transfer.references(model_file.read_seeds(files.models), data, part, recipe, params.seed)
     metrics.write(rows, snakemake.output[0])

@@ -26,7 +26,7 @@ def test_a_real_skin_is_learned_from(tmp_path, path, targets, unit, kind):
     part = splits.assign(data.table, kind, 1)
     assert 0.15 < (part == "test").mean() < 0.25
     out = tmp_path / "mlp.pt"
-    train.train_predictor(data, part, "mlp", out, RECIPE, 1, 1)
+    train.train_predictor(train.Split(data, part), "mlp", out, RECIPE, train.Seeds(1, 1))
     model = model_file.read(out)
     found = predict.predict_part(model, data, part)
     table = metrics.evaluate(found, data, kind, "small", model.header)

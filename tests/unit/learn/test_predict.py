@@ -18,7 +18,7 @@ def fitted(folder, data, kind="random"):
     part = splits.assign(data.table, kind, 1)
     paths = [folder / "1.pt", folder / "2.pt"]
     for seed, path in enumerate(paths, start=1):
-        train.train_predictor(data, part, "mlp", path, RECIPE, 1, seed)
+        train.train_predictor(train.Split(data, part), "mlp", path, RECIPE, train.Seeds(1, seed))
     return model_file.read_seeds(paths), part
 
 
@@ -112,7 +112,9 @@ def test_other_channel_counts_are_refused(trained):
 def test_a_file_without_a_predictor_is_refused(tmp_path):
     data = touches(300, seed=1)
     part = splits.assign(data.table, "random", 1)
-    train.train_autoencoder(data, part, tmp_path / "a.pt", train.Optimiser(), BUDGET, 1, 1, 16)
+    train.train_autoencoder(
+        train.Split(data, part), tmp_path / "a.pt", train.Optimiser(), BUDGET, train.Seeds(1, 1), 16
+    )
     with pytest.raises(InputError, match="'autoencoder', expected one of svr, mlp"):
         predict.predict(model_file.read(tmp_path / "a.pt"), data.delta_V)
 

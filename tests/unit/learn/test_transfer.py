@@ -50,8 +50,8 @@ def simulated(tmp_path_factory):
     folder = tmp_path_factory.mktemp("model")
     paths = [folder / "1.pt", folder / "2.pt"]
     for seed, path in enumerate(paths, start=1):
-        train.train_predictor(data, part, "mlp", path, RECIPE, 1, seed)
-    return model_file.read_seeds(paths), data, part
+        train.train_predictor(train.Split(data, part), "mlp", path, RECIPE, train.Seeds(1, seed))
+    return model_file.read_seeds(paths), train.Split(data, part)
 
 
 @pytest.fixture(autouse=True)
@@ -68,7 +68,7 @@ def drawn(target, part):
 
 def run(simulated, target):
     part = splits.assign(target.table, "place", 1)
-    return transfer.transferred(*simulated, target, part, ANGLES, drawn(target, part))
+    return transfer.transferred(*simulated, train.Split(target, part), ANGLES, drawn(target, part))
 
 
 def mean_errors(rows, variable="F"):
@@ -98,7 +98,7 @@ def test_labels_differ_from_draw_to_draw():
 def test_a_fifth_of_the_labelled_presses_is_validated_on():
     table, part = many()
     few = transfer_runs.labelled(table, part, 1)
-    own = transfer.few_parts(table, few, 1)
+    own = transfer.labelled_parts(table, few, 1)
     press = (table["session"] * 1000 + table["place"]).to_numpy()
     assert set(own[np.setdiff1d(np.arange(len(table)), few)]) == {"unused"}
     checked, trained = (set(press[own == name]) for name in ("validation", "train"))
@@ -224,7 +224,8 @@ def test_isotonic_forces_rise_and_stay_within_what_was_labelled():
 
 
 def test_the_adapter_mends_a_gain_and_does_not_stray_without_cause(simulated):
-    model, data, _ = simulated
+    model, source = simulated
+    data = source.dataset
     right = transfer.predict_seeds(model, data.delta_V)[0]
     few = data.delta_V[:200].astype(float)
     gain, shift = transfer.adapter(model, 1, few, right[:200], [0, 1, 2])
@@ -259,7 +260,7 @@ def test_every_method_has_its_runs(simulated):
     }
     for method, group in rows.groupby("method"):
         of_variables = 3 * (1 if method.endswith("isotonic") else 3)
-        drawn = transfer_runs.METHODS[method] == transfer_runs.FEW
+        drawn = transfer_runs.METHODS[method] == transfer_runs.FEW_LABELS
         assert len(group) == of_variables * (transfer.DRAWS if drawn else 2), method
         assert (group["draw"] >= 0).all() == drawn
         assert set(group["seed"]) == {1, 2}
@@ -273,10 +274,10 @@ def test_labels_beyond_the_5_percent_and_the_test_part_are_not_used(simulated):
     unused = np.setdiff1d(np.flatnonzero(part != "test"), np.concatenate(used))
     assert len(unused) > 200
     target.table.loc[unused, ["x_mm", "y_mm", "force_N"]] = 1e6
-    again = transfer.transferred(*simulated, target, part, ANGLES, used)
+    again = transfer.transferred(*simulated, train.Split(target, part), ANGLES, used)
     assert rows.equals(again)
     target.table.loc[used[0], "force_N"] += 3.0
-    changed = transfer.transferred(*simulated, target, part, ANGLES, used)
+    changed = transfer.transferred(*simulated, train.Split(target, part), ANGLES, used)
     unlabelled = rows["method"].isin(["zero-shot", "z-score", "CORAL"])
     assert rows[unlabelled].equals(changed[unlabelled]) and not rows.equals(changed)
 
@@ -304,13 +305,13 @@ def test_what_differs_is_left_out_with_its_reason(simulated):
 def test_the_nearest_touches_are_the_most_alike_whatever_the_strength():
     data = touches(400, seed=1, noise=0.0)
     states, seen = data.states(), np.arange(400) >= 0
-    found = transfer.nearest(data.delta_V, seen, np.arange(400), states)
+    found = transfer.nearest_states(data.delta_V, seen, np.arange(400), states)
     at = [*np.unique(data.table["place"], return_counts=True)]
     crowded = np.isin(data.table["place"], at[0][at[1] >= 3])
     np.testing.assert_allclose(found[crowded, :2], states[crowded, :2])
-    stronger = transfer.nearest(3.0 * data.delta_V, seen, np.arange(400), states)
+    stronger = transfer.nearest_states(3.0 * data.delta_V, seen, np.arange(400), states)
     np.testing.assert_allclose(found[crowded, :2], stronger[crowded, :2])
-    alone = transfer.nearest(data.delta_V, seen, np.array([7]), states[[7]])
+    alone = transfer.nearest_states(data.delta_V, seen, np.array([7]), states[[7]])
     np.testing.assert_allclose(alone, np.broadcast_to(states[7], states.shape))
 
 
@@ -318,13 +319,15 @@ def test_references_need_no_simulation(tmp_path):
     target = recorded(touches(1000, seed=5))
     part = splits.assign(target.table, "place", 1)
     budget = train.Budget(samples=None, epochs=3)
-    job = (train.Optimiser(), budget, 1, 1)
-    train.train_autoencoder(target, part, tmp_path / "a.pt", *job, 4)
-    train.train_regressor(target, part, tmp_path / "a.pt", tmp_path / "r.pt", *job)
+    job = (train.Optimiser(), budget, train.Seeds(1, 1))
+    train.train_autoencoder(train.Split(target, part), tmp_path / "a.pt", *job, 4)
+    train.train_regressor(train.Split(target, part), tmp_path / "a.pt", tmp_path / "r.pt", *job)
     teachers = [tmp_path / "a.pt", tmp_path / "r.pt"]
     name, whole = "physics-informed-mlp", tmp_path / "whole.pt"
     recipe = train.Recipe(train.Optimiser(), budget, 5.0, 0.03, latent_dim=4)
-    train.train_predictor(target, part, name, whole, recipe, 1, 1, teachers)
+    train.train_predictor(
+        train.Split(target, part), name, whole, recipe, train.Seeds(1, 1), teachers
+    )
     rows = transfer.references(model_file.read(whole), target, part, recipe, 1)
     assert set(rows["left_out"]) == {""}
     drawn = [transfer_runs.CONSTANT, transfer_runs.NEAREST, transfer_runs.TRAINED_FEW]
@@ -349,7 +352,9 @@ def test_too_few_labels_to_train_on_are_said(tmp_path):
     target.table["session"] = 0
     target.table["x_mm"] = target.table["place"] * 10.0
     part = splits.assign(target.table, "place", 1)
-    train.train_predictor(target, part, "mlp", tmp_path / "mlp.pt", RECIPE, 1, 1)
+    train.train_predictor(
+        train.Split(target, part), "mlp", tmp_path / "mlp.pt", RECIPE, train.Seeds(1, 1)
+    )
     rows = transfer.references(model_file.read(tmp_path / "mlp.pt"), target, part, RECIPE, 1)
     (reason,) = rows.loc[rows["method"] == transfer_runs.TRAINED_FEW, "left_out"]
     assert reason == "bench: training state: found no spread, expected some"

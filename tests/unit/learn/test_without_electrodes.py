@@ -35,7 +35,7 @@ def lacking_of(shown, seed=1):
     change, _, channels, scalers = shown
     module = without_electrodes.Without(scalers, 8)
     z = change / scalers["voltage_scale"].numpy()
-    return without_electrodes._Lacking(module, z, channels, TABLE, seed), z
+    return without_electrodes._DrawnSets(module, z, channels, TABLE, seed), z
 
 
 def test_every_touch_lacks_a_set_of_its_own_and_others_in_the_next_epoch(shown):
@@ -46,7 +46,7 @@ def test_every_touch_lacks_a_set_of_its_own_and_others_in_the_next_epoch(shown):
     lost = given[:, len(TABLE) :].astype(bool)
     assert set(lost.sum(axis=1)) == {1, 2}
     assert 0.5 < (lost.sum(axis=1) == 1).mean() < 0.7
-    assert len(np.unique(lost, axis=0)) == len(without_electrodes.sets_of(8))
+    assert len(np.unique(lost, axis=0)) == len(without_electrodes.electrode_sets(8))
     for change, own, which in zip(z, given, lost, strict=True):
         there = ~channels_using(TABLE, np.flatnonzero(which))
         assert np.allclose(own[: len(TABLE)][there], change[there], atol=1e-5)
@@ -58,7 +58,7 @@ def test_every_touch_lacks_a_set_of_its_own_and_others_in_the_next_epoch(shown):
 def test_equal_seeds_train_equal_networks_that_do_without(shown):
     change, state, channels, scalers = shown
     trained = [
-        without_electrodes.train(change, state, channels, TABLE, scalers, 12, seed)
+        without_electrodes.train((change, state), channels, TABLE, scalers, 12, seed)
         for seed in (1, 1, 2)
     ]
     weights = [torch.cat([p.flatten() for p in one.parameters()]) for one in trained]

@@ -13,7 +13,7 @@ def runs(values: dict[str, list[float]], variable="F"):
     """Rows of both metrics, a value a run: draws with seeds 1 and 2 in turn, or seeds 1, 2 ..."""
     rows = []
     for method, found in values.items():
-        drawn = transfer_runs.METHODS[method] == transfer_runs.FEW
+        drawn = transfer_runs.METHODS[method] == transfer_runs.FEW_LABELS
         for k, value in enumerate(found):
             run = (k, 1 + k % 2) if drawn else (-1, 1 + k)
             rows.append((method, *run, 100, variable, "mae", value, ""))

@@ -9,7 +9,7 @@ import pandas as pd
 from eitskin.atomic import atomic_path
 from eitskin.data.dataset import TARGETS
 from eitskin.errors import InputError
-from eitskin.learn.metrics import COLUMNS, ENSEMBLE, LEAST_SEEDS, METRICS, interval
+from eitskin.learn.metrics import COLUMNS, ENSEMBLE, METRICS, MIN_SEEDS, interval
 from eitskin.learn.models import PHYSICS_INFORMED
 
 KEPT = ("origin", "each")  # of the metrics' columns, for the Markdown alone
@@ -180,7 +180,7 @@ def _of_the_latent_loss(group: pd.DataFrame) -> dict[str, dict[tuple[str, str], 
     for (model, *column), values in each.items():
         plain = model.removeprefix(PHYSICS_INFORMED)
         of_plain = each.get((plain, *column))
-        if plain == model or of_plain is None or len(values) < LEAST_SEEDS:
+        if plain == model or of_plain is None or len(values) < MIN_SEEDS:
             continue
         if len(values) == len(of_plain):
             more = values - of_plain

@@ -13,10 +13,10 @@ from eitskin.errors import InputError
 from eitskin.learn.metrics import interval
 from eitskin.learn.transfer_runs import (
     CONSTANT,
-    FEW,
+    FEW_LABELS,
     METHODS,
     NEAREST,
-    NONE,
+    NO_LABELS,
     RUNS,
     TRAINED_ALL,
     TRAINED_FEW,
@@ -185,9 +185,9 @@ def reading(runs: pd.DataFrame, variable: str) -> str:
     if ZERO_SHOT in of:
         text = f"zero-shot errs by {error[ZERO_SHOT]:.2f} {unit}"
         said.append(text + (f", {versus(ZERO_SHOT, CONSTANT)}" if CONSTANT in of else ""))
-        unlabelled = [m for m in METHODS if METHODS[m] == NONE and m in of and m != ZERO_SHOT]
+        unlabelled = [m for m in METHODS if METHODS[m] == NO_LABELS and m in of and m != ZERO_SHOT]
         said += [f"{method} is {versus(method, ZERO_SHOT)}" for method in unlabelled]
-    best = least([m for m in METHODS if METHODS[m] == FEW and m not in REFERENCES])
+    best = least([m for m in METHODS if METHODS[m] == FEW_LABELS and m not in REFERENCES])
     alone = least([CONSTANT, NEAREST, TRAINED_FEW])
     if best is not None:
         others = [m for m in (ZERO_SHOT, alone) if m is not None and m in of]
