@@ -9,6 +9,7 @@ from eitskin.data.recording import Recording
 from eitskin.diagnose.noise.estimate import estimate
 from eitskin.errors import InputError
 from loop import sources
+from loop.imitation import PressPrior
 from loop_skin import FORCES, JITTER, LAW
 from small_skin import METADATA, SKIN, small_recording
 
@@ -23,7 +24,9 @@ def recorded():
 
 
 def made_by(simulator, recorded, seed=1, samples=150):
-    return sources.source_set(simulator, recorded, samples, seed, FORCES, 8.0, "a set")
+    prior = PressPrior(FORCES, 8.0)
+    split = sources.source_set(simulator, recorded, samples, seed, prior, "a set")
+    return split.dataset, split.part
 
 
 def test_sets_of_one_seed_differ_in_physics_alone(recorded):
@@ -45,7 +48,9 @@ def test_noise_is_the_recording_s_on_touched_and_untouched_frame(recorded):
     clean = sources.Simulator(SKIN, [])
     one, _ = made_by(clean, recorded, 1, 600)
     sessions = one.table["session"].nunique()
-    frames = sources.alike(recorded, sessions, np.random.default_rng([1, 4]), FORCES, 8.0)
+    frames = sources.imitated_presses(
+        recorded, sessions, np.random.default_rng([1, 4]), PressPrior(FORCES, 8.0)
+    )
     exact = Recording(frames, clean.readings(frames, recorded, 1), None, None, METADATA)
     truth = dataset.from_recording(exact, "exact").delta_V
     spread = (one.delta_V - truth).std(axis=0) / estimate(recorded).sd
@@ -71,7 +76,9 @@ def test_the_diagnosed_simulator_is_what_effects_yaml_says(tmp_path):
 
 
 def test_drawn_effects_change_from_session_to_session(recorded):
-    frames = sources.alike(recorded, 2, np.random.default_rng(1), FORCES, 8.0)
+    frames = sources.imitated_presses(
+        recorded, 2, np.random.default_rng(1), PressPrior(FORCES, 8.0)
+    )
     drawn = sources.Simulator(SKIN, [JITTER], drawn=True).readings(frames, recorded, 1)
     free = np.flatnonzero(~frames["touch"])
     first, last = drawn[free[0]], drawn[free[-1]]
@@ -82,7 +89,9 @@ def test_drawn_effects_change_from_session_to_session(recorded):
 
 def test_the_truth_is_the_same_physics_by_another_solver(recorded):
     told = {"true": SKIN.metadata(), "effects": [LAW]}
-    frames = sources.alike(recorded, 1, np.random.default_rng(2), FORCES, 8.0)
+    frames = sources.imitated_presses(
+        recorded, 1, np.random.default_rng(2), PressPrior(FORCES, 8.0)
+    )
     own = sources.truth(told, recorded).readings(frames, recorded, 1)
     ours = sources.Simulator(SKIN, [LAW], factor=2.0).readings(frames, recorded, 1)
     np.testing.assert_allclose(2.0 * own, ours, atol=2e-3 * np.median(np.abs(own)))

@@ -66,11 +66,11 @@ def test_the_place_s_error_is_the_mean_of_both_coordinates(tmp_path):
 
 
 def test_what_is_closed_is_told_where_there_is_something_to_close(tmp_path):
-    share = table.closed(table.collect(files(tmp_path))).set_index("variable")
+    share = table.closed_shares(table.collect(files(tmp_path))).set_index("variable")
     assert share.loc["F", "truth_saves"] == pytest.approx(1.4 / 2.2)
     assert share.loc["F", "closed"] == pytest.approx(1.2 / 1.4)
     little = {**ERRORS, TRUTH: [1.9, 2.1, 2.3]}
-    share = table.closed(table.collect(files(tmp_path, little))).set_index("variable")
+    share = table.closed_shares(table.collect(files(tmp_path, little))).set_index("variable")
     assert share.loc["F", "truth_saves"] == pytest.approx(0.1 / 2.2)
     assert np.isnan(share.loc["F", "closed"])
 
@@ -92,7 +92,7 @@ def cases(folder, number, truth_saves=True):
 
 def test_what_a_diagnosis_is_worth_is_counted_over_cases_where_the_truth_is(tmp_path):
     runs = table.collect(cases(tmp_path, 2))
-    found = table.worth(runs, table.closed(runs)).set_index("against")
+    found = table.worth(runs, table.closed_shares(runs)).set_index("against")
     belief = np.array([1.2 / 2.2, (2.2 - 3.1 / 3) / 2.2])
     assert found.loc[BELIEF, "cases"] == 2 and found.loc[BELIEF, "sure"] == 2
     assert found.loc[BELIEF, "saved"] == pytest.approx(belief.mean())
@@ -106,7 +106,7 @@ def test_what_a_diagnosis_is_worth_is_counted_over_cases_where_the_truth_is(tmp_
 
 def test_where_the_truth_saves_little_nothing_is_claimed(tmp_path):
     runs = table.collect(cases(tmp_path, 2, truth_saves=False))
-    found = table.worth(runs, table.closed(runs))
+    found = table.worth(runs, table.closed_shares(runs))
     assert found["cases"].tolist() == found["sure"].tolist() == [0, 0]
     assert found[["saved", "over_truth"]].isna().all(axis=None)
 

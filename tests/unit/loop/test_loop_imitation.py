@@ -6,14 +6,16 @@ from hypothesis import strategies as st
 
 from eitskin.data.recording import Recording, presses
 from eitskin.errors import InputError
-from loop.alike import alike
+from loop.imitation import PressPrior, imitated_presses
 from loop_skin import FORCES
 from small_skin import FORCES_N, METADATA, states
 
 
 def pressed(seed: int, sessions: int = 2, frames: pd.DataFrame | None = None) -> pd.DataFrame:
     recorded = Recording(states() if frames is None else frames, None, None, None, METADATA)
-    return alike(recorded, sessions, np.random.default_rng(seed), FORCES, 9.0)
+    return imitated_presses(
+        recorded, sessions, np.random.default_rng(seed), PressPrior(FORCES, 9.0)
+    )
 
 
 @settings(max_examples=20, deadline=None)
