@@ -78,9 +78,9 @@ def test_arrows_that_pass_a_column_pass_its_stages(house):
     layout = Layout(house)
     passed = 0
     for edge in layout.drawn:
-        if layout._of(edge[0]) == layout._of(edge[1]):
+        if layout._column_of(edge[0]) == layout._column_of(edge[1]):
             continue
-        way = layout.way(edge)
+        way = layout.waypoints(edge)
         assert way[0][0] < way[-1][0]
         for x, y in way[1:-1]:
             passed += 1
@@ -98,8 +98,8 @@ def test_every_rule_of_the_workflow_has_a_stage():
 
 
 def test_long_names_are_broken_at_an_underscore():
-    assert figure_2._broken("train_autoencoder") == "train_\nautoencoder"
-    assert figure_2._broken("figure_1") == "figure_1"
+    assert figure_2._wrapped("train_autoencoder") == "train_\nautoencoder"
+    assert figure_2._wrapped("figure_1") == "figure_1"
 
 
 def test_it_is_drawn_with_every_rule_in_it(house, tmp_path):

@@ -81,13 +81,14 @@ def test_no_place_hides_another_and_the_largest_error_is_told():
 
 
 def test_files_are_written_and_the_numbers_beside_them(touches, tmp_path):
-    rows, paths = {}, {}
+    models = {}
     for model, off in {"mlp": (0.1, 0.2), "cnn": (0.5, 0.6), "svr": (0.3, 0.3)}.items():
-        predictions, rows[model] = predicted(touches, off)
-        paths[model] = tmp_path / f"{model}.parquet"
-        predictions.to_parquet(paths[model])
+        predictions, rows = predicted(touches, off)
+        models[model] = rows, tmp_path / f"{model}.parquet"
+        predictions.to_parquet(models[model][1])
     files = [tmp_path / f"figure.{kind}" for kind in ("svg", "png", "csv")]
-    chosen = figure_4.write(rows, paths, touches, 80.0, even_angles(16), *files)
+    skin = {"radius_mm": 80.0, "electrode_deg": even_angles(16)}
+    chosen = figure_4.write(models, touches, skin, *files)
     assert (chosen.worst, chosen.best) == ("cnn", "mlp")
     table = pd.read_csv(files[2])
     assert table.groupby("panel")["model"].unique().map(list).to_dict() == {

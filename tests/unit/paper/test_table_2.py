@@ -27,8 +27,7 @@ OFFSET = {"name": "offset", "parameters": {"volt": 0.005}}
 @pytest.fixture
 def write(tmp_path):
     """A function that writes Table II of recordings, by name, and returns CSV, text, left out."""
-    mesh = tmp_path / "mesh.npz"
-    np.savez(mesh, force_N=np.array([2.0, 5.0, 8.0]))
+    force_N = np.array([2.0, 5.0, 8.0])
 
     def written(recordings, effects=(GAIN, OFFSET), noise=1e-3, **changed):
         paths = {}
@@ -38,9 +37,8 @@ def write(tmp_path):
         size = {"sessions": 8, "frames": 2, "permutations": 39} | changed
         block = {"effects": list(effects), "noise": noise}
         files = tmp_path / "table_2.csv", tmp_path / "table_2.md"
-        left_out = table_2.write(
-            paths, mesh, PAPER, *files, SKIN, {"mine": block}, "train", 1, **size
-        )
+        design = table_2.Design(SKIN, force_N, "train", 1, **size)
+        left_out = table_2.write(paths, {"mine": block}, design, PAPER, *files)
         return pd.read_csv(files[0], keep_default_na=False), files[1].read_text(), left_out
 
     return written
