@@ -56,7 +56,7 @@ def test_the_processor_is_the_model_that_the_system_tells(tmp_path):
 
 
 def test_own_work_is_not_of_others(monkeypatch):
-    others = rows.Others()
+    others = rows.OtherWork()
     time.sleep(0.3)
     assert -0.1 < others.cores() < rows.machine()["cores"] + 0.1
     user, *rest = os.times()

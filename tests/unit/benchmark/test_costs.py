@@ -59,7 +59,7 @@ def test_names_are_left_out_of_the_catalogue_but_the_true_ones(monkeypatch):
         "diagnosis",
         lambda path: seen.append(costs.effects.catalogue_names()) or (1.0, 1.0),
     )
-    assert costs.drawn(1, 20, 5) == 1.0
+    assert costs.drawn_seconds(1, 20, 5) == 1.0
     assert len(seen[0]) == 5
     assert "contact-impedance" in seen[0]
 
