@@ -1,4 +1,4 @@
-"""Train a model with the recipe that was chosen."""
+"""Train a model with the chosen recipe."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a recording's own labels give on its test part, few of them and all."""
+"""Errors on a recording's test part of models trained on its own labels, few and all."""
 
 from eitskin.data import dataset, splits
 from eitskin.errors import reported

@@ -1,4 +1,4 @@
-"""A simulation's model on a recording's test part, as it is and adapted."""
+"""Errors of a simulation's model on a recording's test part, as trained and adapted."""
 
 from eitskin.data import dataset, recording, splits
 from eitskin.errors import reported
