@@ -23,7 +23,7 @@ from eitskin.diagnose.noise.estimate import Noise
 from eitskin.errors import InputError
 from eitskin.physics.solver import Spent
 from witness import rig_errors
-from witness.cases import Alike, Case, draw
+from witness.cases import Blinding, Case, draw
 from witness.generators import GENERATORS
 
 LEAST_LEVEL, MOST_LEVEL = 2e-4, 3e-2  # noise over the median |v|
@@ -60,7 +60,7 @@ def case_of(planned: Planned, sizes: Sizes) -> Case | planted.Planted:
     if planned.generator == RECORDED:
         return planted.draw(planned.kind, planned.seed)
     names = None if planned.names is None else list(planned.names)
-    alike = Alike(sizes.query_frames, planned.deep, (LEAST_LEVEL, MOST_LEVEL))
+    alike = Blinding(sizes.query_frames, planned.deep, (LEAST_LEVEL, MOST_LEVEL))
     kind = planned.kind + ("+rig" if sizes.rig else "")
     return draw(kind, planned.seed, sizes.frames, planned.generator, names, alike)
 

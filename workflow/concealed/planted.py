@@ -170,7 +170,8 @@ def plant(recorded: Recording, faults: list[dict]) -> np.ndarray:
     still = np.zeros(voltage.shape)
     time_s = recorded.frames["time_s"].to_numpy(float)
     frame_s = recorded.metadata["frame_s"] or 0.0
-    voltage = laws.instrument(faults, voltage, still, still, time_s, channels, frame_s, 0.0)
+    readout = laws.Readout(still, time_s, channels, frame_s, 0.0)
+    voltage = laws.instrument(faults, voltage, still, readout)
     for fault in faults:
         if fault["name"] == "lost-channels":
             voltage[:, fault["channels"]] = np.nan
@@ -343,14 +344,15 @@ def drawn(
     wanted = float(np.exp(rng.uniform(*np.log(SNR))))
     while True:
         one = _strength(rng, name, recorded)
-        assert one.unit is not None and one.most is not None  # as of all faults but those above
-        if one.scope != "dense" and shown(one.at(one.most)) > 0.0:
+        # As of all faults but those above.
+        assert one.unit is not None and one.max_strength is not None
+        if one.scope != "dense" and shown(one.law_at(one.max_strength)) > 0.0:
 
-            def at(a: float, law: Callable[[float], dict] = one.at) -> float:
+            def at(a: float, law: Callable[[float], dict] = one.law_at) -> float:
                 return shown(law(a))
 
-            a, snr = scaled(at, one.unit, one.most, wanted)
-            return one.at(a), snr
+            a, snr = scaled(at, one.unit, one.max_strength, wanted)
+            return one.law_at(a), snr
 
 
 def _strength(rng: np.random.Generator, name: str, recorded: Recording) -> strengths.Strength:

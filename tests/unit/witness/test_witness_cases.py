@@ -94,7 +94,7 @@ def test_an_effect_of_no_strength_changes_nothing(null):
     world = World(null.true, np.array(null.metadata["channels"]), null.metadata["frame_s"])
     for name in ("contact-impedance", "anisotropy", "relaxation", "crosstalk", "frame-skew"):
         scene = type("S", (), {"n": 16, "channels": world.channels})
-        nothing = DRAWN[name](np.random.default_rng(1), scene).at(0.0)
+        nothing = DRAWN[name](np.random.default_rng(1), scene).law_at(0.0)
         changed = world.readings(null.states, [nothing])
         assert np.abs(changed - null.clean).max() < 1e-9 * np.abs(null.clean).max(), name
 
@@ -110,7 +110,9 @@ def test_every_outside_law_starts_from_nothing(null):
         if name in ("palm", "slit"):  # these need a free place
             continue
         drawn = law.draw(np.random.default_rng(2), scene)
-        small = [world.readings(states, [], replace(drawn, amount=a * law.most)) for a in (0, 0.1)]
+        small = [
+            world.readings(states, [], replace(drawn, amount=a * law.max_amount)) for a in (0, 0.1)
+        ]
         limit = 1e-2 if name == "smooth-dent" else 1e-9
         assert np.abs(small[0] - plain).max() < limit * median, name
         assert np.abs(small[1] - plain).max() > 1e-7 * median, name

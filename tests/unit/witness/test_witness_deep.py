@@ -27,7 +27,7 @@ def test_bessel_functions():
     k, r = 6.0, np.array([[0.3], [0.9]])
     waves = Waves(k, 30)
     m = waves.m
-    assert waves.both == pytest.approx(iv(m, k) * kv(m, k), rel=1e-12)
+    assert waves.product == pytest.approx(iv(m, k) * kv(m, k), rel=1e-12)
     assert waves.flux == pytest.approx(iv(m, k) / (k * ivp(m, k)), rel=1e-12)
     assert waves.image == pytest.approx(-kvp(m, k) / ivp(m, k) * iv(m, k) ** 2, rel=1e-12)
     value, slope = waves.inside(r.ravel())
@@ -78,7 +78,7 @@ def test_near_a_touch_depth_is_felt_and_stays_reciprocal():
     assert np.abs(whole - whole.T).max() < 1e-5 * np.abs(whole).max()
     flat = place.parts[0]
     place.parts[1:] = [(among, 0.0 * felt, 0.0 * seen) for among, felt, seen in place.parts[1:]]
-    place._latest = None
+    place._cached = None
     alone = place.admittance(contact, [3.0])
     assert flat is place.parts[0]
     assert np.abs(whole - alone).max() > 1e-4 * np.abs(whole).max()

@@ -17,11 +17,12 @@ def read(items: list[dict], volt, above=0.0, force=0.0, force_max=0.0, time=0.0)
     volt = np.atleast_2d(np.asarray(volt, float))
     above, force = (np.broadcast_to(np.asarray(v, float), volt.shape) for v in (above, force))
     time_s = np.full(len(volt), time)
-    return laws.instrument(items, volt, above, force, time_s, CHANNELS, 0.4, force_max)[0]
+    readout = laws.Readout(force, time_s, CHANNELS, 0.4, force_max)
+    return laws.instrument(items, volt, above, readout)[0]
 
 
 def press() -> Press:
-    return Press.of(np.array([1.0, 2.0, 4.0]), np.array([2.0, 6.0, 2.0]), 0.0, 0.0)
+    return Press.from_reports(np.array([1.0, 2.0, 4.0]), np.array([2.0, 6.0, 2.0]), 0.0, 0.0)
 
 
 def test_force_within_a_press():
@@ -31,10 +32,10 @@ def test_force_within_a_press():
 
 
 def test_lag_and_offset():
-    late = Press.of(np.array([1.0, 2.0]), np.array([2.0, 6.0]), 0.5, 0.25)
+    late = Press.from_reports(np.array([1.0, 2.0]), np.array([2.0, 6.0]), 0.5, 0.25)
     assert late.force(1.0) == pytest.approx(3.5)  # reported at 1.25: 3, and 0.5 more
     assert late.force(2.0) == pytest.approx(7.5)  # on at 4 N/s
-    less = Press.of(np.array([1.0, 2.0]), np.array([0.3, 6.0]), -0.5, 0.0)
+    less = Press.from_reports(np.array([1.0, 2.0]), np.array([0.3, 6.0]), -0.5, 0.0)
     assert less.force(1.0) == 0.0
 
 

@@ -88,7 +88,7 @@ def test_a_step_is_where_the_truth_says(seeds):
     assert np.array_equal(one.clean[:step], before[:step])
     assert np.array_equal(one.clean[step:], after[step:])
     noise = one.level * np.median(np.abs(before[0]))
-    assert np.linalg.norm(after[step] - before[step]) > 0.99 * owned.STEP_SEEN * noise
+    assert np.linalg.norm(after[step] - before[step]) > 0.99 * owned.MIN_STEP_SNR * noise
 
 
 def test_readings_after_a_step_are_those_of_the_changed_skin():
@@ -109,13 +109,13 @@ def left(one):
     world = World(one.true, one.recorded.channels, one.recorded.metadata["frame_s"])
     noise = one.level * np.median(np.abs(one.clean[0])) * np.ones(one.clean.shape[1])
     frames = one.recorded.frames
-    return owned.beyond(one.true, one.recorded.skin, world, frames, one.clean, noise)
+    return owned.snr_beyond_sheet(one.true, one.recorded.skin, world, frames, one.clean, noise)
 
 
 @pytest.mark.parametrize("seeds", [STILL, PRESSED])
 def test_what_is_out_of_round_is_seen(seeds):
     one = of("out-of-round", seeds)
-    assert left(one) > 0.99 * owned.SEEN and one.truth.wanted == ("domain-shape",)
+    assert left(one) > 0.99 * owned.MIN_SNR and one.truth.wanted == ("domain-shape",)
 
 
 def test_worse_contacts_are_nothing_beyond_where_their_owner_does_not_know_them():
@@ -125,7 +125,10 @@ def test_worse_contacts_are_nothing_beyond_where_their_owner_does_not_know_them(
     worse = {"name": "contact-impedance", "parameters": {"ratio": 2.0}}
     clean = world.readings(frames, [worse])
     unknown = replace(one.true, contact_impedivity_ohm_m2=None)
-    seen = [owned.beyond(one.true, b, world, frames, clean, noise) for b in (one.true, unknown)]
+    seen = [
+        owned.snr_beyond_sheet(one.true, b, world, frames, clean, noise)
+        for b in (one.true, unknown)
+    ]
     assert seen[0] > 20.0 * seen[1]
 
 
@@ -218,7 +221,7 @@ def test_many_drives_are_many(planned):
 def test_a_body_is_not_the_sheet_that_its_owner_simulates(kind, seed):
     one = draw(f"owner:{kind}", seed)
     assert one.truth.wanted == ("third-dimension",)
-    assert left(one) > 0.99 * owned.SEEN
+    assert left(one) > 0.99 * owned.MIN_SNR
     assert reciprocity(one.clean, one.recorded.channels) < 1e-4
 
 

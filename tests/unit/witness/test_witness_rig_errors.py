@@ -7,10 +7,10 @@ from eitskin.data import recording
 from eitskin.errors import InputError
 from witness import rig_errors
 from witness.cases import draw
-from witness.rig_errors import LEAST, MOST, USUAL, RigError
+from witness.rig_errors import MAX_SIZE, MIN_SIZE, USUAL, RigError
 
-OF_STATES = [kind for kind, usual in USUAL.items() if usual.of == "states"]
-OF_READINGS = [kind for kind, usual in USUAL.items() if usual.of == "readings"]
+OF_STATES = [kind for kind, usual in USUAL.items() if usual.target == "states"]
+OF_READINGS = [kind for kind, usual in USUAL.items() if usual.target == "readings"]
 FRAMES, CHANNELS = 4000, 40
 NOISE_V = np.full(CHANNELS, 1e-5)
 
@@ -42,7 +42,7 @@ def test_sizes_are_log_uniform_about_the_usual():
     rng = np.random.default_rng(1)
     for kind, usual in USUAL.items():
         sizes = np.array([rig_errors.draw(rng, [kind])[0].size for _ in range(400)])
-        low, high = LEAST * usual.size, MOST * usual.size
+        low, high = MIN_SIZE * usual.size, MAX_SIZE * usual.size
         if kind == "correlated-noise":
             low, high = rig_errors.CORRELATIONS
         assert sizes.min() > 0.99 * low and sizes.max() < 1.01 * high
