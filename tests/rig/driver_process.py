@@ -20,12 +20,12 @@ pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
 WAIT_S, LOOK_S = 300, 0.05
 
 
-def begun(rig: Emulated, do: str = "run", *more: str) -> subprocess.Popen:
+def begun(rig: Emulated, do: str = "run", *arguments: str) -> subprocess.Popen:
     """`eitskin rig run`, `resume` or `check` in a process of its own."""
-    journal_path, out = rig.folder / "journal.jsonl", rig.folder / "it.parquet"
-    files = [] if do == "check" else ["--journal", str(journal_path), "--out", str(out)]
+    journal_path, recording_path = rig.folder / "journal.jsonl", rig.folder / "it.parquet"
+    files = [] if do == "check" else ["--journal", str(journal_path), "--out", str(recording_path)]
     return subprocess.Popen(
-        [sys.executable, "-m", "eitskin.cli", "rig", do, str(rig.path), *files, *more],
+        [sys.executable, "-m", "eitskin.cli", "rig", do, str(rig.path), *files, *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -34,13 +34,13 @@ def begun(rig: Emulated, do: str = "run", *more: str) -> subprocess.Popen:
 
 def ended(process: subprocess.Popen) -> tuple[int, str]:
     """Its exit code and all it said."""
-    out, err = process.communicate(timeout=WAIT_S)
-    return process.returncode, out + err
+    output, err = process.communicate(timeout=WAIT_S)
+    return process.returncode, output + err
 
 
-def capture(rig: Emulated, do: str = "run", *more: str) -> tuple[int, str]:
+def capture(rig: Emulated, do: str = "run", *arguments: str) -> tuple[int, str]:
     """`eitskin rig run`, `resume` or `check` to its end."""
-    return ended(begun(rig, do, *more))
+    return ended(begun(rig, do, *arguments))
 
 
 def records(rig: Emulated) -> list[dict]:

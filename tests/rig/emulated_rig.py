@@ -52,14 +52,14 @@ class Emulated:
         with Path(self.endpoints["log"]).open("rb") as log:
             log.seek(self._read)
             new = log.read()
-        whole = new[: new.rfind(b"\n") + 1]
-        self._read += len(whole)
-        self._events += map(json.loads, whole.splitlines())
+        complete_lines = new[: new.rfind(b"\n") + 1]
+        self._read += len(complete_lines)
+        self._events += map(json.loads, complete_lines.splitlines())
         return self._events
 
     def named(self, event: str) -> list[dict]:
         """The logged events of one name."""
-        return [found for found in self.events if found["event"] == event]
+        return [event_entry for event_entry in self.events if event_entry["event"] == event]
 
     def begin(self, **fault: object) -> None:
         """Let a fault happen, when its conditions hold."""

@@ -44,17 +44,17 @@ def assert_stopped(rig: Emulated, fault: dict, lifted: bool) -> None:
     """The arm went no deeper than the step under way, and stands: above the skin where lifted."""
     depths = [1e3 * (SURFACE_M - e["pose"][2]) for e in motions(rig) if e["t"] > fault["t"]]
     assert max(depths, default=0.0) <= fault["now"]["depth_mm"] + STEP_MM + 0.05
-    last = motions(rig)[-1]
-    assert last["velocity"] == [0.0] * 6
+    last_motion = motions(rig)[-1]
+    assert last_motion["velocity"] == [0.0] * 6
     if lifted:
-        assert last["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
+        assert last_motion["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
     assert max(event.get("largest_N", 0.0) for event in rig.events) < HARD_N
     assert_kept_every_rule(rig)
 
 
 def test_three_contacts(rig):
-    code, said = capture(rig)
-    assert code == 0, said
+    code, printed = capture(rig)
+    assert code == 0, printed
     assert_kept_every_rule(rig)
     recorded = recording.read(rig.folder / "it.parquet")
     frames = recorded.frames
@@ -62,8 +62,8 @@ def test_three_contacts(rig):
     assert frames["contact"].dropna().unique().tolist() == [0, 1, 2]
     assert (frames[~frames["touch"]]["note_phase"] == "untouched").all()
     assert (~frames["touch"]).sum() == 6
-    last = frames[frames["touch"]].groupby("contact")["force_N"].last()
-    assert (last >= 2.0).all()
+    end_force = frames[frames["touch"]].groupby("contact")["force_N"].last()
+    assert (end_force >= 2.0).all()
     manifest = json.loads((rig.folder / "it.manifest.json").read_text())
     assert manifest["source"] == "emulated rig"
     assert manifest["ends"] == {"target": 3}
@@ -71,16 +71,16 @@ def test_three_contacts(rig):
 
 
 def test_every_frame_began_after_the_arm_had_settled(rig):
-    code, said = capture(rig)
-    assert code == 0, said
+    code, printed = capture(rig)
+    assert code == 0, printed
     printed = rig.named("frame")
     for frame in (r for r in records(rig) if r["kind"] == "frame"):
         measured = [f for f in printed if f["ended"] <= frame["end_s"]][-1]
         assert measured["began"] >= frame["settled_s"]
         assert measured["force_N"] == pytest.approx(frame["force_N"], abs=0.05)
-        still = [e for e in rig.events if e["event"] in ("moving", "still")]
-        before = [e for e in still if e["t"] <= measured["ended"]]
-        assert not before or before[-1]["event"] == "still"
+        motions = [e for e in rig.events if e["event"] in ("moving", "still")]
+        earlier = [e for e in motions if e["t"] <= measured["ended"]]
+        assert not earlier or earlier[-1]["event"] == "still"
 
 
 @pytest.mark.parametrize(
@@ -98,9 +98,9 @@ def test_every_frame_began_after_the_arm_had_settled(rig):
 )
 def test_a_device_that_fails_in_a_press(rig, fault, reason):
     rig.begin(fault=fault, contact=1, depth_mm=0.8)
-    code, said = capture(rig)
-    assert (code, stop_reason(rig)) == (FAULT, reason), said
-    assert said.strip().endswith("; lifted off")
+    code, printed = capture(rig)
+    assert (code, stop_reason(rig)) == (FAULT, reason), printed
+    assert printed.strip().endswith("; lifted off")
     assert_stopped(rig, rig.named("fault")[0], lifted=True)
 
 
@@ -116,26 +116,26 @@ def test_a_device_that_fails_in_a_press(rig, fault, reason):
 )
 def test_a_robot_that_fails_in_a_press(rig, fault, reasons, lifted):
     rig.begin(fault=fault, contact=1, depth_mm=0.8, moving=True)
-    code, said = capture(rig)
-    assert code == FAULT, said
+    code, printed = capture(rig)
+    assert code == FAULT, printed
     assert stop_reason(rig) in reasons
     assert_stopped(rig, rig.named("fault")[0], lifted)
-    assert ("lift by hand" in said) == (not lifted)
+    assert ("lift by hand" in printed) == (not lifted)
 
 
 def test_a_program_that_ends_while_the_arm_stands_is_started_again_to_lift(rig):
     rig.begin(fault="program_killed", contact=1, depth_mm=0.8, moving=False)
-    code, said = capture(rig)
-    assert (code, stop_reason(rig)) == (FAULT, "robot program"), said
-    assert said.strip().endswith("; lifted off")
+    code, printed = capture(rig)
+    assert (code, stop_reason(rig)) == (FAULT, "robot program"), printed
+    assert printed.strip().endswith("; lifted off")
     assert_stopped(rig, rig.named("fault")[0], lifted=True)
 
 
 @pytest.mark.parametrize("fault", ["load_cell_offset", "load_cell_drift"])
 def test_a_load_cell_whose_zero_moves(rig, fault):
     rig.begin(fault=fault, contact=1, depth_mm=0.8)
-    code, said = capture(rig)
-    assert (code, stop_reason(rig)) == (FAULT, "load cell zero"), said
+    code, printed = capture(rig)
+    assert (code, stop_reason(rig)) == (FAULT, "load cell zero"), printed
     assert rig.named("touched")[-1]["contact"] == 1
     assert rig.named("still")[-1]["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
     assert_kept_every_rule(rig)
@@ -145,8 +145,8 @@ def test_lines_that_are_no_frames_are_counted_kept_and_never_used(rig):
     faults = ("short", "long", "joined", "garbled", "driven", "duplicated")
     for place, fault in enumerate(faults):  # two in each contact, at its first and second step
         rig.begin(fault=f"board_{fault}", contact=1 + place // 2, depth_mm=0.9 + place % 2)
-    code, said = capture(rig)
-    assert code == 0, said
+    code, printed = capture(rig)
+    assert code == 0, printed
     rejects = [r["reason"] for r in records(rig) if r["kind"] == "reject"]
     assert len(rejects) == 5  # of the duplicated line both are whole, and neither is used
     assert {"count", "driven pair"} <= set(rejects)
@@ -157,15 +157,19 @@ def test_lines_that_are_no_frames_are_counted_kept_and_never_used(rig):
 
 def test_frames_of_a_saturated_board_are_kept_and_said_to_be(rig):
     rig.begin(fault="board_saturated", contact=2, depth_mm=0.9, count=5)
-    code, said = capture(rig)
-    assert code == 0, said
+    code, printed = capture(rig)
+    assert code == 0, printed
     assert_kept_every_rule(rig)
     printed = rig.named("frame")
     assert sum(not frame["as_read"] for frame in printed) == 5
-    taken = [record for record in records(rig) if record["kind"] == "frame"]
-    its_own = [[p for p in printed if p["ended"] <= record["end_s"]][-1] for record in taken]
-    assert [record["saturated"] > 0 for record in taken] == [not p["as_read"] for p in its_own]
-    spoilt = {record["contact"] for record in taken if record["saturated"]}
+    frame_records = [record for record in records(rig) if record["kind"] == "frame"]
+    its_own = [
+        [p for p in printed if p["ended"] <= record["end_s"]][-1] for record in frame_records
+    ]
+    assert [record["saturated"] > 0 for record in frame_records] == [
+        not p["as_read"] for p in its_own
+    ]
+    spoilt = {record["contact"] for record in frame_records if record["saturated"]}
     assert spoilt == {1}  # counted from 0
     frames = recording.read(rig.folder / "it.parquet").frames
     assert set(frames.loc[frames["note_saturated"] > 0, "contact"]) == spoilt
@@ -174,24 +178,24 @@ def test_frames_of_a_saturated_board_are_kept_and_said_to_be(rig):
 def test_a_load_cell_in_pounds_is_never_taken_for_one_in_kilograms(tmp_path):
     with emulated_rig(tmp_path, profile="openscale", baud=9600) as rig:
         rig.begin(fault="load_cell_lbs")
-        code, said = capture(rig)
-        assert (code, rig.named("moveL")) == (1, []), said
-        assert "0 readings in 5 s" in said and "pounds; set the OpenScale to kg" in said
+        code, printed = capture(rig)
+        assert (code, rig.named("moveL")) == (1, []), printed
+        assert "0 readings in 5 s" in printed and "pounds; set the OpenScale to kg" in printed
         rig.begin(fault="load_cell_lbs", end=True)
         rig.begin(fault="load_cell_lbs", contact=1, depth_mm=0.8)
-        code, said = capture(rig)
-        assert (code, stop_reason(rig)) == (FAULT, "load cell rejects"), said
-        assert said.strip().endswith("; lifted off")
+        code, printed = capture(rig)
+        assert (code, stop_reason(rig)) == (FAULT, "load cell rejects"), printed
+        assert printed.strip().endswith("; lifted off")
         assert_stopped(rig, rig.named("fault")[1], lifted=True)
 
 
 @pytest.mark.parametrize("fault", ["rtde_mute", "rtde_refused", "rtde_in_use"])
 def test_a_robot_that_cannot_be_had_is_one_message_and_nothing_moves(rig, fault):
     rig.begin(fault=fault)
-    code, said = capture(rig)
+    code, printed = capture(rig)
     assert code == 1
-    assert said.count("\n") == 1
-    assert "robot" in said
+    assert printed.count("\n") == 1
+    assert "robot" in printed
     assert rig.named("moveL") == []
 
 
@@ -200,8 +204,8 @@ def test_a_signal_stops_and_lifts(rig, number):
     process = begun(rig)
     wait_for(rig, process, "touched")
     process.send_signal(number)
-    code, said = ended(process)
-    assert code == 128 + number, said
+    code, printed = ended(process)
+    assert code == 128 + number, printed
     assert stop_reason(rig) == "signal"
     assert rig.named("still")[-1]["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
     assert_kept_every_rule(rig)
@@ -219,9 +223,9 @@ def test_sigterm_of_a_command_with_its_rig_lifts_before_the_rig_ends(tmp_path):
     )
     wait_for(rig, process, "touched")
     process.send_signal(signal.SIGTERM)
-    code, said = ended(process)
-    assert code == 128 + signal.SIGTERM, said
-    assert said.strip().endswith("; lifted off")
+    code, printed = ended(process)
+    assert code == 128 + signal.SIGTERM, printed
+    assert printed.strip().endswith("; lifted off")
     assert rig.named("still")[-1]["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
     assert rig.events[-1]["event"] == "end" and rig.events[-1]["force_N"] == 0.0
 
@@ -232,8 +236,8 @@ def test_a_killed_host_leaves_an_arm_that_stands_and_a_journal_that_goes_on(rig)
     process.kill()
     ended(process)
     assert_stands(rig)
-    code, said = capture(rig, "resume")
-    assert code == 0, said
+    code, printed = capture(rig, "resume")
+    assert code == 0, printed
     assert_kept_every_rule(rig)
     ends = [r["contact"] for r in records(rig) if r["kind"] == "end"]
     assert ends == [0, 1, 2]
@@ -255,9 +259,9 @@ def test_a_worker_that_dies_in_a_press_leaves_an_arm_that_stands(rig):
     process = begun(rig)
     wait_for(rig, process, "touched")
     os.kill(worker_of(process), signal.SIGKILL)
-    code, said = ended(process)
-    assert (code, stop_reason(rig)) == (FAULT, "robot lost"), said
-    assert "lift by hand" in said
+    code, printed = ended(process)
+    assert (code, stop_reason(rig)) == (FAULT, "robot lost"), printed
+    assert "lift by hand" in printed
     assert_stands(rig)
     assert_kept_every_rule(rig)
 
@@ -287,16 +291,16 @@ def test_a_host_that_hangs_in_a_move_leaves_an_arm_that_stands(rig):
     wait_for(rig, process, "stopL")
     wait_for(rig, process, "still", count=2)
     process.send_signal(signal.SIGCONT)
-    code, said = ended(process)
-    assert code == FAULT, said
+    code, printed = ended(process)
+    assert code == FAULT, printed
     assert_kept_every_rule(rig)
 
 
 def test_another_robot_another_load_cell_and_probes_that_a_command_changes(tmp_path):
     with emulated_rig(tmp_path, "e", profile="openscale", baud=9600) as rig:
         rig.config["plan"] |= {"angles": 1, "probes_mm": [7.0, 15.0], "untouched_frames": 1}
-        code, said = capture(rig)
-        assert code == 0, said
+        code, printed = capture(rig)
+        assert code == 0, printed
         assert_kept_every_rule(rig)
         assert [touched["probe_mm"] for touched in rig.named("touched")] == [7.0, 15.0]
         frames = recording.read(rig.folder / "it.parquet").frames
@@ -306,16 +310,16 @@ def test_another_robot_another_load_cell_and_probes_that_a_command_changes(tmp_p
 def test_probes_that_a_person_changes_end_a_run_above_the_skin(rig):
     rig.config["plan"] |= {"angles": 1, "probes_mm": [10.0, 15.0], "untouched_frames": 1}
     rig.config["probe_change"] = None
-    code, said = capture(rig)
-    assert (code, rig.named("moveL")) == (1, []), said
-    assert "expected the probe of 10 mm" in said
-    code, said = capture(rig, "run", "--probe", "10")
-    assert code == 3, said
-    assert "mount the probe of 15 mm" in said
+    code, printed = capture(rig)
+    assert (code, rig.named("moveL")) == (1, []), printed
+    assert "expected the probe of 10 mm" in printed
+    code, printed = capture(rig, "run", "--probe", "10")
+    assert code == 3, printed
+    assert "mount the probe of 15 mm" in printed
     assert rig.named("still")[-1]["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
     (rig.folder / "probe_mm").write_text("15")
-    code, said = capture(rig, "resume", "--probe", "15")
-    assert code == 0, said
+    code, printed = capture(rig, "resume", "--probe", "15")
+    assert code == 0, printed
     assert [touched["probe_mm"] for touched in rig.named("touched")] == [10.0, 15.0]
     assert_kept_every_rule(rig)
 
@@ -324,31 +328,31 @@ def test_a_resumed_plan_must_be_the_one_that_was_begun(rig):
     rig.config["plan"] |= {"angles": 1, "untouched_frames": 1}
     assert capture(rig)[0] == 0
     rig.config["plan"]["step_mm"] = 0.5
-    code, said = capture(rig, "resume")
+    code, printed = capture(rig, "resume")
     assert code == 1
-    assert "found another rig or plan" in said
+    assert "found another rig or plan" in printed
 
 
 def test_a_real_rig_is_no_emulated_one_and_the_other_way_round(rig):
     rig.config["emulated"] = False
-    code, said = capture(rig)
+    code, printed = capture(rig)
     assert (code, rig.named("moveL")) == (1, [])
-    assert "not what the configuration says, real" in said
+    assert "not what the configuration says, real" in printed
 
 
 def test_check_says_what_is_there_and_moves_nothing(rig):
     process = begun(rig, "check")
-    code, said = ended(process)
-    assert code == 0, said
-    assert [line[:4] for line in said.splitlines()] == ["ok  "] * 5
+    code, printed = ended(process)
+    assert code == 0, printed
+    assert [line[:4] for line in printed.splitlines()] == ["ok  "] * 5
     rig.begin(fault="board_silent")
     rig.begin(fault="load_cell_nan")
     rig.begin(fault="emergency_stop")
-    code, said = ended(begun(rig, "check"))
-    assert code == 2, said
-    found = dict(line.split(": ", 1) for line in said.splitlines())
-    assert "an emergency stop" in found["NOT robot"]
-    assert found["NOT load cell"].startswith("0 readings in 5 s")
-    assert "b'nan" in found["NOT load cell"]
-    assert found["NOT board"].startswith("0 frames in 5 s")
+    code, printed = ended(begun(rig, "check"))
+    assert code == 2, printed
+    values = dict(line.split(": ", 1) for line in printed.splitlines())
+    assert "an emergency stop" in values["NOT robot"]
+    assert values["NOT load cell"].startswith("0 readings in 5 s")
+    assert "b'nan" in values["NOT load cell"]
+    assert values["NOT board"].startswith("0 frames in 5 s")
     assert rig.named("moveL") == []

@@ -40,23 +40,23 @@ def test_twenty_kills_lose_no_sample_and_double_none(tmp_path):
         killed = 0
         while killed < KILLS:
             process = begun(rig, "resume" if (tmp_path / "journal.jsonl").exists() else "run")
-            code, said = kill_after(rig, process, int(rng.integers(1, MOST_EVENTS)))
+            code, printed = kill_after(rig, process, int(rng.integers(1, MOST_EVENTS)))
             killed += code == -signal.SIGKILL
-            assert code == -signal.SIGKILL or (code == FAULT and stop_reason(rig) in LATE), said
+            assert code == -signal.SIGKILL or (code == FAULT and stop_reason(rig) in LATE), printed
             assert_stands(rig)
         for _ in range(RESUMED):
-            code, said = capture(rig, "resume")
+            code, printed = capture(rig, "resume")
             if code == 0 or stop_reason(rig) not in LATE:
                 break
-        assert code == 0, said
+        assert code == 0, printed
         assert_kept_every_rule(rig)
         assert_whole(rig)
 
 
 def kill_after(rig: Emulated, process: subprocess.Popen, events: int) -> tuple[int, str]:
     """Kill it once the emulator has logged so many more events; its exit code and what it said."""
-    seen = len(rig.events) + events
-    until(rig, lambda: len(rig.events) >= seen or process.poll() is not None)
+    target_count = len(rig.events) + events
+    until(rig, lambda: len(rig.events) >= target_count or process.poll() is not None)
     process.kill()
     return ended(process)
 
@@ -64,19 +64,19 @@ def kill_after(rig: Emulated, process: subprocess.Popen, events: int) -> tuple[i
 def assert_whole(rig: Emulated) -> None:
     """Every contact once, each sample a frame of its own that the board printed within the one
     press that the contact took, from the first step to the last."""
-    found = records(rig)
-    kept = journal.finished_frames(found)
-    ends = [record["contact"] for record in found if record["kind"] == "end"]
+    journal_records = records(rig)
+    finished = journal.finished_frames(journal_records)
+    ends = [record["contact"] for record in journal_records if record["kind"] == "end"]
     assert ends == list(range(2 * PLACES))
     frames = recording.read(rig.folder / "it.parquet").frames
-    assert len(frames) == len(kept)
+    assert len(frames) == len(finished)
     printed = np.array([event["ended"] for event in rig.named("frame")])
-    own = [int(np.searchsorted(printed, record["end_s"])) - 1 for record in kept]
-    assert len(set(own)) == len(own)
+    printed_lines = [int(np.searchsorted(printed, record["end_s"])) - 1 for record in finished]
+    assert len(set(printed_lines)) == len(printed_lines)
     presses = list(zip(rig.named("touched"), rig.named("released"), strict=True))
     plan = rig.config["plan"]
     for contact in range(2 * PLACES):
-        mine = [record for record in kept if record["contact"] == contact]
+        mine = [record for record in finished if record["contact"] == contact]
         phases = [(record["phase"], record["step"]) for record in mine]
         untouched = [("untouched", step) for step in range(plan["untouched_frames"])]
         steps = [("press", step) for step in range(1, len(mine) - len(untouched) + 1)]

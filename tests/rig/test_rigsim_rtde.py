@@ -114,14 +114,14 @@ def test_unknown_names_are_told_one_by_one(served, client):
 
 def test_input_registers_belong_to_one_client_until_it_leaves(served, client):
     assert client.inputs("input_int_register_0,input_double_register_0")[1] == "INT32,DOUBLE"
-    other = RtdeClient(served.host)
-    other.ask("V", struct.pack(">H", 2))
-    assert other.inputs("input_int_register_0,input_int_register_1") == (0, "IN_USE,INT32")
-    assert other.inputs("input_int_register_1") == (1, "INT32")
+    second_client = RtdeClient(served.host)
+    second_client.ask("V", struct.pack(">H", 2))
+    assert second_client.inputs("input_int_register_0,input_int_register_1") == (0, "IN_USE,INT32")
+    assert second_client.inputs("input_int_register_1") == (1, "INT32")
     client.close()
-    while other.inputs("input_int_register_0")[1] == "IN_USE":
+    while second_client.inputs("input_int_register_0")[1] == "IN_USE":
         pass
-    other.close()
+    second_client.close()
 
 
 def test_inputs_reach_the_controller(served, client):

@@ -62,7 +62,7 @@ def blind(monkeypatch, kinds: Iterable[str], seeds: range):
 
     drawn: dict[str, list] = {kind: [] for kind in kinds}
     seen: dict = {}
-    for name in ("recording_frames", "query_frames", "_forgotten"):
+    for name in ("recording_frames", "query_frames", "_incomplete"):
         own = getattr(cases, name)
 
         def kept(*given, own=own, name=name):

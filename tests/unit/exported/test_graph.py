@@ -33,11 +33,11 @@ def test_every_model_of_the_table_is_the_same(name):
     module, frames = made(name), torch.randn(5, 208)
     graph, arrays = trace.traced(module, frames, "net/")
     applied = GraphFunction(Graph.from_json(graph.as_json()), arrays)
-    for given in (frames, frames[:1]):
-        expected = module(given).numpy()
-        (found,) = applied(given.numpy())
-        assert found.dtype == expected.dtype
-        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
+    for inputs in (frames, frames[:1]):
+        expected = module(inputs).numpy()
+        (outputs,) = applied(inputs.numpy())
+        assert outputs.dtype == expected.dtype
+        np.testing.assert_allclose(outputs, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
 
 
 class Odd(torch.nn.Module):

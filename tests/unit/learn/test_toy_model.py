@@ -65,8 +65,8 @@ def test_it_is_trained_kept_and_applied(name, informed):
         name = models.PHYSICS_INFORMED + name
     trained = train.train_model(train.Split(DATA, PART), name, recipe if informed else RECIPE, 1)
     assert trained.header["model"] == name and trained.seeds() == [1]
-    found = predict.predict_seeds(trained, DATA.delta_V[:20])
-    assert found.shape == (1, 20, 3) and np.isfinite(found).all()
+    states = predict.predict_seeds(trained, DATA.delta_V[:20])
+    assert states.shape == (1, 20, 3) and np.isfinite(states).all()
 
 
 def test_its_encoder_is_its_teacher_s(tmp_path):
@@ -82,8 +82,8 @@ def test_its_encoder_is_its_teacher_s(tmp_path):
 
 
 def test_the_configuration_and_the_rules_know_it():
-    found = schema(ROOT / "workflow" / "schemas" / "config.schema.yaml")["$defs"]["models"]
-    assert {"toy-line", "physics-informed-toy-line"} < {*found["items"]["enum"]}
+    model_schema = schema(ROOT / "workflow" / "schemas" / "config.schema.yaml")["$defs"]["models"]
+    assert {"toy-line", "physics-informed-toy-line"} < {*model_schema["items"]["enum"]}
     assert {name for name in models.names() if models.model(name).encoder} == {
         start + name
         for start in ("", models.PHYSICS_INFORMED)

@@ -19,8 +19,8 @@ DATA = touches(600, seed=1)
 PART = splits.assign(DATA.table, "random", 1)
 
 
-def recipe(budget, lambda_latent=0.0, optimiser=ADAM, **more):
-    return train.Recipe(optimiser, budget, 5.0, lambda_latent, **more)
+def recipe(budget, lambda_latent=0.0, optimiser=ADAM, **settings):
+    return train.Recipe(optimiser, budget, 5.0, lambda_latent, **settings)
 
 
 def seeds_of(output, seeds, train_one):
@@ -55,8 +55,10 @@ def teachers(tmp_path_factory):
 
 def informed(teachers, output, lambda_latent, budget=QUICK):
     name = "physics-informed-mlp"
-    own = recipe(budget, lambda_latent)
-    train.train_predictor(train.Split(DATA, PART), name, output, own, train.Seeds(1, 1), teachers)
+    informed_recipe = recipe(budget, lambda_latent)
+    train.train_predictor(
+        train.Split(DATA, PART), name, output, informed_recipe, train.Seeds(1, 1), teachers
+    )
     return model_file.read(output)
 
 
@@ -117,16 +119,16 @@ def test_a_target_without_spread_is_refused():
 def test_same_input_same_bytes(tmp_path):
     plain(tmp_path / "a.pt")
     plain(tmp_path / "elsewhere" / "b.pt")
-    made = [tmp_path / "a-1.pt", tmp_path / "elsewhere" / "b-1.pt"]
-    assert made[0].read_bytes() == made[1].read_bytes()
+    paths = [tmp_path / "a-1.pt", tmp_path / "elsewhere" / "b-1.pt"]
+    assert paths[0].read_bytes() == paths[1].read_bytes()
     assert not list(tmp_path.glob(".*"))
 
 
 def test_seeds_share_their_samples_and_nothing_else(tmp_path):
     two = plain(tmp_path / "two.pt", seeds=(1, 2))
-    one = model_file.read(tmp_path / "two-1.pt")
-    assert two.seeds() == [1, 2] and one.seeds() == [1]
-    assert torch.equal(two.tensors["1/net.0.weight"], one.tensors["1/net.0.weight"])
+    seed_1 = model_file.read(tmp_path / "two-1.pt")
+    assert two.seeds() == [1, 2] and seed_1.seeds() == [1]
+    assert torch.equal(two.tensors["1/net.0.weight"], seed_1.tensors["1/net.0.weight"])
     assert not torch.equal(two.tensors["1/net.0.weight"], two.tensors["2/net.0.weight"])
     train.train_predictor(
         train.Split(DATA, PART), "mlp", tmp_path / "other.pt", recipe(QUICK), train.Seeds(2, 2)
@@ -197,33 +199,33 @@ def test_hidden_widths_are_kept_in_the_file(tmp_path):
 
 def test_subnormal_numbers_count_as_0_while_it_trains_and_never_after(tmp_path):
     def product(module, voltage, state):
-        seen.append((torch.tensor([1e-38]) * torch.tensor([1e-2])).item())
+        sums.append((torch.tensor([1e-38]) * torch.tensor([1e-2])).item())
         return module(voltage).square().mean()
 
-    seen = []
+    sums = []
     values = (torch.randn(8, 3), torch.zeros(8, 1))
     job = (product, ADAM, train.Budget(None, 1), 1)
     train.fit(torch.nn.Linear(3, 1), (values, values), *job)
-    assert len(seen) == 2 and set(seen) == {0.0}
+    assert len(sums) == 2 and set(sums) == {0.0}
     product(torch.nn.Linear(3, 1), *values)
-    assert seen[-1] > 0.0
+    assert sums[-1] > 0.0
 
 
 def test_a_loss_that_is_not_finite_is_refused_and_nothing_written(tmp_path):
     wild = replace(ADAM, learning_rate=1e30)
     with pytest.raises(InputError, match="a loss that is not finite"):
-        own = recipe(QUICK, optimiser=wild)
+        wild_recipe = recipe(QUICK, optimiser=wild)
         train.train_predictor(
-            train.Split(DATA, PART), "mlp", tmp_path / "a.pt", own, train.Seeds(1, 1)
+            train.Split(DATA, PART), "mlp", tmp_path / "a.pt", wild_recipe, train.Seeds(1, 1)
         )
     assert not (tmp_path / "a.pt").exists()
 
 
 def test_lambda_zero_is_the_plain_predictor(tmp_path, teachers):
-    one = informed(teachers, tmp_path / "informed.pt", 0.0)
+    trained = informed(teachers, tmp_path / "informed.pt", 0.0)
     two = plain(tmp_path / "plain.pt")
-    assert one.tensors.keys() == two.tensors.keys()
-    assert all(torch.equal(one.tensors[key], two.tensors[key]) for key in one.tensors)
+    assert trained.tensors.keys() == two.tensors.keys()
+    assert all(torch.equal(trained.tensors[key], two.tensors[key]) for key in trained.tensors)
 
 
 def test_autoencoder_and_regressor_learn(teachers):
@@ -253,10 +255,15 @@ def test_the_latent_loss_pulls_predictions_to_the_manifold(tmp_path, teachers):
 def test_teachers_must_be_there_and_have_seen_the_same_samples(tmp_path, teachers):
     with pytest.raises(InputError, match="an autoencoder and a regressor"):
         informed((), tmp_path / "a.pt", 0.03)
-    other = splits.assign(DATA.table, "place", 2)
+    place_split = splits.assign(DATA.table, "place", 2)
     with pytest.raises(InputError, match="a teacher trained on the same samples"):
         train.train_regressor(
-            train.Split(DATA, other), teachers[0], tmp_path / "a.pt", ADAM, QUICK, train.Seeds(1, 1)
+            train.Split(DATA, place_split),
+            teachers[0],
+            tmp_path / "a.pt",
+            ADAM,
+            QUICK,
+            train.Seeds(1, 1),
         )
     with pytest.raises(InputError, match=r"seeds: found \[1\], expected 2, the pupil's"):
         job = (tmp_path / "a.pt", recipe(QUICK, 0.03), train.Seeds(1, 2), teachers)
@@ -285,11 +292,16 @@ def row_teachers(tmp_path_factory):
 def test_every_row_is_trained_kept_and_applied_alike(tmp_path, row_teachers, monkeypatch, name):
     informed = name.startswith("physics-informed-")
     needed = 2 if informed else int(name == "autoencoder-mlp")
-    own = recipe(ROW, 0.03 * informed)
+    row_recipe = recipe(ROW, 0.03 * informed)
     files = [tmp_path / "a.pt", tmp_path / "b.pt"]
     for file in files:
         train.train_predictor(
-            train.Split(TABLED, PART), name, file, own, train.Seeds(1, 1), row_teachers[:needed]
+            train.Split(TABLED, PART),
+            name,
+            file,
+            row_recipe,
+            train.Seeds(1, 1),
+            row_teachers[:needed],
         )
     assert files[0].read_bytes() == files[1].read_bytes()
     trained = model_file.read(files[0])
@@ -297,8 +309,8 @@ def test_every_row_is_trained_kept_and_applied_alike(tmp_path, row_teachers, mon
     assert [run["device"] for run in trained.header["runs"]] == [train.device_name()]
     monkeypatch.setitem(sys.modules, "sklearn", None)  # predicting needs none of it
     monkeypatch.setitem(sys.modules, "sklearn.svm", None)
-    found = predict.predict_seeds(trained, TABLED.delta_V[:300])
-    assert found.shape == (1, 300, 3) and np.isfinite(found).all()
+    states = predict.predict_seeds(trained, TABLED.delta_V[:300])
+    assert states.shape == (1, 300, 3) and np.isfinite(states).all()
     rows = predict.predict_part(trained, TABLED, PART)
     assert set(rows["seed"]) == set(trained.seeds())
 
@@ -314,9 +326,14 @@ def test_the_autoencoder_mlp_keeps_its_teachers_encoder(tmp_path, row_teachers):
     with pytest.raises(InputError, match="waves: autoencoder: found none"):
         train.train_predictor(train.Split(TABLED, PART), name, tmp_path / "b.pt", *job)
     with pytest.raises(InputError, match="a teacher trained on the same samples"):
-        other = recipe(replace(ROW, samples=50))
+        larger_recipe = recipe(replace(ROW, samples=50))
         train.train_predictor(
-            train.Split(TABLED, PART), name, tmp_path / "b.pt", other, train.Seeds(1, 1), files
+            train.Split(TABLED, PART),
+            name,
+            tmp_path / "b.pt",
+            larger_recipe,
+            train.Seeds(1, 1),
+            files,
         )
 
 
@@ -353,7 +370,7 @@ def test_it_learns_the_contact_state(tmp_path):
     part = splits.assign(data.table, "random", 1)
     budget = train.Budget(samples=None, epochs=25)
     trained = plain(tmp_path / "a.pt", budget, data, part)
-    found = predict.predict_part(trained, data, part)
+    predictions = predict.predict_part(trained, data, part)
     truth = data.table[part == "test"]
     for column in ("x_mm", "y_mm", "force_N"):
-        assert r2(truth[column].to_numpy(), found[column].to_numpy()) > 0.95
+        assert r2(truth[column].to_numpy(), predictions[column].to_numpy()) > 0.95

@@ -22,11 +22,11 @@ def folder(tmp_path_factory):
     target = dataset.from_recording(recorded, "bench")
     labelled.write(recorded, target, folder, 1)
     (folder / "truth.json").write_text(json.dumps({"true": SKIN.metadata(), "effects": [LAW]}))
-    found = folder / "diagnosis"
-    found.mkdir()
-    (found / "diagnosis.json").write_text(json.dumps({"calibration": {}, "effects": []}))
+    diagnosis_folder = folder / "diagnosis"
+    diagnosis_folder.mkdir()
+    (diagnosis_folder / "diagnosis.json").write_text(json.dumps({"calibration": {}, "effects": []}))
     twin = {"twin": {"skin": SKIN.metadata(), "effects": [LAW]}}
-    (found / "effects.yaml").write_text(json.dumps(twin))  # which is YAML
+    (diagnosis_folder / "effects.yaml").write_text(json.dumps(twin))  # which is YAML
     return folder
 
 
@@ -49,8 +49,8 @@ def both(source, folder, target, part):
 
 def test_a_diagnosis_sees_no_tested_touch_and_few_labels(folder):
     target, part = parts(folder)
-    seen = recording.read(folder / "recording.parquet")
-    touched = seen.frames[seen.frames["touch"]]
+    shown_recording = recording.read(folder / "recording.parquet")
+    touched = shown_recording.frames[shown_recording.frames["touch"]]
     labels = target.table[part == "train"]
     columns = ["x_mm", "y_mm", "force_N"]
     np.testing.assert_array_equal(touched[columns], labels[columns])
@@ -58,13 +58,15 @@ def test_a_diagnosis_sees_no_tested_touch_and_few_labels(folder):
     places = {*target.table["place"][part == "test"]}
     assert places and not places & {*target.table["place"][part != "test"]}
     free = [k for k in range(40) if k not in places]  # places are presses here
-    untouched = ~seen.frames["touch"]
+    untouched = ~shown_recording.frames["touch"]
     assert untouched.sum() == len(free) + 4 * (0 in free)
     pressed = np.unique(labels["place"])
-    imitated = seen.frames["note_imitated"].astype(bool)
+    imitated = shown_recording.frames["note_imitated"].astype(bool)
     assert imitated[~untouched].all() and imitated[untouched].sum() == len(pressed)
-    again = imitated_presses(seen, 1, np.random.default_rng(1), PressPrior(FORCES, 8.0))
-    assert (~again["touch"]).sum() == len(pressed)
+    imitated_frames = imitated_presses(
+        shown_recording, 1, np.random.default_rng(1), PressPrior(FORCES, 8.0)
+    )
+    assert (~imitated_frames["touch"]).sum() == len(pressed)
 
 
 @pytest.mark.parametrize("source", [BELIEF, AUTHORS, DIAGNOSIS, TRUTH])

@@ -67,8 +67,8 @@ def test_no_boxes_overlap_and_all_lie_within_their_stage(house):
     for (_, (xa, ya)), (_, (xb, yb)) in combinations(layout.box.items(), 2):
         assert abs(xa - xb) >= 2 * half or abs(ya - yb) >= figure_2.BOX
     for rule, (x, y) in layout.box.items():
-        left, top, width, height = layout.frame[house.stage[rule]]
-        assert left <= x - half and x + half <= left + width
+        left_edge, top, width, height = layout.frame[house.stage[rule]]
+        assert left_edge <= x - half and x + half <= left_edge + width
         assert top <= y - 0.5 * figure_2.BOX and y + 0.5 * figure_2.BOX <= top + height
     assert max(x + w for x, _, w, _ in layout.frame.values()) <= 180.0
     assert min(y for _, y, _, _ in layout.frame.values()) >= 0.0
@@ -84,8 +84,8 @@ def test_arrows_that_pass_a_column_pass_its_stages(house):
         assert way[0][0] < way[-1][0]
         for x, y in way[1:-1]:
             passed += 1
-            for left, top, width, height in layout.frame.values():
-                assert not (left <= x <= left + width and top < y < top + height)
+            for left_edge, top, width, height in layout.frame.values():
+                assert not (left_edge <= x <= left_edge + width and top < y < top + height)
     assert passed
 
 

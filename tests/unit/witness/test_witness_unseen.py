@@ -67,9 +67,9 @@ def test_the_rim_peels_with_the_largest_force_of_a_press():
     assert met.z[2] == pytest.approx(met.z[1])
     assert met.z[3] == pytest.approx(1.0)
     assert met.z[4] == pytest.approx([1.0, 1.0, 1.0, 3.0, 1.0])
-    other = rows([0], [4.0])
-    replace(law, turn=-1).touch(other, WORLD)
-    assert other.z[0] == pytest.approx([1.0, 1.0, 3.0, 5.0, 1.0])
+    next_rows = rows([0], [4.0])
+    replace(law, turn=-1).touch(next_rows, WORLD)
+    assert next_rows.z[0] == pytest.approx([1.0, 1.0, 3.0, 5.0, 1.0])
 
 
 def test_the_bubble_moves_with_each_press():
@@ -101,9 +101,9 @@ def test_leads_couple_when_the_drive_is_switched():
         above[source] = level - level[sink]
     for k, (source, _, plus, minus) in enumerate(CHANNELS):
         step = above[source] - above[1 - source]  # the other drive came before, round the frame
-        taken = {i: 0.1 * (step[(i - 1) % 5] + step[(i + 1) % 5]) for i in (plus, minus)}
+        coupled = {i: 0.1 * (step[(i - 1) % 5] + step[(i + 1) % 5]) for i in (plus, minus)}
         fade = np.exp(-(k % 2) / 2.0)
-        assert read[k] == pytest.approx(fade * (taken[plus] - taken[minus]))
+        assert read[k] == pytest.approx(fade * (coupled[plus] - coupled[minus]))
 
 
 def test_the_lamp_warms_exponentially():
@@ -129,9 +129,9 @@ def test_the_probe_slips_once_it_gets_lighter():
     law.touch(met, WORLD)
     assert np.abs(met.place) == pytest.approx([0, 0, 0, 2, 2, 0, 0])
     assert met.place[3] == met.place[4]
-    again = rows([0, 0, 2, 2], [3, 2, 3, 2])
-    law.touch(again, WORLD)
-    assert again.place[1] == met.place[3] and again.place[3] != met.place[3]
+    next_rows = rows([0, 0, 2, 2], [3, 2, 3, 2])
+    law.touch(next_rows, WORLD)
+    assert next_rows.place[1] == met.place[3] and next_rows.place[3] != met.place[3]
 
 
 def test_ripple_multiplies_at_each_channels_moment():
@@ -210,8 +210,8 @@ def test_inclusions_are_resolved(name, small):
     drawn = unseen.UNSEEN[name].draw(np.random.default_rng(4), scene)
     law = replace(drawn, amount=0.3 * drawn.max_amount)
     fine = World(world.skin, world.channels, 0.3, resolution=Resolution(640, 24, 26.0))
-    there, exact = world.readings(states, [], law), fine.readings(states, [], law)
-    assert np.abs(there - exact).max() < 1e-5 * np.median(np.abs(exact))
+    readings, exact = world.readings(states, [], law), fine.readings(states, [], law)
+    assert np.abs(readings - exact).max() < 1e-5 * np.median(np.abs(exact))
 
 
 def test_kept_apart_from_calibration():
@@ -223,5 +223,5 @@ def test_drawn_as_cases(name):
     case = draw(f"outside:{name}", 3, frames=50)
     assert case.outside["law"] == name and case.effects == []
     assert 18.0 < case.outside["snr"] < 105.0
-    apart = np.hypot(case.states["x_mm"], case.states["y_mm"])
-    assert np.isfinite(apart[case.states["touch"]]).all()
+    centre_distance = np.hypot(case.states["x_mm"], case.states["y_mm"])
+    assert np.isfinite(centre_distance[case.states["touch"]]).all()
