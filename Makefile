@@ -20,8 +20,8 @@ DEMO = --configfile workflow/config/demo_capture.yaml
 DEMO_REPORT := results/diagnosis/emulated-rig/report.html
 
 # What `make real` judges besides Table I, what it says of it, and what must be called unusable.
-REAL := results/diagnosis/diagnosed.csv results/diagnosis/tanks.csv results/diagnosis/hydrogel-skin-16/ground_return.csv
-SAID := results/diagnosis/diagnosed.csv results/diagnosis/*-tank/held_out_pairs.txt $(lastword $(REAL:.csv=.txt))
+REAL := results/diagnosis/diagnosed.csv results/diagnosis/tanks.csv
+SAID := results/diagnosis/diagnosed.csv results/diagnosis/*-tank/held_out_pairs.txt
 BROKEN = $(EITSKIN_DATA)/pyeidors-tank/measurements/EIT_DEV_Test/2025-09-23-00-01-56_10_10.00_100uA_2000Hz.csv
 
 export EITSKIN_DATA
@@ -111,7 +111,7 @@ real: .venv/installed
 	else \
 	  echo "eitskin: learning from the real recordings in $(EITSKIN_DATA)"; \
 	  $(RUN) all $(REAL) --configfile workflow/config/real.yaml && cat $(SAID) \
-	    && $(BIN)/python -m concealed.objects results/objects \
+	    && $(BIN)/python -m proof.objects results/objects \
 	    && { $(BIN)/eitskin check "$(BROKEN)"; [ $$? -eq 2 ]; }; \
 	fi
 

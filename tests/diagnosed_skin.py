@@ -81,7 +81,7 @@ def diagnosed(folder: Path, kind: str = "explained") -> tuple[Path, Path]:
 
     def voltage(items: list[dict]) -> np.ndarray:
         chosen = settings(items, site_counts(CHANNELS), (0, 0))
-        return simulate(frames, press, SKIN, CHANNELS, chosen, "train", near=near)
+        return simulate(frames, press, SKIN, CHANNELS, chosen, "train", solved_skin=near)
 
     clean = voltage(truth.get(kind, []))
     noise_V = np.full(len(CHANNELS), NOISE * np.median(np.abs(clean)))

@@ -4,10 +4,11 @@ import numpy as np
 import pandas as pd
 
 from eitskin.data.recording import Recording, frames_table, presses
-from eitskin.diagnose import diagnosis
-from eitskin.diagnose.fitting.candidates import Candidate, Scales, catalogue
+from eitskin.diagnose.fitting import readings
+from eitskin.diagnose.fitting.candidates import Candidate, Scales
 from eitskin.diagnose.fitting.fit import Fit, Problem, fit
-from eitskin.diagnose.noise.estimate import Noise
+from eitskin.diagnose.noise.noise_model import NoiseModel
+from eitskin.diagnose.search.catalogue import Conditions, catalogue
 from eitskin.effects.settings import settings, site_counts
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
@@ -55,7 +56,7 @@ def small_recording(
 def problem_of(recorded: Recording, noise: float = 1e-3) -> tuple[Problem, Scales]:
     """The fitting problem, the noise being known: over the median reading."""
     sd = np.full(recorded.voltage.shape[1], noise * np.median(np.abs(recorded.voltage)))
-    return diagnosis.problem_of(recorded, Noise(sd, 1e6, "given"))
+    return readings.problem_of(recorded, NoiseModel(sd, 1e6, "given"))
 
 
 def candidates_of(
@@ -64,9 +65,8 @@ def candidates_of(
     """The catalogue of this skin."""
     counts, model = site_counts(CHANNELS), problem.model
     floating = not model.sink_grounded
-    return catalogue(
-        recorded.skin, model.believed, recorded.voltage, counts, scales, floating, timed
-    )
+    conditions = Conditions(recorded.skin, model.believed, counts, floating, timed)
+    return catalogue(conditions, recorded.voltage, scales)
 
 
 def kinds_of(candidates: list[Candidate]) -> list[Candidate]:

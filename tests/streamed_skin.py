@@ -30,8 +30,11 @@ RECIPE = train.Recipe(train.Optimiser(2e-3), train.Budget(None, 12), widths=(64,
 
 def level() -> np.ndarray:
     """(208,) V: the untouched skin, reciprocal."""
-    both = np.sort(np.stack([TABLE[:, 0], TABLE[:, 2]]), axis=0)
-    return 0.2 + 0.3 * np.random.default_rng(5).random((16, 16))[both[0], both[1]]
+    electrode_pairs = np.sort(np.stack([TABLE[:, 0], TABLE[:, 2]]), axis=0)
+    return (
+        0.2
+        + 0.3 * np.random.default_rng(5).random((16, 16))[electrode_pairs[0], electrode_pairs[1]]
+    )
 
 
 def readings(states: np.ndarray, draw: np.random.Generator) -> np.ndarray:
@@ -53,7 +56,7 @@ def dataset() -> Dataset:
     states = touches(4000, draw)
     nothing = np.zeros_like(states)
     delta = readings(states, draw) - readings(nothing, draw)
-    still = readings(nothing[:400], draw) - readings(nothing[:400], draw)
+    untouched_changes = readings(nothing[:400], draw) - readings(nothing[:400], draw)
     table = pd.DataFrame(
         {
             **{name: np.arange(len(states)) for name in ("sample", "session", "place")},
@@ -74,7 +77,7 @@ def dataset() -> Dataset:
         "position_frame": "skin",
         "channels": TABLE.tolist(),
         "lost_channels": [],
-        "untouched": untouched_noise(still),
+        "untouched": untouched_noise(untouched_changes),
     }
     return Dataset(table, delta.astype(np.float32), metadata)
 
@@ -107,6 +110,6 @@ def write_recording(
         voltage = spoil(voltage)
     touch = states[:, 2] > 0
     frames = recording.frames_table(0.05 * np.arange(len(states)), touch, *states.T)
-    told = recording.metadata_of(TABLE, SKIN, "simulation", "magnitude", frame_s=0.04)
-    recording.write(recording.Recording(frames, voltage, None, None, told | metadata), path)
+    described = recording.metadata_of(TABLE, SKIN, "simulation", "magnitude", frame_s=0.04)
+    recording.write(recording.Recording(frames, voltage, None, None, described | metadata), path)
     return voltage

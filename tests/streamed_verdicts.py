@@ -24,33 +24,37 @@ MOST_WRONG = 0.2  # twice what the intervals miss
 
 @dataclass(frozen=True)
 class Case:
-    """force_N (N,) at `places` (N, 2) or a finger's; a frame each frame_s; gain (N,) of all
-    readings since the opening; palm: what makes the gain touches the skin; least: the share that is
-    judged right."""
+    """A sequence of N frames, one each `frame_s`, and the share that must be judged right.
+
+    `force_N` (N,) acts at `places` (N, 2), by default at FINGER; `gain` (N,) multiplies all
+    readings since the opening; with `palm` a hand causes that gain.
+    """
 
     force_N: np.ndarray
     frame_s: float = 0.05
     gain: np.ndarray | float = 1.0
     places: np.ndarray | tuple = FINGER
     palm: bool = False
-    least: float = 0.0
+    least_right_share: float = 0.0
 
 
 def _ramp(rate: float) -> Case:
     pressing = np.linspace(0.0, HELD_N, FRAMES // 2)
-    held = np.full(FRAMES // 4, HELD_N)
-    force = np.concatenate([pressing, held, np.zeros(FRAMES // 4)])
-    return Case(force, HELD_N / rate / len(pressing), least=0.6)
+    hold = np.full(FRAMES // 4, HELD_N)
+    force = np.concatenate([pressing, hold, np.zeros(FRAMES // 4)])
+    return Case(force, HELD_N / rate / len(pressing), least_right_share=0.6)
 
 
 def _drift(force_N: float) -> Case:
     force = np.full(FRAMES, force_N)
-    return Case(force, 1.0, 1.0 + 0.01 / 60.0 * np.arange(1.0, FRAMES + 1.0), least=0.85)
+    return Case(
+        force, 1.0, 1.0 + 0.01 / 60.0 * np.arange(1.0, FRAMES + 1.0), least_right_share=0.85
+    )
 
 
-def _forces(force_N: float, least: float = 0.0) -> Case:
+def _forces(force_N: float, least_right_share: float = 0.0) -> Case:
     places = skin.touches(FRAMES, np.random.default_rng(8))[:, :2]
-    return Case(np.full(FRAMES, force_N), places=places, least=least)
+    return Case(np.full(FRAMES, force_N), places=places, least_right_share=least_right_share)
 
 
 CASES = {
@@ -68,32 +72,32 @@ CASES = {
 }
 
 
-def told(predictor: Predictor, case: Case) -> dict[str, float]:
+def verdict_shares(predictor: Predictor, case: Case) -> dict[str, float]:
     """Shares of frames: right, cannot tell, wrong."""
-    draw, judge = np.random.default_rng(4), Judge(predictor)
-    for number, reading in enumerate(skin.readings(np.zeros((10, 3)), draw)):
+    rng, judge = np.random.default_rng(4), Judge(predictor)
+    for number, reading in enumerate(skin.readings(np.zeros((10, 3)), rng)):
         judge(reading, 0.05 * number)
     x, y = np.broadcast_to(case.places, (len(case.force_N), 2)).T
-    voltage = skin.readings(np.column_stack([x, y, case.force_N]), draw)
+    voltage = skin.readings(np.column_stack([x, y, case.force_N]), rng)
     voltage = voltage * np.broadcast_to(case.gain, len(voltage))[:, None]
-    right = unsure = 0
+    n_right = n_unsure = 0
     for number, (reading, force) in enumerate(zip(voltage, case.force_N, strict=True)):
         verdict = judge(reading, 0.5 + case.frame_s * number)
         if verdict.kind == CANNOT_TELL:
-            unsure += 1
+            n_unsure += 1
         elif verdict.kind == NO_TOUCH:
-            right += force == 0.0 and not case.palm
+            n_right += force == 0.0 and not case.palm
         elif verdict.kind == TOUCH and force > 0.0:
-            right += abs(verdict.estimate.state[2] - force) <= verdict.estimate.half[2]
+            n_right += abs(verdict.estimate.state[2] - force) <= verdict.estimate.half[2]
     count = len(voltage)
-    wrong = count - right - unsure
-    return {"right": right / count, CANNOT_TELL: unsure / count, "wrong": wrong / count}
+    n_wrong = count - n_right - n_unsure
+    return {"right": n_right / count, CANNOT_TELL: n_unsure / count, "wrong": n_wrong / count}
 
 
 def main() -> None:
     """Print the table as CSV."""
     predictor = Predictor(skin.exported())
-    rows = {name: told(predictor, case) for name, case in CASES.items()}
+    rows = {name: verdict_shares(predictor, case) for name, case in CASES.items()}
     pd.DataFrame(rows).T.to_csv(sys.stdout, float_format="%.2f")
 
 

@@ -17,30 +17,32 @@ from eitskin.capture import journal
 pytest.importorskip("rtde_control", reason="ur_rtde is not installed: extra `rig`")
 pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
 
-WAIT_S, LOOK_S = 300, 0.05
+WAIT_S, POLL_S = 300, 0.05
 
 
-def begun(rig: Emulated, do: str = "run", *arguments: str) -> subprocess.Popen:
+def start_driver(rig: Emulated, command: str = "run", *options: str) -> subprocess.Popen:
     """`eitskin rig run`, `resume` or `check` in a process of its own."""
     journal_path, recording_path = rig.folder / "journal.jsonl", rig.folder / "it.parquet"
-    files = [] if do == "check" else ["--journal", str(journal_path), "--out", str(recording_path)]
+    files = (
+        [] if command == "check" else ["--journal", str(journal_path), "--out", str(recording_path)]
+    )
     return subprocess.Popen(
-        [sys.executable, "-m", "eitskin.cli", "rig", do, str(rig.path), *files, *arguments],
+        [sys.executable, "-m", "eitskin.cli", "rig", command, str(rig.path), *files, *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
 
 
-def ended(process: subprocess.Popen) -> tuple[int, str]:
+def wait_for_end(process: subprocess.Popen) -> tuple[int, str]:
     """Its exit code and all it said."""
-    output, err = process.communicate(timeout=WAIT_S)
-    return process.returncode, output + err
+    stdout, stderr = process.communicate(timeout=WAIT_S)
+    return process.returncode, stdout + stderr
 
 
-def capture(rig: Emulated, do: str = "run", *arguments: str) -> tuple[int, str]:
+def capture(rig: Emulated, command: str = "run", *options: str) -> tuple[int, str]:
     """`eitskin rig run`, `resume` or `check` to its end."""
-    return ended(begun(rig, do, *arguments))
+    return wait_for_end(start_driver(rig, command, *options))
 
 
 def records(rig: Emulated) -> list[dict]:
@@ -57,7 +59,7 @@ def wait_for(rig: Emulated, process: subprocess.Popen, event: str, count: int = 
     """Until the emulator has logged an event `count` times."""
     while len(rig.named(event)) < count:
         with contextlib.suppress(subprocess.TimeoutExpired):
-            raise AssertionError(f"it ended before {event}: {process.communicate(timeout=LOOK_S)}")
+            raise AssertionError(f"it ended before {event}: {process.communicate(timeout=POLL_S)}")
 
 
 def motions(rig: Emulated) -> list[dict]:
@@ -72,13 +74,13 @@ def assert_stands(rig: Emulated) -> None:
     until(rig, lambda: motions(rig)[-1:] == [] or motions(rig)[-1]["velocity"] == [0.0] * 6)
 
 
-def until(rig: Emulated, true: Callable[[], bool]) -> None:
+def until(rig: Emulated, condition: Callable[[], bool]) -> None:
     """Wait for something that the emulator logs."""
     end_s = time.monotonic() + WAIT_S
-    while not true():
+    while not condition():
         assert time.monotonic() < end_s, rig.events[-5:]
         with contextlib.suppress(subprocess.TimeoutExpired):
-            raise AssertionError(f"the emulator ended: {rig.process.wait(LOOK_S)}")
+            raise AssertionError(f"the emulator ended: {rig.process.wait(POLL_S)}")
 
 
 def assert_kept_every_rule(rig: Emulated) -> None:

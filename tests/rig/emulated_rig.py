@@ -59,7 +59,7 @@ class Emulated:
 
     def named(self, event: str) -> list[dict]:
         """The logged events of one name."""
-        return [event_entry for event_entry in self.events if event_entry["event"] == event]
+        return [logged for logged in self.events if logged["event"] == event]
 
     def begin(self, **fault: object) -> None:
         """Let a fault happen, when its conditions hold."""

@@ -15,13 +15,13 @@ import pytest
 from driver_process import (
     assert_kept_every_rule,
     assert_stands,
-    begun,
     capture,
-    ended,
     motions,
     records,
+    start_driver,
     stop_reason,
     wait_for,
+    wait_for_end,
 )
 from emulated_rig import CENTRE, CLEARANCE_M, HARD_N, Emulated, emulated_rig
 
@@ -53,8 +53,8 @@ def assert_stopped(rig: Emulated, fault: dict, lifted: bool) -> None:
 
 
 def test_three_contacts(rig):
-    code, printed = capture(rig)
-    assert code == 0, printed
+    code, output = capture(rig)
+    assert code == 0, output
     assert_kept_every_rule(rig)
     recorded = recording.read(rig.folder / "it.parquet")
     frames = recorded.frames
@@ -62,8 +62,8 @@ def test_three_contacts(rig):
     assert frames["contact"].dropna().unique().tolist() == [0, 1, 2]
     assert (frames[~frames["touch"]]["note_phase"] == "untouched").all()
     assert (~frames["touch"]).sum() == 6
-    end_force = frames[frames["touch"]].groupby("contact")["force_N"].last()
-    assert (end_force >= 2.0).all()
+    last_force = frames[frames["touch"]].groupby("contact")["force_N"].last()
+    assert (last_force >= 2.0).all()
     manifest = json.loads((rig.folder / "it.manifest.json").read_text())
     assert manifest["source"] == "emulated rig"
     assert manifest["ends"] == {"target": 3}
@@ -71,16 +71,16 @@ def test_three_contacts(rig):
 
 
 def test_every_frame_began_after_the_arm_had_settled(rig):
-    code, printed = capture(rig)
-    assert code == 0, printed
+    code, output = capture(rig)
+    assert code == 0, output
     printed = rig.named("frame")
     for frame in (r for r in records(rig) if r["kind"] == "frame"):
-        measured = [f for f in printed if f["ended"] <= frame["end_s"]][-1]
-        assert measured["began"] >= frame["settled_s"]
-        assert measured["force_N"] == pytest.approx(frame["force_N"], abs=0.05)
-        motions = [e for e in rig.events if e["event"] in ("moving", "still")]
-        earlier = [e for e in motions if e["t"] <= measured["ended"]]
-        assert not earlier or earlier[-1]["event"] == "still"
+        measured_mask = [f for f in printed if f["ended"] <= frame["end_s"]][-1]
+        assert measured_mask["began"] >= frame["settled_s"]
+        assert measured_mask["force_N"] == pytest.approx(frame["force_N"], abs=0.05)
+        motion_events = [e for e in rig.events if e["event"] in ("moving", "still")]
+        events_before = [e for e in motion_events if e["t"] <= measured_mask["ended"]]
+        assert not events_before or events_before[-1]["event"] == "still"
 
 
 @pytest.mark.parametrize(
@@ -98,9 +98,9 @@ def test_every_frame_began_after_the_arm_had_settled(rig):
 )
 def test_a_device_that_fails_in_a_press(rig, fault, reason):
     rig.begin(fault=fault, contact=1, depth_mm=0.8)
-    code, printed = capture(rig)
-    assert (code, stop_reason(rig)) == (FAULT, reason), printed
-    assert printed.strip().endswith("; lifted off")
+    code, output = capture(rig)
+    assert (code, stop_reason(rig)) == (FAULT, reason), output
+    assert output.strip().endswith("; lifted off")
     assert_stopped(rig, rig.named("fault")[0], lifted=True)
 
 
@@ -116,26 +116,26 @@ def test_a_device_that_fails_in_a_press(rig, fault, reason):
 )
 def test_a_robot_that_fails_in_a_press(rig, fault, reasons, lifted):
     rig.begin(fault=fault, contact=1, depth_mm=0.8, moving=True)
-    code, printed = capture(rig)
-    assert code == FAULT, printed
+    code, output = capture(rig)
+    assert code == FAULT, output
     assert stop_reason(rig) in reasons
     assert_stopped(rig, rig.named("fault")[0], lifted)
-    assert ("lift by hand" in printed) == (not lifted)
+    assert ("lift by hand" in output) == (not lifted)
 
 
 def test_a_program_that_ends_while_the_arm_stands_is_started_again_to_lift(rig):
     rig.begin(fault="program_killed", contact=1, depth_mm=0.8, moving=False)
-    code, printed = capture(rig)
-    assert (code, stop_reason(rig)) == (FAULT, "robot program"), printed
-    assert printed.strip().endswith("; lifted off")
+    code, output = capture(rig)
+    assert (code, stop_reason(rig)) == (FAULT, "robot program"), output
+    assert output.strip().endswith("; lifted off")
     assert_stopped(rig, rig.named("fault")[0], lifted=True)
 
 
 @pytest.mark.parametrize("fault", ["load_cell_offset", "load_cell_drift"])
 def test_a_load_cell_whose_zero_moves(rig, fault):
     rig.begin(fault=fault, contact=1, depth_mm=0.8)
-    code, printed = capture(rig)
-    assert (code, stop_reason(rig)) == (FAULT, "load cell zero"), printed
+    code, output = capture(rig)
+    assert (code, stop_reason(rig)) == (FAULT, "load cell zero"), output
     assert rig.named("touched")[-1]["contact"] == 1
     assert rig.named("still")[-1]["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
     assert_kept_every_rule(rig)
@@ -145,8 +145,8 @@ def test_lines_that_are_no_frames_are_counted_kept_and_never_used(rig):
     faults = ("short", "long", "joined", "garbled", "driven", "duplicated")
     for place, fault in enumerate(faults):  # two in each contact, at its first and second step
         rig.begin(fault=f"board_{fault}", contact=1 + place // 2, depth_mm=0.9 + place % 2)
-    code, printed = capture(rig)
-    assert code == 0, printed
+    code, output = capture(rig)
+    assert code == 0, output
     rejects = [r["reason"] for r in records(rig) if r["kind"] == "reject"]
     assert len(rejects) == 5  # of the duplicated line both are whole, and neither is used
     assert {"count", "driven pair"} <= set(rejects)
@@ -157,8 +157,8 @@ def test_lines_that_are_no_frames_are_counted_kept_and_never_used(rig):
 
 def test_frames_of_a_saturated_board_are_kept_and_said_to_be(rig):
     rig.begin(fault="board_saturated", contact=2, depth_mm=0.9, count=5)
-    code, printed = capture(rig)
-    assert code == 0, printed
+    code, output = capture(rig)
+    assert code == 0, output
     assert_kept_every_rule(rig)
     printed = rig.named("frame")
     assert sum(not frame["as_read"] for frame in printed) == 5
@@ -178,34 +178,34 @@ def test_frames_of_a_saturated_board_are_kept_and_said_to_be(rig):
 def test_a_load_cell_in_pounds_is_never_taken_for_one_in_kilograms(tmp_path):
     with emulated_rig(tmp_path, profile="openscale", baud=9600) as rig:
         rig.begin(fault="load_cell_lbs")
-        code, printed = capture(rig)
-        assert (code, rig.named("moveL")) == (1, []), printed
-        assert "0 readings in 5 s" in printed and "pounds; set the OpenScale to kg" in printed
+        code, output = capture(rig)
+        assert (code, rig.named("moveL")) == (1, []), output
+        assert "0 readings in 5 s" in output and "pounds; set the OpenScale to kg" in output
         rig.begin(fault="load_cell_lbs", end=True)
         rig.begin(fault="load_cell_lbs", contact=1, depth_mm=0.8)
-        code, printed = capture(rig)
-        assert (code, stop_reason(rig)) == (FAULT, "load cell rejects"), printed
-        assert printed.strip().endswith("; lifted off")
+        code, output = capture(rig)
+        assert (code, stop_reason(rig)) == (FAULT, "load cell rejects"), output
+        assert output.strip().endswith("; lifted off")
         assert_stopped(rig, rig.named("fault")[1], lifted=True)
 
 
 @pytest.mark.parametrize("fault", ["rtde_mute", "rtde_refused", "rtde_in_use"])
 def test_a_robot_that_cannot_be_had_is_one_message_and_nothing_moves(rig, fault):
     rig.begin(fault=fault)
-    code, printed = capture(rig)
+    code, output = capture(rig)
     assert code == 1
-    assert printed.count("\n") == 1
-    assert "robot" in printed
+    assert output.count("\n") == 1
+    assert "robot" in output
     assert rig.named("moveL") == []
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_stops_and_lifts(rig, number):
-    process = begun(rig)
+    process = start_driver(rig)
     wait_for(rig, process, "touched")
     process.send_signal(number)
-    code, printed = ended(process)
-    assert code == 128 + number, printed
+    code, output = wait_for_end(process)
+    assert code == 128 + number, output
     assert stop_reason(rig) == "signal"
     assert rig.named("still")[-1]["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
     assert_kept_every_rule(rig)
@@ -223,21 +223,21 @@ def test_sigterm_of_a_command_with_its_rig_lifts_before_the_rig_ends(tmp_path):
     )
     wait_for(rig, process, "touched")
     process.send_signal(signal.SIGTERM)
-    code, printed = ended(process)
-    assert code == 128 + signal.SIGTERM, printed
-    assert printed.strip().endswith("; lifted off")
+    code, output = wait_for_end(process)
+    assert code == 128 + signal.SIGTERM, output
+    assert output.strip().endswith("; lifted off")
     assert rig.named("still")[-1]["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
     assert rig.events[-1]["event"] == "end" and rig.events[-1]["force_N"] == 0.0
 
 
 def test_a_killed_host_leaves_an_arm_that_stands_and_a_journal_that_goes_on(rig):
-    process = begun(rig)
+    process = start_driver(rig)
     wait_for(rig, process, "touched", count=2)
     process.kill()
-    ended(process)
+    wait_for_end(process)
     assert_stands(rig)
-    code, printed = capture(rig, "resume")
-    assert code == 0, printed
+    code, output = capture(rig, "resume")
+    assert code == 0, output
     assert_kept_every_rule(rig)
     ends = [r["contact"] for r in records(rig) if r["kind"] == "end"]
     assert ends == [0, 1, 2]
@@ -256,12 +256,12 @@ def worker_of(process: subprocess.Popen) -> int:
 
 
 def test_a_worker_that_dies_in_a_press_leaves_an_arm_that_stands(rig):
-    process = begun(rig)
+    process = start_driver(rig)
     wait_for(rig, process, "touched")
     os.kill(worker_of(process), signal.SIGKILL)
-    code, printed = ended(process)
-    assert (code, stop_reason(rig)) == (FAULT, "robot lost"), printed
-    assert "lift by hand" in printed
+    code, output = wait_for_end(process)
+    assert (code, stop_reason(rig)) == (FAULT, "robot lost"), output
+    assert "lift by hand" in output
     assert_stands(rig)
     assert_kept_every_rule(rig)
 
@@ -269,13 +269,13 @@ def test_a_worker_that_dies_in_a_press_leaves_an_arm_that_stands(rig):
 @pytest.mark.parametrize("watchdog_Hz", [10.0, 2.5])
 def test_a_driver_that_is_gone_altogether_is_missed_by_the_controller(rig, watchdog_Hz):
     rig.config["limits"]["watchdog_Hz"] = watchdog_Hz
-    process = begun(rig)
+    process = start_driver(rig)
     wait_for(rig, process, "moving", count=2)  # the search, at 2 mm/s
     process.send_signal(signal.SIGSTOP)
     os.kill(worker_of(process), signal.SIGKILL)
     wait_for(rig, process, "still", count=2)
     process.kill()
-    ended(process)
+    wait_for_end(process)
     assert [e["frequency"] for e in rig.named("setWatchdog")] == [watchdog_Hz]
     stopped = rig.named("program stopped")[-1]
     assert stopped["reason"] == "watchdog"
@@ -285,22 +285,22 @@ def test_a_driver_that_is_gone_altogether_is_missed_by_the_controller(rig, watch
 
 
 def test_a_host_that_hangs_in_a_move_leaves_an_arm_that_stands(rig):
-    process = begun(rig)
+    process = start_driver(rig)
     wait_for(rig, process, "moving", count=2)  # the search, at 2 mm/s
     process.send_signal(signal.SIGSTOP)
     wait_for(rig, process, "stopL")
     wait_for(rig, process, "still", count=2)
     process.send_signal(signal.SIGCONT)
-    code, printed = ended(process)
-    assert code == FAULT, printed
+    code, output = wait_for_end(process)
+    assert code == FAULT, output
     assert_kept_every_rule(rig)
 
 
 def test_another_robot_another_load_cell_and_probes_that_a_command_changes(tmp_path):
     with emulated_rig(tmp_path, "e", profile="openscale", baud=9600) as rig:
         rig.config["plan"] |= {"angles": 1, "probes_mm": [7.0, 15.0], "untouched_frames": 1}
-        code, printed = capture(rig)
-        assert code == 0, printed
+        code, output = capture(rig)
+        assert code == 0, output
         assert_kept_every_rule(rig)
         assert [touched["probe_mm"] for touched in rig.named("touched")] == [7.0, 15.0]
         frames = recording.read(rig.folder / "it.parquet").frames
@@ -310,16 +310,16 @@ def test_another_robot_another_load_cell_and_probes_that_a_command_changes(tmp_p
 def test_probes_that_a_person_changes_end_a_run_above_the_skin(rig):
     rig.config["plan"] |= {"angles": 1, "probes_mm": [10.0, 15.0], "untouched_frames": 1}
     rig.config["probe_change"] = None
-    code, printed = capture(rig)
-    assert (code, rig.named("moveL")) == (1, []), printed
-    assert "expected the probe of 10 mm" in printed
-    code, printed = capture(rig, "run", "--probe", "10")
-    assert code == 3, printed
-    assert "mount the probe of 15 mm" in printed
+    code, output = capture(rig)
+    assert (code, rig.named("moveL")) == (1, []), output
+    assert "expected the probe of 10 mm" in output
+    code, output = capture(rig, "run", "--probe", "10")
+    assert code == 3, output
+    assert "mount the probe of 15 mm" in output
     assert rig.named("still")[-1]["pose"][2] == pytest.approx(CENTRE[2], abs=1e-4)
     (rig.folder / "probe_mm").write_text("15")
-    code, printed = capture(rig, "resume", "--probe", "15")
-    assert code == 0, printed
+    code, output = capture(rig, "resume", "--probe", "15")
+    assert code == 0, output
     assert [touched["probe_mm"] for touched in rig.named("touched")] == [10.0, 15.0]
     assert_kept_every_rule(rig)
 
@@ -328,31 +328,31 @@ def test_a_resumed_plan_must_be_the_one_that_was_begun(rig):
     rig.config["plan"] |= {"angles": 1, "untouched_frames": 1}
     assert capture(rig)[0] == 0
     rig.config["plan"]["step_mm"] = 0.5
-    code, printed = capture(rig, "resume")
+    code, output = capture(rig, "resume")
     assert code == 1
-    assert "found another rig or plan" in printed
+    assert "found another rig or plan" in output
 
 
 def test_a_real_rig_is_no_emulated_one_and_the_other_way_round(rig):
     rig.config["emulated"] = False
-    code, printed = capture(rig)
+    code, output = capture(rig)
     assert (code, rig.named("moveL")) == (1, [])
-    assert "not what the configuration says, real" in printed
+    assert "not what the configuration says, real" in output
 
 
 def test_check_says_what_is_there_and_moves_nothing(rig):
-    process = begun(rig, "check")
-    code, printed = ended(process)
-    assert code == 0, printed
-    assert [line[:4] for line in printed.splitlines()] == ["ok  "] * 5
+    process = start_driver(rig, "check")
+    code, output = wait_for_end(process)
+    assert code == 0, output
+    assert [line[:4] for line in output.splitlines()] == ["ok  "] * 5
     rig.begin(fault="board_silent")
     rig.begin(fault="load_cell_nan")
     rig.begin(fault="emergency_stop")
-    code, printed = ended(begun(rig, "check"))
-    assert code == 2, printed
-    values = dict(line.split(": ", 1) for line in printed.splitlines())
-    assert "an emergency stop" in values["NOT robot"]
-    assert values["NOT load cell"].startswith("0 readings in 5 s")
-    assert "b'nan" in values["NOT load cell"]
-    assert values["NOT board"].startswith("0 frames in 5 s")
+    code, output = wait_for_end(start_driver(rig, "check"))
+    assert code == 2, output
+    findings = dict(line.split(": ", 1) for line in output.splitlines())
+    assert "an emergency stop" in findings["NOT robot"]
+    assert findings["NOT load cell"].startswith("0 readings in 5 s")
+    assert "b'nan" in findings["NOT load cell"]
+    assert findings["NOT board"].startswith("0 frames in 5 s")
     assert rig.named("moveL") == []

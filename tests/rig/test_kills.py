@@ -11,12 +11,12 @@ import pytest
 from driver_process import (
     assert_kept_every_rule,
     assert_stands,
-    begun,
     capture,
-    ended,
     records,
+    start_driver,
     stop_reason,
     until,
+    wait_for_end,
 )
 from emulated_rig import Emulated, emulated_rig
 
@@ -39,26 +39,28 @@ def test_twenty_kills_lose_no_sample_and_double_none(tmp_path):
         rig.config["board"]["period_s"] = 0.13  # gaps of 0.07 to 0.28 s are frames
         killed = 0
         while killed < KILLS:
-            process = begun(rig, "resume" if (tmp_path / "journal.jsonl").exists() else "run")
-            code, printed = kill_after(rig, process, int(rng.integers(1, MOST_EVENTS)))
+            process = start_driver(
+                rig, "resume" if (tmp_path / "journal.jsonl").exists() else "run"
+            )
+            code, output = kill_after(rig, process, int(rng.integers(1, MOST_EVENTS)))
             killed += code == -signal.SIGKILL
-            assert code == -signal.SIGKILL or (code == FAULT and stop_reason(rig) in LATE), printed
+            assert code == -signal.SIGKILL or (code == FAULT and stop_reason(rig) in LATE), output
             assert_stands(rig)
         for _ in range(RESUMED):
-            code, printed = capture(rig, "resume")
+            code, output = capture(rig, "resume")
             if code == 0 or stop_reason(rig) not in LATE:
                 break
-        assert code == 0, printed
+        assert code == 0, output
         assert_kept_every_rule(rig)
         assert_whole(rig)
 
 
 def kill_after(rig: Emulated, process: subprocess.Popen, events: int) -> tuple[int, str]:
     """Kill it once the emulator has logged so many more events; its exit code and what it said."""
-    target_count = len(rig.events) + events
-    until(rig, lambda: len(rig.events) >= target_count or process.poll() is not None)
+    n_events = len(rig.events) + events
+    until(rig, lambda: len(rig.events) >= n_events or process.poll() is not None)
     process.kill()
-    return ended(process)
+    return wait_for_end(process)
 
 
 def assert_whole(rig: Emulated) -> None:
@@ -71,8 +73,8 @@ def assert_whole(rig: Emulated) -> None:
     frames = recording.read(rig.folder / "it.parquet").frames
     assert len(frames) == len(finished)
     printed = np.array([event["ended"] for event in rig.named("frame")])
-    printed_lines = [int(np.searchsorted(printed, record["end_s"])) - 1 for record in finished]
-    assert len(set(printed_lines)) == len(printed_lines)
+    line_numbers = [int(np.searchsorted(printed, record["end_s"])) - 1 for record in finished]
+    assert len(set(line_numbers)) == len(line_numbers)
     presses = list(zip(rig.named("touched"), rig.named("released"), strict=True))
     plan = rig.config["plan"]
     for contact in range(2 * PLACES):

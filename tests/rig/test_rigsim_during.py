@@ -33,9 +33,9 @@ sys.exit(7)
 @pytest.fixture
 def config(tmp_path):
     """A rig on an address of its own."""
-    configured = configuration(tmp_path, host=free_host())
-    (tmp_path / "rigsim.yaml").write_text(yaml.safe_dump(configured), encoding="utf-8")
-    return configured
+    served_configuration = configuration(tmp_path, host=free_host())
+    (tmp_path / "rigsim.yaml").write_text(yaml.safe_dump(served_configuration), encoding="utf-8")
+    return served_configuration
 
 
 def during(tmp_path, *command):

@@ -21,8 +21,8 @@ def made(tmp_path, **changed) -> Rig:
     return Rig(configuration(tmp_path, **changed))
 
 
-def opened(rig: Rig, which: str, baud: int = 115200) -> "serial.Serial":
-    port = {"board": rig.board, "load_cell": rig.cell}[which].port
+def open_port(rig: Rig, device: str, baud: int = 115200) -> "serial.Serial":
+    port = {"board": rig.board, "load_cell": rig.cell}[device].port
     return serial.Serial(str(port.link), baud, timeout=PATIENCE_S, exclusive=True)
 
 
@@ -35,10 +35,10 @@ def line_of(port) -> np.ndarray:
     return np.array([float(v) for v in port.readline().decode().split(", ")[:-1]])
 
 
-def until(port, wanted) -> list[bytes]:
+def read_until(port, predicate) -> list[bytes]:
     """Lines up to the first that is wanted."""
     lines = [port.readline()]
-    while not wanted(lines[-1]):
+    while not predicate(lines[-1]):
         assert lines[-1], "nothing comes any more"
         lines.append(port.readline())
     return lines
@@ -51,7 +51,7 @@ def near(force: float):
 
 def test_the_board_is_silent_until_it_is_opened_and_then_says_frames_alone(tmp_path):
     rig = made(tmp_path)
-    with in_background(rig.board.run()), opened(rig, "board") as port:
+    with in_background(rig.board.run()), open_port(rig, "board") as port:
         line = port.readline()
         assert re.fullmatch(rb"(\d\.\d{4}, ){256}\n", line)
         second = port.readline()
@@ -59,16 +59,16 @@ def test_the_board_is_silent_until_it_is_opened_and_then_says_frames_alone(tmp_p
     frames = events(rig, "frame")
     opening = events(rig, "board opened")[0]
     assert frames[0]["began"] >= opening["t"] - 1e-3
-    for before, after in itertools.pairwise(frames):
-        assert after["began"] >= before["ended"]
-        assert after["began"] - before["began"] >= rig.board.period_s - 1e-3
+    for previous, after in itertools.pairwise(frames):
+        assert after["began"] >= previous["ended"]
+        assert after["began"] - previous["began"] >= rig.board.period_s - 1e-3
     assert all(frame["ended"] - frame["began"] >= rig.board.frame_s for frame in frames)
 
 
 def test_the_board_sees_a_press_and_its_readings_are_whole_codes(tmp_path):
     rig = made(tmp_path, board={**configuration(tmp_path)["board"]}, robot={"pose": PRESSED})
     rig.world.follow(np.array(PRESSED), 0.0)
-    with in_background(rig.board.run()), opened(rig, "board") as port:
+    with in_background(rig.board.run()), open_port(rig, "board") as port:
         port.readline()
         pressed = line_of(port)
     codes = pressed / STEP_V
@@ -78,11 +78,11 @@ def test_the_board_sees_a_press_and_its_readings_are_whole_codes(tmp_path):
 
 def test_the_load_cell_tares_says_its_banner_and_then_newtons(tmp_path):
     rig = made(tmp_path)
-    with in_background(rig.cell.run()), opened(rig, "load_cell") as port:
+    with in_background(rig.cell.run()), open_port(rig, "load_cell") as port:
         assert port.readline() == b"Load cell ready. Readings in Newtons (N):\r\n"
         lines = [port.readline() for _ in range(20)]
         rig.world.force_N = 5.0
-        late = until(port, near(5.0))
+        late = read_until(port, near(5.0))
     assert all(re.fullmatch(rb"-?\d+\.\d{4}\r\n", line) for line in lines + late)
     assert all(map(near(0.0), lines))
     assert len(set(lines)) > 3  # noise
@@ -91,77 +91,77 @@ def test_the_load_cell_tares_says_its_banner_and_then_newtons(tmp_path):
 def test_a_load_on_the_cell_when_it_is_opened_becomes_its_zero(tmp_path):
     rig = made(tmp_path)
     rig.world.force_N = 2.0
-    with in_background(rig.cell.run()), opened(rig, "load_cell") as port:
+    with in_background(rig.cell.run()), open_port(rig, "load_cell") as port:
         port.readline()
         assert near(0.0)(port.readline())
         rig.world.force_N = 0.0
-        until(port, near(-2.0))
+        read_until(port, near(-2.0))
 
 
 def test_the_mean_of_four_lags_behind_a_step(tmp_path):
     rig = made(tmp_path, load_cell={"noise_N": 0.0})
-    with in_background(rig.cell.run()), opened(rig, "load_cell") as port:
-        until(port, lambda line: line == b"0.0000\r\n")
+    with in_background(rig.cell.run()), open_port(rig, "load_cell") as port:
+        read_until(port, lambda line: line == b"0.0000\r\n")
         for _ in range(6):
             port.readline()
         rig.world.force_N = 4.0
-        lines = until(port, lambda line: line == b"4.0000\r\n")
+        lines = read_until(port, lambda line: line == b"4.0000\r\n")
     assert [float(line) for line in lines[-4:]] == [1.0, 2.0, 3.0, 4.0]
 
 
 def test_an_openscale_says_kilograms_with_a_trailing_comma_and_has_a_menu(tmp_path):
     rig = made(tmp_path, load_cell={"profile": "openscale", "noise_N": 0.0})
-    with in_background(rig.cell.run()), opened(rig, "load_cell") as port:
+    with in_background(rig.cell.run()), open_port(rig, "load_cell") as port:
         assert b"version 1.2" in port.readline() + port.readline()
         port.readline()
         rig.world.force_N = 9.80665
-        until(port, lambda line: re.fullmatch(rb"\d+,1\.0000,kg,\d+\.\d\d,\r\n", line))
+        read_until(port, lambda line: re.fullmatch(rb"\d+,1\.0000,kg,\d+\.\d\d,\r\n", line))
         port.write(b"x")
-        until(port, lambda line: b"Tare" in line)
+        read_until(port, lambda line: b"Tare" in line)
         port.write(b"1x")
-        until(port, lambda line: b"Exiting" in line)
+        read_until(port, lambda line: b"Exiting" in line)
         assert re.fullmatch(rb"\d+,-?0\.0000,kg,\d+\.\d\d,\r\n", port.readline())
 
 
-@pytest.mark.parametrize("which", ["board", "load_cell"])
-def test_the_wrong_baud_is_a_violation(tmp_path, which):
+@pytest.mark.parametrize("device", ["board", "load_cell"])
+def test_the_wrong_baud_is_a_violation(tmp_path, device):
     rig = made(tmp_path)
-    part = {"board": rig.board, "load_cell": rig.cell}[which]
-    with in_background(part.run()), opened(rig, which, 9600) as port:
-        until(port, lambda line: events(rig, "violation"))
+    part = {"board": rig.board, "load_cell": rig.cell}[device]
+    with in_background(part.run()), open_port(rig, device, 9600) as port:
+        read_until(port, lambda line: events(rig, "violation"))
     (violation,) = events(rig, "violation")
     assert violation["found"] == 9600 and violation["expected"] == 115200
 
 
-@pytest.mark.parametrize("which", ["board", "load_cell"])
-def test_a_pulled_cable_ends_reads_and_the_next_terminal_has_the_same_link(tmp_path, which):
+@pytest.mark.parametrize("device", ["board", "load_cell"])
+def test_a_pulled_cable_ends_reads_and_the_next_terminal_has_the_same_link(tmp_path, device):
     rig = made(tmp_path)
-    part = {"board": rig.board, "load_cell": rig.cell}[which]
+    part = {"board": rig.board, "load_cell": rig.cell}[device]
     with in_background(part.run()) as loop:
-        port = opened(rig, which)
+        port = open_port(rig, device)
         port.readline()
 
         def let(fault: dict) -> None:
             loop.call_soon_threadsafe(rig.faults.begin, fault, time.monotonic())
 
-        let({"fault": f"{which}_unplugged"})
+        let({"fault": f"{device}_unplugged"})
         with pytest.raises(serial.SerialException):
             while True:
                 port.readline()
         assert not part.port.link.is_symlink()
-        let({"fault": f"{which}_unplugged", "end": True})
+        let({"fault": f"{device}_unplugged", "end": True})
         while not part.port.link.is_symlink():
             time.sleep(0.01)
-        with opened(rig, which) as again:
-            assert again.readline().endswith(b"\n")
+        with open_port(rig, device) as second_port:
+            assert second_port.readline().endswith(b"\n")
         port.close()
 
 
 def test_a_terminal_takes_one_host_at_a_time_and_has_no_modem_lines(tmp_path):
     rig = made(tmp_path)
-    with opened(rig, "board") as port:
+    with open_port(rig, "board") as port:
         with pytest.raises(serial.SerialException):
-            opened(rig, "board")
+            open_port(rig, "board")
         with pytest.raises(OSError):
             port.dtr = False
 
@@ -169,7 +169,7 @@ def test_a_terminal_takes_one_host_at_a_time_and_has_no_modem_lines(tmp_path):
 def test_lines_that_nobody_reads_are_a_violation(tmp_path):
     rig = made(tmp_path)
     rig.board.host.patience_s = 0.05
-    with in_background(rig.board.run()), opened(rig, "board"):
+    with in_background(rig.board.run()), open_port(rig, "board"):
         give_up = time.monotonic() + PATIENCE_S
         while not events(rig, "violation") and time.monotonic() < give_up:
             time.sleep(0.01)
@@ -189,19 +189,19 @@ def test_lines_that_nobody_reads_are_a_violation(tmp_path):
 )
 def test_spoiled_lines_are_as_many_as_asked_for(tmp_path, fault, spoiled):
     rig = made(tmp_path)
-    with in_background(rig.board.run()), opened(rig, "board") as port:
-        good = port.readline()
+    with in_background(rig.board.run()), open_port(rig, "board") as port:
+        intact = port.readline()
         rig.faults.begin(read_fault(json.dumps({"fault": fault, "count": 2})), time.monotonic())
         lines = [port.readline() for _ in range(8)]
     assert sum(map(spoiled, lines)) == 2
-    assert [line for line in lines if not spoiled(line)] == [good] * 6
-    assert not spoiled(good)
+    assert [line for line in lines if not spoiled(line)] == [intact] * 6
+    assert not spoiled(intact)
     assert sum(not frame["as_read"] for frame in events(rig, "frame")) == 2
 
 
 def test_a_duplicated_line_comes_twice_for_one_frame(tmp_path):
     rig = made(tmp_path, world={"noise": 0.01})
-    with in_background(rig.board.run()), opened(rig, "board") as port:
+    with in_background(rig.board.run()), open_port(rig, "board") as port:
         port.readline()
         rig.faults.begin({"fault": "board_duplicated"}, time.monotonic())
         lines = [port.readline() for _ in range(8)]
@@ -210,7 +210,7 @@ def test_a_duplicated_line_comes_twice_for_one_frame(tmp_path):
 
 def test_a_silent_board_comes_back_after_its_time(tmp_path):
     rig = made(tmp_path)
-    with in_background(rig.board.run()), opened(rig, "board") as port:
+    with in_background(rig.board.run()), open_port(rig, "board") as port:
         port.readline()
         rig.faults.begin({"fault": "board_silent", "for_s": 1.0}, 0.0)
         while not any(not frame["as_read"] for frame in events(rig, "frame")):
@@ -221,7 +221,7 @@ def test_a_silent_board_comes_back_after_its_time(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("fault", "seen"),
+    ("fault", "expected"),
     [
         ({"fault": "load_cell_nan"}, lambda line: line == b"nan\r\n"),
         ({"fault": "load_cell_spike"}, lambda line: float(line) > 7.0),
@@ -229,31 +229,31 @@ def test_a_silent_board_comes_back_after_its_time(tmp_path):
         ({"fault": "load_cell_drift", "size": 50.0}, lambda line: float(line) > 5.0),
     ],
 )
-def test_what_a_spoiled_load_cell_says(tmp_path, fault, seen):
+def test_what_a_spoiled_load_cell_says(tmp_path, fault, expected):
     rig = made(tmp_path)
-    with in_background(rig.cell.run()), opened(rig, "load_cell") as port:
+    with in_background(rig.cell.run()), open_port(rig, "load_cell") as port:
         port.readline()
         rig.faults.begin(fault, time.monotonic())
-        until(port, seen)
+        read_until(port, expected)
 
 
 def test_a_frozen_load_cell_says_the_same_for_as_long_as_it_lasts(tmp_path):
     rig = made(tmp_path)
-    with in_background(rig.cell.run()), opened(rig, "load_cell") as port:
+    with in_background(rig.cell.run()), open_port(rig, "load_cell") as port:
         port.readline()
         rig.faults.begin({"fault": "load_cell_frozen", "for_s": 1.0}, 0.0)
         late = [port.readline() for _ in range(40)][-5:]
         assert len(set(late)) == 1
         rig.faults.tick(1.0)
-        until(port, lambda line: line != late[-1])
+        read_until(port, lambda line: line != late[-1])
 
 
 def test_a_spike_is_over_after_the_mean(tmp_path):
     rig = made(tmp_path)
-    with in_background(rig.cell.run()), opened(rig, "load_cell") as port:
+    with in_background(rig.cell.run()), open_port(rig, "load_cell") as port:
         port.readline()
         rig.faults.begin({"fault": "load_cell_spike"}, time.monotonic())
-        lines = until(port, lambda line: float(line) > 7.0)
+        lines = read_until(port, lambda line: float(line) > 7.0)
         while float(lines[-1]) > 7.0:
             lines.append(port.readline())
     # Of fewer than four readings the mean is that of those there are.
@@ -263,20 +263,20 @@ def test_a_spike_is_over_after_the_mean(tmp_path):
 
 def test_a_load_cell_that_resets_under_load_says_its_banner_and_has_another_zero(tmp_path):
     rig = made(tmp_path, load_cell={"noise_N": 0.0})
-    with in_background(rig.cell.run()), opened(rig, "load_cell") as port:
+    with in_background(rig.cell.run()), open_port(rig, "load_cell") as port:
         port.readline()
         rig.world.force_N = 5.0
-        until(port, near(5.0))
+        read_until(port, near(5.0))
         rig.faults.begin({"fault": "load_cell_reset"}, time.monotonic())
-        until(port, lambda line: line.startswith(b"Load cell ready"))
+        read_until(port, lambda line: line.startswith(b"Load cell ready"))
         assert float(port.readline()) == 0.0
 
 
 def test_pounds_are_an_openscales(tmp_path):
     rig = made(tmp_path, load_cell={"profile": "openscale"})
-    with in_background(rig.cell.run()), opened(rig, "load_cell") as port:
+    with in_background(rig.cell.run()), open_port(rig, "load_cell") as port:
         rig.faults.begin({"fault": "load_cell_lbs"}, time.monotonic())
-        until(port, lambda line: b",lbs," in line)
+        read_until(port, lambda line: b",lbs," in line)
 
 
 PRESSED = [-0.573, -0.201, -0.100, 0.0, 3.142, 0.0]  # 3 mm deep

@@ -71,8 +71,8 @@ def lasting(rig, name: str) -> Iterator[float]:
 
 def test_receive_and_control_connect_and_the_script_is_known(rig):
     with client(rig.host, CONNECT + LEAVE) as host:
-        said = host.said()
-    assert said == {"pose": CENTRE, "mode": 7, "safety": 1, "runs": True}
+        messages = host.said()
+    assert messages == {"pose": CENTRE, "mode": 7, "safety": 1, "runs": True}
     script = rig.events("program")[0]
     series = rig.events("start")[0]["config"]["series"]
     assert (
@@ -94,20 +94,20 @@ say(arrived=arrived, pose=r.getActualTCPPose(), force=r.getActualTCPForce()[2])
 """
     with client(rig.host, CONNECT + code + LEAVE) as host:
         host.said()
-        begun = host.said()
-        assert begun["begun"] and begun["progress"] >= 0
+        start_messages = host.said()
+        assert start_messages["begun"] and start_messages["progress"] >= 0
         rig.wait("moving")
         host.tell()
         stopped = host.said()
         assert stopped["progress"] < 0
         arrived = host.said()
-    still, there = rig.events("still")
-    assert CENTRE[2] - 0.010 < still["pose"][2] < CENTRE[2]
-    assert still["velocity"] == [0.0] * 6
+    still_event, arrival_event = rig.events("still")
+    assert CENTRE[2] - 0.010 < still_event["pose"][2] < CENTRE[2]
+    assert still_event["velocity"] == [0.0] * 6
     assert arrived["arrived"] is True
-    assert there["pose"] == pytest.approx(DOWN, abs=1e-7)
+    assert arrival_event["pose"] == pytest.approx(DOWN, abs=1e-7)
     # What is streamed is at most some cycles old.
-    assert stopped["z"] == pytest.approx(still["pose"][2], abs=1e-4)
+    assert stopped["z"] == pytest.approx(still_event["pose"][2], abs=1e-4)
     assert arrived["pose"] == pytest.approx(DOWN, abs=1e-9)
     assert arrived["force"] == pytest.approx(0.55 * 5.0**1.5, rel=1e-6)
     assert [e["asynchronous"] for e in rig.events("moveL")] == [True, False]
@@ -134,8 +134,8 @@ def test_without_a_watchdog_a_killed_host_leaves_the_robot_moving_to_its_target(
         host.said()
         cb3.wait("moving")
         host.kill()
-        still = cb3.wait("still")
-    assert still["pose"] == pytest.approx(DOWN, abs=1e-7)
+        still_event = cb3.wait("still")
+    assert still_event["pose"] == pytest.approx(DOWN, abs=1e-7)
 
 
 def test_with_a_watchdog_a_killed_host_stops_the_robot(cb3):
@@ -153,12 +153,12 @@ while True:
         host.kill()
         killed = time.monotonic()
         watchdog = cb3.wait("watchdog")
-        still = cb3.wait("still", since=watchdog["t"])
+        still_event = cb3.wait("still", since=watchdog["t"])
     assert watchdog["t"] >= killed - 0.01
-    moved = still["pose"][2] - CENTRE[2]
-    assert 0.0 < moved < 0.049
+    lift_m = still_event["pose"][2] - CENTRE[2]
+    assert 0.0 < lift_m < 0.049
     # 10 mm/s for the half second without a host, and the way to stand still.
-    assert still["pose"][2] - watchdog["pose"][2] < 1e-4
+    assert still_event["pose"][2] - watchdog["pose"][2] < 1e-4
     assert cb3.events("program stopped")[-1]["reason"] == "watchdog"
 
 
@@ -199,8 +199,8 @@ say(arrived=c.moveL(pose, 0.05, 0.5))
         assert dashboard(cb3, "safetymode") == "Safetymode: NORMAL"
         host.tell()
         assert host.said()["arrived"] is True
-    stop, still = cb3.events("protective stop")[0], cb3.events("still")[0]
-    assert abs(still["pose"][2] - stop["pose"][2]) < 1e-5
+    stop, still_event = cb3.events("protective stop")[0], cb3.events("still")[0]
+    assert abs(still_event["pose"][2] - stop["pose"][2]) < 1e-5
 
 
 def test_an_emergency_stop_takes_the_power_until_it_is_given_back(cb3):
@@ -216,8 +216,8 @@ say(emergency=r.isEmergencyStopped(), mode=r.getRobotMode(), safety=r.getSafetyM
         cb3.fault("emergency_stop", for_s=0.5)
         assert host.said()["arrived"] is False
         host.tell()
-        said = host.said()
-    assert said in (
+        messages = host.said()
+    assert messages in (
         {"emergency": True, "mode": 3, "safety": 7},
         {"emergency": False, "mode": 3, "safety": 1},
     )
@@ -339,8 +339,8 @@ say(arrived=arrived, z=r.getActualTCPPose()[2])
         host.said()
         cb3.wait("moving")
         host.tell()
-        said = host.said()
-    assert said["arrived"] is True and said["z"] == pytest.approx(DOWN[2], abs=1e-6)
+        messages = host.said()
+    assert messages["arrived"] is True and messages["z"] == pytest.approx(DOWN[2], abs=1e-6)
     # It comes too late or never.
     assert all(stop["t"] > cb3.events("still")[0]["t"] for stop in cb3.events("stopL"))
 

@@ -33,19 +33,19 @@ def go_down(world: World, x_mm: float, y_mm: float, depth_mm: float, t: float = 
 
 
 @pytest.mark.parametrize(
-    ("effect", "same"),
+    ("effect", "is_unchanged"),
     [
         ({"name": "channel-gain", "parameters": {"gain": {"sd": 0.02}}}, True),
         ({"name": "conductivity-drift", "parameters": {"per_minute": 0.01}}, False),
     ],
 )
-def test_an_untouched_skin_changes_only_where_an_effect_says_so(tmp_path, effect, same):
+def test_an_untouched_skin_changes_only_where_an_effect_says_so(tmp_path, effect, is_unchanged):
     world = made(tmp_path, effects=[effect])
-    initial = world.voltages(0.0, 0.3, None)
+    reference = world.voltages(0.0, 0.3, None)
     t = go_down(world, 20.0, -10.0, 4.0) + 5.0
     touched = world.voltages(t, 0.3, world.press_since(t, t + 0.3))
     later = world.voltages(600.0, 0.3, None)
-    assert np.array_equal(initial, later) == same
+    assert np.array_equal(reference, later) == is_unchanged
     assert not np.allclose(touched, later)
     np.testing.assert_allclose(later, made(tmp_path, effects=[effect]).voltages(600.0, 0.3, None))
 
@@ -72,8 +72,8 @@ def test_the_stiffness_is_scattered_smoothly_over_the_skin(tmp_path):
     places = rng.uniform(-60.0, 60.0, (300, 2))
     log = np.log([world.stiffness(x, y, 10.0) / 0.55 for x, y in places])
     assert 0.04 < log.std() < 0.2
-    neighbours = np.log([world.stiffness(x + 1.0, y, 10.0) / 0.55 for x, y in places])
-    assert np.abs(neighbours - log).max() < 0.03
+    nearby = np.log([world.stiffness(x + 1.0, y, 10.0) / 0.55 for x, y in places])
+    assert np.abs(nearby - log).max() < 0.03
 
 
 def test_the_skin_may_be_turned_and_moved_under_the_robot(tmp_path):
@@ -108,14 +108,14 @@ def test_a_line_says_the_simulated_readings_to_the_converters_step(tmp_path):
     reading = np.abs(world.voltages(t, 0.3, world.press_since(t, t + 0.3)))
     line = eit.text(eit.values(world.readings(reading), world.channels))
     assert line.endswith(b", \n") and line.count(b", ") == 256
-    line_V = np.array([float(value) for value in line.decode().split(", ")[:-1]])
+    printed = np.array([float(value) for value in line.decode().split(", ")[:-1]])
     for source, _, plus, _ in world.channels.tolist():
         assert plus not in (source - 1, source, source + 1)
     driven = [16 * k + (k + j) % 16 for k in range(16) for j in (-1, 0, 1)]
-    assert not line_V[driven].any()
-    measured = line_V[16 * world.channels[:, 0] + world.channels[:, 2]]
-    assert np.abs(measured - reading).max() <= eit.STEP_V / 2 + 5e-5 + 1e-12
-    codes = measured / eit.STEP_V
+    assert not printed[driven].any()
+    measured_mask = printed[16 * world.channels[:, 0] + world.channels[:, 2]]
+    assert np.abs(measured_mask - reading).max() <= eit.STEP_V / 2 + 5e-5 + 1e-12
+    codes = measured_mask / eit.STEP_V
     assert np.abs(codes - np.round(codes)).max() * eit.STEP_V <= 5e-5 + 1e-12
 
 
@@ -133,9 +133,9 @@ def test_every_drive_sees_the_force_of_its_own_moment(tmp_path):
     for drive in (0, 8, 15):
         force = press.at(np.array([begin + 0.3 * drive / 16]))[0]
         state = states(world, begin, force, 20.0, -10.0)
-        held_voltages = simulate(state, np.zeros(1), world.skin, world.channels, [], "train")[0]
-        of_drive = world.channels[:, 0] == drive
-        np.testing.assert_allclose(voltages[of_drive], held_voltages[of_drive], rtol=1e-7)
+        simulated = simulate(state, np.zeros(1), world.skin, world.channels, [], "train")[0]
+        driven_channels = world.channels[:, 0] == drive
+        np.testing.assert_allclose(voltages[driven_channels], simulated[driven_channels], rtol=1e-7)
     assert press.at(np.array([begin]))[0] < press.at(np.array([begin + 0.28]))[0]
 
 
@@ -143,13 +143,13 @@ def test_memory_is_of_the_force_that_was_there_and_not_of_frames_alone(tmp_path)
     relaxing = [{"name": "relaxation", "parameters": {"fraction": 0.3, "tau_s": 5.0}}]
     world = made(tmp_path, effects=relaxing)
     end = go_down(world, 20.0, -10.0, 4.0)
-    start_s = end + 7.0
-    voltages = world.voltages(start_s, 0.3, world.press_since(start_s, start_s + 0.3))
+    time_s = end + 7.0
+    voltages = world.voltages(time_s, 0.3, world.press_since(time_s, time_s + 0.3))
     # The same press as eitskin has it where frames come as often as the world's cycles.
     times, force = np.array(world._knots).T
     dense = pd.concat(
         [states(world, t, f, 20.0, -10.0) for t, f in zip(times[1:-1], force[1:-1], strict=True)]
-        + [states(world, start_s, world.force_N, 20.0, -10.0)],
+        + [states(world, time_s, world.force_N, 20.0, -10.0)],
         ignore_index=True,
     )
     expected = simulate(

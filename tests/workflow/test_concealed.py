@@ -5,8 +5,8 @@ import json
 
 import pytest
 
-from concealed import sealing
 from eitskin.errors import InputError
+from proof import sealing
 
 pytestmark = pytest.mark.xdist_group("finished")
 
@@ -105,7 +105,7 @@ def test_a_byte_changed_after_opening_stops_the_score(house):
 
 def test_a_sealed_block_is_never_planned_again(house):
     for module in ("verdicts", "conceal", "sealing", "baselines", "oracle"):
-        path = house.folder / "workflow" / "concealed" / f"{module}.py"
+        path = house.folder / "workflow" / "proof" / f"{module}.py"
         path.write_text(f"{path.read_text(encoding='utf-8')}\nUNUSED = 1\n")
     assert house.jobs("concealed_demo", files=["--forceall"]) == {
         "concealed_score",
@@ -118,7 +118,7 @@ def test_a_sealed_block_is_never_planned_again(house):
 def test_code_of_verdicts_reruns_these_before_the_seal_and_draws_nothing_again(house):
     (house.folder / DEMO / "seal.json").unlink()
     (house.folder / OPENED / "opened.json").unlink()
-    path = house.folder / "workflow" / "concealed" / "verdicts.py"
+    path = house.folder / "workflow" / "proof" / "verdicts.py"
     path.write_text(f"{path.read_text(encoding='utf-8')}\nUNUSED = 1\n")
     planned = house.jobs("concealed_demo")
     assert {"verdicts_demo_0", "verdicts_demo_1", "seal_verdicts", "open_truths"} <= planned

@@ -190,10 +190,10 @@ def test_a_new_effect_reruns_what_a_diagnosis_may_name(house, like, rules):
         ("eitskin/diagnose/search/tones.py", {*DIAGNOSIS, *SCORE}),
         ("eitskin/diagnose/report/figures.py", {"diagnosis_report", "concealed_case"}),
         ("eitskin/plotting.py", {"diagnosis_report", "concealed_figures", "concealed_case"}),
-        ("concealed/figures.py", {"concealed_figures"}),
+        ("proof/figures.py", {"concealed_figures"}),
         ("witness/cases.py", SCORE),
         ("loop/table.py", set()),
-        ("studies/ground_return.py", set()),
+        ("proof/tank_geometry.py", set()),
         ("rigsim/world.py", set()),
     ],
 )

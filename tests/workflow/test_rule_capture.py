@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from eitskin.capture import journal
-from eitskin.capture.attached import manifest_path
+from eitskin.capture.attachment import manifest_path
 from eitskin.capture.press_plan import contacts, plan_sha256
 from eitskin.configuration import captured_path
 from eitskin.data import recording

@@ -186,7 +186,7 @@ def twin_seconds(seed: int, count: int) -> float:
     twin_config["press"] |= {"probes_mm": [10.0], "sessions_per_probe": 1}
     with TemporaryDirectory() as folder:
         path = Path(folder) / "twin.parquet"
-        twin.write(path, **twin_config | {"seed": seed})
+        twin.write(path, twin.Twin(**twin_config | {"seed": seed}))
         return command_seconds(path)
 
 

@@ -19,7 +19,7 @@ from eitskin.physics.protocol import channel_table
 from eitskin.progress import patient
 from eitskin.stream.frames import Frame
 from eitskin.stream.judge import Judge
-from eitskin.stream.run import Told, run
+from eitskin.stream.run import Tally, run
 from eitskin.stream.sources import Source
 from eitskin.stream.view import View
 
@@ -100,7 +100,7 @@ def loop(judge: Judge, inputs: np.ndarray) -> np.ndarray:
         ends_s.append(time.perf_counter())
 
     view = View(judge.predictor.targets, True, StringIO())
-    run(Source(frames(), 1, False, "drawn"), judge, view, None, Told())
+    run(Source(frames(), 1, False, "drawn"), judge, view, None, Tally())
     return 1e3 * np.diff(ends_s)[WARM:]
 
 
@@ -135,7 +135,7 @@ def streamed(runs: int) -> list[dict]:
             for reading in untouched_readings:
                 judge(reading, 0.0)
             if lost:
-                judge.lose([LOST])
+                judge.set_lost_electrodes([LOST])
             return judge
 
         return build

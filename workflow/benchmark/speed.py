@@ -283,11 +283,8 @@ def _skin_stage(config: dict, name: str, folder: Path) -> Path:
     configuration = config["configurations"][name]
     mesh, places, stage = (folder / part for part in ("mesh.npz", "places.csv", "0"))
     blocks = ("seed", "skin", "protocol", "touch_grid", "forces", "accuracy")
-    layout.write(mesh, places, **{block: config[block] for block in blocks})
-    sets.write_skin_stage(
-        mesh,
-        places,
-        stage,
+    layout.write(mesh, places, layout.Layout(**{block: config[block] for block in blocks}))
+    skin_stage = sets.SkinStage(
         config["seed"],
         config["skin"],
         config["accuracy"],
@@ -295,6 +292,7 @@ def _skin_stage(config: dict, name: str, folder: Path) -> Path:
         configuration["session_frames"],
         configuration["crossed"],
     )
+    sets.write_skin_stage(mesh, places, stage, skin_stage)
     return stage
 
 

@@ -1,4 +1,4 @@
-"""What the commands answer with --json: one document on stdout."""
+"""The answers of the commands with --json: one document on stdout."""
 
 import json
 import math
@@ -12,48 +12,48 @@ from eitskin.errors import InputError
 VERSION = 1
 
 
-def checked(result: Check, file: str) -> dict:
-    """What `check` and `import` found of a recording; null where a finding has no finite number."""
+def checked(check: Check, file: str) -> dict:
+    """The findings of a check as a document; null where a finding has no finite number."""
     findings = [
         {
-            "topic": one.topic,
-            "severity": one.severity,
-            "sentence": one.sentence,
-            "value": _finite(one.value),
-            "remedy": one.remedy,
+            "topic": finding.topic,
+            "severity": finding.severity,
+            "sentence": finding.sentence,
+            "value": _finite(finding.value),
+            "remedy": finding.remedy,
         }
-        for one in result.findings
+        for finding in check.findings
     ]
     return {
         "format": "eit-check",
         "version": VERSION,
         "file": file,
-        "usable": result.ok,
+        "usable": check.ok,
         "findings": findings,
     }
 
 
 def refusal(error: InputError) -> dict:
-    """Input that was refused."""
+    """A refusal as a document."""
     return {
         "format": "eit-refusal",
         "version": VERSION,
         "file": str(error.file),
         "place": error.place,
-        "found": str(error.found),
+        "found": str(error.actual),
         "expected": error.expected,
     }
 
 
-def write(said: dict, in_a_line: bool = False) -> None:
+def write(document: dict, in_a_line: bool = False) -> None:
     """Print one document on stdout."""
     indent = None if in_a_line else 2
-    json.dump(said, sys.stdout, indent=indent, ensure_ascii=False, allow_nan=False)
+    json.dump(document, sys.stdout, indent=indent, ensure_ascii=False, allow_nan=False)
     print(flush=True)
 
 
 def name(file: str) -> str:
-    """A recording's name: its file's, without what is no text."""
+    """A recording's name: the stem of its file, with undecodable bytes replaced."""
     return os.fsencode(Path(file).stem).decode("utf-8", "replace")
 
 

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, each with one writer at a time."""
+"""Files that are written whole or not at all, each by one writer at a time."""
 
 import contextlib
 import errno
@@ -10,7 +10,7 @@ from pathlib import Path
 from eitskin.errors import InputError, refused
 
 PLACE = "file to write"
-NEEDED: dict[int | None, str] = {  # of what the operating system refuses
+EXPECTED_BY_ERRNO: dict[int | None, str] = {
     errno.ENOSPC: "room on the disk",
     errno.EDQUOT: "room within the quota",
     errno.EFBIG: "room for a file of that size",
@@ -23,19 +23,19 @@ NEEDED: dict[int | None, str] = {  # of what the operating system refuses
 
 @contextlib.contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; it replaces `path` on success and vanishes on
-    failure. What a killed write left behind is replaced by the next one.
+    """Yield a temporary path beside `path`; it replaces `path` on success and vanishes on failure.
+    The remains of a killed write are replaced by the next one.
 
-    Raises InputError where `path` is no file's, lies below a file or is being written by another
-    process, and, with `path` as its file, for what the operating system refuses: no room, no
-    permission.
+    Raises InputError where `path` is a folder, a device or a pipe, lies below a file or is being
+    written by another process, and, with `path` as its file, where the operating system refuses it:
+    no room, no permission.
     """
     path = Path(path)
-    with _told(path):
+    with _refusals_named(path):
         _refuse_others(path)
-        temporary = _beside(path)
+        temporary = _temporary_path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        held = _locked(path, temporary)
+        descriptor = _locked_descriptor(path, temporary)
         try:
             yield temporary
             os.replace(temporary, path)
@@ -43,75 +43,74 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
             raise
         finally:
-            os.close(held)
+            os.close(descriptor)
 
 
 @contextlib.contextmanager
 def held_folder(folder: str | Path) -> Iterator[Path]:
-    """Make a folder and keep other runs from writing into it; the operating system lets go of it
-    where this one is killed.
+    """Create a folder and lock it against other runs; the lock ends with this process.
 
-    Raises InputError where another run holds it, and where it cannot be made.
+    Raises InputError where another run holds it, and where it cannot be created.
     """
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        held = os.open(folder, os.O_RDONLY)
+        descriptor = os.open(folder, os.O_RDONLY)
     except OSError as error:
-        expected = NEEDED.get(error.errno, "a folder's path")
+        expected = EXPECTED_BY_ERRNO.get(error.errno, "a folder's path")
         raise refused(error, folder, "folder to write", expected) from error
     try:
-        if not _lock(held):
+        if not _has_lock(descriptor):
             expected = "a folder of its own, or one run after the other"
             raise InputError(folder, "folder to write", "another run that writes into it", expected)
         yield folder
     finally:
-        os.close(held)
+        os.close(descriptor)
 
 
 @contextlib.contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """Tell what the operating system refuses of `path`; of other files it is left to others."""
+def _refusals_named(path: Path) -> Iterator[None]:
+    """Turn refusals of the operating system that concern `path` into InputError; others pass."""
     try:
         yield
     except (FileExistsError, NotADirectoryError) as error:
         raise InputError(path, PLACE, "a file above it", "a path in a folder") from error
     except OSError as error:
-        ours = map(str, (path, _beside(path), *path.parents))
-        if error.filename is not None and str(error.filename) not in ours:
+        known_paths = map(str, (path, _temporary_path(path), *path.parents))
+        if error.filename is not None and str(error.filename) not in known_paths:
             raise
-        expected = NEEDED.get(error.errno, "a path that can be written")
+        expected = EXPECTED_BY_ERRNO.get(error.errno, "a path that can be written")
         raise refused(error, path, PLACE, expected) from error
 
 
-def _beside(path: Path) -> Path:
-    """Where a file is written before it is whole."""
+def _temporary_path(path: Path) -> Path:
+    """The path at which a file is written before it is whole."""
     return path.with_name(f".{path.name}.part")
 
 
 def _refuse_others(path: Path) -> None:
-    """Refuse what would not be a file's path: a folder, and a device, which would be replaced."""
+    """Refuse a path that is no regular file: a folder, or a device, which would be replaced."""
     if path.is_dir():
         raise InputError(path, PLACE, "a folder", "a file's path")
     if path.exists() and not path.is_file():
         raise InputError(path, PLACE, "a device or a pipe", "a file's path")
 
 
-def _locked(path: Path, temporary: Path) -> int:
-    """The descriptor of the temporary file, which no other process holds."""
+def _locked_descriptor(path: Path, temporary: Path) -> int:
+    """The locked descriptor of the temporary file."""
     while True:
-        held = os.open(temporary, os.O_RDWR | os.O_CREAT, 0o666)
-        if not _lock(held):
-            os.close(held)
+        descriptor = os.open(temporary, os.O_RDWR | os.O_CREAT, 0o666)
+        if not _has_lock(descriptor):
+            os.close(descriptor)
             raise InputError(path, PLACE, "another run that writes it", "one run after the other")
         with contextlib.suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(held), os.stat(temporary)):
-                return held
-        os.close(held)  # another run has just finished with it
+            if os.path.samestat(os.fstat(descriptor), os.stat(temporary)):
+                return descriptor
+        os.close(descriptor)  # another run has just finished with it
 
 
-def _lock(descriptor: int) -> bool:
-    """Whether nobody else holds it; a file system without locks has nobody to ask."""
+def _has_lock(descriptor: int) -> bool:
+    """Whether the lock was obtained; on a file system without locks, always."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -27,7 +27,7 @@ from eitskin.quantities import listed, plain
 from eitskin.stream import cli as streaming
 
 REFUSED, UNUSABLE, INTERRUPTED = 1, 2, 130
-OF_TABLE = ("order", "polarity", "numbering")  # topics of the check: slips of a file, not faults
+TABLE_TOPICS = ("order", "polarity", "numbering")  # of the check: errors of the channel table
 SCHEMA = Path(__file__).parent / "diagnose" / "diagnosis.schema.yaml"
 EXIT_CODES = """\
 exit codes:
@@ -57,6 +57,11 @@ examples:
   eitskin diagnose skin.parquet --query elsewhere.parquet --json > monday.json
   eitskin diagnose longer.parquet --earlier monday/effects.yaml
 """,
+    "explain": """\
+examples:
+  eitskin explain monday
+  eitskin explain monday contact-impedance
+""",
     "compare": """\
 examples:
   eitskin compare monday.parquet friday.parquet
@@ -73,10 +78,10 @@ examples:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; the exit code, one of EXIT_CODES.
+    """Run one command; returns its exit code, one of EXIT_CODES.
 
-    What is refused is one line on stderr; with --json an object on stdout says it as well. Wrong
-    usage leaves through argparse, with its own message.
+    A refusal is one line on stderr, and with --json also an object on stdout. Wrong usage exits
+    through argparse, with its own message.
     """
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
@@ -94,12 +99,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         refusal = error
     except BrokenPipeError:
-        _let_go_of_stdout()
+        _discard_stdout()
         return 141
     except OSError as error:
         refusal = refused(error, error.filename or "standard output")
         if not error.filename:
-            _let_go_of_stdout()
+            _discard_stdout()
     except MemoryError as error:
         expected = "a smaller recording, or a larger machine"
         refusal = InputError("eitskin", "memory", str(error) or "none left", expected)
@@ -113,12 +118,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return REFUSED
 
 
-def _let_go_of_stdout() -> None:
-    """What is left to write goes nowhere, else Python would try again at its end."""
+def _discard_stdout() -> None:
+    """Redirect stdout to the null device, as Python would try to flush the rest again on exit."""
     with contextlib.suppress(OSError):
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, sys.stdout.fileno())
-        os.close(nowhere)
+        null_device = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null_device, sys.stdout.fileno())
+        os.close(null_device)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -134,9 +139,9 @@ def _parser() -> argparse.ArgumentParser:
     shtab.add_argument_to(parser, "--print-completion", help=words)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
-    def command(name: str, run: object, what: str) -> argparse.ArgumentParser:
+    def command(name: str, run: object, purpose: str) -> argparse.ArgumentParser:
         added = commands.add_parser(
-            name, help=what, description=what, epilog=EXAMPLES[name], formatter_class=plain
+            name, help=purpose, description=purpose, epilog=EXAMPLES[name], formatter_class=plain
         )
         document = "a JSON object a line" if name == "stream" else "the answer as one JSON document"
         added.add_argument("--json", action="store_true", help=document)
@@ -148,7 +153,7 @@ def _parser() -> argparse.ArgumentParser:
     importing = command("import", _import, "turn a recording into an eit-recording")
     _add_source(importing)
     _add_path(importing, "out", "the Parquet file to write")
-    _add_anyway(importing)
+    _add_anyway_flag(importing)
     diagnosing = command("diagnose", _diagnose, "say what the simulation of a recording leaves out")
     _add_source(diagnosing)
     _add_path(diagnosing, "--query", "states, a recording without voltages, to predict")
@@ -162,7 +167,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     words = "the effects.yaml of an earlier diagnosis: what it found is tried first"
     _add_path(diagnosing, "--earlier", words)
-    _add_anyway(diagnosing)
+    _add_anyway_flag(diagnosing)
+    words = "say why a diagnosis does not name an effect: the rule at which it stopped"
+    explaining = command("explain", _explain, words)
+    _add_path(explaining, "folder", "the folder of a diagnosis", shtab.DIR)
+    words = "an effect of the catalogue, by default each of them"
+    explaining.add_argument("name", nargs="?", help=words)
     comparing = command("compare", _compare, "say what changed between two recordings of one skin")
     _add_path(comparing, "control", "the earlier recording, in any known format")
     _add_path(comparing, "later", "the later one, read in the same way")
@@ -172,7 +182,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_frames(comparing, "--control-frames", "of CONTROL, these frames alone")
     _add_frames(comparing, "--later-frames", "of LATER, or its part, these alone")
     _add_path(comparing, "--out", "the folder to write, by default comparison-A-vs-B", shtab.DIR)
-    _add_anyway(comparing)
+    _add_anyway_flag(comparing)
     words = "say of every frame whether the skin is touched, where and how hard"
     following = command("stream", streaming.stream, words)
     _add_path(following, "source", "a board's serial port, or a recording in any known format")
@@ -187,11 +197,11 @@ def _parser() -> argparse.ArgumentParser:
 def _add_path(
     command: argparse.ArgumentParser,
     name: str,
-    what: str,
+    purpose: str,
     kind: dict = shtab.FILE,
 ) -> argparse.Action:
     """A path of a kind that a shell completes."""
-    action = command.add_argument(name, help=what)
+    action = command.add_argument(name, help=purpose)
     action.complete = kind  # type: ignore[attr-defined]  # shtab's, which argparse's stubs lack
     return action
 
@@ -203,15 +213,15 @@ def _add_source(command: argparse.ArgumentParser) -> None:
     _add_frames(command, "--frames", "of these frames alone")
 
 
-def _add_frames(command: argparse.ArgumentParser, name: str, what: str) -> None:
+def _add_frames(command: argparse.ArgumentParser, name: str, purpose: str) -> None:
     """A stretch of a recording."""
-    what += ", numbered from 0 as in the file, both counted"
-    command.add_argument(name, type=_stretch, metavar="FIRST:LAST", help=what)
+    purpose += ", numbered from 0 as in the file, both counted"
+    command.add_argument(name, type=_stretch, metavar="FIRST:LAST", help=purpose)
 
 
 def _add_reading(command: argparse.ArgumentParser) -> None:
-    """What a file may not say of its own format, channels and skin."""
-    formats = f"by default told by its content; {', '.join(importers.known())}"
+    """Options for the format, channels and skin of a file."""
+    formats = f"by default told by its content; {', '.join(importers.format_names())}"
     command.add_argument("--format", help=formats)
     steps = "adjacent, opposite or skip-<n>"
     command.add_argument("--order", help="the order of the readings, as check names it")
@@ -220,7 +230,7 @@ def _add_reading(command: argparse.ArgumentParser) -> None:
     _add_path(command, "--skin", "YAML: what you know of the skin beside what the file says")
 
 
-def _add_anyway(command: argparse.ArgumentParser) -> None:
+def _add_anyway_flag(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--anyway", action="store_true", help="go on with what the check calls unusable"
     )
@@ -232,16 +242,16 @@ def _load(
     frames: tuple[int, int] | None,
     part: str | None = None,
 ) -> Recording:
-    """A recording, or a stretch of it, with what its owner states of its channels and the skin."""
+    """A recording, or a stretch of it, with its owner's statements about channels and skin."""
     protocol = arguments.order, arguments.drive, arguments.measure
-    said = {} if arguments.skin is None else stated.read(arguments.skin)
-    loaded = importers.load(file, arguments.format, *protocol, part)
-    loaded = stated.apply(said, loaded, arguments.skin)
-    return loaded if frames is None else subset.stretch(loaded, *frames, file)
+    statements = {} if arguments.skin is None else stated.read(arguments.skin)
+    recorded = importers.load(file, arguments.format, *protocol, part)
+    recorded = stated.apply(statements, recorded, arguments.skin)
+    return recorded if frames is None else subset.stretch(recorded, *frames, file)
 
 
 def _stem(file: str, frames: tuple[int, int] | None) -> str:
-    """What a folder is called that tells of a recording or of a stretch of it."""
+    """Part of the default name of a folder: the name of a recording or of a stretch of it."""
     name = answers.name(file)
     return name if frames is None else "{}-frames-{}-{}".format(name, *frames)
 
@@ -255,7 +265,7 @@ def _stretch(text: str) -> tuple[int, int]:
 
 
 def _source(arguments: argparse.Namespace) -> Recording:
-    """The recording that a command reads, or the stretch of it that is asked for."""
+    """The command's recording, or the requested stretch of it."""
     return _load(arguments.file, arguments, arguments.frames)
 
 
@@ -265,91 +275,117 @@ def _checked(
     file: str | None = None,
     topics: Sequence[str] | None = None,
 ) -> check.Check | None:
-    """The check of a recording that one may go on with; else None, and its reasons on stderr. Of
-    topics alone, where these are given."""
+    """The check of a recording if the command may go on with it; else None, with the reasons on
+    stderr. topics: the topics whose errors count; by default all."""
     file = arguments.file if file is None else file
-    result = check.check(recorded, progress=True)
-    wrong = [one for one in result.of(check.ERROR) if topics is None or one.topic in topics]
-    if not wrong or arguments.anyway:
-        return result
-    for finding in wrong:
+    full_check = check.check(recorded, progress=True)
+    errors = [
+        finding
+        for finding in full_check.of_severity(check.ERROR)
+        if topics is None or finding.topic in topics
+    ]
+    if not errors or arguments.anyway:
+        return full_check
+    for finding in errors:
         _say(f"{file}: {finding.topic}: {finding.sentence}", sys.stderr)
     print("Not usable as it stands; --anyway goes on all the same.", file=sys.stderr)
     if arguments.json:
-        answers.write(answers.checked(result, file))
+        answers.write(answers.checked(full_check, file))
     return None
 
 
-def _say(text: str, to: TextIO | None = None) -> None:
-    """Print sentences, on stdout unless told where, with the spaces that one greps for."""
-    print(plain(text), file=to, flush=True)
+def _say(text: str, stream: TextIO | None = None) -> None:
+    """Print sentences, by default on stdout, with plain spaces."""
+    print(plain(text), file=stream, flush=True)
 
 
-def _print_apart(checked: check.Check, count: int, arguments: argparse.Namespace) -> None:
-    """Where a recording of so many frames has steps, the commands that diagnose apart what lies
-    between them."""
+def _print_step_commands(checked: check.Check, count: int, arguments: argparse.Namespace) -> None:
+    """For a recording of `count` frames with steps, print the commands that diagnose its parts."""
     start = arguments.frames[0] if arguments.frames else 0
-    frames = [found.frame for found in checked.about("step") if found.frame is not None]
+    frames = [finding.frame for finding in checked.of_topic("step") if finding.frame is not None]
     steps = sorted(start + frame for frame in frames)
     if not steps:
         return
-    given = vars(arguments)
+    argument_values = vars(arguments)
     options = ("format", "order", "drive", "measure", "skin", "query")
-    said = [(f"--{key}", given[key]) for key in options if given.get(key) is not None]
-    command = ["eitskin", "diagnose", arguments.file, *(word for pair in said for word in pair)]
-    where = f"A step at frame {steps[0]}" if len(steps) == 1 else f"Steps at frames {listed(steps)}"
-    print(f"{where}: what lies before and after is diagnosed apart. A report of each:", flush=True)
-    for first, after in pairwise([start, *steps, start + count]):
-        print(f"  {shlex.join([*command, '--frames', f'{first}:{after - 1}'])}", flush=True)
+    option_values = [
+        (f"--{key}", argument_values[key])
+        for key in options
+        if argument_values.get(key) is not None
+    ]
+    command = [
+        "eitskin",
+        "diagnose",
+        arguments.file,
+        *(word for pair in option_values for word in pair),
+    ]
+    sentence = (
+        f"A step at frame {steps[0]}" if len(steps) == 1 else f"Steps at frames {listed(steps)}"
+    )
+    print(
+        f"{sentence}: what lies before and after is diagnosed apart. A report of each:", flush=True
+    )
+    for first_frame, end_frame in pairwise([start, *steps, start + count]):
+        print(
+            f"  {shlex.join([*command, '--frames', f'{first_frame}:{end_frame - 1}'])}", flush=True
+        )
 
 
 def _print_before(checked: check.Check, count: int, arguments: argparse.Namespace) -> None:
-    """What is said of a recording of so many frames before it is diagnosed."""
+    """Print the remarks that precede the diagnosis of a recording of `count` frames."""
     if arguments.frames is not None:
         print(
             "frames: {} to {} of the file, from here on numbered from 0.".format(*arguments.frames)
         )
-    for finding in (*checked.about("skin"), *checked.of(check.WARNING), *checked.of(check.ERROR)):
+    for finding in (
+        *checked.of_topic("skin"),
+        *checked.of_severity(check.WARNING),
+        *checked.of_severity(check.ERROR),
+    ):
         _say(f"{finding.topic}: {finding.sentence}")
-    _print_apart(checked, count, arguments)
+    _print_step_commands(checked, count, arguments)
 
 
 def _no_disc(recorded: Recording, arguments: argparse.Namespace) -> bool:
-    """Whether a skin's outline or its electrodes are such that nothing simulates them: then a line
-    on stderr says so."""
-    other = no_disc(recorded.skin)
-    if other is not None:
-        refused = InputError(arguments.skin or arguments.file, *other, EXPECTED)
-        print(refused, file=sys.stderr)
+    """Whether the outline or the electrodes of a skin rule out its simulation; a line on stderr
+    says so."""
+    refusal = no_disc(recorded.skin)
+    if refusal is not None:
+        error = InputError(arguments.skin or arguments.file, *refusal, EXPECTED)
+        print(error, file=sys.stderr)
         if arguments.json:
-            answers.write(answers.refusal(refused))
-    return other is not None
+            answers.write(answers.refusal(error))
+    return refusal is not None
 
 
 def _check(arguments: argparse.Namespace) -> int:
     recorded = _source(arguments)
-    result = check.check(recorded, progress=True)
+    full_check = check.check(recorded, progress=True)
     if arguments.json:
-        answers.write(answers.checked(result, arguments.file))
+        answers.write(answers.checked(full_check, arguments.file))
     else:
-        print(check.text(result), end="")
-        _print_apart(result, len(recorded.frames), arguments)
-    return 0 if result.ok else UNUSABLE
+        print(check.text(full_check), end="")
+        _print_step_commands(full_check, len(recorded.frames), arguments)
+    return 0 if full_check.ok else UNUSABLE
 
 
 def _import(arguments: argparse.Namespace) -> int:
     recorded = _source(arguments)
-    result = _checked(recorded, arguments)
-    if result is None:
+    full_check = _checked(recorded, arguments)
+    if full_check is None:
         return UNUSABLE
     if not arguments.anyway and _no_disc(recorded, arguments):
         return UNUSABLE
     recording.write(recorded, arguments.out)
     if arguments.json:
-        answers.write(answers.checked(result, arguments.file) | {"out": arguments.out})
+        answers.write(answers.checked(full_check, arguments.file) | {"out": arguments.out})
         return 0
-    held = (*result.about("frames"), *result.about("channels"))
-    for finding in (*held, *result.of(check.WARNING), *result.of(check.ERROR)):
+    extent = (*full_check.of_topic("frames"), *full_check.of_topic("channels"))
+    for finding in (
+        *extent,
+        *full_check.of_severity(check.WARNING),
+        *full_check.of_severity(check.ERROR),
+    ):
         _say(f"{finding.topic}: {finding.sentence}")
     print(arguments.out)
     return 0
@@ -357,105 +393,119 @@ def _import(arguments: argparse.Namespace) -> int:
 
 def _diagnose(arguments: argparse.Namespace) -> int:
     # seconds, which other commands spare
-    from eitskin.diagnose import apart
+    from eitskin.diagnose import files, parts
     from eitskin.diagnose.fitting import memory
     from eitskin.diagnose.report import page
-    from eitskin.diagnose.search import start
-    from eitskin.diagnose.verdict import result, words
+    from eitskin.diagnose.search import starting_point
+    from eitskin.diagnose.verdict import words
+    from eitskin.diagnose.verdict.record import read_query, record
 
     recorded = _source(arguments)
     recording.voltages(recorded, arguments.file)
-    if arguments.query is not None:
-        result.read_query(arguments.query, recorded)
+    query = None if arguments.query is None else read_query(arguments.query, recorded)
     earlier = None
     if arguments.earlier is not None:
-        earlier = start.read(arguments.earlier, recorded.channels)
+        earlier = starting_point.read(arguments.earlier, recorded.channels)
     name = _stem(arguments.file, arguments.frames)
-    out = Path(arguments.out or f"diagnosis-{name}")
-    report, predicted = out / "report.html", out / "predicted.parquet"
-    answer = report, out / "diagnosis.json", predicted
-    if out.is_dir():
-        with held_folder(out):
+    folder_path = Path(arguments.out or f"diagnosis-{name}")
+    report, predicted = folder_path / "report.html", folder_path / "predicted.parquet"
+    answer = report, folder_path / "diagnosis.json", predicted
+    if folder_path.is_dir():
+        with held_folder(folder_path):
             _forget(answer)
     if _no_disc(recorded, arguments):
         return UNUSABLE
     memory.most_frames(recorded, arguments.memory, arguments.file)
-    checked = _checked(recorded, arguments)
-    if checked is None:
+    full_check = _checked(recorded, arguments)
+    if full_check is None:
         return UNUSABLE
     with contextlib.redirect_stdout(sys.stderr if arguments.json else sys.stdout):
-        _print_before(checked, len(recorded.frames), arguments)
-    with held_folder(out) as folder, named(arguments.file):
+        _print_before(full_check, len(recorded.frames), arguments)
+    with held_folder(folder_path) as folder, named(arguments.file):
         _forget(answer)
         source = folder / "recording.parquet"
         recording.write(recorded, source)
-        found = apart.diagnose(
+        diagnosis = parts.diagnose(
             recorded, progress=True, memory_GiB=arguments.memory, earlier=earlier
         )
-        said = result.write(found, name, folder, SCHEMA, arguments.query)
+        answered = record(diagnosis, name, query)
+        files.write(answered, folder, SCHEMA, arguments.query)
+        document = answered.document
         if not arguments.json:
-            for head, sentences in words.of_parts(said) or [("", words.told(said))]:
+            for head, sentences in words.of_parts(document) or [("", words.told(document))]:
                 _say("\n".join([f"{head}:", *sentences] if head else sentences))
-            for sentence in words.pinned(said["calibration"]):
+            for sentence in words.pinned(document["calibration"]):
                 _say(sentence)
             sys.stdout.flush()
         page.write(folder, source, SCHEMA, report, None if arguments.query is None else predicted)
     if arguments.json:
-        answers.write(said | {"report": str(report)})
+        answers.write(document | {"report": str(report)})
     else:
         print(report)
     return 0
 
 
+def _explain(arguments: argparse.Namespace) -> int:
+    from eitskin.diagnose.verdict import refusals
+
+    folder = Path(arguments.folder)
+    document, decisions = refusals.read(folder)
+    sentences = refusals.explanations(decisions, document, arguments.name)
+    if arguments.json:
+        answers.write({"folder": str(folder), "sentences": sentences})
+        return 0
+    for sentence in sentences:
+        _say(sentence)
+    return 0
+
+
 def _forget(answer: Sequence[Path]) -> None:
-    """Removes an earlier run's answer: what is refused or not whole has none."""
+    """Remove an earlier run's answer: a refused or interrupted run has none."""
     for earlier in answer:
         earlier.unlink(missing_ok=True)
 
 
-def _told_apart(
+def _titles(
     files: tuple[str, str], stretches: tuple[tuple[int, int] | None, ...], part: str | None
 ) -> tuple[str, str]:
-    """What two recordings are called: as their files, and what is read of them; by their paths
-    where that would be the same."""
+    """Titles of two recordings: their names and what is read of them; their paths where the
+    names agree."""
 
-    def called(control: str, later: str) -> tuple[str, str]:
-        first, second = (
+    def title_pair(control_name: str, later_name: str) -> tuple[str, str]:
+        control_title, later_title = (
             name if stretch is None else "{}, frames {} to {}".format(name, *stretch)
-            for name, stretch in zip((control, later), stretches, strict=True)
+            for name, stretch in zip((control_name, later_name), stretches, strict=True)
         )
-        return first, second if part is None else f"{second}, {part}"
+        return control_title, later_title if part is None else f"{later_title}, {part}"
 
-    names = called(answers.name(files[0]), answers.name(files[1]))
-    return called(*files) if names[0] == names[1] else names
+    names = title_pair(answers.name(files[0]), answers.name(files[1]))
+    return title_pair(*files) if names[0] == names[1] else names
 
 
 def _compare(arguments: argparse.Namespace) -> int:
-    from eitskin.diagnose.comparison import difference_words, result
-    from eitskin.diagnose.report import comparison_page
+    from eitskin.diagnose.compare import page, result
 
     files = (arguments.control, arguments.later)
     stretches = (arguments.control_frames, arguments.later_frames)
-    names = _told_apart(files, stretches, arguments.part)
+    names = _titles(files, stretches, arguments.part)
     with named(" and ".join(files)):
         control = _load(files[0], arguments, stretches[0])
         later = _load(files[1], arguments, stretches[1], arguments.part)
         for file, recorded in zip(files, (control, later), strict=True):
             recording.voltages(recorded, file)
-            if _checked(recorded, arguments, file, OF_TABLE) is None:
+            if _checked(recorded, arguments, file, TABLE_TOPICS) is None:
                 return UNUSABLE
-        sentences, difference = difference_words.compared(control, later, names)
-    said = result.of_difference(list(names), sentences, difference)
+        document = result.comparison(control, later, names)
     stems = "-vs-".join(map(_stem, files, stretches))
     with held_folder(arguments.out or f"comparison-{stems}") as folder:
         report = folder / "comparison.html"
         report.unlink(missing_ok=True)
-        result.write(said, folder / "comparison.json")
-        comparison_page.write(said, report)
+        result.write(document, folder / "comparison.json")
+        page.write(document, report)
     if arguments.json:
-        answers.write(said | {"report": str(report)})
+        answers.write(document | {"report": str(report)})
     else:
-        _say("\n".join(sentences))
+        _say("\n".join(document["sentences"]))
         print(report)
     return 0
 

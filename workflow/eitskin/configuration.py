@@ -1,4 +1,4 @@
-"""The configuration: refused in one line where it is wrong, before any work."""
+"""The configuration: checked before any work, and refused in one line."""
 
 import contextlib
 import os
@@ -29,29 +29,32 @@ from eitskin.simulate.readings import apply_skin, simulate
 from eitskin.simulate.sets import CONTINUOUS, sample_settings
 
 MISSING = object()
-GIVEN = "--config"  # where values are from that no file has
+COMMAND_LINE = "--config"  # the source of values that no file contains
 REFERRED_TO = {"rig.schema.yaml": Path(__file__).parent / "capture" / "rig.schema.yaml"}
 PATHS = ("path", "query")  # of a recording
-YTE = "__use_yte__"  # by which Snakemake takes a configuration for a template
+YTE = "__use_yte__"  # marks a configuration as a template for Snakemake
 
 
 class _Refusal(Exception):
-    """What is wrong within the configuration; which file holds it is still to be found."""
+    """A wrong value in the configuration, before the file that contains it is known."""
 
-    def __init__(self, place: list, found: object, expected: str):
-        self.place, self.found, self.expected = place, found, expected
+    def __init__(self, place: list, actual: object, expected: str):
+        self.place, self.actual, self.expected = place, actual, expected
 
 
 def validate(
-    config: dict, schema_path: str | Path, files: Iterable[str | Path], rest: str = GIVEN
+    config: dict,
+    schema_path: str | Path,
+    files: Iterable[str | Path],
+    default_source: str = COMMAND_LINE,
 ) -> None:
-    """Check a merged configuration against its schema, its own names, the recordings' paths and
-    what the physics of its skins, protocols and effects allows; then put the values of environment
-    variables into the recordings' paths (`${NAME}`).
+    """Check a merged configuration against its schema, its own names, the recordings' paths and the
+    physics of its skins, protocols and effects; then expand environment variables in the
+    recordings' paths (`${NAME}`).
 
-    `files` are the YAML files it was read from, later ones overriding earlier ones, `rest` says
-    where values are from that none of them has; no key may stand twice in a mapping. Raises
-    InputError, one line that names the file which holds the wrong value.
+    files: the YAML files it was read from, later ones overriding earlier ones; default_source: the
+    source of values that none of them contains. A key may stand only once in a mapping. Raises
+    InputError, one line that names the file with the wrong value.
     """
     files = [Path(file) for file in files]
     for file in files:
@@ -63,95 +66,107 @@ def validate(
         if errors:
             error = min(errors, key=lambda error: _position(config, list(error.absolute_path)))
             raise _Refusal(*explained(error))
-        wrong = _unknown_name(config) or _missing_recording(config) or _probe_of_no_rig(config)
-        if wrong is not None:
-            raise _Refusal(*wrong)
+        contradiction = (
+            _unknown_name(config) or _missing_recording(config) or _probe_of_no_rig(config)
+        )
+        if contradiction is not None:
+            raise _Refusal(*contradiction)
         _refuse_unphysical(config)
     except _Refusal as refusal:
-        place, found, expected = refusal.place, refusal.found, refusal.expected
-        file = file_of(place, config, files, rest)
-        raise InputError(file, dotted(place), found, expected) from None
+        place, actual, expected = refusal.place, refusal.actual, refusal.expected
+        file = file_of(place, config, files, default_source)
+        raise InputError(file, dotted(place), actual, expected) from None
     for recording in config["recordings"].values():
         for key in recording.keys() & {*PATHS}:
             recording[key] = _expanded(recording[key])
 
 
 def read(file: str | Path) -> dict:
-    """The mapping in a file of the configuration; raises InputError as `yaml_file.read` does, and
-    for a template of Snakemake's, which would run code."""
-    found = yaml_file.read(file)
-    if YTE in found:
+    """The mapping in a file of the configuration. Raises InputError as `yaml_file.read` does,
+    and for a template of Snakemake, which would run code."""
+    mapping = yaml_file.read(file)
+    if YTE in mapping:
         raise InputError(file, YTE, "a template, which runs code", "plain YAML")
-    return found
+    return mapping
 
 
 def schema(path: str | Path) -> dict:
-    """The schema in a file, with the names that the code knows: effects with their parameters,
-    formats and orders of recordings, models."""
-    found = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    effect, parts = found["$defs"]["effect"], found["properties"]
-    recording = parts["recordings"]["additionalProperties"]
-    effect["properties"]["name"]["enum"] = list(EFFECTS)
-    effect["allOf"] = [
+    """The schema in a file, completed with the names that the code defines: effects with their
+    parameters, formats and orders of recordings, models."""
+    document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    effect_schema, properties = document["$defs"]["effect"], document["properties"]
+    recording = properties["recordings"]["additionalProperties"]
+    effect_schema["properties"]["name"]["enum"] = list(EFFECTS)
+    effect_schema["allOf"] = [
         {
             "if": {"properties": {"name": {"const": name}}},
-            "then": {"properties": {"parameters": _parameters(one)}},
+            "then": {"properties": {"parameters": _parameters(effect)}},
         }
-        for name, one in EFFECTS.items()
+        for name, effect in EFFECTS.items()
     ]
-    recording["properties"]["format"]["enum"] = importers.known()
+    recording["properties"]["format"]["enum"] = importers.format_names()
     recording["properties"]["skin"]["propertyNames"] = {"enum": list(stated.KEYS)}
     recording["properties"]["order"]["enum"] = list(ORDERS)
     kinds = f"^(single:({'|'.join(EFFECTS)})|pair|triple)$"
-    parts["loop"]["properties"]["cases"]["propertyNames"]["pattern"] = kinds
-    of_budget = parts["budgets"]["additionalProperties"]["properties"]["rows"]
+    properties["loop"]["properties"]["cases"]["propertyNames"]["pattern"] = kinds
+    budget_rows = properties["budgets"]["additionalProperties"]["properties"]["rows"]
     networks = [name for name in models.names() if not models.model(name).support_vectors]
-    found["$defs"]["models"]["items"]["enum"] = models.names()
-    found["$defs"]["tuned"]["items"]["enum"] = networks
-    for rows in (parts["training"]["properties"]["rows"], of_budget):
+    document["$defs"]["models"]["items"]["enum"] = models.names()
+    document["$defs"]["tuned"]["items"]["enum"] = networks
+    for rows in (properties["training"]["properties"]["rows"], budget_rows):
         rows["propertyNames"]["enum"] = networks
-    return found
+    return document
 
 
 def _parameters(effect: Effect) -> dict:
-    """What a schema asks of an effect's parameters; their bounds are `settings`' to check."""
+    """The schema of an effect's parameters; `settings` checks their bounds."""
     rules: dict[str, dict] = {}
     for key, parameter in effect.parameters.items():
         rules[key] = {"$ref": f"#/$defs/{'optional-value' if parameter.optional else 'value'}"}
         if parameter.whole:
-            whole = {"type": "integer", "minimum": parameter.low}
-            rules[key] = {**whole, "description": "a whole number"}
-    needed = [key for key, parameter in effect.parameters.items() if not parameter.optional]
-    return {"additionalProperties": False, "required": needed, "properties": rules}
+            integer_rule = {"type": "integer", "minimum": parameter.low}
+            rules[key] = {**integer_rule, "description": "a whole number"}
+    required = [key for key, parameter in effect.parameters.items() if not parameter.optional]
+    return {"additionalProperties": False, "required": required, "properties": rules}
 
 
 def _schema(uri: str) -> Resource:
-    """Another schema, which one refers to by its file's name."""
+    """A schema that another one refers to by the name of its file."""
     return Resource.from_contents(yaml.safe_load(REFERRED_TO[uri].read_text(encoding="utf-8")))
 
 
 def with_continuous(config: dict) -> dict[str, dict]:
-    """The configurations and, of each, the set whose touches lie everywhere, `-continuous`: its
-    key `continuous` holds the places' radius, the forces and, where it has a size of its own, the
-    `samples`, as `simulate.continuous_samples` takes them."""
+    """The configurations, and for each a derived set `-continuous` with continuously distributed
+    touches: its key `continuous` holds the radius of the places, the forces and, where stated,
+    the `samples`, as `simulate.continuous_samples` takes them."""
     grid, forces = config["touch_grid"], config["forces"]
     continuous = {
         "reach_mm": grid["outer"] * config["skin"]["radius_mm"],
         "probe_mm": grid["probe_mm"],
         "forces": {key: forces[key] for key in ("mean_N", "sd_N", "max_N")},
     }
-    found = {name: {**one, "continuous": None} for name, one in config["configurations"].items()}
+    sets = {
+        name: {**configuration, "continuous": None}
+        for name, configuration in config["configurations"].items()
+    }
     derived = {}
-    for name, one in found.items():
-        own = {"samples": one["continuous_samples"]} if "continuous_samples" in one else {}
-        derived[name + CONTINUOUS] = {**one, "continuous": continuous | own}
-    return found | derived
+    for name, configuration in sets.items():
+        samples = (
+            {"samples": configuration["continuous_samples"]}
+            if "continuous_samples" in configuration
+            else {}
+        )
+        derived[name + CONTINUOUS] = {**configuration, "continuous": continuous | samples}
+    return sets | derived
 
 
 def _refuse_unphysical(config: dict) -> None:
-    """Refuse what the schema cannot judge: skins, protocols, touches, forces, effects."""
+    """Refuse skins, protocols, touches, forces and effects that the schema cannot check."""
     twin = config["twin"]
-    sets = {("configurations", name): one for name, one in config["configurations"].items()}
+    sets = {
+        ("configurations", name): configuration
+        for name, configuration in config["configurations"].items()
+    }
     for place, block, perturbed in (([], config, sets), (["twin"], twin, {("twin",): twin})):
         skin = _skin(block["skin"], [*place, "skin"])
         channels = _channels(block["protocol"], [*place, "protocol"], len(skin.electrode_deg))
@@ -159,22 +174,25 @@ def _refuse_unphysical(config: dict) -> None:
         if grid["inner"] > grid["outer"]:
             expected = f"at most outer, {grid['outer']}"
             raise _Refusal([*place, "touch_grid", "inner"], grid["inner"], expected)
-        drawn = settings if place else sample_settings
-        for where, one in perturbed.items():
-            at = [*where, "effects"]
-            _refuse_effects(one["effects"], at, skin, channels, drawn)
+        draw_settings = settings if place else sample_settings
+        for set_place, configuration in perturbed.items():
+            effects_place = [*set_place, "effects"]
+            _refuse_effects(configuration["effects"], effects_place, skin, channels, draw_settings)
             if skin.points:
-                _refuse_on_points(one["effects"], at, block["skin"], channels)
+                _refuse_on_points(configuration["effects"], effects_place, block["skin"], channels)
     for name, recording in config["recordings"].items():
-        said = recording.get("skin", {})
-        with _at_place(["recordings", name, "skin"], {key: [key] for key in said}):
-            stated.refuse(said)
-    for name, one in config["configurations"].items():
-        least, found = 2 * one["session_frames"] + 1, one.get("continuous_samples")
-        if found is not None and found < least:
+        stated_skin = recording.get("skin", {})
+        with _at_place(["recordings", name, "skin"], {key: [key] for key in stated_skin}):
+            stated.refuse(stated_skin)
+    for name, configuration in config["configurations"].items():
+        least_samples, samples = (
+            2 * configuration["session_frames"] + 1,
+            configuration.get("continuous_samples"),
+        )
+        if samples is not None and samples < least_samples:
             place = ["configurations", name, "continuous_samples"]
-            expected = f"{least} or more: three sessions, to train, validate and test"
-            raise _Refusal(place, found, expected)
+            expected = f"{least_samples} or more: three sessions, to train, validate and test"
+            raise _Refusal(place, samples, expected)
     low, high = twin["press"]["target_N"]
     if low > high:
         raise _Refusal(["twin", "press", "target_N"], [low, high], "the smaller force first")
@@ -198,45 +216,46 @@ def _channels(protocol: dict, place: list, n_electrodes: int) -> np.ndarray:
 
 
 def _refuse_effects(
-    items: list[dict], place: list, skin: Geometry, channels: np.ndarray, drawn: Callable
+    effects: list[dict], place: list, skin: Geometry, channels: np.ndarray, draw_settings: Callable
 ) -> None:
-    """Refuse sites that are not there and values that make no skin, drawn once where drawn."""
-    for k, item in enumerate(items):
-        parameters = {key: ["parameters", key] for key in item["parameters"]}
-        with _at_place([*place, k], {key: [key] for key in item} | parameters):
-            skin = apply_skin(skin, drawn([item], site_counts(channels), (0, 0)), START)
+    """Refuse missing sites and values that make no skin; random values are drawn once."""
+    for k, effect in enumerate(effects):
+        parameters = {key: ["parameters", key] for key in effect["parameters"]}
+        with _at_place([*place, k], {key: [key] for key in effect} | parameters):
+            skin = apply_skin(skin, draw_settings([effect], site_counts(channels), (0, 0)), START)
 
 
-def _refuse_on_points(items: list[dict], place: list, skin: dict, channels: np.ndarray) -> None:
-    """Refuse what needs electrodes with a width: bodies, and potentials of those that drive."""
+def _refuse_on_points(effects: list[dict], place: list, skin: dict, channels: np.ndarray) -> None:
+    """Refuse effects that need electrodes with a width: bodies, and potentials of driven
+    electrodes."""
     believed = Skin.from_metadata(skin)
     frames = pd.DataFrame({"touch": [False, True], "force_N": [0.0, 1.0], "time_s": [0.0, 1.0]})
     frames = frames.assign(x_mm=[np.nan, 0.0], y_mm=[np.nan, 0.0], probe_mm=[np.nan, 8.0])
-    for k, item in enumerate(items):
-        chosen = settings([item], site_counts(channels), (0, 0))
-        geometry = apply_skin(Geometry.from_skin(believed), chosen, START)
-        later = chosen[0].effect.stage in ("wiring", "instrument")
-        if geometry.deep or (later and not on_readings(item["name"])):
+    for k, effect in enumerate(effects):
+        effect_settings = settings([effect], site_counts(channels), (0, 0))
+        geometry = apply_skin(Geometry.from_skin(believed), effect_settings, START)
+        is_behind_skin = effect_settings[0].effect.stage in ("wiring", "instrument")
+        if geometry.deep or (is_behind_skin and not on_readings(effect["name"])):
             try:
-                simulate(frames, np.array([-1, 0]), believed, channels, chosen, "train")
+                simulate(frames, np.array([-1, 0]), believed, channels, effect_settings, "train")
             except InputError as error:
                 expected = f"{error.expected} ({error.file}.{error.place})"
-                raise _Refusal([*place, k], error.found, expected) from error
+                raise _Refusal([*place, k], error.actual, expected) from error
 
 
 @contextlib.contextmanager
 def _at_place(place: list, within: dict[str, list]) -> Iterator[None]:
-    """Turn an InputError into the refusal of what stands at `place` and, there, where `within` has
-    the error's own place."""
+    """Turn an InputError into a refusal at `place`, followed by the keys that `within` maps the
+    error's own place to."""
     try:
         yield
     except InputError as error:
         inner = within.get(error.place, [])
-        raise _Refusal([*place, *inner], error.found, error.expected) from error
+        raise _Refusal([*place, *inner], error.actual, error.expected) from error
 
 
 def _position(config: dict, place: list) -> tuple[int, list[int]]:
-    """Depth of a place, then its order in the file: the first of the least deep comes first."""
+    """Depth of a place, then its order in the file: the sort key of errors, least deep first."""
     node, order = config, []
     for part in place:
         order.append(list(node).index(part) if isinstance(node, dict) else part)
@@ -245,23 +264,23 @@ def _position(config: dict, place: list) -> tuple[int, list[int]]:
 
 
 def _unknown_name(config: dict) -> tuple[list, str, str] | None:
-    """A name in a table, a figure, `ablation`, `transfer`, `diagnoses`, `tanks` or `loop` that is
-    defined nowhere."""
+    """The first undefined name in a table, a figure, `ablation`, `transfer`, `diagnoses`,
+    `tanks` or `loop`."""
     recordings = [*config["recordings"], *_rig_names(config)]
-    for kind, known in (("configurations", config["configurations"]), ("recordings", recordings)):
+    for kind, names in (("configurations", config["configurations"]), ("recordings", recordings)):
         for name, splits in config["table_1"][kind].items():
-            if name not in known:
-                return ["table_1", kind, name], "an unknown name", one_of(known, name)
+            if name not in names:
+                return ["table_1", kind, name], "an unknown name", one_of(names, name)
             for k, split in enumerate(splits):
                 if split not in config["splits"]:
                     place = ["table_1", kind, name, split if isinstance(splits, dict) else k]
                     return place, repr(split), one_of(config["splits"], split)
-    for key, known in (("recording", recordings), ("configuration", config["configurations"])):
-        if config["figures"][key] not in known:
-            found = config["figures"][key]
-            return ["figures", key], repr(found), one_of(known, found)
+    for key, names in (("recording", recordings), ("configuration", config["configurations"])):
+        if config["figures"][key] not in names:
+            source = config["figures"][key]
+            return ["figures", key], repr(source), one_of(names, source)
     sets = [f"simulated-{name}" for name in config["configurations"]]
-    for place, known in (
+    for place, names in (
         (["table_2", "configurations"], config["configurations"]),
         (["transfer", "sources"], sets),
         (["transfer", "targets"], recordings),
@@ -269,15 +288,15 @@ def _unknown_name(config: dict) -> tuple[list, str, str] | None:
         (["tanks"], recordings),
         (["loop", "recordings"], recordings),
     ):
-        for k, name in enumerate(_at(place, config)):
-            if name not in known:
-                return [*place, k], repr(name), one_of(known, name)
-    known = [*(f"simulated-{name}" for name in with_continuous(config)), *recordings]
+        for k, name in enumerate(_value_at(place, config)):
+            if name not in names:
+                return [*place, k], repr(name), one_of(names, name)
+    names = [*(f"simulated-{name}" for name in with_continuous(config)), *recordings]
     for key in ("varied_on", "compared_on"):
         for name, splits in config["ablation"][key].items():
             place = ["ablation", key, name]
-            if name not in known:
-                return place, "an unknown name", one_of(known, name)
+            if name not in names:
+                return place, "an unknown name", one_of(names, name)
             for k, split in enumerate(splits):
                 if split not in config["splits"]:
                     return [*place, k], repr(split), one_of(config["splits"], split)
@@ -298,25 +317,25 @@ def _unknown_name(config: dict) -> tuple[list, str, str] | None:
 
 
 def _rig_names(config: dict) -> list[str]:
-    """What the rig that is attached captures, where one is."""
+    """Names of the recordings that the attached rig captures."""
     return [config["rig"]["name"]] if "rig" in config else []
 
 
 def captured_path(name: str) -> str:
-    """Where the recording lies that a rig has captured under a name."""
+    """Path of the recording that a rig has captured under a name."""
     return f"results/recordings/{name}.parquet"
 
 
 def _missing_recording(config: dict) -> tuple[list, str, str] | None:
-    """A recording's or query's file that is neither there nor made by the workflow itself, nor to
-    be captured by the rig that is attached."""
+    """The first recording or query whose file neither exists nor is made by the workflow or the
+    attached rig."""
     for name, recording in config["recordings"].items():
         for key in [key for key in PATHS if key in recording]:
             try:
                 path = _expanded(recording[key])
             except KeyError as unset:
-                found = f"{recording[key]!r}, but {unset.args[0]} is not set"
-                return ["recordings", name, key], found, "an environment variable that is set"
+                actual = f"{recording[key]!r}, but {unset.args[0]} is not set"
+                return ["recordings", name, key], actual, "an environment variable that is set"
             capture = path == captured_path(name)
             if capture and name in _rig_names(config):
                 continue
@@ -347,25 +366,29 @@ def _indices(node: object) -> range:
     return range(len(node)) if isinstance(node, list) else range(0)
 
 
-def file_of(place: list, config: dict, files: Iterable[str | Path], rest: str = GIVEN) -> str:
-    """The last file that holds what stands at `place`; for a missing key the first that holds what
-    it is missing from, within a list the one that the list is of; where none does, `rest`."""
+def file_of(
+    place: list, config: dict, files: Iterable[str | Path], default_source: str = COMMAND_LINE
+) -> str:
+    """The last file that contains the value at `place`; for a missing key the first that
+    contains the mapping it is missing from, or within a list that list; else `default_source`."""
     files = [Path(file) for file in files]
-    found = _at(place, config)
-    if found is MISSING and files:
+    value = _value_at(place, config)
+    if value is MISSING and files:
         if any(isinstance(part, int) for part in place):
-            return file_of(place[:-1], config, files, rest)
-        holding = [file for file in files if _at(place[:-1], read(file)) is not MISSING]
-        return str(holding[0]) if holding else rest
+            return file_of(place[:-1], config, files, default_source)
+        holding_files = [file for file in files if _value_at(place[:-1], read(file)) is not MISSING]
+        return str(holding_files[0]) if holding_files else default_source
     for file in reversed(files):
-        held = _at(place, read(file))
-        if repr(held) == repr(found) or (isinstance(held, dict) and isinstance(found, dict)):
+        file_value = _value_at(place, read(file))
+        if repr(file_value) == repr(value) or (
+            isinstance(file_value, dict) and isinstance(value, dict)
+        ):
             return str(file)
-    return rest
+    return default_source
 
 
-def _at(place: list, node: Any) -> Any:
-    """What stands at `place` within nested mappings and lists, or MISSING."""
+def _value_at(place: list, node: Any) -> Any:
+    """The value at `place` within nested mappings and lists, or MISSING."""
     for part in place:
         if part not in (node if isinstance(node, dict) else _indices(node)):
             return MISSING

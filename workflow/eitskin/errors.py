@@ -1,4 +1,4 @@
-"""The one way in which eitskin refuses bad input."""
+"""InputError, the one way in which eitskin refuses bad input."""
 
 import contextlib
 import os
@@ -10,26 +10,26 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
-# What code that is only half written raises where it is imported.
+# Raised on the import of unfinished code.
 UNFINISHED = (AttributeError, ImportError, LookupError, NameError, TypeError, ValueError)
+# Values of InputError.file that are no file: code that was given none uses them.
 UNNAMED = ("recording", "skin", "states", "touch", "protocol", "patch", "effects")
 
 
 class InputError(Exception):
-    """Input that cannot be used, told in one line: file, place, what was found, what was
-    expected.
+    """Unusable input, reported in one line: file, place, the actual and the expected value.
 
-    Notes (`add_note`) say more; they go to a job's log, not to the line.
+    Notes (`add_note`) give details; they appear in a job's log, not in the line.
     """
 
-    def __init__(self, file: str | Path, place: str, found: object, expected: str):
-        super().__init__(f"{file}: {place}: found {found}, expected {expected}")
-        self.file, self.place, self.found, self.expected = file, place, found, expected
+    def __init__(self, file: str | Path, place: str, actual: object, expected: str):
+        super().__init__(f"{file}: {place}: found {actual}, expected {expected}")
+        self.file, self.place, self.actual, self.expected = file, place, actual, expected
 
     def __reduce__(self) -> tuple:
-        """As another process is told it."""
-        told = self.file, self.place, self.found, self.expected
-        return type(self), told, vars(self)
+        """Pickled by its four arguments and its notes."""
+        arguments = self.file, self.place, self.actual, self.expected
+        return type(self), arguments, vars(self)
 
 
 def refused(
@@ -38,7 +38,7 @@ def refused(
     place: str = "file",
     expected: str = "one that can be read and written",
 ) -> InputError:
-    """What the operating system refuses, as an InputError of `file`, else of the one it names."""
+    """A refusal of the operating system as an InputError of `file`, by default the one it names."""
     if error.errno is None:
         reason = str(error).partition("\n")[0] or "an unknown error"
     else:
@@ -47,7 +47,7 @@ def refused(
 
 
 def imported(module: str) -> ModuleType:
-    """A module that somebody may have added to the house, by its whole name.
+    """Import a module, possibly one that a user added, by its full name.
 
     Raises InputError, with file and line, where it cannot be imported.
     """
@@ -62,9 +62,9 @@ def imported(module: str) -> ModuleType:
         file = spec.origin if spec and spec.origin else module
         calls = traceback.extract_tb(error.__traceback__)
         lines = [call.lineno for call in calls if call.filename == file]
-        found = f"{type(error).__name__}: {error}".partition("\n")[0]
+        actual = f"{type(error).__name__}: {error}".partition("\n")[0]
         place = _line(lines[-1] if lines else None)
-        raise InputError(file, place, found, "code that can be imported") from error
+        raise InputError(file, place, actual, "code that can be imported") from error
 
 
 def _line(number: int | None) -> str:
@@ -73,15 +73,14 @@ def _line(number: int | None) -> str:
 
 @contextlib.contextmanager
 def named(file: str | Path) -> Iterator[None]:
-    """Where code that was given no file refuses a recording, or what it says of the skin, name its
-    file."""
+    """Put `file` into refusals of a recording or its skin by code that was given no file."""
     try:
         yield
     except InputError as error:
         if error.file not in UNNAMED:
             raise
         place = error.place if error.file == "recording" else f"{error.file}, {error.place}"
-        raise InputError(file, place, error.found, error.expected) from error
+        raise InputError(file, place, error.actual, error.expected) from error
 
 
 @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""What the code of a workflow's script says, whatever its comments: the reason to run it again."""
+"""Hashes of the code behind a workflow's script, comments aside: whether to run it again."""
 
 import ast
 import hashlib
@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 HOUSE = Path(__file__).parents[1]
-FINDS_BY_NAME = {  # what has modules that no import statement names
+FINDS_BY_NAME = {  # packages with modules that no import statement names
     "eitskin.effects",
     "eitskin.learn.models",
     "eitskin.data.importers",
@@ -15,56 +15,56 @@ FINDS_BY_NAME = {  # what has modules that no import statement names
 
 
 def fingerprint(
-    script: str, found: Iterable[str] | None = None, files: Iterable[str | Path] = ()
+    script: str, named_modules: Iterable[str] | None = None, files: Iterable[str | Path] = ()
 ) -> str:
     """SHA-256, in hex, of the syntax trees of scripts/`script`.py and of all that it `reached`.
 
-    found: modules that the script's work finds by name: effects, models and formats in use. files:
-    what else of the workflow it reads, byte by byte: their times say nothing, as a fresh clone has
-    all of them new. Comments, docstrings and layout do not count. Raises ValueError unless `found`
-    is given where the script reaches what finds modules by name, and only there.
+    named_modules: modules that the script's work imports by name: effects, models and formats in
+    use. files: other files of the workflow that it reads; their bytes count, as modification times
+    are all new in a fresh clone. Comments, docstrings and layout do not count. Raises ValueError
+    unless `named_modules` is given exactly where the script reaches a package of FINDS_BY_NAME.
     """
     digest = hashlib.sha256()
-    for name, said in sorted(reached(script, found).items()):
-        digest.update(f"{name}\n{said}\n".encode())
+    for name, digest_text in sorted(reached(script, named_modules).items()):
+        digest.update(f"{name}\n{digest_text}\n".encode())
     for file in files:
         digest.update(hashlib.sha256(Path(file).read_bytes()).digest())
     return digest.hexdigest()
 
 
-def reached(script: str, found: Iterable[str] | None = None) -> dict[str, str]:
-    """What code says by name: the script, and modules that import statements lead to, also those
-    inside functions, with the packages that hold them; nothing is imported for it.
+def reached(script: str, named_modules: Iterable[str] | None = None) -> dict[str, str]:
+    """Digests by name: of the script and of the modules that its import statements lead to, also
+    those inside functions, with the packages that contain them. Nothing is imported.
 
-    Raises as `fingerprint`, and ModuleNotFoundError for what is not there.
+    Raises as `fingerprint`, and ModuleNotFoundError for a missing script or module.
     """
     file = HOUSE / "scripts" / f"{script}.py"
     if not file.is_file():
         raise ModuleNotFoundError(f"no script {file}", name=script)
-    said, imports = _parsed(file)
+    digest, imports = _parsed(file)
     modules = set(_closure(imports))
     finds = sorted(FINDS_BY_NAME & modules)
-    if (found is None) == bool(finds):
-        which = f"which does it find by {', '.join(finds)}" if finds else "it finds none by name"
-        raise ValueError(f"script {script}: {which}")
-    for name in found or ():
+    if (named_modules is None) == bool(finds):
+        message = f"which does it find by {', '.join(finds)}" if finds else "it finds none by name"
+        raise ValueError(f"script {script}: {message}")
+    for name in named_modules or ():
         if _file(name) is None:
             raise ModuleNotFoundError(f"no module {name} in {HOUSE}", name=name)
         modules |= _closure((name,))
-    return {f"scripts/{script}": said, **{name: _parsed(_file(name))[0] for name in modules}}
+    return {f"scripts/{script}": digest, **{name: _parsed(_file(name))[0] for name in modules}}
 
 
 @cache
 def _closure(names: tuple[str, ...]) -> frozenset[str]:
-    """All modules of the house that names lead to, with these and the packages that hold them."""
-    waiting, met = list(names), set()
+    """All modules of the workflow that names lead to, with these and their packages."""
+    waiting, visited = list(names), set()
     while waiting:
         name = waiting.pop()
-        if name in met or (file := _file(name)) is None:
+        if name in visited or (file := _file(name)) is None:
             continue
-        met.add(name)
+        visited.add(name)
         waiting += [*_parsed(file)[1], *_within(name)]
-    return frozenset(met)
+    return frozenset(visited)
 
 
 def _within(name: str) -> list[str]:
@@ -83,15 +83,15 @@ def _file(name: str) -> Path | None:
 
 @cache
 def _parsed(file: Path) -> tuple[str, tuple[str, ...]]:
-    """What the code of a file says, and the names that it imports; read once a process."""
+    """Digest of the code of a file, and the names that it imports; cached."""
     tree = ast.parse(file.read_text(encoding="utf-8"), str(file))
     names = tuple(_imports(tree))
-    return hashlib.sha256(_told(_without_docstrings(tree)).encode()).hexdigest(), names
+    return hashlib.sha256(_dumped(_without_docstrings(tree)).encode()).hexdigest(), names
 
 
-def _told(node: object) -> str:
-    """`ast.dump` of a node, of a list of nodes or of a value, four times as fast: every start of
-    the workflow tells of every module."""
+def _dumped(node: object) -> str:
+    """`ast.dump` of a node, a list of nodes or a value, four times as fast: every start of the
+    workflow hashes every module."""
     kind = type(node)
     if isinstance(node, ast.Name):
         return f"Name(id={node.id!r}, ctx={type(node.ctx).__name__}())"
@@ -100,15 +100,15 @@ def _told(node: object) -> str:
         for name in node._fields:
             value = getattr(node, name, None)
             if value is not None or getattr(kind, name, ...) is not None:
-                fields.append(f"{name}={_told(value)}")
+                fields.append(f"{name}={_dumped(value)}")
         return f"{kind.__name__}({', '.join(fields)})"
     if isinstance(node, list):
-        return f"[{', '.join([_told(one) for one in node])}]"
+        return f"[{', '.join([_dumped(element) for element in node])}]"
     return repr(node)
 
 
 def _statements(tree: ast.Module) -> Iterator[ast.AST]:
-    """The tree and every statement in it; what they are made of is left out, and most of a walk."""
+    """The tree and every statement in it, without expressions, which are most of a full walk."""
     waiting: list[ast.AST] = [tree]
     while waiting:
         node = waiting.pop()
@@ -118,7 +118,7 @@ def _statements(tree: ast.Module) -> Iterator[ast.AST]:
 
 
 def _imports(tree: ast.Module) -> list[str]:
-    """Every name that an import statement may load: modules, and what is taken from them."""
+    """Every name that an import statement may load: modules, and names imported from them."""
     names: list[str] = []
     for node in _statements(tree):
         if isinstance(node, ast.Import):
@@ -133,11 +133,11 @@ def _without_docstrings(tree: ast.Module) -> ast.Module:
     """The tree, emptied of docstrings in place."""
     for node in _statements(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            first = node.body[0] if node.body else None
+            statement = node.body[0] if node.body else None
             if (
-                isinstance(first, ast.Expr)
-                and isinstance(first.value, ast.Constant)
-                and isinstance(first.value.value, str)
+                isinstance(statement, ast.Expr)
+                and isinstance(statement.value, ast.Constant)
+                and isinstance(statement.value.value, str)
             ):
                 node.body = node.body[1:]
     return tree

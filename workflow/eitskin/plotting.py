@@ -1,4 +1,4 @@
-"""The house style of figures: colours, widths, letters; and their bytes, the same each time."""
+"""The style of all figures: colours, widths, fonts; their bytes are reproducible."""
 
 import contextlib
 import io
@@ -17,17 +17,17 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
-BEFORE, AFTER = "#d55e00", "#0072b2"  # Okabe & Ito: told apart by everyone, and in print
-MARKERS = ("s", "o")  # of before and after: told apart without colours
+BEFORE, AFTER = "#d55e00", "#0072b2"  # Okabe & Ito: distinguishable for all readers, and in print
+MARKERS = ("s", "o")  # of before and after: distinguishable without colours
 CULPRIT, QUIET = "#8b1a6b", "#767676"
 DIVERGING, SEQUENTIAL, STEPS = "PuOr_r", "cividis", 41
 WIDTH_IN = 85 / 25.4
 DPI = 220
 COLUMN_MM, FULL_MM = 88.0, 180.0
-ABOVE = 0.05  # of a logarithmic axis is free above the largest value, so that no marker is cut
-ROOM = 1.05  # of a disc's radius
+HEADROOM = 0.05  # of a logarithmic axis, free above the largest value: no marker is cut
+DISC_MARGIN = 1.05  # of a disc's radius
 RIM, ELECTRODE = "#404040", "#202020"
-LOST = "#c8c8c8"  # channels that are not read
+UNREAD = "#c8c8c8"  # channels without readings
 PLAIN = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}  # behind a text on a line
 CENTRED: dict[str, Any] = {"ha": "center", "va": "center"}
 STYLE: dict[Any, Any] = {
@@ -66,36 +66,38 @@ def style() -> Iterator[None]:
 
 
 def svg(figure: Figure | str) -> str:
-    """The figure as SVG, the same text for the same figure; of a sentence, the sentence."""
+    """The figure as SVG, the same text for the same figure; of a sentence, a figure of the
+    sentence."""
     stream = io.StringIO()
     nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     with style():
-        _of(figure).savefig(stream, format="svg", metadata=nothing)
+        _as_figure(figure).savefig(stream, format="svg", metadata=nothing)
     return _with_steady_clips(stream.getvalue())
 
 
 def _with_steady_clips(text: str) -> str:
-    """An SVG whose clip paths are named after its content and their order: Matplotlib names them
-    after addresses in memory."""
-    found = re.findall(r'<clipPath id="(\w+)"', text)
+    """The SVG with clip paths named by content and order; Matplotlib names them by memory
+    addresses."""
+    clip_names = re.findall(r'<clipPath id="(\w+)"', text)
 
-    def named(start: str) -> str:
-        names = {name: f"{start}{k}" for k, name in enumerate(found)}
+    def renamed(start: str) -> str:
+        names = {name: f"{start}{k}" for k, name in enumerate(clip_names)}
         mention = r'(?<=<clipPath id=")\w+|(?<=url\(#)\w+'
         return re.sub(mention, lambda m: names.get(m[0], m[0]), text)
 
-    return named(f"clip{zlib.crc32(named('clip').encode()):08x}_")
+    return renamed(f"clip{zlib.crc32(renamed('clip').encode()):08x}_")
 
 
 def png(figure: Figure | str) -> bytes:
-    """The figure as PNG, the same bytes for the same figure; of a sentence, the sentence."""
+    """The figure as PNG, the same bytes for the same figure; of a sentence, a figure of the
+    sentence."""
     stream = io.BytesIO()
     with style():
-        _of(figure).savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
+        _as_figure(figure).savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
     return stream.getvalue()
 
 
-def _of(figure: Figure | str) -> Figure:
+def _as_figure(figure: Figure | str) -> Figure:
     if isinstance(figure, Figure):
         return figure
     page = column(12)
@@ -127,8 +129,8 @@ def disc(axes: Axes, radius_mm: float, electrode_deg: np.ndarray) -> None:
 
 
 def leave_room(axes: Axes, radius_mm: float) -> None:
-    """Limits round a disc that an image fills, at which no electrode is cut."""
-    reach = ROOM * radius_mm
+    """Limits around a disc at which no electrode is cut."""
+    reach = DISC_MARGIN * radius_mm
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
 
 
@@ -137,17 +139,18 @@ def matrix(channels: np.ndarray, value: np.ndarray) -> np.ndarray:
     several share a place, NaN where there is none."""
     drives, row = pairs(channels, (0, 1))
     measures, column = pairs(channels, (2, 3))
-    known = np.isfinite(value)
+    is_finite = np.isfinite(value)
     total, count = np.zeros((2, len(drives), len(measures)))
-    np.add.at(total, (row[known], column[known]), value[known])
-    np.add.at(count, (row[known], column[known]), 1)
+    np.add.at(total, (row[is_finite], column[is_finite]), value[is_finite])
+    np.add.at(count, (row[is_finite], column[is_finite]), 1)
     return total / np.where(count, count, np.nan)
 
 
-def pairs(channels: np.ndarray, ends: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """(P, 2): the pairs at two columns of channels (M, 4), sorted; (M,): which of them each has."""
-    found, index = np.unique(channels[:, ends], axis=0, return_inverse=True)
-    return found, index.ravel()
+def pairs(channels: np.ndarray, columns: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """(P, 2): the different pairs in two columns of channels (M, 4), sorted; (M,): the index of
+    each channel's pair."""
+    unique_pairs, index = np.unique(channels[:, columns], axis=0, return_inverse=True)
+    return unique_pairs, index.ravel()
 
 
 def draw_matrix(
@@ -155,7 +158,7 @@ def draw_matrix(
 ) -> QuadMesh:
     """A `matrix` of channels (M, 4) in colours; drives go downwards once the axis is turned."""
     edges = np.arange(cells.shape[1] + 1) - 0.5, np.arange(cells.shape[0] + 1) - 0.5
-    steps = matplotlib.colormaps[colours].resampled(STEPS).with_extremes(bad=LOST)
+    steps = matplotlib.colormaps[colours].resampled(STEPS).with_extremes(bad=UNREAD)
     shown = np.ma.masked_invalid(cells)
     image = axes.pcolormesh(*edges, shown, cmap=steps, norm=norm, edgecolor="face", lw=0.1)
     axes.set_aspect("equal")
@@ -168,27 +171,29 @@ def draw_matrix(
 
 def _pair_ticks(axis: Axis, shown: np.ndarray) -> None:
     step = -(-len(shown) // 5) if len(shown) != 16 else 4
-    at = np.arange(0, len(shown), step)
+    positions = np.arange(0, len(shown), step)
     unique = len(np.unique(shown[:, 0])) == len(shown)
-    axis.set_ticks(at, [str(a) if unique else f"{a}, {b}" for a, b in shown[at]])
+    axis.set_ticks(positions, [str(a) if unique else f"{a}, {b}" for a, b in shown[positions]])
 
 
 def log_limits(
-    axis: Axis, values: np.ndarray, said: Callable[[float], str], room: float = 1.15
+    axis: Axis, values: np.ndarray, label: Callable[[float], str], room: float = 1.15
 ) -> None:
-    """A logarithmic axis over `values` and the noise, at least from a half to two; above the
-    largest a factor `room`, or more where the axis is long."""
+    """Limits of a logarithmic axis that include `values` and 0.5 to 2; above the largest value a
+    factor `room`, or more on a long axis. label: text of a tick."""
     values = values[np.isfinite(values) & (values > 0)]
-    low, most = min(0.5, values.min(initial=1.0) / 1.15), values.max(initial=1.0)
-    high = max(2.0, most * max(room, (most / low) ** ABOVE))
+    low, largest = min(0.5, values.min(initial=1.0) / 1.15), values.max(initial=1.0)
+    high = max(2.0, largest * max(room, (largest / low) ** HEADROOM))
     (axis.axes.set_xlim if isinstance(axis, XAxis) else axis.axes.set_ylim)(low, high)
-    log_ticks(axis, low, high, said)
+    log_ticks(axis, low, high, label)
 
 
-def log_ticks(axis: Axis, low: float, high: float, said: Callable[[float], str]) -> None:
-    """Few enough plain numbers on a logarithmic axis from `low` to `high`, as `said` has them."""
-    few = high / low < 300
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,), numticks=8 if few else 5))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: said(value)))
+def log_ticks(axis: Axis, low: float, high: float, label: Callable[[float], str]) -> None:
+    """A few plain ticks on a logarithmic axis from `low` to `high`, labelled by `label`."""
+    is_short = high / low < 300
+    axis.set_major_locator(
+        LogLocator(subs=(1, 2, 5) if is_short else (1,), numticks=8 if is_short else 5)
+    )
+    axis.set_major_formatter(FuncFormatter(lambda value, _: label(value)))
     axis.set_minor_locator(NullLocator())
     axis.set_minor_formatter(NullFormatter())

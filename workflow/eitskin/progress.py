@@ -1,4 +1,4 @@
-"""What takes long says how far it is and how long it will take."""
+"""Progress and remaining time of long computations, on stderr."""
 
 import sys
 import time
@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from tqdm import tqdm
 
-QUIET_S = 5.0  # in which nobody wonders
+QUIET_S = 5.0  # before a bar appears
 LINE_S = 30.0  # from one line of a log to the next
 
 Item = TypeVar("Item")
@@ -25,16 +25,16 @@ def patient(items: Iterable[Item], doing: str, shown: bool = True) -> Iterable[I
 
 
 def _logged(items: Iterable[Item], doing: str, total: int | None) -> Iterator[Item]:
-    begun = said = time.monotonic()
-    for done, item in enumerate(items):
-        now = time.monotonic()
-        if done and now - said >= LINE_S:
+    start = last_line = time.monotonic()
+    for done, element in enumerate(items):
+        time_s = time.monotonic()
+        if done and time_s - last_line >= LINE_S:
             words = f"{doing}: {done}"
             if total is not None:
-                words += f" of {total}, {_clock((total - done) * (now - begun) / done)} left"
+                words += f" of {total}, {_clock((total - done) * (time_s - start) / done)} left"
             print(words, file=sys.stderr, flush=True)
-            said = now
-        yield item
+            last_line = time_s
+        yield element
 
 
 def _clock(seconds: float) -> str:

@@ -1,4 +1,4 @@
-"""Numbers with their units as a person writes them."""
+"""Numbers with units as text for readers."""
 
 import math
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def chance(p: float) -> str:
-    """A probability; one that is 0 as a float64 is not 0."""
+    """A probability; one below the range of float64 is not written as 0."""
     return "<10⁻³⁰⁰" if p == 0 else number(p, 2)
 
 
@@ -50,16 +50,16 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
 
 
 def interval(value: float, low: float, high: float, unit: str) -> str:
-    """`value (90 %: low to high) unit`, degrees behind each, as many digits as the interval is
-    worth."""
+    """`value (90 %: low to high) unit`, degrees after each number, with as many digits as the
+    interval justifies."""
     if not np.isfinite([value, low, high]).all():
-        return _within([number(each) for each in (value, low, high)], _spaced(unit))
+        return _within([number(bound) for bound in (value, low, high)], _spaced(unit))
     factor, name = _scale(max(abs(value), abs(low), abs(high)), unit)
     span = max(value - low, high - value) / factor
     if span == 0:
         return f"{number(value / factor, 4)}{name}, held"
     decimals = _decimals(span)
-    return _within([_rounded(each / factor, decimals) for each in (value, low, high)], name)
+    return _within([_rounded(bound / factor, decimals) for bound in (value, low, high)], name)
 
 
 def _within(texts: list[str], name: str) -> str:
@@ -76,9 +76,9 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
     return 10.0**power, f"{PREFIXES[power]}{unit}"
 
 
-def alike(a: float, b: float, span: float) -> bool:
-    """Whether two numbers are written alike where an interval is worth their digits that reaches
-    so far to its farther side; of a span of 0, or of none, whether they are equal."""
+def written_alike(a: float, b: float, span: float) -> bool:
+    """Whether two numbers have the same text at the digits that an interval with this span to
+    its farther side justifies; for a span of 0 or NaN, whether they are equal."""
     if not 0.0 < span < math.inf:
         return a == b
     decimals = _decimals(span)
@@ -86,18 +86,18 @@ def alike(a: float, b: float, span: float) -> bool:
 
 
 def plain(text: str) -> str:
-    """A text for a terminal, where one greps: plain spaces alone."""
+    """The text with plain spaces alone, for terminals and grep."""
     return text.replace(NO_BREAK, " ")
 
 
 def listed(items: Sequence[object]) -> str:
     """`a`, `a and b`, `a, b and c`."""
-    texts = [str(item) for item in items]
+    texts = [str(element) for element in items]
     return " and ".join(filter(None, [", ".join(texts[:-1]), *texts[-1:]]))
 
 
 def _decimals(span: float) -> int:
-    """Decimals that a number is worth whose interval reaches so far to its farther side."""
+    """Decimals that an interval with this span to its farther side justifies."""
     return 1 - math.floor(math.log10(span))
 
 
@@ -107,7 +107,7 @@ def _by_ten(value: float, digits: int) -> str:
 
 
 def _rounded(value: float, decimals: int) -> str:
-    """A number with so many decimals, 0 without a sign; of a very small one its power of ten."""
+    """A number with so many decimals, 0 without a sign; a very small one with a power of ten."""
     if decimals > 6:
         digits = decimals + 1 + (math.floor(math.log10(abs(value))) if value else 0)
         return number(value, max(digits, 1))

@@ -1,4 +1,4 @@
-"""What a JSON schema finds wrong, as place, what was found and what was expected."""
+"""Errors of a JSON schema as place, actual and expected value."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -38,32 +38,32 @@ Validator = jsonschema.validators.extend(
 
 
 def explained(error: ValidationError) -> tuple[list, str, str]:
-    """Place (keys and indices), what was found and what was expected, of a schema's error."""
+    """Place (keys and indices), actual and expected value of an error of a schema."""
     while error.validator in ("anyOf", "oneOf"):
         inner = [e for e in error.context if e.validator != "type" or len(e.path)]
         if not inner:
             break
         error = best_match(inner)
-    place, value, wanted = list(error.absolute_path), error.instance, error.validator_value
+    place, value, limit = list(error.absolute_path), error.instance, error.validator_value
     if error.validator == "additionalProperties":
-        known = sorted(error.schema["properties"])
-        key = next(key for key in value if key not in known)
-        return [*place, key], "an unknown key", one_of(known, key)
+        keys = sorted(error.schema["properties"])
+        key = next(key for key in value if key not in keys)
+        return [*place, key], "an unknown key", one_of(keys, key)
     if error.validator == "required":
-        key = next(key for key in wanted if key not in value)
+        key = next(key for key in limit if key not in value)
         meaning = error.schema.get("properties", {}).get(key, {})
         return [*place, key], "no such key", meaning.get("description", "a value")
     sayings: dict[str, Callable[[], str]] = {
-        "type": lambda: _noun(wanted),
-        "enum": lambda: one_of(map(str, wanted), value),
-        "minimum": lambda: f"{wanted} or more",
-        "exclusiveMinimum": lambda: f"more than {wanted}",
-        "maximum": lambda: f"{wanted} or less",
-        "exclusiveMaximum": lambda: f"less than {wanted}",
-        "minItems": lambda: f"a list of {wanted} or more",
-        "maxItems": lambda: f"a list of {wanted} or fewer",
+        "type": lambda: _noun(limit),
+        "enum": lambda: one_of(map(str, limit), value),
+        "minimum": lambda: f"{limit} or more",
+        "exclusiveMinimum": lambda: f"more than {limit}",
+        "maximum": lambda: f"{limit} or less",
+        "exclusiveMaximum": lambda: f"less than {limit}",
+        "minItems": lambda: f"a list of {limit} or more",
+        "maxItems": lambda: f"a list of {limit} or fewer",
         "uniqueItems": lambda: "a list without repetition",
-        "minProperties": lambda: f"{wanted} or more keys",
+        "minProperties": lambda: f"{limit} or more keys",
     }
     saying = sayings.get(error.validator)
     expected = error.schema["description"] if saying is None else saying()
@@ -72,12 +72,12 @@ def explained(error: ValidationError) -> tuple[list, str, str]:
     return place, "null" if value is None else repr(value), expected
 
 
-def one_of(known: Iterable[str], found: object) -> str:
-    """What is expected where a name was found that is none of those known: these, the ones that it
-    resembles first."""
-    names = list(known)
-    near = get_close_matches(str(found), names, n=3)
-    return "one of " + ", ".join([*near, *(name for name in names if name not in near)])
+def one_of(allowed: Iterable[str], unknown: object) -> str:
+    """The expectation for an unknown name: one of the allowed names, those that resemble it
+    first."""
+    names = list(allowed)
+    similar = get_close_matches(str(unknown), names, n=3)
+    return "one of " + ", ".join([*similar, *(name for name in names if name not in similar)])
 
 
 def _noun(types: str | list[str]) -> str:
@@ -92,7 +92,7 @@ def _reads_as_number(text: str) -> bool:
 
 
 def _why_text(text: str) -> str:
-    """Why what looks like a number is none."""
+    """Why a text that looks like a number is none."""
     if not isinstance(yaml.safe_load(text), int | float):
         return f"YAML reads {text} as text; write {_yaml_number(text)}"
     return (

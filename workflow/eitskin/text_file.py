@@ -1,4 +1,4 @@
-"""Text out of a file that somebody else wrote."""
+"""Text of files from other sources."""
 
 import codecs
 from pathlib import Path
@@ -25,18 +25,24 @@ def read(path: str | Path) -> str:
     else:
         text = utf_8(path, content, ENCODINGS)
     if "\0" in text:
-        found = "bytes of 0, as UTF-16 without a byte-order mark has"
-        raise InputError(path, "file", found, ENCODINGS)
+        actual = "bytes of 0, as UTF-16 without a byte-order mark has"
+        raise InputError(path, "file", actual, ENCODINGS)
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def utf_8(path: str | Path, content: bytes, expected: str = "UTF-8") -> str:
-    """Bytes of a file as text; raises InputError that names the line and the first other byte."""
+    """Bytes of a file as text. Raises InputError with the line of the first byte that is not
+    UTF-8."""
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        at = error.start + len(content) - len(error.object)  # a byte-order mark is counted as well
-        line, found = content.count(b"\n", 0, at) + 1, f"byte 0x{content[at]:02x}, no UTF-8"
+        position = (
+            error.start + len(content) - len(error.object)
+        )  # a byte-order mark is counted as well
+        line, actual = (
+            content.count(b"\n", 0, position) + 1,
+            f"byte 0x{content[position]:02x}, no UTF-8",
+        )
         if content.startswith(UTF_16):
-            line, found = 1, "UTF-16"
-        raise InputError(path, f"line {line}", found, expected) from error
+            line, actual = 1, "UTF-16"
+        raise InputError(path, f"line {line}", actual, expected) from error

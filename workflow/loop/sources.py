@@ -18,10 +18,10 @@ import yaml
 
 from eitskin.data import dataset
 from eitskin.data.recording import Recording, presses
-from eitskin.diagnose.diagnosis import problem_of
 from eitskin.diagnose.fitting.excerpt import excerpt
 from eitskin.diagnose.fitting.fit import fit
-from eitskin.diagnose.noise.estimate import estimate
+from eitskin.diagnose.fitting.readings import problem_of
+from eitskin.diagnose.noise.estimate import estimate_noise
 from eitskin.diagnose.verdict import corrected
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
@@ -94,7 +94,7 @@ def belief(recorded: Recording) -> Simulator:
     """The simulator of the nominal skin, calibrated on the recording as in a diagnosis without
     effects."""
     recording_excerpt = excerpt(recorded)
-    noise = estimate(recording_excerpt)
+    noise = estimate_noise(recording_excerpt)
     problem, _ = problem_of(recording_excerpt, noise)
     fitted = fit(problem, [], np.zeros(len(problem.model.calibrations)), polish=True)
     twin = corrected.corrected(fitted, recording_excerpt, noise.sd, "belief")["twin"]
@@ -139,7 +139,7 @@ def source_set(
         int(np.ceil(samples / touched * VALIDATION_PERIOD / (VALIDATION_PERIOD - 1))) + 1,
     )
     states = imitated_presses(recorded, sessions, states_rng, prior)
-    sd = estimate(excerpt(recorded)).sd
+    sd = estimate_noise(excerpt(recorded)).sd
     voltage = simulator.readings(states, recorded, seed)
     voltage += sd * noise_rng.standard_normal(voltage.shape)
     metadata = recorded.metadata | {"voltage": "signed", "source": "simulation"}

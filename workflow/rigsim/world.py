@@ -17,7 +17,7 @@ from eitskin.physics.force_history import ForceHistory
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from eitskin.physics.solver import SolvedSkins
-from eitskin.simulate.readings import of_stage, read, sense
+from eitskin.simulate.readings import read, sense, stage_settings
 
 N_ELECTRODES = 16
 WAVES = 8  # random ones, whose sum varies the stiffness over the skin
@@ -59,8 +59,8 @@ class World:
         self.radius_mm, self.current_A = radius_mm, current_A
         self.channels = channel_table(N_ELECTRODES)
         self.effects = settings(config["effects"], site_counts(self.channels), (seed, 0))
-        if of_stage(self.effects, "clock"):
-            effect_name = of_stage(self.effects, "clock")[0].effect.name
+        if stage_settings(self.effects, "clock"):
+            effect_name = stage_settings(self.effects, "clock")[0].effect.name
             expected = "none of the stage clock: the board reads one channel after another"
             raise InputError("world", "effects", repr(effect_name), expected)
         self.accuracy, self.force_max_N = config["accuracy"], config["force_max_N"]

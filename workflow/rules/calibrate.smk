@@ -1,4 +1,4 @@
-from calibration.blocks import FIRST_SEED, batches, sort_of, tables
+from proof.blocks import FIRST_SEED, batches, sort_of, tables
 
 
 # No fingerprint: hours of work are made anew on request alone, `--forcerun trials`; the summary says
@@ -15,7 +15,7 @@ rule trials:
         size="quick|full",
         batch=r"\d+",
     conda:
-        "../../envs/calibration.yaml"
+        "../../envs/proof.yaml"
     threads: 1
     resources:
         mem_mb=lambda wildcards: 4000 if sort_of(wildcards.block) == "owners" else 2000,
@@ -49,7 +49,7 @@ rule score_trials:
     benchmark:
         "logs/benchmarks/score_trials.tsv"
     conda:
-        "../../envs/calibration.yaml"
+        "../../envs/proof.yaml"
     threads: 1
     resources:
         mem_mb=1000,
@@ -97,17 +97,17 @@ rule calibration_figures:
     benchmark:
         "logs/benchmarks/calibration_figures.tsv"
     conda:
-        "../../envs/calibration.yaml"
+        "../../envs/proof.yaml"
     threads: 1
     resources:
         mem_mb=500,
         runtime=5,
     params:
-        code=fingerprint("calibration_figures"),
+        code=fingerprint("block_figures"),
     message:
         "Drawing the calibration of the diagnosis"
     script:
-        "../scripts/calibration_figures.py"
+        "../scripts/block_figures.py"
 
 
 rule calibrate_diagnosis:

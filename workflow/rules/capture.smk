@@ -1,7 +1,7 @@
 # One robot. Nothing needs what this makes: where the recording is there it is an input of the others
 # and no rule makes it, where it is not they leave it out. In the workflow only this rule moves the
 # arm: asked for by its name, or by a file of it.
-from eitskin.capture.attached import manifest_path
+from eitskin.capture.attachment import manifest_path
 from eitskin.configuration import file_of
 
 if "rig" in config:

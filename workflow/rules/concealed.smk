@@ -20,7 +20,7 @@ for block, number, cases in numbered(UNSEALED):
             f"logs/benchmarks/conceal/{block}/{number:03d}.tsv"
         priority: 1
         conda:
-            "../../envs/concealed.yaml"
+            "../../envs/proof.yaml"
         threads: 1
         resources:
             mem_mb=3000,
@@ -59,7 +59,7 @@ for block, number, cases in numbered(UNSEALED):
             f"logs/benchmarks/verdicts/{block}/{number:03d}.tsv"
         priority: 1
         conda:
-            "../../envs/concealed.yaml"
+            "../../envs/proof.yaml"
         threads: 1
         resources:
             mem_mb=3000,
@@ -89,7 +89,7 @@ for block, number, cases in numbered(UNSEALED):
             f"logs/benchmarks/baselines/{block}/{number:03d}.tsv"
         priority: 1
         conda:
-            "../../envs/concealed.yaml"
+            "../../envs/proof.yaml"
         threads: 1
         resources:
             mem_mb=3000,
@@ -122,7 +122,7 @@ for block, number, cases in numbered(UNFITTED):
             f"logs/benchmarks/oracle/{block}/{number:03d}.tsv"
         priority: 1
         conda:
-            "../../envs/concealed.yaml"
+            "../../envs/proof.yaml"
         threads: 1
         resources:
             mem_mb=3000,
@@ -156,7 +156,7 @@ rule commit_truths:
     priority: 1
     localrule: True
     conda:
-        "../../envs/concealed.yaml"
+        "../../envs/proof.yaml"
     threads: 1
     resources:
         mem_mb=500,
@@ -185,7 +185,7 @@ rule seal_verdicts:
     priority: 1
     localrule: True
     conda:
-        "../../envs/concealed.yaml"
+        "../../envs/proof.yaml"
     threads: 1
     resources:
         mem_mb=500,
@@ -216,7 +216,7 @@ rule open_truths:
     priority: 1
     localrule: True
     conda:
-        "../../envs/concealed.yaml"
+        "../../envs/proof.yaml"
     threads: 1
     resources:
         mem_mb=1000,
@@ -264,7 +264,7 @@ rule concealed_score:
     group:
         "score"
     conda:
-        "../../envs/concealed.yaml"
+        "../../envs/proof.yaml"
     threads: 1
     resources:
         mem_mb=1000,
@@ -299,17 +299,17 @@ rule concealed_figures:
     group:
         "score"
     conda:
-        "../../envs/concealed.yaml"
+        "../../envs/proof.yaml"
     threads: 1
     resources:
         mem_mb=1000,
         runtime=5,
     params:
-        code=fingerprint("concealed_figures"),
+        code=fingerprint("block_figures"),
     message:
         "Drawing the score of the block {wildcards.block}"
     script:
-        "../scripts/concealed_figures.py"
+        "../scripts/block_figures.py"
 
 
 rule concealed_case:
@@ -335,7 +335,7 @@ rule concealed_case:
     group:
         "score"
     conda:
-        "../../envs/concealed.yaml"
+        "../../envs/proof.yaml"
     threads: 1
     resources:
         mem_mb=1000,

@@ -1,8 +1,7 @@
 from pathlib import Path
 
-from calibration.real_sets import listed
-from concealed.naming import batches as case_batches
-from concealed.naming import names as case_names
+from proof.blocks import case_batches, case_names
+from proof.real_sets import listed
 
 CONCEALED = config["concealed"]
 BLOCKS = CONCEALED["blocks"]

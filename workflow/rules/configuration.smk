@@ -7,8 +7,8 @@ from eitskin.errors import reported
 
 # Whoever adds an effect or a format may leave it broken: read with them, it is told in one line.
 with reported("logs/configuration.log"):
-    from eitskin.capture.attached import attach
-    from eitskin.configuration import GIVEN, read, validate, with_continuous
+    from eitskin.capture.attachment import attach
+    from eitskin.configuration import COMMAND_LINE, read, validate, with_continuous
     from eitskin.fingerprint import fingerprint
 
 ROOT = Path(workflow.current_basedir.get_path_or_uri(secret_free=False)).resolve().parents[1]
@@ -22,7 +22,7 @@ def own(file):
 
 # Another workflow's configuration files are no business of a module.
 AS_MODULE = workflow.modifier.skip_configfile
-REST = "config of the module" if AS_MODULE else GIVEN
+REST = "config of the module" if AS_MODULE else COMMAND_LINE
 # Snakemake's own reading says neither line nor column, and runs what a template holds.
 with reported("logs/configuration.log"):
     if Path("config.yaml").exists() and not AS_MODULE:

@@ -149,41 +149,14 @@ rule compare:
         "../../envs/simulation.yaml"
     threads: 1
     resources:
-        mem_mb=4000,
-        runtime=20,
+        mem_mb=1000,
+        runtime=10,
     params:
-        seed=config["seed"],
         code=fingerprint("compare", CATALOGUE),
     message:
-        "Comparing {wildcards.a} and {wildcards.b}: what is shared and what changed"
+        "Comparing {wildcards.a} and {wildcards.b}: what changed"
     script:
         "../scripts/compare.py"
-
-
-rule compare_sessions:
-    input:
-        "results/recordings/{recording}.parquet",
-    output:
-        "results/diagnosis/{recording}/sessions.json",
-    log:
-        "logs/compare_sessions/{recording}.log",
-    benchmark:
-        "logs/benchmarks/compare_sessions/{recording}.tsv"
-    group:
-        "comparison"
-    conda:
-        "../../envs/simulation.yaml"
-    threads: 1
-    resources:
-        mem_mb=4000,
-        runtime=60,
-    params:
-        seed=config["seed"],
-        code=fingerprint("compare_sessions", CATALOGUE),
-    message:
-        "Comparing the sessions of {wildcards.recording}: what is shared and what changed"
-    script:
-        "../scripts/compare_sessions.py"
 
 
 rule comparison_page:
@@ -214,21 +187,3 @@ rule comparison_page:
         "Reporting what changed between {wildcards.a} and {wildcards.b}"
     script:
         "../scripts/comparison_page.py"
-
-
-use rule comparison_page as sessions_page with:
-    input:
-        rules.compare_sessions.output[0],
-    output:
-        report(
-            "results/diagnosis/{recording}/sessions.html",
-            caption="../report/sessions.rst",
-            category="3 Diagnosis",
-            labels={"recording": "{recording}", "shows": "what changed between sessions"},
-        ),
-    log:
-        "logs/sessions_page/{recording}.log",
-    benchmark:
-        "logs/benchmarks/sessions_page/{recording}.tsv"
-    message:
-        "Reporting what changed between sessions of {wildcards.recording}"

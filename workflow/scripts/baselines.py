@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from concealed import baselines
 from eitskin.errors import reported
+from proof import baselines
 
 with reported(snakemake.log[0]):
     baselines.run(

@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from eitskin.capture.captured import capture_recording
+from eitskin.capture.run import capture_recording
 from eitskin.errors import reported
 
 with reported(snakemake.log[0]):

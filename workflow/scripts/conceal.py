@@ -3,19 +3,19 @@
 import json
 from pathlib import Path
 
-from concealed import conceal
 from eitskin.atomic import atomic_path
 from eitskin.errors import reported
+from proof import conceal
 
 with reported(snakemake.log[0]):
-    made = conceal.conceal(
+    block = conceal.Block(
         snakemake.params.block,
-        snakemake.params.cases,
         conceal.Sizes(**snakemake.params.sizes),
         snakemake.params.seed,
         Path(snakemake.output.recordings[0]).parents[1],
         Path(snakemake.output.truths[0]).parent,
         snakemake.params.code,
     )
+    commitments = conceal.conceal(block, snakemake.params.cases)
     with atomic_path(snakemake.output.commitments) as path:
-        path.write_text(json.dumps(made, indent=1, sort_keys=True) + "\n", "utf-8")
+        path.write_text(json.dumps(commitments, indent=1, sort_keys=True) + "\n", "utf-8")

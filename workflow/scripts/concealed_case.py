@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from concealed import case_figure
 from eitskin.errors import reported
+from proof import case_figure
 
 with reported(snakemake.log[0]):
     block = Path(snakemake.input.score).parents[1]

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from concealed import page
 from eitskin.errors import reported
+from proof import page
 
 with reported(snakemake.log[0]):
     block = snakemake.wildcards.block

@@ -3,17 +3,18 @@
 from pathlib import Path
 
 from eitskin.data import recording
-from eitskin.diagnose import apart
-from eitskin.diagnose.verdict import result
+from eitskin.diagnose import files, parts
+from eitskin.diagnose.verdict.record import read_query, record
 from eitskin.errors import named, reported
 
 with reported(snakemake.log[0]):
     recorded = recording.read(snakemake.input.recording)
-    query = snakemake.input.get("query")
-    if query is not None:
-        result.read_query(query, recorded)
+    path = snakemake.input.get("query")
+    query = None if path is None else read_query(path, recorded)
     memory_GiB = snakemake.resources.mem_mb / 1024
     with named(snakemake.input.recording):
-        found = apart.diagnose(recorded, snakemake.params.seed, True, memory_GiB)
+        diagnosis = parts.diagnose(recorded, snakemake.params.seed, True, memory_GiB)
     folder = Path(snakemake.output.diagnosis).parent
-    result.write(found, snakemake.params.name, folder, snakemake.input.schema, query)
+    files.write(
+        record(diagnosis, snakemake.params.name, query), folder, snakemake.input.schema, path
+    )

@@ -8,7 +8,7 @@ import pandas as pd
 from eitskin.atomic import atomic_path
 from eitskin.data import recording
 from eitskin.errors import reported
-from studies.diagnosed import row
+from proof.diagnosed import row
 
 with reported(snakemake.log[0]):
     said = [json.loads(Path(path).read_text("utf-8")) for path in snakemake.input.diagnoses]

@@ -5,7 +5,7 @@ import pandas as pd
 from eitskin.atomic import atomic_path
 from eitskin.data import recording
 from eitskin.errors import reported
-from studies.tank_geometry import judge, sentence, without_drawing
+from proof.tank_geometry import judge, sentence, without_drawing
 
 with reported(snakemake.log[0]):
     recorded = recording.read(snakemake.input[0])

@@ -8,5 +8,5 @@ with reported(snakemake.log[0]):
     layout.write(
         snakemake.output.mesh,
         snakemake.output.touch_grid,
-        **{block: snakemake.params[block] for block in blocks},
+        layout.Layout(**{block: snakemake.params[block] for block in blocks}),
     )

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from concealed import sealing
 from eitskin.errors import reported
+from proof import sealing
 
 with reported(snakemake.log[0]):
     sealing.unlock(Path(snakemake.input.seal).parent, Path(snakemake.input.key).parent)

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from concealed import oracle
 from eitskin.errors import reported
+from proof import oracle
 
 with reported(snakemake.log[0]):
     oracle.run(

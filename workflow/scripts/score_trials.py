@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from calibration import score
 from eitskin.errors import reported
+from proof import score
 
 with reported(snakemake.log[0]):
     folder = Path(snakemake.output[0]).parent

@@ -9,5 +9,5 @@ with reported(snakemake.log[0]):
         snakemake.input.mesh,
         snakemake.input.touch_grid,
         snakemake.output[0],
-        **{block: snakemake.params[block] for block in blocks},
+        sets.SkinStage(**{block: snakemake.params[block] for block in blocks}),
     )

@@ -7,12 +7,15 @@ import numpy as np
 
 from eitskin.errors import reported
 from eitskin.paper import table_2
+from eitskin.simulate.untouched_frames import Plan
 
 with reported(snakemake.log[0]):
     files, tables, params = snakemake.input, snakemake.output, snakemake.params
     with np.load(files.mesh) as mesh:
         force_N = mesh["force_N"]
-    design = table_2.Design(params.skin, force_N, params.accuracy, params.seed, **params.size)
+    size = params.size
+    plan = Plan(size["sessions"], size["frames"], force_N, params.accuracy, params.seed)
+    design = table_2.Design(params.skin, plan, size["permutations"])
     left_out = table_2.write(
         dict(zip(params.names, files.recordings, strict=True)),
         params.configurations,

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from calibration import trial
 from eitskin.atomic import atomic_path
 from eitskin.errors import reported
+from proof import trial
 
 with reported(snakemake.log[0]):
     trials = [(kind, seed) for kind, seed in snakemake.params.trials]

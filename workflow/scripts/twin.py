@@ -4,4 +4,4 @@ from eitskin.errors import reported
 from eitskin.simulate import twin
 
 with reported(snakemake.log[0]):
-    twin.write(snakemake.output[0], **snakemake.params.twin)
+    twin.write(snakemake.output[0], twin.Twin(**snakemake.params.twin))

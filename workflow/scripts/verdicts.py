@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from concealed import verdicts
 from eitskin.errors import reported
+from proof import verdicts
 
 with reported(snakemake.log[0]):
     verdicts.run(

@@ -23,7 +23,7 @@ LIMITS = Limits(
     stiffness_N_per_mm=2.0,
 )
 BOX = ((-0.7, -0.5), (-0.3, -0.1), (-0.12, 0.1))
-GOOD = State(
+SAFE_STATE = State(
     now_s=100.0,
     force_N=5.0,
     zero_N=0.01,
@@ -32,8 +32,8 @@ GOOD = State(
     load_rejects=0,
     frozen_readings=1,
     load_restarts=0,
-    load_lost=None,
-    robot_lost=None,
+    load_failure=None,
+    robot_failure=None,
     robot_clock_s=99.99,
     robot_mode=7,
     safety_mode=1,
@@ -48,10 +48,10 @@ FORCE = {
     "load cell rejects": {"load_rejects": 5},
     "load cell frozen": {"frozen_readings": 8},
     "load cell restart": {"load_restarts": 1},
-    "load cell lost": {"load_lost": "unplugged"},
+    "load cell lost": {"load_failure": "unplugged"},
 }
 ROBOT = {
-    "robot lost": {"robot_lost": "ended with -11"},
+    "robot lost": {"robot_failure": "ended with -11"},
     "robot clock": {"robot_clock_s": 99.7},
     "robot safety": {"safety_mode": 3, "safety_bits": 0b100},
     "robot mode": {"robot_mode": 5},
@@ -59,19 +59,19 @@ ROBOT = {
 }
 
 
-def judged(**changed: object) -> str | None:
-    stop = judge(dataclasses.replace(GOOD, **changed), LIMITS, BOX)
+def judge_state(**changed: object) -> str | None:
+    stop = judge(dataclasses.replace(SAFE_STATE, **changed), LIMITS, BOX)
     return None if stop is None else stop.reason
 
 
 def test_nothing_is_wrong():
-    assert judged() is None
-    assert judged(retreat_from_N=5.0) is None
+    assert judge_state() is None
+    assert judge_state(retreat_from_N=5.0) is None
 
 
 @pytest.mark.parametrize("reason", [*FORCE, *ROBOT])
 def test_every_reason_alone(reason):
-    assert judged(**(FORCE | ROBOT)[reason]) == reason
+    assert judge_state(**(FORCE | ROBOT)[reason]) == reason
 
 
 @pytest.mark.parametrize(
@@ -97,28 +97,28 @@ def test_every_reason_alone(reason):
     ],
 )
 def test_what_else_is_a_reason(changed, reason):
-    assert judged(**changed) == reason
+    assert judge_state(**changed) == reason
 
 
 @pytest.mark.parametrize("reason", FORCE)
 def test_a_retreat_goes_on_whatever_the_load_cell_says(reason):
-    assert judged(**FORCE[reason], retreat_from_N=12.1) is None
+    assert judge_state(**FORCE[reason], retreat_from_N=12.1) is None
 
 
 @pytest.mark.parametrize("reason", ROBOT)
 def test_a_retreat_ends_where_the_robot_is_not_itself(reason):
-    assert judged(**ROBOT[reason], retreat_from_N=12.1) == reason
+    assert judge_state(**ROBOT[reason], retreat_from_N=12.1) == reason
 
 
 def test_a_retreat_ends_where_the_force_grows():
-    assert judged(force_N=16.2, retreat_from_N=12.1) == "retreat force"
-    assert judged(force_N=12.5, retreat_from_N=1.0) == "retreat force"
+    assert judge_state(force_N=16.2, retreat_from_N=12.1) == "retreat force"
+    assert judge_state(force_N=12.5, retreat_from_N=1.0) == "retreat force"
 
 
 def test_a_retreat_may_begin_below_the_box_but_not_beside_it():
-    assert judged(pose_m=(-0.6, -0.2, -0.13), retreat_from_N=5.0) is None
-    assert judged(pose_m=(-0.4, -0.2, -0.13), retreat_from_N=5.0) == "place"
-    assert judged(pose_m=(-0.6, -0.2, math.nan), retreat_from_N=5.0) == "place"
+    assert judge_state(pose_m=(-0.6, -0.2, -0.13), retreat_from_N=5.0) is None
+    assert judge_state(pose_m=(-0.4, -0.2, -0.13), retreat_from_N=5.0) == "place"
+    assert judge_state(pose_m=(-0.6, -0.2, math.nan), retreat_from_N=5.0) == "place"
 
 
 NUMBERS = st.floats(allow_nan=True, allow_infinity=True)
@@ -127,7 +127,7 @@ NUMBERS = st.floats(allow_nan=True, allow_infinity=True)
 @given(force_N=NUMBERS, zero_N=NUMBERS, force_s=NUMBERS, jump_N=NUMBERS, clock_s=NUMBERS)
 def test_going_on_needs_every_number_within_its_limit(force_N, zero_N, force_s, jump_N, clock_s):
     state = dataclasses.replace(
-        GOOD,
+        SAFE_STATE,
         force_N=force_N,
         zero_N=zero_N,
         force_s=force_s,
@@ -145,10 +145,10 @@ def test_going_on_needs_every_number_within_its_limit(force_N, zero_N, force_s, 
 @given(st.tuples(NUMBERS, NUMBERS, NUMBERS))
 def test_going_on_needs_a_place_inside_the_box(pose_m):
     inside = all(low <= value <= high for value, (low, high) in zip(pose_m, BOX, strict=True))
-    assert (judged(pose_m=pose_m) is None) == inside
+    assert (judge_state(pose_m=pose_m) is None) == inside
 
 
 @given(st.integers(-1, 9), st.integers(0, 12), st.integers(0, 2**12), st.integers(0, 5))
 def test_going_on_needs_a_robot_that_runs_normally(mode, safety, bits, runtime):
-    found = judged(robot_mode=mode, safety_mode=safety, safety_bits=bits, runtime_state=runtime)
-    assert (found is None) == ((mode, safety, bits, runtime) == (7, 1, 1, 2))
+    stop = judge_state(robot_mode=mode, safety_mode=safety, safety_bits=bits, runtime_state=runtime)
+    assert (stop is None) == ((mode, safety, bits, runtime) == (7, 1, 1, 2))

@@ -14,7 +14,7 @@ from eitskin.capture.wire import Reject
 
 serial = pytest.importorskip("serial", reason="pyserial is not installed: extra `rig`")
 
-from eitskin.capture.lines import LONGEST_LINE, Line, Port, Splitter, began_after  # noqa: E402
+from eitskin.capture.lines import LONGEST_LINE, Line, Port, Splitter, is_frame_after  # noqa: E402
 
 PERIOD_S = 0.35
 
@@ -41,21 +41,21 @@ def test_stale_bytes_joined_to_a_frame_are_left_out():
 
 def test_a_half_line_waits_for_its_end_and_has_its_time():
     lines = fed((b"\n12", 1.0), (b"3", 2.0), (b"4\n", 3.0))
-    assert [(line.value, line.end_s, line.before_s) for line in lines] == [(1234, 3.0, 1.0)]
+    assert [(line.value, line.end_s, line.previous_end_s) for line in lines] == [(1234, 3.0, 1.0)]
 
 
 def test_joined_lines_come_apart_with_one_time():
     lines = fed((b"\n", 0.0), (b"1\n2\n3\n", 5.0))
     assert [line.value for line in lines] == [1, 2, 3]
     assert [line.end_s for line in lines] == [5.0] * 3
-    assert [line.before_s for line in lines] == [0.0, 5.0, 5.0]
+    assert [line.previous_end_s for line in lines] == [0.0, 5.0, 5.0]
 
 
 def test_a_rejected_line_is_counted_and_kept():
-    first, second, third = fed((b"\n", 0.0), (b"1\nx\n2\n", 1.0))
-    assert (first.ok, second.ok, third.ok) == (True, False, True)
+    early, second, third = fed((b"\n", 0.0), (b"1\nx\n2\n", 1.0))
+    assert (early.ok, second.ok, third.ok) == (True, False, True)
     assert second.raw == b"x\n"
-    assert (second.before_ok, third.before_ok) == (True, False)
+    assert (second.previous_ok, third.previous_ok) == (True, False)
 
 
 def test_noise_without_an_end_is_dropped_and_the_next_newline_begins_anew():
@@ -68,12 +68,12 @@ def test_noise_without_an_end_is_dropped_and_the_next_newline_begins_anew():
 
 @given(st.binary(max_size=300), st.lists(st.integers(0, 300), max_size=12))
 def test_how_the_bytes_are_cut_does_not_matter(data, cuts):
-    whole = Splitter(number).feed(data, 1.0)
+    lines_at_once = Splitter(number).feed(data, 1.0)
     edges = [0, *sorted(cut for cut in cuts if cut < len(data)), len(data)]
     parts = [data[a:b] for a, b in itertools.pairwise(edges)]
     pieces = fed(*((part, 1.0) for part in parts))
     assert [(line.number, line.raw) for line in pieces] == [
-        (line.number, line.raw) for line in whole
+        (line.number, line.raw) for line in lines_at_once
     ]
 
 
@@ -85,7 +85,7 @@ def frames(*moments: float, spoilt: frozenset[int] = frozenset()) -> list[Line]:
 
 def taken(lines: list[Line], moment_s: float) -> float | None:
     """When the first frame ends that began after the moment."""
-    ends = [line.end_s for line in lines if began_after(line, moment_s, PERIOD_S)]
+    ends = [line.end_s for line in lines if is_frame_after(line, moment_s, PERIOD_S)]
     return ends[0] if ends else None
 
 
@@ -131,9 +131,9 @@ def test_no_frame_that_is_taken_began_before_the_moment(gaps, moment_s, spoilt):
         ends.append(end)
     lines = frames(*ends, spoilt=frozenset(spoilt))
     for line in lines:
-        if began_after(line, moment_s, PERIOD_S):
-            begun = max((s for s in ends if s < line.end_s), default=0.0)
-            assert begun >= moment_s
+        if is_frame_after(line, moment_s, PERIOD_S):
+            begin_s = max((s for s in ends if s < line.end_s), default=0.0)
+            assert begin_s >= moment_s
             assert line.ok
 
 
@@ -149,12 +149,12 @@ def terminal():
     os.close(device)
 
 
-def read(port: Port, wanted: int) -> list[Line]:
+def read(port: Port, n_wanted: int) -> list[Line]:
     lines: list[Line] = []
-    while len(lines) < wanted and port.lost is None:
-        last = lines[-1].number if lines else 0
-        port.wait(last, 1.0)
-        lines += port.since(last)
+    while len(lines) < n_wanted and port.failure is None:
+        last_number = lines[-1].number if lines else 0
+        port.wait(last_number, 1.0)
+        lines += port.since(last_number)
     return lines
 
 
@@ -203,9 +203,9 @@ def test_a_port_that_is_unplugged_says_so():
     port = Port(path, 115200, number)
     os.close(host)
     os.close(device)
-    while port.lost is None:
+    while port.failure is None:
         port.wait(0, 1.0)
-    assert port.lost
+    assert port.failure
     port.close()
     assert not [t for t in threading.enumerate() if t.name == path]
 

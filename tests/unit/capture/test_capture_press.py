@@ -56,69 +56,69 @@ class Spring:
         return {"force_N": self.force_N + self.zero_N, "zero_N": self.zero_N}
 
 
-def pressed(rig: Spring) -> tuple[str, list[dict]]:
-    kept: list[dict] = []
-    return press(rig, CONTACT, kept.append, lambda news: None), kept
+def press_on(rig: Spring) -> tuple[str, list[dict]]:
+    frame_records: list[dict] = []
+    return press(rig, CONTACT, frame_records.append, lambda news: None), frame_records
 
 
-def phases(kept: list[dict]) -> list[str]:
-    return [frame["phase"] for frame in kept]
+def phases(frame_records: list[dict]) -> list[str]:
+    return [frame["phase"] for frame in frame_records]
 
 
 def test_steps_of_a_millimetre_to_the_target_and_up_again():
     rig = Spring(2.0, offset_N=0.1)
-    end, kept = pressed(rig)
+    end, frame_records = press_on(rig)
     assert end == "target"
-    assert phases(kept) == ["untouched"] * 2 + ["press"] * 5
-    assert [f["depth_mm"] for f in kept[2:]] == pytest.approx([1, 2, 3, 4, 5])
-    assert kept[-1]["force_N"] - kept[-1]["zero_N"] >= CONTACT.target_N
-    assert [f["zero_N"] for f in kept] == pytest.approx([0.0] * 2 + [0.1] * 5)
+    assert phases(frame_records) == ["untouched"] * 2 + ["press"] * 5
+    assert [f["depth_mm"] for f in frame_records[2:]] == pytest.approx([1, 2, 3, 4, 5])
+    assert frame_records[-1]["force_N"] - frame_records[-1]["zero_N"] >= CONTACT.target_N
+    assert [f["zero_N"] for f in frame_records] == pytest.approx([0.0] * 2 + [0.1] * 5)
     assert rig.position_m == pytest.approx((-0.583, -0.221, -0.092))
 
 
 def test_into_the_skin_it_is_never_faster_than_a_press():
     rig = Spring(2.0)
-    pressed(rig)
+    press_on(rig)
     deep = [speed for depth, speed in rig.moves if depth > 0]
     assert set(deep) == {rig.config["motion"]["press_m_s"]}
 
 
 def test_the_depth_cap_is_tested_before_the_step():
     rig = Spring(0.8, depth_cap_mm=7.0)
-    end, kept = pressed(rig)
+    end, frame_records = press_on(rig)
     assert end == "depth cap"
-    assert kept[-1]["depth_mm"] == pytest.approx(7.0)
+    assert frame_records[-1]["depth_mm"] == pytest.approx(7.0)
 
 
 def test_the_box_ends_a_press_as_the_cap_does():
     rig = Spring(0.8, clearance_mm=11.0)
     floor = rig.config["pose"]["box_m"][2][0] = rig.surface_m - 0.004
-    end, kept = pressed(rig)
+    end, frame_records = press_on(rig)
     assert end == "depth cap"
-    assert rig.surface_m - 1e-3 * kept[-1]["depth_mm"] >= floor
+    assert rig.surface_m - 1e-3 * frame_records[-1]["depth_mm"] >= floor
 
 
 def test_no_step_is_taken_that_may_pass_the_soft_limit():
-    end, kept = pressed(Spring(4.5))
+    end, frame_records = press_on(Spring(4.5))
     assert end == "stiff"
-    assert max(frame["force_N"] for frame in kept) <= 12.0
+    assert max(frame["force_N"] for frame in frame_records) <= 12.0
 
 
 def test_holds_and_the_way_up():
-    _, kept = pressed(Spring(2.0, hold_frames=2, unload=True))
-    assert phases(kept)[2:] == ["press"] * 5 + ["hold"] * 2 + ["unload"] * 4
-    assert [f["depth_mm"] for f in kept[-4:]] == pytest.approx([4, 3, 2, 1])
+    _, frame_records = press_on(Spring(2.0, hold_frames=2, unload=True))
+    assert phases(frame_records)[2:] == ["press"] * 5 + ["hold"] * 2 + ["unload"] * 4
+    assert [f["depth_mm"] for f in frame_records[-4:]] == pytest.approx([4, 3, 2, 1])
 
 
 def test_a_load_cell_that_has_drifted_stops_before_the_skin_is_touched():
     rig = Spring(2.0, offset_N=-0.4)
     with pytest.raises(Fault, match=r"-0\.400 N with nothing touched") as fault:
-        pressed(rig)
+        press_on(rig)
     assert fault.value.reason == "load cell zero"
     assert rig.depth_mm == 0.0
 
 
 def test_where_there_is_no_skin_it_stops():
     with pytest.raises(Fault, match=r"no touch within 12\.0 mm") as fault:
-        pressed(Spring(2.0, clearance_mm=50.0))
+        press_on(Spring(2.0, clearance_mm=50.0))
     assert fault.value.reason == "no touch"

@@ -16,13 +16,13 @@ PAPER = Path(__file__).parents[3] / "workflow" / "config" / "rig.yaml"
 RIG = yaml.safe_load(PAPER.read_text(encoding="utf-8"))["rig"]
 
 
-def changed(*path: str, to: object) -> dict:
+def changed_rig(*path: str, value: object) -> dict:
     """The paper's rig with one value changed."""
     rig = copy.deepcopy(RIG)
     node = rig
     for key in path[:-1]:
         node = node[key]
-    node[path[-1]] = to
+    node[path[-1]] = value
     return rig
 
 
@@ -58,14 +58,17 @@ def test_every_place_once_a_probe_and_the_same_each_time(radii, angles, sessions
 
 
 def test_the_fingerprint_follows_what_decides_the_samples():
-    same = plan_sha256(RIG)
-    assert plan_sha256(changed("board", "port", to="/dev/ttyACM7")) == same
-    assert plan_sha256(changed("session", "operator", to="B")) == same
-    assert plan_sha256(changed("plan", "step_mm", to=0.5)) != same
-    assert plan_sha256(changed("limits", "soft_N", to=11.0)) == same
-    assert plan_sha256(changed("pose", "centre", to=[-0.5, -0.2, -0.1, 0.0, 3.14, 0.0])) != same
-    assert plan_sha256(changed("skin", "id", to="gelatin-2")) != same
-    assert plan_sha256(changed("emulated", to=True)) != same
+    original_sha256 = plan_sha256(RIG)
+    assert plan_sha256(changed_rig("board", "port", value="/dev/ttyACM7")) == original_sha256
+    assert plan_sha256(changed_rig("session", "operator", value="B")) == original_sha256
+    assert plan_sha256(changed_rig("plan", "step_mm", value=0.5)) != original_sha256
+    assert plan_sha256(changed_rig("limits", "soft_N", value=11.0)) == original_sha256
+    assert (
+        plan_sha256(changed_rig("pose", "centre", value=[-0.5, -0.2, -0.1, 0.0, 3.14, 0.0]))
+        != original_sha256
+    )
+    assert plan_sha256(changed_rig("skin", "id", value="gelatin-2")) != original_sha256
+    assert plan_sha256(changed_rig("emulated", value=True)) != original_sha256
 
 
 def test_the_papers_rig_is_accepted():
@@ -73,7 +76,7 @@ def test_the_papers_rig_is_accepted():
 
 
 @pytest.mark.parametrize(
-    ("path", "to", "message"),
+    ("path", "value", "message"),
     [
         (("plan", "target_N"), [8.0, 12.0], "rig.plan.target_N: found .*below limits.soft_N, 12.0"),
         (("plan", "target_N"), [9.0, 8.0], "rig.plan.target_N: found .* two forces in order"),
@@ -99,9 +102,9 @@ def test_the_papers_rig_is_accepted():
         (("name",), "../x", "rig.name: found '../x', expected a name of a-z"),
     ],
 )
-def test_a_rig_that_cannot_be_driven_safely_is_one_message(path, to, message):
+def test_a_rig_that_cannot_be_driven_safely_is_one_message(path, value, message):
     with pytest.raises(InputError, match=message) as refused:
-        configuration.validate(changed(*path, to=to), "rig.yaml")
+        configuration.validate(changed_rig(*path, value=value), "rig.yaml")
     assert "\n" not in str(refused.value)
 
 

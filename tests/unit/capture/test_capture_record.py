@@ -11,7 +11,7 @@ import yaml
 
 from eitskin.capture import journal, record
 from eitskin.capture.press_plan import contacts, plan_sha256
-from eitskin.capture.wire import RMS_STEP_V, measured
+from eitskin.capture.wire import RMS_STEP_V, measured_mask
 from eitskin.data import check, recording
 from eitskin.errors import InputError
 
@@ -43,16 +43,16 @@ class Rig:
         may_change = {key: copy.deepcopy(self.config[key]) for key in ("board", "session")}
         self.add("run", run=self.run, robot=robot, **may_change, **clocks)
 
-    def frame(self, about: dict, phase: str, depth_mm: float | None, force_N: float) -> None:
+    def frame(self, attempt_key: dict, phase: str, depth_mm: float | None, force_N: float) -> None:
         self.now_s += 1.0
-        contact = self.planned[about["contact"]]
+        contact = self.planned[attempt_key["contact"]]
         centre = self.config["pose"]["centre"]
-        steps = np.where(measured(16), self.draw.integers(30, 40, (16, 16)), 0)
+        steps = np.where(measured_mask(16), self.draw.integers(30, 40, (16, 16)), 0)
         raw = b"".join(b"%.4f, " % (step * RMS_STEP_V) for step in steps.ravel()) + b"\n"
         pose = [centre[0] + 1e-3 * contact.x_mm, centre[1] + 1e-3 * contact.y_mm, -0.1, 0, 3.1, 0]
         self.add(
             "frame",
-            **about,
+            **attempt_key,
             phase=phase,
             depth_mm=depth_mm,
             raw=raw.decode(),
@@ -69,16 +69,16 @@ class Rig:
         )
 
     def contact(self, number: int, attempt: int = 0, broken: bool = False) -> None:
-        about = {"contact": number, "attempt": attempt, "run": self.run}
-        self.add("begin", **about)
-        self.frame(about, "untouched", None, ZERO_N)
-        self.frame(about, "untouched", None, ZERO_N)
+        attempt_key = {"contact": number, "attempt": attempt, "run": self.run}
+        self.add("begin", **attempt_key)
+        self.frame(attempt_key, "untouched", None, ZERO_N)
+        self.frame(attempt_key, "untouched", None, ZERO_N)
         for depth in (1.0, 2.0, 3.0):
-            self.frame(about, "press", depth, depth + ZERO_N)
+            self.frame(attempt_key, "press", depth, depth + ZERO_N)
         if broken:
             self.add("stop", run=self.run, reason="force", message="too large")
         else:
-            self.add("end", **about, end="target")
+            self.add("end", **attempt_key, end="target")
 
     def journal(self, path):
         journal.begin(path, self.records[0])
@@ -140,9 +140,9 @@ def test_time_goes_on_over_a_restart_of_the_host(finished):
 
 @pytest.mark.parametrize("second_C", [26.0, None])
 def test_what_may_change_from_run_to_run_is_that_of_a_frames_run(finished, second_C):
-    first, second = (r for r in finished.records if r["kind"] == "run")
-    first["session"]["room_C"], second["session"]["room_C"] = 19.0, second_C
-    second["board"]["frame_s"] = 0.2
+    first_run, second_run = (r for r in finished.records if r["kind"] == "run")
+    first_run["session"]["room_C"], second_run["session"]["room_C"] = 19.0, second_C
+    second_run["board"]["frame_s"] = 0.2
     recorded, _ = record.to_recording(finished.records, "j")
     expected = [19.0] * 5 + [np.nan if second_C is None else second_C] * 15
     np.testing.assert_array_equal(recorded.frames["temperature_C"], expected)
@@ -160,15 +160,15 @@ def test_a_clock_that_was_set_back_does_not_turn_time_round(finished):
 def test_the_manifest_says_where_every_byte_came_from(finished, tmp_path):
     path = finished.journal(tmp_path / "j.jsonl")
     record.write(path, tmp_path / "r.parquet", tmp_path / "m.json")
-    said = json.loads((tmp_path / "m.json").read_text())
+    written_manifest = json.loads((tmp_path / "m.json").read_text())
     for key, file in (("recording_sha256", "r.parquet"), ("journal_sha256", "j.jsonl")):
-        assert said[key] == hashlib.sha256((tmp_path / file).read_bytes()).hexdigest()
-    assert said["source"] == "rig"
-    assert said["plan_sha256"] == plan_sha256(finished.config)
-    assert said["contacts"] == 4
-    assert len(said["runs"]) == 2
-    assert said["rejected_lines"] == {"board: count": 1}
-    assert [stop["reason"] for stop in said["stops"]] == ["force"]
+        assert written_manifest[key] == hashlib.sha256((tmp_path / file).read_bytes()).hexdigest()
+    assert written_manifest["source"] == "rig"
+    assert written_manifest["plan_sha256"] == plan_sha256(finished.config)
+    assert written_manifest["contacts"] == 4
+    assert len(written_manifest["runs"]) == 2
+    assert written_manifest["rejected_lines"] == {"board: count": 1}
+    assert [stop["reason"] for stop in written_manifest["stops"]] == ["force"]
 
 
 def test_the_same_journal_gives_the_same_bytes(finished, tmp_path):
@@ -179,9 +179,9 @@ def test_the_same_journal_gives_the_same_bytes(finished, tmp_path):
     assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
 
 
-@pytest.mark.parametrize("where", ["configuration", "robot"])
-def test_an_emulated_capture_never_passes_for_a_real_one(finished, where):
-    if where == "configuration":
+@pytest.mark.parametrize("record_kind", ["configuration", "robot"])
+def test_an_emulated_capture_never_passes_for_a_real_one(finished, record_kind):
+    if record_kind == "configuration":
         finished.config["emulated"] = True
     else:
         finished.records[-7]["robot"] = {}  # some other record changes nothing

@@ -13,21 +13,21 @@ from eitskin.capture.robot import Robot, RobotError
 @pytest.fixture
 def worker(monkeypatch) -> Iterator[list[subprocess.Popen]]:
     """The worker that a robot begins: it says nothing and hears no signal but SIGKILL."""
-    begun, popen = [], subprocess.Popen
+    processes, popen = [], subprocess.Popen
 
     def mute(command, **options):
-        begun.append(popen(["sh", "-c", "trap '' INT TERM; exec sleep 600"], **options))
-        return begun[-1]
+        processes.append(popen(["sh", "-c", "trap '' INT TERM; exec sleep 600"], **options))
+        return processes[-1]
 
     monkeypatch.setattr(subprocess, "Popen", mute)
-    yield begun
-    for process in begun:
+    yield processes
+    for process in processes:
         process.kill()
         process.wait()
 
 
 def test_ctrl_c_before_the_robot_is_ready_leaves_no_worker(worker, monkeypatch):
-    def interrupted(*_given):
+    def interrupted(*_arguments):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(threading.Condition, "wait_for", interrupted)

@@ -60,8 +60,8 @@ def test_the_state_of_a_controller(answering):
 
 
 def test_what_a_controller_says_to_people_is_passed_over(answering):
-    told = [part for answer in ANSWERS for part in (pack(ord("M"), b"\x05hello"), answer)]
-    assert answering(b"".join(told)).timestamp_s == 10.1
+    packages = [part for answer in ANSWERS for part in (pack(ord("M"), b"\x05hello"), answer)]
+    assert answering(b"".join(packages)).timestamp_s == 10.1
 
 
 @pytest.mark.parametrize(
@@ -82,11 +82,11 @@ def test_a_controller_that_is_unlike_rtde(answering, place, answer, message):
 
 
 @given(st.binary(max_size=400), st.integers(0, 6))
-def test_whatever_comes_is_one_message(sent, whole):
+def test_whatever_comes_is_one_message(sent, n_answers):
     with pytest.MonkeyPatch.context() as patch:
         ours, theirs = socket.socketpair()
         with contextlib.closing(theirs):
-            theirs.sendall(b"".join(ANSWERS[:whole]) + sent)
+            theirs.sendall(b"".join(ANSWERS[:n_answers]) + sent)
             theirs.shutdown(socket.SHUT_WR)
             patch.setattr(socket, "create_connection", lambda *_, **__: ours)
             with contextlib.suppress(RtdeError):

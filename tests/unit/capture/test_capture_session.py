@@ -41,7 +41,7 @@ class Pretended:
     def listen(self, load, board):
         pass
 
-    def move(self, *given):
+    def move(self, *arguments):
         self.did.append("move")
 
     def take_rejects(self) -> list[dict]:
@@ -83,7 +83,7 @@ def rig(tmp_path, monkeypatch) -> Pretended:
 def no_room(monkeypatch):
     """From the call on nothing more can be written to a journal."""
 
-    def full(*_given):
+    def full(*_arguments):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     return lambda: monkeypatch.setattr(journal.Writer, "append", full)
@@ -93,17 +93,17 @@ def too_large(keep) -> None:
     raise Fault(Stop("force", "the force is too large"))
 
 
-def stopped(rig: Pretended, **given) -> Stopped:
+def capture_until_stop(rig: Pretended, **arguments) -> Stopped:
     """How a capture ended early."""
     with pytest.raises(Stopped) as ended:
-        rig.capture(**given)
+        rig.capture(**arguments)
     return ended.value
 
 
 def test_a_capture_that_was_stopped_goes_on_to_its_end(rig):
-    whole, rig.press = rig.press, too_large
-    assert str(stopped(rig)) == "the force is too large; stopped by stopL; lifted off"
-    rig.press = whole
+    complete_press, rig.press = rig.press, too_large
+    assert str(capture_until_stop(rig)) == "the force is too large; stopped by stopL; lifted off"
+    rig.press = complete_press
     rig.capture(resume=True)
     contacts = ["begin", "frame", "end"] * 2
     assert rig.kinds() == ["capture", "run", "begin", "stop", "run", *contacts, "done"]
@@ -119,7 +119,7 @@ def test_where_the_disk_is_full_in_a_press_it_is_told_what_became_of_the_arm(rig
         keep({"force_N": 8.0})
 
     rig.press, rig.fate = press, fate
-    ended = stopped(rig)
+    ended = capture_until_stop(rig)
     assert ended.code == FAULT
     assert str(ended).startswith("OSError: [Errno 28] No space left on device; stopped by stopL; ")
     assert fate[-1] in str(ended)
@@ -131,7 +131,7 @@ def test_a_stop_that_the_journal_cannot_hold_is_told(rig, no_room):
         too_large(keep)
 
     rig.press, rig.fate = press, NOT_LIFTED
-    ended = stopped(rig)
+    ended = capture_until_stop(rig)
     assert ended.code == FAULT
     assert str(ended).startswith(f"the force is too large; {'; '.join(NOT_LIFTED)}; the journal")
     assert "No space left on device" in str(ended)
@@ -139,7 +139,7 @@ def test_a_stop_that_the_journal_cannot_hold_is_told(rig, no_room):
 
 def test_a_command_for_the_probe_that_is_not_there_is_a_fault(rig, tmp_path):
     rig.config["probe_change"] = [str(tmp_path / "chnage")]
-    ended = stopped(rig, mounted_mm=None)
+    ended = capture_until_stop(rig, mounted_mm=None)
     assert ended.code == FAULT
     assert str(ended).startswith("the probe was not changed: ")
     assert "chnage" in str(ended) and str(ended).endswith("; ".join(LIFTED))
@@ -150,7 +150,7 @@ def test_what_nobody_thought_of_is_a_fault_and_in_the_journal(rig):
         raise KeyError("depth")
 
     rig.press, rig.fate = press, NOT_LIFTED
-    ended = stopped(rig)
+    ended = capture_until_stop(rig)
     assert (str(ended), ended.code) == (f"KeyError: 'depth'; {'; '.join(NOT_LIFTED)}", FAULT)
     stop = journal.read(rig.path).records[-1]
     assert (stop["kind"], stop["reason"], stop["message"]) == ("stop", "error", str(ended))
@@ -159,13 +159,13 @@ def test_what_nobody_thought_of_is_a_fault_and_in_the_journal(rig):
 
 def test_a_journal_that_another_capture_writes_is_refused_before_anything_moves(rig):
     rig.press = too_large
-    stopped(rig)
+    capture_until_stop(rig)
     rig.did.clear()
     rig.hovers = False
-    other = journal.Writer(rig.path, journal.read(rig.path))
+    other_writer = journal.Writer(rig.path, journal.read(rig.path))
     with pytest.raises(InputError, match="another capture's lock"):
         rig.capture(resume=True)
-    other.close()
+    other_writer.close()
     assert rig.did == []
 
 
@@ -173,20 +173,20 @@ def test_a_journal_that_another_capture_writes_is_refused_before_anything_moves(
 def test_the_journal_is_locked_before_the_arm_is_lifted(rig, resume):
     if resume:
         rig.press = too_large
-        stopped(rig)
+        capture_until_stop(rig)
     rig.hovers = False
-    tried = []
+    attempts = []
 
     def lift():
         with pytest.raises(InputError, match="another capture's lock"):
             journal.Writer(rig.path, journal.read(rig.path))
-        tried.append(True)
+        attempts.append(True)
         return Pretended.stop_and_retreat(rig)
 
     rig.stop_and_retreat = lift
     rig.press = lambda keep: None
     rig.capture(resume)
-    assert tried == [True]
+    assert attempts == [True]
 
 
 def test_a_capture_that_is_refused_leaves_no_journal(rig):
@@ -196,10 +196,10 @@ def test_a_capture_that_is_refused_leaves_no_journal(rig):
     assert list(rig.path.parent.iterdir()) == []
     rig.load_cell = Finding("load cell", True, "at zero")
     rig.capture()
-    before = rig.path.read_bytes()
+    original_bytes = rig.path.read_bytes()
     with pytest.raises(InputError, match="resume"):
         rig.capture()
-    assert rig.path.read_bytes() == before
+    assert rig.path.read_bytes() == original_bytes
 
 
 @pytest.mark.parametrize("resume", [False, True])
@@ -225,6 +225,6 @@ def test_a_signal_in_a_press_ends_the_capture_with_the_arm_lifted(rig):
         raise Interrupted(rig.signal)
 
     rig.press = struck
-    end = stopped(rig)
+    end = capture_until_stop(rig)
     assert rig.signal == signal.SIGTERM and end.code == session.SIGNAL + signal.SIGTERM
     assert "lifted off" in str(end) and rig.kinds()[-1] == "stop"

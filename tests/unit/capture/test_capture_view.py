@@ -18,35 +18,35 @@ class Terminal(io.StringIO):
         return True
 
 
-def shown(out: io.StringIO) -> str:
-    view = View(out)
+def shown_text(stream: io.StringIO) -> str:
+    view = View(stream)
     view({"contact": CONTACT, "number": 5, "of": 576, "left_s": 3723.0})
     view({"phase": "press", "depth_mm": 2.0})
     view({"frame": FRAME})
     view({"phase": "up", "depth_mm": None})
     view.close()
-    return out.getvalue()
+    return stream.getvalue()
 
 
 def test_a_terminal_has_one_line_that_is_written_over():
-    parts = shown(Terminal()).split("\r")
+    parts = shown_text(Terminal()).split("\r")
     assert parts[3] == LINE
     assert parts[-1].endswith("\n")
     assert sum(part.count("\n") for part in parts) == 1
 
 
 def test_elsewhere_there_is_one_line_a_contact():
-    (line,) = shown(io.StringIO()).splitlines()
+    (line,) = shown_text(io.StringIO()).splitlines()
     assert line == LINE.replace("press", "up").replace(" · depth 2.0 mm", "")
 
 
 def test_a_terminal_that_is_gone_does_not_hide_how_a_capture_ended(monkeypatch):
-    out = Terminal()
-    view = View(out)
+    stream = Terminal()
+    view = View(stream)
     view({"contact": CONTACT, "number": 5, "of": 576, "left_s": None, "depth_mm": None})
 
     def gone():
         raise OSError("Input/output error")
 
-    monkeypatch.setattr(out, "flush", gone)
+    monkeypatch.setattr(stream, "flush", gone)
     view.close()

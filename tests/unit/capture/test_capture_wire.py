@@ -13,7 +13,7 @@ from eitskin.capture.wire import (
     Reject,
     Restart,
     hx711_newtons,
-    measured,
+    measured_mask,
     openscale_newtons,
     rms_frame,
 )
@@ -30,7 +30,7 @@ def firmware_line(steps: np.ndarray) -> bytes:
 
 def frame_steps(draw: np.random.Generator) -> np.ndarray:
     """(16, 16) whole steps; 0 where a pair touches a driven electrode."""
-    return np.where(measured(N), draw.integers(0, 513, (N, N)), 0)
+    return np.where(measured_mask(N), draw.integers(0, 513, (N, N)), 0)
 
 
 LINE = firmware_line(frame_steps(np.random.default_rng(7)))
@@ -44,7 +44,7 @@ def test_a_frame_as_the_firmware_prints_it():
 
 
 def test_the_line_of_a_board_that_measures_a_ramp():
-    steps = np.where(measured(N), np.arange(N * N).reshape(N, N), 0)
+    steps = np.where(measured_mask(N), np.arange(N * N).reshape(N, N), 0)
     line = firmware_line(steps)
     assert line.startswith(b"0.0000, 0.0000, 0.0043, 0.0064, ")
     assert line.endswith(b", 0.5435, 0.0000, \n") or line.endswith(b", 0.0000, \n")
@@ -58,7 +58,7 @@ def test_a_reading_of_zero_is_a_reading():
 
 
 def test_the_measured_pairs_are_the_channels_in_their_order():
-    place = np.flatnonzero(measured(N))
+    place = np.flatnonzero(measured_mask(N))
     channels = channel_table(N)
     np.testing.assert_array_equal(place, N * channels[:, 0] + channels[:, 2])
 
@@ -90,41 +90,41 @@ def test_lines_that_are_no_frame(line, reason):
 
 def test_the_other_board_of_the_family():
     draw = np.random.default_rng(3)
-    steps = np.where(measured(32), draw.integers(0, 513, (32, 32)), 0)
+    steps = np.where(measured_mask(32), draw.integers(0, 513, (32, 32)), 0)
     assert BOARDS["circular-32"].parse(firmware_line(steps)).shape == (32, 32)
     assert BOARDS["circular-32"].parse(LINE).reason == "count"
 
 
 def corrupted(line: bytes, draw: random.Random) -> bytes:
     """A line as a bad cable, a full buffer or a restart leave it; never the line itself."""
-    spoilt = bytearray(line)
+    faulty_line = bytearray(line)
     kind = draw.randrange(8)
     if kind == 0:
-        spoilt = spoilt[: draw.randrange(len(line))] + draw.choice([b"", b"\n"])
+        faulty_line = faulty_line[: draw.randrange(len(line))] + draw.choice([b"", b"\n"])
     elif kind == 1:
-        spoilt = spoilt[draw.randrange(1, len(line)) :]
+        faulty_line = faulty_line[draw.randrange(1, len(line)) :]
     elif kind == 2:
         start = draw.randrange(len(line))
-        del spoilt[start : start + draw.randint(1, 600)]
+        del faulty_line[start : start + draw.randint(1, 600)]
     elif kind == 3:
         start = draw.randrange(len(line))
-        spoilt[start:start] = draw.randbytes(draw.randint(1, 40))
+        faulty_line[start:start] = draw.randbytes(draw.randint(1, 40))
     elif kind == 4:
         for _ in range(draw.randint(8, 40)):
-            spoilt[draw.randrange(len(line))] ^= 1 << draw.randrange(8)
+            faulty_line[draw.randrange(len(line))] ^= 1 << draw.randrange(8)
     elif kind == 5:
-        spoilt = spoilt[: draw.randrange(len(line))] + bytearray(line)
+        faulty_line = faulty_line[: draw.randrange(len(line))] + bytearray(line)
     elif kind == 6:
         fields = line[:-1].split(b", ")[:-1]
         place = draw.randrange(len(fields))
         fields[place : place + 1] = draw.choice([[], [fields[place]] * 2])
-        spoilt = bytearray(b"".join(field + b", " for field in fields) + b"\n")
+        faulty_line = bytearray(b"".join(field + b", " for field in fields) + b"\n")
     else:
-        rows, columns = np.nonzero(~measured(N))
+        rows, columns = np.nonzero(~measured_mask(N))
         driven = N * rows + columns
         place = 8 * int(draw.choice(list(driven)))
-        spoilt[place : place + 6] = b"%.4f" % (draw.randint(1, 512) * 2.2 / 1024)
-    return bytes(spoilt)
+        faulty_line[place : place + 6] = b"%.4f" % (draw.randint(1, 512) * 2.2 / 1024)
+    return bytes(faulty_line)
 
 
 def test_none_of_ten_thousand_corrupted_lines_is_a_frame():
@@ -134,12 +134,12 @@ def test_none_of_ten_thousand_corrupted_lines_is_a_frame():
     kinds = set()
     for _ in range(CORRUPTED):
         line = draw.choice(lines)
-        spoilt = corrupted(line, draw)
-        if spoilt == line:  # bytes taken out of a run of themselves
+        faulty_line = corrupted(line, draw)
+        if faulty_line == line:  # bytes taken out of a run of themselves
             continue
-        found = rms_frame(spoilt, N)
-        assert isinstance(found, Reject), spoilt
-        kinds.add(found.reason)
+        parsed = rms_frame(faulty_line, N)
+        assert isinstance(parsed, Reject), faulty_line
+        kinds.add(parsed.reason)
     assert kinds == {"half line", "form", "count", "value", "driven pair"}
 
 
@@ -154,14 +154,14 @@ def test_any_bytes_are_refused_without_a_crash(line):
 @settings(max_examples=2000)
 @given(st.integers(0, len(LINE) - 1), st.binary(max_size=16), st.integers(0, 16))
 def test_bytes_in_place_of_others_are_a_frame_only_as_other_possible_values(start, new, length):
-    spoilt = LINE[:start] + new + LINE[start + length :]
-    found = rms_frame(spoilt, N)
-    if not isinstance(found, Reject):
-        assert len(spoilt) == len(LINE)
-        fields = zip(spoilt.split(b", "), LINE.split(b", "), strict=True)
-        for now, before in fields:
-            steps = float(now.strip() or 0) / RMS_STEP_V
-            assert now == before or abs(steps - round(steps)) * RMS_STEP_V <= 0.5001e-4
+    faulty_line = LINE[:start] + new + LINE[start + length :]
+    parsed = rms_frame(faulty_line, N)
+    if not isinstance(parsed, Reject):
+        assert len(faulty_line) == len(LINE)
+        fields = zip(faulty_line.split(b", "), LINE.split(b", "), strict=True)
+        for value, original in fields:
+            steps = float(value.strip() or 0) / RMS_STEP_V
+            assert value == original or abs(steps - round(steps)) * RMS_STEP_V <= 0.5001e-4
 
 
 @pytest.mark.parametrize(

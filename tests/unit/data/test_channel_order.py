@@ -33,19 +33,19 @@ def test_a_skin_keeps_its_identities_and_a_shuffled_one_does_not(n, pattern, sig
 def test_opposite_drive_turns_its_sign_when_reversed(polarity, signed):
     channels = channel_table(16, "opposite")[:, polarity]
     readings = skin_readings(channels, 16)
-    found = misfit(readings if signed else np.abs(readings), channels, 16, signed)
-    assert found.reciprocity is None
-    assert found.reversal < 1e-12
-    assert 0 < found.rotation < 0.2
-    assert found.overall == pytest.approx(found.rotation / np.sqrt(2))
+    order_misfit = misfit(readings if signed else np.abs(readings), channels, 16, signed)
+    assert order_misfit.reciprocity is None
+    assert order_misfit.reversal < 1e-12
+    assert 0 < order_misfit.rotation < 0.2
+    assert order_misfit.overall == pytest.approx(order_misfit.rotation / np.sqrt(2))
 
 
 def test_lost_readings_are_left_out():
     channels = channel_table(16)
     readings = skin_readings(channels, 16)
     readings[0, ::7] = np.nan
-    found = misfit(readings, channels, 16, True)
-    assert found.reciprocity < 1e-12 and np.isfinite(found.rotation)
+    order_misfit = misfit(readings, channels, 16, True)
+    assert order_misfit.reciprocity < 1e-12 and np.isfinite(order_misfit.rotation)
 
 
 def test_a_table_without_identities_has_no_misfit():

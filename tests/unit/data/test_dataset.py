@@ -7,11 +7,11 @@ from level_recording import CHANNELS, level, recording
 from synthetic_touches import touches
 
 
-def pressed(n=100, **given):
+def pressed(n=100, **columns):
     """A recording untouched and pressed in turn, with noise."""
     touch = np.tile([False, True], n)
     voltage = level(*(1 - 0.25 * touch)) + 0.01 * np.random.default_rng(0).normal(size=(2 * n, 40))
-    return touch, voltage, recording(touch, voltage, **given)
+    return touch, voltage, recording(touch, voltage, **columns)
 
 
 def test_from_recording_keeps_touches_their_states_and_where_they_came_from():
@@ -40,8 +40,8 @@ def test_a_channel_often_lost_is_dropped_and_a_frame_seldom_lost_left_out():
 
 def test_frames_of_several_touches_are_left_out():
     _, _, source = pressed()
-    one = {"x_mm": 0.0, "y_mm": 0.0, "force_N": 1.0, "probe_mm": 7.0}
-    source.touches = [None, [one], *[None, [one, one]] * 2, *[None, [one]] * 97]
+    touch = {"x_mm": 0.0, "y_mm": 0.0, "force_N": 1.0, "probe_mm": 7.0}
+    source.touches = [None, [touch], *[None, [touch, touch]] * 2, *[None, [touch]] * 97]
     got = dataset.from_recording(source, "several")
     assert got.metadata["frames_left_out"] == {"reading lost": 0, "several touches": 2}
     assert not {3, 5} & set(got.table["sample"])
@@ -63,13 +63,13 @@ def test_a_recording_with_nothing_to_learn_is_refused(change, message):
 
 
 def test_round_trip_is_exact_and_byte_repeatable(tmp_path):
-    one = touches(50, seed=1)
-    dataset.write(one, tmp_path / "a.parquet")
+    touch = touches(50, seed=1)
+    dataset.write(touch, tmp_path / "a.parquet")
     dataset.write(touches(50, seed=1), tmp_path / "b.parquet")
     assert (tmp_path / "a.parquet").read_bytes() == (tmp_path / "b.parquet").read_bytes()
     two = dataset.read(tmp_path / "a.parquet")
-    np.testing.assert_array_equal(two.delta_V, one.delta_V)
-    assert two.table.equals(one.table) and two.metadata == one.metadata
+    np.testing.assert_array_equal(two.delta_V, touch.delta_V)
+    assert two.table.equals(touch.table) and two.metadata == touch.metadata
 
 
 @pytest.mark.parametrize(
@@ -87,10 +87,10 @@ def test_round_trip_is_exact_and_byte_repeatable(tmp_path):
     ],
 )
 def test_a_bad_dataset_is_refused_and_nothing_written(tmp_path, spoil, message):
-    one = touches(50, seed=1)
-    spoil(one)
+    touch = touches(50, seed=1)
+    spoil(touch)
     with pytest.raises(InputError, match=message):
-        dataset.write(one, tmp_path / "bad.parquet")
+        dataset.write(touch, tmp_path / "bad.parquet")
     assert list(tmp_path.iterdir()) == []
 
 

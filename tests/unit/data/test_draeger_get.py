@@ -21,9 +21,9 @@ def frames(count=3, width=256):
     return values
 
 
-def refused(path, match, **given):
+def refused(path, match, **settings):
     with pytest.raises(InputError, match=match) as caught:
-        importers.load(path, **given)
+        importers.load(path, **settings)
     assert "\n" not in str(caught.value)
 
 
@@ -33,12 +33,15 @@ def test_readings_turn_with_the_drive(tmp_path, header, count, width):
     """13 frames of 256 are as long as 16 of 208: reciprocity tells them apart."""
     path = tmp_path / "tank.get"
     path.write_bytes(header + frames(count, width).tobytes())
-    made = importers.load(path)
-    assert made.channels.tolist() == FILED and made.voltage.shape == (count, 208)
-    np.testing.assert_array_equal(made.voltage, frames(count, width)[:, :208])
-    assert made.metadata["voltage"] == "magnitude", "no reading is below 0"
-    assert check.check(made).ok and not made.frames["touch"].any()
-    source = made.metadata["source"]
+    imported_recording = importers.load(path)
+    assert imported_recording.channels.tolist() == FILED and imported_recording.voltage.shape == (
+        count,
+        208,
+    )
+    np.testing.assert_array_equal(imported_recording.voltage, frames(count, width)[:, :208])
+    assert imported_recording.metadata["voltage"] == "magnitude", "no reading is below 0"
+    assert check.check(imported_recording).ok and not imported_recording.frames["touch"].any()
+    source = imported_recording.metadata["source"]
     assert ("48 of 256 numbers a frame left out" in source) == (width == 256)
     assert ("Draeger" in source) == bool(header)
 
@@ -49,12 +52,12 @@ def test_another_order_is_noticed_and_can_be_asked_for(tmp_path):
     ascending = sorted(range(208), key=lambda k: (FILED[k][0], FILED[k][3]))
     values[:, :208] = values[:, ascending]
     path.write_bytes(values.tobytes())
-    (finding,) = check.check(importers.load(path)).about("order")
+    (finding,) = check.check(importers.load(path)).of_topic("order")
     assert finding.severity == check.ERROR and "--order drive-minus-ascending" in finding.sentence
-    made = importers.load(path, order="drive-minus-ascending")
-    assert made.channels.tolist() == [FILED[k] for k in ascending]
-    assert "as told: order drive-minus-ascending" in made.metadata["source"]
-    assert check.check(made).ok
+    imported_recording = importers.load(path, order="drive-minus-ascending")
+    assert imported_recording.channels.tolist() == [FILED[k] for k in ascending]
+    assert "as told: order drive-minus-ascending" in imported_recording.metadata["source"]
+    assert check.check(imported_recording).ok
 
 
 def test_broken_files_are_refused(tmp_path):

@@ -35,10 +35,12 @@ def tank_reading(channels):
     return reading * np.exp(0.1j)
 
 
-def likeness(made):
+def likeness(imported_recording):
     """Correlation of the in-phase readings with a homogeneous disc's, by the channel table."""
-    model = homogeneous_readings(made.channels, np.array(made.skin.electrode_deg))
-    return np.corrcoef(model, made.voltage[0])[0, 1]
+    model = homogeneous_readings(
+        imported_recording.channels, np.array(imported_recording.skin.electrode_deg)
+    )
+    return np.corrcoef(model, imported_recording.voltage[0])[0, 1]
 
 
 # --- any file
@@ -119,7 +121,7 @@ ODD_FILES = {
 
 
 @pytest.mark.parametrize("name", ODD_FILES)
-@pytest.mark.parametrize("format", [None, *importers.known()])
+@pytest.mark.parametrize("format", [None, *importers.format_names()])
 def test_an_odd_file_is_refused_in_one_line_by_every_format(tmp_path, name, format):
     path = tmp_path / name
     ODD_FILES[name](path)
@@ -183,28 +185,32 @@ def logger(tmp_path):
 
 def test_the_logger_keeps_untouched_and_touched_rows(logger):
     path = logger([-0.001, 0.049, 0.05, 0.499, 0.5, 8.2, None])
-    made = importers.load(path)
-    assert made.frames["touch"].tolist() == [False, False, True, True]
-    assert made.frames["force_N"].tolist() == [0.0, 0.0, 0.5, 8.2]
-    assert made.frames["time_s"].tolist() == [0.0, 3.5, 14.0, 17.5]
-    np.testing.assert_allclose(made.frames["depth_mm"], [np.nan, np.nan, 5.0, 6.0])
-    np.testing.assert_allclose(made.frames["x_mm"][2:], 20.0)
-    np.testing.assert_allclose(made.frames["y_mm"][2:], -30.0)
-    assert recording.presses(made).tolist() == [-1, -1, 0, 0]
+    imported_recording = importers.load(path)
+    assert imported_recording.frames["touch"].tolist() == [False, False, True, True]
+    assert imported_recording.frames["force_N"].tolist() == [0.0, 0.0, 0.5, 8.2]
+    assert imported_recording.frames["time_s"].tolist() == [0.0, 3.5, 14.0, 17.5]
+    np.testing.assert_allclose(imported_recording.frames["depth_mm"], [np.nan, np.nan, 5.0, 6.0])
+    np.testing.assert_allclose(imported_recording.frames["x_mm"][2:], 20.0)
+    np.testing.assert_allclose(imported_recording.frames["y_mm"][2:], -30.0)
+    assert recording.presses(imported_recording).tolist() == [-1, -1, 0, 0]
     assert (
-        "2 rows between 0.05 N and 0.5 N, 1 without a force or a frame" in made.metadata["source"]
+        "2 rows between 0.05 N and 0.5 N, 1 without a force or a frame"
+        in imported_recording.metadata["source"]
     )
-    assert made.metadata["position_frame"] == "robot" and made.metadata["voltage"] == "magnitude"
+    assert (
+        imported_recording.metadata["position_frame"] == "robot"
+        and imported_recording.metadata["voltage"] == "magnitude"
+    )
 
 
 def test_the_loggers_channels_are_picked_by_index_even_where_a_reading_is_zero(logger):
     channels = channel_table(16)
     live = 16 * channels[:, 0] + channels[:, 2]
-    made = importers.load(logger([0.0, 1.0], eit_2=[0.0, 0.0]))
+    imported_recording = importers.load(logger([0.0, 1.0], eit_2=[0.0, 0.0]))
     expected = 0.01 * live
     expected[live == 2] = 0.0
-    np.testing.assert_allclose(made.voltage, [expected, expected])
-    np.testing.assert_array_equal(made.channels, channels)
+    np.testing.assert_allclose(imported_recording.voltage, [expected, expected])
+    np.testing.assert_array_equal(imported_recording.channels, channels)
 
 
 def test_the_loggers_driven_pairs_must_be_constant_but_need_not_be_zero(logger):
@@ -214,10 +220,13 @@ def test_the_loggers_driven_pairs_must_be_constant_but_need_not_be_zero(logger):
 
 def test_what_the_logger_lost_is_lost_or_left_out(logger):
     nothing = {f"eit_{index}": [0.0, None, 0.0] for index in range(256)}
-    made = importers.load(logger([0.0, 1.0, 1.0], **nothing, t_eit=[1.0, None, 2.0]))
-    assert len(made.frames) == 2 and "1 without a force or a frame" in made.metadata["source"]
-    made = importers.load(logger([0.0, 1.0], eit_2=[0.1, None]))
-    assert np.isnan(made.voltage).sum() == 1
+    imported_recording = importers.load(logger([0.0, 1.0, 1.0], **nothing, t_eit=[1.0, None, 2.0]))
+    assert (
+        len(imported_recording.frames) == 2
+        and "1 without a force or a frame" in imported_recording.metadata["source"]
+    )
+    imported_recording = importers.load(logger([0.0, 1.0], eit_2=[0.1, None]))
+    assert np.isnan(imported_recording.voltage).sum() == 1
 
 
 def test_the_logger_s_line_is_the_file_s(logger):
@@ -255,30 +264,35 @@ def test_the_hydrogel_skin_is_untouched_then_pressed(tmp_path, n):
     scipy.io.savemat(
         path, {"positions": positions, "responseups": ups, "responsedowns": 1000.0 + ups}
     )
-    made = importers.load(path)
-    assert made.frames["touch"].tolist() == [False, True] * 3
-    np.testing.assert_array_equal(made.voltage[::2], ups)
-    np.testing.assert_array_equal(made.voltage[1::2], 1000.0 + ups)
-    np.testing.assert_allclose(made.frames[["x_mm", "y_mm", "depth_mm"]][1::2], 1e3 * positions)
-    assert made.frames["force_N"].isna().tolist() == [False, True] * 3
-    assert recording.presses(made).tolist() == [-1, 0, -1, 1, -1, 2]
-    assert made.metadata["clock"] == "index" and made.skin.radius_mm == 85.5
-    electrode = np.exp(1j * np.deg2rad(made.skin.electrode_deg))
+    imported_recording = importers.load(path)
+    assert imported_recording.frames["touch"].tolist() == [False, True] * 3
+    np.testing.assert_array_equal(imported_recording.voltage[::2], ups)
+    np.testing.assert_array_equal(imported_recording.voltage[1::2], 1000.0 + ups)
+    np.testing.assert_allclose(
+        imported_recording.frames[["x_mm", "y_mm", "depth_mm"]][1::2], 1e3 * positions
+    )
+    assert imported_recording.frames["force_N"].isna().tolist() == [False, True] * 3
+    assert recording.presses(imported_recording).tolist() == [-1, 0, -1, 1, -1, 2]
+    assert (
+        imported_recording.metadata["clock"] == "index"
+        and imported_recording.skin.radius_mm == 85.5
+    )
+    electrode = np.exp(1j * np.deg2rad(imported_recording.skin.electrode_deg))
     np.testing.assert_allclose(electrode[0], -1j, atol=1e-12)
     assert electrode[1].real > 0 and electrode[n // 4].real == pytest.approx(1.0)
 
 
 def test_a_hydrogel_file_that_does_not_fit_together_is_refused(tmp_path):
     path = tmp_path / "ohmc.mat"
-    good = {"positions": np.zeros((2, 3)), "responseups": np.ones((2, 192))}
-    for downs, found in ((np.ones((3, 192)), "pressed"), (np.ones((2, 190)), "pressed")):
-        scipy.io.savemat(path, good | {"responsedowns": downs})
-        refused(path, found)
+    complete_arrays = {"positions": np.zeros((2, 3)), "responseups": np.ones((2, 192))}
+    for downs, message in ((np.ones((3, 192)), "pressed"), (np.ones((2, 190)), "pressed")):
+        scipy.io.savemat(path, complete_arrays | {"responsedowns": downs})
+        refused(path, message)
     ups = {"responseups": np.ones((2, 30)), "responsedowns": np.ones((2, 30))}
-    scipy.io.savemat(path, good | ups)
+    scipy.io.savemat(path, complete_arrays | ups)
     refused(path, "30 channels")
     scipy.io.savemat(
-        path, good | {"positions": np.zeros((2, 2)), "responsedowns": np.ones((2, 192))}
+        path, complete_arrays | {"positions": np.zeros((2, 2)), "responsedowns": np.ones((2, 192))}
     )
     refused(path, "x, y, depth a press")
     path.write_bytes(path.read_bytes()[:300])
@@ -287,13 +301,16 @@ def test_a_hydrogel_file_that_does_not_fit_together_is_refused(tmp_path):
 
 def test_real_hydrogel_skins(tmp_path):
     for name, n in (("ohmc16", 16), ("ohmc8", 8)):
-        made = importers.load(shared_data(f"hydrogel-skin/{name}.mat"))
-        assert made.voltage.shape == (1000, n * (n - 4)) and made.frames["touch"].sum() == 500
-        assert set(made.frames["depth_mm"].dropna()) == {10.0, 15.0, 20.0}
-        recording.write(made, tmp_path / f"{name}.parquet")
+        imported_recording = importers.load(shared_data(f"hydrogel-skin/{name}.mat"))
+        assert (
+            imported_recording.voltage.shape == (1000, n * (n - 4))
+            and imported_recording.frames["touch"].sum() == 500
+        )
+        assert set(imported_recording.frames["depth_mm"].dropna()) == {10.0, 15.0, 20.0}
+        recording.write(imported_recording, tmp_path / f"{name}.parquet")
     lookup = scipy.io.loadmat(shared_data("hydrogel-skin/lookup192.mat"))["lookup"]
-    made = importers.load(shared_data("hydrogel-skin/ohmc16.mat"))
-    np.testing.assert_array_equal(made.channels, lookup // 2)
+    imported_recording = importers.load(shared_data("hydrogel-skin/ohmc16.mat"))
+    np.testing.assert_array_equal(imported_recording.channels, lookup // 2)
 
 
 # --- the tanks
@@ -301,25 +318,33 @@ def test_real_hydrogel_skins(tmp_path):
 
 def test_the_iirc_tank(tmp_path):
     path = tmp_path / "iirc.mat"
-    every = [(k, (k + 1) % 16, j, (j + 1) % 16) for k in range(16) for j in range(16)]
-    reference = np.nan_to_num(tank_reading(every), nan=7.0)[:, None]
+    all_channels = [(k, (k + 1) % 16, j, (j + 1) % 16) for k in range(16) for j in range(16)]
+    reference = np.nan_to_num(tank_reading(all_channels), nan=7.0)[:, None]
     scipy.io.savemat(path, {"v_reference": reference, "v_rotate": np.ones((256, 5)) * 1j})
-    made = importers.load(path)
-    assert made.voltage.shape == (1, 208) and not made.frames["touch"].any()
+    imported_recording = importers.load(path)
+    assert (
+        imported_recording.voltage.shape == (1, 208)
+        and not imported_recording.frames["touch"].any()
+    )
     expected = tank_reading(channel_table(16))
-    np.testing.assert_allclose(made.voltage[0] + 1j * made.quadrature[0], expected)
-    assert "5 frames with a rod" in made.metadata["source"]
-    assert likeness(made) == pytest.approx(1.0)
+    np.testing.assert_allclose(
+        imported_recording.voltage[0] + 1j * imported_recording.quadrature[0], expected
+    )
+    assert "5 frames with a rod" in imported_recording.metadata["source"]
+    assert likeness(imported_recording) == pytest.approx(1.0)
     scipy.io.savemat(path, {"v_reference": reference[:208], "v_rotate": np.ones((256, 5))})
     refused(path, r"v_reference: found \(208, 1\)")
 
 
 def test_the_real_iirc_tank():
     path = shared_data("iirc-tank/iirc_data_2006.mat")
-    made = importers.load(path)
+    imported_recording = importers.load(path)
     assert reciprocity(path) == pytest.approx(0.048, abs=0.001)
-    assert likeness(made) > 0.99, "current enters at the source"
-    assert made.skin.radius_mm == 100.0 and made.skin.electrode_width_mm == 10.0
+    assert likeness(imported_recording) > 0.99, "current enters at the source"
+    assert (
+        imported_recording.skin.radius_mm == 100.0
+        and imported_recording.skin.electrode_width_mm == 10.0
+    )
 
 
 def pyeidors_lines(reading):
@@ -335,11 +360,15 @@ def test_the_pyeidors_tank(tmp_path):
     ]
     reading = tank_reading(order)
     path.write_text(pyeidors_lines(reading))
-    made = importers.load(path)
-    assert made.channels.tolist() == [list(row) for row in order]
-    np.testing.assert_allclose(made.voltage[0] + 1j * made.quadrature[0], reading)
-    assert "target frame, objects at unknown places, left out" in made.metadata["source"]
-    assert check.check(made).ok
+    imported_recording = importers.load(path)
+    assert imported_recording.channels.tolist() == [list(row) for row in order]
+    np.testing.assert_allclose(
+        imported_recording.voltage[0] + 1j * imported_recording.quadrature[0], reading
+    )
+    assert (
+        "target frame, objects at unknown places, left out" in imported_recording.metadata["source"]
+    )
+    assert check.check(imported_recording).ok
     path.write_text(pyeidors_lines(reading[:-1]))
     refused(path, "rows: found 207, expected 208")
     path.write_text("1.5,2,3,4\n1,2,x,4\n")
@@ -371,12 +400,14 @@ def test_the_lct_tank_and_its_repeats(tmp_path):
         (tmp_path / f"water_{k}.txt").write_text(
             lct_text(k * reading, f"16/07/2004 16:25:{second}")
         )
-    one = importers.load(tmp_path / "water_1.txt")
-    np.testing.assert_array_equal(one.channels, order)
-    np.testing.assert_allclose(one.voltage[0] + 1j * one.quadrature[0], reading)
-    both = importers.load(tmp_path)
-    np.testing.assert_allclose(both.voltage, [2 * reading.real, reading.real])
-    assert both.frames["time_s"].tolist() == [0.0, 19.0]
+    single_recording = importers.load(tmp_path / "water_1.txt")
+    np.testing.assert_array_equal(single_recording.channels, order)
+    np.testing.assert_allclose(
+        single_recording.voltage[0] + 1j * single_recording.quadrature[0], reading
+    )
+    both_recordings = importers.load(tmp_path)
+    np.testing.assert_allclose(both_recordings.voltage, [2 * reading.real, reading.real])
+    assert both_recordings.frames["time_s"].tolist() == [0.0, 19.0]
     (tmp_path / "metal_1.txt").write_text(lct_text(reading))
     refused(tmp_path, r"states \['metal', 'water'\]")
     path = tmp_path / "metal_1.txt"
@@ -398,9 +429,13 @@ def test_real_lct_tanks():
     folder = shared_data("lct-tank/homogeneous")
     errors = [reciprocity(path) for path in sorted(folder.glob("*.txt"))]
     assert errors == pytest.approx([0.015] * 3, abs=0.002)
-    made = importers.load(folder)
-    assert len(made.frames) == 3 and made.frames["time_s"].tolist() == [0.0, 19.0, 34.0]
-    assert likeness(made) > 0.99
+    imported_recording = importers.load(folder)
+    assert len(imported_recording.frames) == 3 and imported_recording.frames["time_s"].tolist() == [
+        0.0,
+        19.0,
+        34.0,
+    ]
+    assert likeness(imported_recording) > 0.99
 
 
 # --- the patterned skin
@@ -408,29 +443,36 @@ def test_real_lct_tanks():
 
 def test_the_patterned_skin_is_a_pair_of_files(tmp_path):
     width = len(channel_table(16, "opposite"))
-    inp, out = tmp_path / "inp_a.csv", tmp_path / "out_a.csv"
+    inp_path, out_path = tmp_path / "inp_a.csv", tmp_path / "out_a.csv"
     values = np.arange(2.0 * width).reshape(2, width) - 5.0
-    inp.write_text("".join(",".join(map(str, row)) + "\n" for row in values), encoding="utf-8-sig")
-    out.write_text("0.01,-0.4,0.019\n0.02,-0.41,0.018\n", encoding="utf-8-sig")
-    for path in (inp, out):
-        made = importers.load(path)
-        np.testing.assert_array_equal(made.voltage, values)
-        np.testing.assert_allclose(made.frames[["x_mm", "y_mm"]], [[10, -400], [20, -410]])
-        np.testing.assert_allclose(made.frames["note_robot_z_mm"], [19.0, 18.0])
-    assert made.metadata["values"] == "difference" and made.frames["touch"].all()
-    assert made.frames[["force_N", "depth_mm", "probe_mm"]].isna().all().all()
-    out.write_text("0.01,-0.4,0.019\n")
-    refused(inp, "rows: found 1, expected 2 as in inp_a.csv")
-    out.unlink()
-    refused(inp, "no such file, expected the partner of inp_a.csv", "patterned-skin")
-    refused(inp, r"no inp_a\.yaml")
+    inp_path.write_text(
+        "".join(",".join(map(str, row)) + "\n" for row in values), encoding="utf-8-sig"
+    )
+    out_path.write_text("0.01,-0.4,0.019\n0.02,-0.41,0.018\n", encoding="utf-8-sig")
+    for path in (inp_path, out_path):
+        imported_recording = importers.load(path)
+        np.testing.assert_array_equal(imported_recording.voltage, values)
+        np.testing.assert_allclose(
+            imported_recording.frames[["x_mm", "y_mm"]], [[10, -400], [20, -410]]
+        )
+        np.testing.assert_allclose(imported_recording.frames["note_robot_z_mm"], [19.0, 18.0])
+    assert (
+        imported_recording.metadata["values"] == "difference"
+        and imported_recording.frames["touch"].all()
+    )
+    assert imported_recording.frames[["force_N", "depth_mm", "probe_mm"]].isna().all().all()
+    out_path.write_text("0.01,-0.4,0.019\n")
+    refused(inp_path, "rows: found 1, expected 2 as in inp_a.csv")
+    out_path.unlink()
+    refused(inp_path, "no such file, expected the partner of inp_a.csv", "patterned-skin")
+    refused(inp_path, r"no inp_a\.yaml")
 
 
 def test_the_real_patterned_skin(tmp_path):
-    made = importers.load(shared_data("patterned-skin/inp_noPattern.csv"))
-    assert made.voltage.shape == (2500, 192)
-    recording.write(made, tmp_path / "patterned.parquet")
-    assert recording.read(tmp_path / "patterned.parquet").metadata == made.metadata
+    imported_recording = importers.load(shared_data("patterned-skin/inp_noPattern.csv"))
+    assert imported_recording.voltage.shape == (2500, 192)
+    recording.write(imported_recording, tmp_path / "patterned.parquet")
+    assert recording.read(tmp_path / "patterned.parquet").metadata == imported_recording.metadata
 
 
 # --- a wrong order shows at once
@@ -446,11 +488,15 @@ def test_the_real_patterned_skin(tmp_path):
 def test_the_tanks_in_each_others_order_break_reciprocity(name, module):
     files = [*shared_data(name).rglob("*.csv"), *shared_data(name).rglob("*.txt")]
     for path in files:
-        made = module.load(path)
-        other = pyeidors_tank if module is lct_tank else lct_tank
-        table = pyeidors_tank.channels_from_drive() if other is pyeidors_tank else channel_table(16)
-        made.metadata["channels"] = table[:, [0, 1, 3, 2]].tolist()
-        order = check.check(made).about("order")
+        imported_recording = module.load(path)
+        other_path = pyeidors_tank if module is lct_tank else lct_tank
+        table = (
+            pyeidors_tank.channels_from_drive()
+            if other_path is pyeidors_tank
+            else channel_table(16)
+        )
+        imported_recording.metadata["channels"] = table[:, [0, 1, 3, 2]].tolist()
+        order = check.check(imported_recording).of_topic("order")
         assert 0.6 < order[0].value < 1.1
         assert [finding.severity for finding in order] == [check.ERROR]
         assert "wrong channel order" in order[0].sentence
@@ -475,8 +521,8 @@ def test_what_is_read_is_told_before_it_is_read(tmp_path):
         (frames / f"water_{k}.txt").write_text("#MEAS\n")
     assert importers.files(pair[0], "patterned-skin") == pair
     assert importers.files(frames) == [frames, *sorted(frames.iterdir())]
-    for other in (tmp_path / "absent.parquet", pair[0].with_name("text.md")):
-        assert importers.files(other) == [other]
-        assert importers.readers(other) == []
+    for other_path in (tmp_path / "absent.parquet", pair[0].with_name("text.md")):
+        assert importers.files(other_path) == [other_path]
+        assert importers.readers(other_path) == []
     assert importers.readers(frames) == ["eitskin.data.importers.lct_tank"]
     assert importers.readers(pair[0], "patterned-skin") == ["eitskin.data.importers.patterned_skin"]

@@ -13,24 +13,24 @@ from eitskin.physics.protocol import channel_table, every_channel
 from homogeneous_skin import PHASE, readings
 
 
-def refused(path, match, **given):
+def refused(path, match, **settings):
     with pytest.raises(InputError, match=match) as caught:
-        importers.load(path, **given)
+        importers.load(path, **settings)
     assert "\n" not in str(caught.value)
 
 
 # --- EIDORS
 
 
-def eidors_channels(n, whole=False):
+def eidors_channels(n, with_driven=False):
     """A homogeneous disc reads positive: u[j+1] - u[j] with current entering at k."""
-    table = every_channel(n, "adjacent", "adjacent") if whole else channel_table(n)
+    table = every_channel(n, "adjacent", "adjacent") if with_driven else channel_table(n)
     return table[:, [0, 1, 3, 2]]
 
 
-def frames(n=16, count=1, whole=False, order=None):
+def frames(n=16, count=1, with_driven=False, order=None):
     """(rows, count): readings of an even skin, a frame a column."""
-    channels = eidors_channels(n, whole)
+    channels = eidors_channels(n, with_driven)
     channels = channels if order is None else in_order("file", order, channels, n)
     return readings(channels, n)[:, None] * np.linspace(1.0, 1.1, count)
 
@@ -39,35 +39,41 @@ def frames(n=16, count=1, whole=False, order=None):
 @given(
     n=st.sampled_from([8, 16, 32]),
     count=st.sampled_from([1, 5]),
-    whole=st.booleans(),
+    with_driven=st.booleans(),
     phase=st.sampled_from([1.0, PHASE]),
     name=st.sampled_from(["vh", "v_homg", "eit.data", "meas", "vv"]),
     transposed=st.booleans(),
 )
-def test_frames_of_any_name(tmp_path_factory, n, count, whole, phase, name, transposed):
+def test_frames_of_any_name(tmp_path_factory, n, count, with_driven, phase, name, transposed):
     path = tmp_path_factory.mktemp("mat") / "tank.mat"
-    values = phase * frames(n, count, whole)
+    values = phase * frames(n, count, with_driven)
     outer, _, field = name.partition(".")
     array = values.T if transposed else values
     scipy.io.savemat(path, {outer: {field: array, "name": "a tank"} if field else array})
-    made = importers.load(path)
-    np.testing.assert_array_equal(made.channels, eidors_channels(n))
+    imported_recording = importers.load(path)
+    np.testing.assert_array_equal(imported_recording.channels, eidors_channels(n))
     expected = phase * frames(n, count).T
-    read = made.voltage if made.quadrature is None else made.voltage + 1j * made.quadrature
+    read = (
+        imported_recording.voltage
+        if imported_recording.quadrature is None
+        else imported_recording.voltage + 1j * imported_recording.quadrature
+    )
     np.testing.assert_allclose(read, expected, rtol=1e-12)
-    assert made.metadata["voltage"] == ("signed" if phase != 1.0 else "magnitude")
-    assert f"array {name}" in made.metadata["source"]
-    assert (f"{3 * n} numbers a frame at driven" in made.metadata["source"]) == whole
-    assert check.check(made).ok
+    assert imported_recording.metadata["voltage"] == ("signed" if phase != 1.0 else "magnitude")
+    assert f"array {name}" in imported_recording.metadata["source"]
+    assert (
+        f"{3 * n} numbers a frame at driven" in imported_recording.metadata["source"]
+    ) == with_driven
+    assert check.check(imported_recording).ok
 
 
 def test_the_reference_is_read_and_what_has_objects_is_left_out(tmp_path):
     path = tmp_path / "tank.mat"
     vh, vi = frames(count=2), 1.2 * frames(count=3)
     scipy.io.savemat(path, {"vh": vh, "vi": {"meas": vi, "time": 0.0}, "fmdl": {"nodes": vi}})
-    made = importers.load(path)
-    np.testing.assert_array_equal(made.voltage, vh.T)
-    assert "vi.meas left out, objects at unknown places" in made.metadata["source"]
+    imported_recording = importers.load(path)
+    np.testing.assert_array_equal(imported_recording.voltage, vh.T)
+    assert "vi.meas left out, objects at unknown places" in imported_recording.metadata["source"]
     scipy.io.savemat(path, {"a": vh, "b": vi})
     refused(path, r"a \(208, 2\), b \(208, 3\), expected one whose name says that it is the ref")
     scipy.io.savemat(path, {"vh": vh, "v_homg": vi, "other": vi})
@@ -87,35 +93,42 @@ def test_readings_of_structure_arrays_and_cells(tmp_path):
 def test_both_signs_are_read_and_the_wrong_one_noticed(tmp_path):
     path = tmp_path / "tank.mat"
     cases = ((-1, None, "adjacent"), (PHASE, "adjacent", "adjacent-reversed"))
-    for sign, measure, right in cases:
+    for sign, measure, sign_of_measure in cases:
         scipy.io.savemat(path, {"vh": sign * frames()})
-        (finding,) = check.check(importers.load(path, measure=measure)).about("polarity")
+        (finding,) = check.check(importers.load(path, measure=measure)).of_topic("polarity")
         assert finding.severity == check.ERROR
-        assert finding.sentence.endswith(f"--measure {right}.")
-        made = importers.load(path, measure=right)
-        assert made.metadata["voltage"] == "signed" and check.check(made).ok
-        turn = [0, 1, 2, 3] if right == "adjacent" else [0, 1, 3, 2]
-        np.testing.assert_array_equal(made.channels, channel_table(16)[:, turn])
+        assert finding.sentence.endswith(f"--measure {sign_of_measure}.")
+        imported_recording = importers.load(path, measure=sign_of_measure)
+        assert (
+            imported_recording.metadata["voltage"] == "signed"
+            and check.check(imported_recording).ok
+        )
+        turn = [0, 1, 2, 3] if sign_of_measure == "adjacent" else [0, 1, 3, 2]
+        np.testing.assert_array_equal(imported_recording.channels, channel_table(16)[:, turn])
 
 
-@pytest.mark.parametrize("whole", [True, False])
-def test_frames_that_turn_with_the_drive(tmp_path, whole):
+@pytest.mark.parametrize("with_driven", [True, False])
+def test_frames_that_turn_with_the_drive(tmp_path, with_driven):
     """EIDORS's rotate_meas: named by the check, or at once where numbers at the drive move too."""
     path = tmp_path / "tank.mat"
     turning = "drive-plus-ascending-own"
-    scipy.io.savemat(path, {"vh": frames(whole=whole, order=turning)})
-    if whole:
+    scipy.io.savemat(path, {"vh": frames(with_driven=with_driven, order=turning)})
+    if with_driven:
         with pytest.raises(InputError, match=r"order: found .*expected --order ") as caught:
             importers.load(path)
-        said = str(caught.value)
+        message = str(caught.value)
     else:
-        (finding,) = check.check(importers.load(path)).about("order")
-        said = finding.sentence
-    named = said.split("--order ")[1].split()[0]
+        (finding,) = check.check(importers.load(path)).of_topic("order")
+        message = finding.sentence
+    named = message.split("--order ")[1].split()[0]
     for order in (turning, named):
-        made = importers.load(path, order=order)
-        assert check.check(made).ok
-        np.testing.assert_allclose(np.abs(readings(made.channels, 16)), made.voltage[0], rtol=1e-9)
+        imported_recording = importers.load(path, order=order)
+        assert check.check(imported_recording).ok
+        np.testing.assert_allclose(
+            np.abs(readings(imported_recording.channels, 16)),
+            imported_recording.voltage[0],
+            rtol=1e-9,
+        )
 
 
 def test_other_pairs_are_named_by_the_caller(tmp_path):
@@ -123,19 +136,19 @@ def test_other_pairs_are_named_by_the_caller(tmp_path):
     table = channel_table(16, "opposite")
     scipy.io.savemat(path, {"v": readings(table, 16)[:, None]})
     refused(path, r"v \(192, 1\), expected one array of n \(n - 3\) or n n rows .*--drive")
-    made = importers.load(path, drive="opposite", measure="adjacent")
-    np.testing.assert_array_equal(made.channels, table)
-    assert check.check(made).ok
-    assert "as told: drive opposite, measure adjacent" in made.metadata["source"]
+    imported_recording = importers.load(path, drive="opposite", measure="adjacent")
+    np.testing.assert_array_equal(imported_recording.channels, table)
+    assert check.check(imported_recording).ok
+    assert "as told: drive opposite, measure adjacent" in imported_recording.metadata["source"]
     refused(path, "'askew'.*adjacent, opposite or skip-<n>", drive="askew")
 
 
 def test_matlab_files_that_cannot_be_read_say_why(tmp_path):
     path = tmp_path / "tank.mat"
     scipy.io.savemat(path, {"vh": frames(count=50)}, do_compression=True)
-    whole = path.read_bytes()
-    for size in (130, 300, len(whole) // 2, len(whole) - 20):
-        path.write_bytes(whole[:size])
+    complete_bytes = path.read_bytes()
+    for size in (130, 300, len(complete_bytes) // 2, len(complete_bytes) - 20):
+        path.write_bytes(complete_bytes[:size])
         refused(path, "a damaged or cut MATLAB file, expected MATLAB 7.2 or before")
     for head in (b"MATLAB 7.3 MAT-file, Platform: PCWIN64".ljust(512), b"\x89HDF\r\n\x1a\n"):
         path.write_bytes(head + bytes(600))
@@ -177,22 +190,27 @@ def test_the_reference_of_the_challenge(tmp_path):
     ours = {"Injref": currents, "Mpat": measured, "Uelref": voltages}
     for reference in (voltages, voltages.reshape(76, 31).T, np.hstack([voltages, voltages])):
         scipy.io.savemat(path, ours | {"Uelref": reference, "Uel": 2 * voltages})
-        made = importers.load(path)
+        imported_recording = importers.load(path)
         free = np.array([not set(row[:2]) & set(row[2:]) for row in channels.tolist()])
-        np.testing.assert_array_equal(made.channels, channels[free])
-        np.testing.assert_allclose(made.voltage[0], readings(channels, 32)[free], rtol=1e-9)
-        assert not made.frames["touch"].any() and check.check(made).ok
-        assert "Uel left out" in made.metadata["source"]
-        assert f"{np.sum(~free)} readings at driven electrodes" in made.metadata["source"]
+        np.testing.assert_array_equal(imported_recording.channels, channels[free])
+        np.testing.assert_allclose(
+            imported_recording.voltage[0], readings(channels, 32)[free], rtol=1e-9
+        )
+        assert not imported_recording.frames["touch"].any() and check.check(imported_recording).ok
+        assert "Uel left out" in imported_recording.metadata["source"]
+        assert (
+            f"{np.sum(~free)} readings at driven electrodes"
+            in imported_recording.metadata["source"]
+        )
     scipy.io.savemat(path, ours | {"Uelref": -voltages})
-    assert check.check(importers.load(path)).about("polarity")
+    assert check.check(importers.load(path)).of_topic("polarity")
     refused(path, "setting measure: .*ktc-mat states its own", measure="adjacent")
 
 
 def test_what_does_not_fit_together_in_the_challenge_is_refused(tmp_path):
     path = tmp_path / "data1.mat"
     currents, measured, voltages, _ = challenge()
-    good = {"Inj": currents, "Mpat": measured, "Uelref": voltages}
+    complete_arrays = {"Inj": currents, "Mpat": measured, "Uelref": voltages}
     for changed, match in (
         ({"Uelref": voltages[:-1]}, r"found \(2355, 1\), expected 2356 rows"),
         ({"Uelref": voltages * 1j}, "complex numbers"),
@@ -201,7 +219,7 @@ def test_what_does_not_fit_together_in_the_challenge_is_refused(tmp_path):
         ({"Inj": np.eye(32)}, "Inj, column 0: found 1 electrodes"),
         ({"Inj": np.ones((32, 76))}, "Inj, column 0: found 32 electrodes"),
     ):
-        scipy.io.savemat(path, good | changed)
+        scipy.io.savemat(path, complete_arrays | changed)
         refused(path, match)
     scipy.io.savemat(path, {"Inj": currents, "Mpat": measured, "Uel": voltages})
     refused(path, "Uel alone: objects at places that nobody wrote down, expected Uelref")
@@ -210,11 +228,13 @@ def test_what_does_not_fit_together_in_the_challenge_is_refused(tmp_path):
 def model_of(rim, electrodes):
     """A forward model with nodes on a rim (K, 2) and inside it, and electrodes at (n, 2)."""
     nodes = np.concatenate([rim, 0.5 * (rim + rim.mean(axis=0)), electrodes])
-    first = len(nodes) - len(electrodes) + 1
-    own = np.zeros((1, len(electrodes)), dtype=[("nodes", object), ("z_contact", object)])
+    first_index = len(nodes) - len(electrodes) + 1
+    electrode_structs = np.zeros(
+        (1, len(electrodes)), dtype=[("nodes", object), ("z_contact", object)]
+    )
     for k in range(len(electrodes)):
-        own[0, k] = np.array([[first + k]]), 0.01
-    return {"nodes": nodes, "electrode": own}
+        electrode_structs[0, k] = np.array([[first_index + k]]), 0.01
+    return {"nodes": nodes, "electrode": electrode_structs}
 
 
 def around(count, radius=1.0):
@@ -223,7 +243,7 @@ def around(count, radius=1.0):
 
 
 @pytest.mark.parametrize(
-    ("rim", "electrodes", "found"),
+    ("rim", "electrodes", "outline_text"),
     [
         (around(48), around(16), None),
         (around(48) * [1.0, 0.6], around(16) * [1.0, 0.6], "an outline of"),
@@ -235,8 +255,8 @@ def around(count, radius=1.0):
         (around(48) + 5.0, around(16, 0.5) + 5.0, "electrode 0 and 15 more of 16 off the rim"),
     ],
 )
-def test_a_forward_model_tells_what_the_outline_is(tmp_path, rim, electrodes, found):
+def test_a_forward_model_tells_what_the_outline_is(tmp_path, rim, electrodes, outline_text):
     path = tmp_path / "tank.mat"
     scipy.io.savemat(path, {"vh": frames(), "fmdl": model_of(rim, electrodes)})
     outline = importers.load(path).skin.outline
-    assert outline is None if found is None else outline.startswith(found)
+    assert outline is None if outline_text is None else outline.startswith(outline_text)

@@ -33,7 +33,7 @@ def lines(table, separator=",", comma=False, names=None):
 def write(tmp_path):
     """A function that writes a file and, where it is given, its description."""
 
-    def write_(content, said=None, name="skin.csv", encoding="utf-8"):
+    def write_(content, description=None, name="skin.csv", encoding="utf-8"):
         path = tmp_path / name
         if isinstance(content, dict):
             np.savez(path, **content)
@@ -42,17 +42,17 @@ def write(tmp_path):
         else:
             path.write_bytes(content if isinstance(content, bytes) else content.encode(encoding))
         path.with_suffix(".yaml").unlink(missing_ok=True)
-        if said is not None:
-            text = said if isinstance(said, str) else yaml.safe_dump(said)
+        if description is not None:
+            text = description if isinstance(description, str) else yaml.safe_dump(description)
             path.with_suffix(".yaml").write_text(text, encoding="utf-8")
         return path
 
     return write_
 
 
-def refused(path, match, **given):
+def refused(path, match, **settings):
     with pytest.raises(InputError, match=match) as caught:
-        importers.load(path, **given)
+        importers.load(path, **settings)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -79,11 +79,14 @@ DRESSES = {
 @pytest.mark.parametrize("dress", DRESSES)
 def test_the_same_numbers_in_every_dress(write, dress):
     content, name, encoding = DRESSES[dress](frames())
-    made = importers.load(write(content, ADJACENT, name, encoding))
-    np.testing.assert_array_equal(made.voltage, frames())
-    np.testing.assert_array_equal(made.channels, channel_table(8))
-    assert made.metadata["clock"] == "index" and "taken for untouched" in made.metadata["source"]
-    assert check.check(made).ok
+    imported_recording = importers.load(write(content, ADJACENT, name, encoding))
+    np.testing.assert_array_equal(imported_recording.voltage, frames())
+    np.testing.assert_array_equal(imported_recording.channels, channel_table(8))
+    assert (
+        imported_recording.metadata["clock"] == "index"
+        and "taken for untouched" in imported_recording.metadata["source"]
+    )
+    assert check.check(imported_recording).ok
 
 
 @settings(max_examples=30, deadline=None)
@@ -92,34 +95,41 @@ def test_the_same_numbers_in_every_dress(write, dress):
     drive=st.sampled_from(["adjacent", "opposite", "skip-2"]),
     measure=st.sampled_from(["adjacent", "skip-1", "adjacent-reversed"]),
     order=st.sampled_from([None, *ORDERS]),
-    whole=st.booleans(),
+    with_driven=st.booleans(),
     phase=st.sampled_from([1.0, PHASE]),
 )
-def test_any_protocol_comes_back(tmp_path_factory, n, drive, measure, order, whole, phase):
+def test_any_protocol_comes_back(tmp_path_factory, n, drive, measure, order, with_driven, phase):
     path = tmp_path_factory.mktemp("matrix") / "skin.npy"
     base = measure.removesuffix("-reversed")
-    channels = every_channel(n, drive, base) if whole else channel_table(n, drive, base)
+    channels = every_channel(n, drive, base) if with_driven else channel_table(n, drive, base)
     channels = channels[:, [0, 1, 3, 2]] if measure.endswith("-reversed") else channels
     channels = channels if order is None else in_order("file", order, channels, n)
     np.save(path, phase * readings(channels, n)[None])
-    said = {"drive": drive, "measurement": measure} | ({"order": order} if order else {})
-    path.with_suffix(".yaml").write_text(yaml.safe_dump(said))
-    made = importers.load(path)
+    description = {"drive": drive, "measurement": measure} | ({"order": order} if order else {})
+    path.with_suffix(".yaml").write_text(yaml.safe_dump(description))
+    imported_recording = importers.load(path)
     free = [not set(row[:2]) & set(row[2:]) for row in channels.tolist()]
-    np.testing.assert_array_equal(made.channels, channels[free])
+    np.testing.assert_array_equal(imported_recording.channels, channels[free])
     expected = phase * readings(channels, n)[free]
-    read = made.voltage if made.quadrature is None else made.voltage + 1j * made.quadrature
+    read = (
+        imported_recording.voltage
+        if imported_recording.quadrature is None
+        else imported_recording.voltage + 1j * imported_recording.quadrature
+    )
     np.testing.assert_allclose(read[0], expected, rtol=1e-12)
-    assert not check.check(made).about("polarity")
-    assert all(one.severity != check.ERROR for one in check.check(made).about("order"))
+    assert not check.check(imported_recording).of_topic("polarity")
+    assert all(
+        finding.severity != check.ERROR
+        for finding in check.check(imported_recording).of_topic("order")
+    )
 
 
 def test_channels_may_be_listed(write):
     table = channel_table(8, "skip-2", "skip-1")[::3]
-    said = {"electrodes": 8, "measurement": table.tolist()}
-    made = importers.load(write(readings(table, 8)[None], said, "skin.npy"))
-    np.testing.assert_array_equal(made.channels, table)
-    path = write(readings(table, 8)[None], said | {"drive": "adjacent"}, "skin.npy")
+    description = {"electrodes": 8, "measurement": table.tolist()}
+    imported_recording = importers.load(write(readings(table, 8)[None], description, "skin.npy"))
+    np.testing.assert_array_equal(imported_recording.channels, table)
+    path = write(readings(table, 8)[None], description | {"drive": "adjacent"}, "skin.npy")
     refused(path, "key drive: found 'adjacent' beside a list of channels")
     path = write(readings(table, 8)[None], {"measurement": table[1:].tolist()}, "skin.npy")
     refused(path, f"{len(table) - 1} channels, expected {len(table)}, one a number")
@@ -129,7 +139,7 @@ def test_channels_may_be_listed(write):
 
 
 def test_what_the_description_says_is_the_recordings(write):
-    said = {
+    description = {
         **ADJACENT,
         "electrodes": 8,
         "voltage": "magnitude",
@@ -141,8 +151,8 @@ def test_what_the_description_says_is_the_recordings(write):
         "source": "bench 3",
         "skin": {"radius_mm": 60.0, "electrode_width_mm": 4, "electrode_z_mm": 2.0},
     }
-    made = importers.load(write(np.abs(frames()), said, "skin.npy"))
-    metadata = made.metadata
+    imported_recording = importers.load(write(np.abs(frames()), description, "skin.npy"))
+    metadata = imported_recording.metadata
     assert [metadata[key] for key in ("voltage", "unit", "clock", "position_frame", "frame_s")] == [
         "magnitude",
         "ohm",
@@ -150,9 +160,14 @@ def test_what_the_description_says_is_the_recordings(write):
         "robot",
         0.04,
     ]
-    np.testing.assert_allclose(made.frames["time_s"], [0.0, 0.05, 0.1])
-    assert made.skin.radius_mm == 60.0 and made.skin.electrode_z_mm == 2.0
-    assert made.skin.thickness_mm is None and len(made.skin.electrode_deg) == 8
+    np.testing.assert_allclose(imported_recording.frames["time_s"], [0.0, 0.05, 0.1])
+    assert (
+        imported_recording.skin.radius_mm == 60.0 and imported_recording.skin.electrode_z_mm == 2.0
+    )
+    assert (
+        imported_recording.skin.thickness_mm is None
+        and len(imported_recording.skin.electrode_deg) == 8
+    )
     assert metadata["source"].startswith("bench 3 (matrix skin.npy; no touches are said")
 
 
@@ -182,34 +197,43 @@ MISTAKES = {
 }
 
 
-@pytest.mark.parametrize("said", MISTAKES)
+@pytest.mark.parametrize("description", MISTAKES)
 @pytest.mark.parametrize("name", ["skin.csv", "skin.npy"])
-def test_a_mistake_in_the_description_is_one_line(write, said, name):
+def test_a_mistake_in_the_description_is_one_line(write, description, name):
     content = lines(frames()) if name == "skin.csv" else frames()
-    refused(write(content, said, name), MISTAKES[said])
+    refused(write(content, description, name), MISTAKES[description])
 
 
 def test_what_is_taken_for_magnitudes_is_said(write):
     guessed = "taken for magnitudes, as `voltage` is not stated"
-    made = importers.load(write(np.abs(frames()), ADJACENT, "skin.npy"), "matrix")
-    assert made.metadata["voltage"] == "magnitude" and guessed in made.metadata["source"]
-    made = importers.load(write(-np.abs(frames()), ADJACENT, "skin.npy"), "matrix")
-    assert made.metadata["voltage"] == "signed" and guessed not in made.metadata["source"]
+    imported_recording = importers.load(write(np.abs(frames()), ADJACENT, "skin.npy"), "matrix")
+    assert (
+        imported_recording.metadata["voltage"] == "magnitude"
+        and guessed in imported_recording.metadata["source"]
+    )
+    imported_recording = importers.load(write(-np.abs(frames()), ADJACENT, "skin.npy"), "matrix")
+    assert (
+        imported_recording.metadata["voltage"] == "signed"
+        and guessed not in imported_recording.metadata["source"]
+    )
     signed = ADJACENT | {"voltage": "signed"}
-    made = importers.load(write(np.abs(frames()), signed, "skin.npy"), "matrix")
-    assert made.metadata["voltage"] == "signed" and guessed not in made.metadata["source"]
+    imported_recording = importers.load(write(np.abs(frames()), signed, "skin.npy"), "matrix")
+    assert (
+        imported_recording.metadata["voltage"] == "signed"
+        and guessed not in imported_recording.metadata["source"]
+    )
 
 
 def test_pairs_may_come_from_the_caller(write):
     path = write(frames(), None, "skin.npy")
-    given = {"drive": "adjacent", "measure": "adjacent"}
-    made = importers.load(path, "matrix", **given)
-    np.testing.assert_array_equal(made.channels, channel_table(8))
+    settings = {"drive": "adjacent", "measure": "adjacent"}
+    imported_recording = importers.load(path, "matrix", **settings)
+    np.testing.assert_array_equal(imported_recording.channels, channel_table(8))
     path = write(frames(), {"electrodes": 8, "unit": "V"}, "skin.npy")
-    assert importers.load(path, **given).metadata["unit"] == "V"
+    assert importers.load(path, **settings).metadata["unit"] == "V"
     path = write(frames(), ADJACENT, "skin.npy")
     refused(
-        path, r"skin\.yaml: key drive: found 'adjacent', and 'adjacent' given beside it", **given
+        path, r"skin\.yaml: key drive: found 'adjacent', and 'adjacent' given beside it", **settings
     )
 
 
@@ -239,23 +263,25 @@ def test_the_example_in_the_message_can_be_copied(write, width, table, name):
     content = lines(values) if name == "skin.csv" else values
     message = refused(write(content, None, name), f"no skin.yaml that says what its {width} col")
     example = message.split("for example ")[1]
-    made = importers.load(write(content, example, name))
-    np.testing.assert_array_equal(made.channels, table)
+    imported_recording = importers.load(write(content, example, name))
+    np.testing.assert_array_equal(imported_recording.channels, table)
 
 
-@pytest.mark.parametrize("said", [None, {"electrodes": 8, **ADJACENT}])
-def test_columns_of_other_names_are_told_and_the_example_can_be_copied(write, said):
+@pytest.mark.parametrize("description", [None, {"electrodes": 8, **ADJACENT}])
+def test_columns_of_other_names_are_told_and_the_example_can_be_copied(write, description):
     place = [np.nan, 5, 5]
     table = np.column_stack([np.arange(3), place, place, [0, 4, 4], [1, 2, 3], frames(3)])
     names = ["t", "X", "Y", "force", "who", *(f"ch{k}" for k in range(40))]
     content = lines(table, names=names)
-    message = refused(write(content, said), "columns: found columns t, X, Y, force, who beside 40")
+    message = refused(
+        write(content, description), "columns: found columns t, X, Y, force, who beside 40"
+    )
     example = message.split("to be corrected: ")[1]
     assert "labels: {time_s: t, x_mm: X, y_mm: Y, force_N: force, note_who: who}" in example
-    made = importers.load(write(content, example))
-    placed = made.frames[["x_mm", "y_mm", "force_N"]].to_numpy()
+    imported_recording = importers.load(write(content, example))
+    placed = imported_recording.frames[["x_mm", "y_mm", "force_N"]].to_numpy()
     assert placed.tolist()[1:] == [[5.0, 5.0, 4.0]] * 2
-    np.testing.assert_array_equal(made.channels, channel_table(8))
+    np.testing.assert_array_equal(imported_recording.channels, channel_table(8))
 
 
 def test_widths_of_no_known_protocol_ask_for_a_list(write):
@@ -273,16 +299,19 @@ def test_channels_x_frames_are_told_to_be_turned(write):
 @pytest.mark.parametrize("name", ["skin.txt", "skin.npy"])
 def test_one_column_is_one_frame(write, name):
     content = frames(1)[0] if name == "skin.npy" else lines(frames(1).T)
-    made = importers.load(write(content, ADJACENT, name))
-    np.testing.assert_array_equal(made.voltage, frames(1))
+    imported_recording = importers.load(write(content, ADJACENT, name))
+    np.testing.assert_array_equal(imported_recording.voltage, frames(1))
     refused(write(content, None, name), "its 40 columns read, .*{electrodes: 8, drive: adj")
 
 
 def test_a_whole_matrix_needs_no_other_example(write):
     values = readings(every_channel(16, "adjacent", "adjacent"), 16)[None]
     message = refused(write(values, None, "skin.npy"), "its 256 columns")
-    made = importers.load(write(values, message.split("for example ")[1], "skin.npy"))
-    assert made.voltage.shape == (1, 208) and "48 numbers a frame at" in made.metadata["source"]
+    imported_recording = importers.load(write(values, message.split("for example ")[1], "skin.npy"))
+    assert (
+        imported_recording.voltage.shape == (1, 208)
+        and "48 numbers a frame at" in imported_recording.metadata["source"]
+    )
     turned = in_order("", "drive-plus-ascending-own", every_channel(16, *ADJACENT.values()), 16)
     path = write(readings(turned, 16)[None], ADJACENT, "skin.npy")
     refused(path, "order: found one in which .* --order ")
@@ -292,9 +321,9 @@ def test_four_columns_are_somebody_elses_unless_described(write):
     """The four columns of PyEIDORS keep their format; a description beside them comes first."""
     values = np.random.default_rng(0).normal(size=(208, 4))
     assert "PyEIDORS" in importers.load(write(lines(values))).metadata["source"]
-    listed = {"measurement": [[0, 1, 2, 3], [1, 2, 3, 4], [2, 3, 4, 5], [3, 4, 5, 6]]}
-    made = importers.load(write(lines(values), listed))
-    assert made.voltage.shape == (208, 4)
+    listed_channels = {"measurement": [[0, 1, 2, 3], [1, 2, 3, 4], [2, 3, 4, 5], [3, 4, 5, 6]]}
+    imported_recording = importers.load(write(lines(values), listed_channels))
+    assert imported_recording.voltage.shape == (208, 4)
     path = write(lines(values), {"unrelated": 1})
     assert "PyEIDORS" in importers.load(path).metadata["source"]
 
@@ -338,18 +367,23 @@ def in_arrays(write, tmp_path):
 @pytest.mark.parametrize("way", [in_a_file, in_columns, in_arrays])
 def test_labels_in_a_file_in_columns_and_in_arrays(write, tmp_path, way):
     path = way(write, tmp_path)
-    made = importers.load(path)
-    np.testing.assert_allclose(made.voltage, frames(6))
-    np.testing.assert_allclose(made.frames["time_s"], [0.0, 0.5, 1.0, 1.6, 2.0, 2.5])
+    imported_recording = importers.load(path)
+    np.testing.assert_allclose(imported_recording.voltage, frames(6))
+    np.testing.assert_allclose(imported_recording.frames["time_s"], [0.0, 0.5, 1.0, 1.6, 2.0, 2.5])
     for name in ("x_mm", "y_mm", "force_N", "probe_mm", "temperature_C"):
-        np.testing.assert_allclose(made.frames[name], labels()[name])
-    assert made.frames["session"].tolist() == list("aaabbb")
-    assert recording.presses(made).tolist() == [-1, 0, 0, -1, 1, 1]
-    assert made.frames["contact"].tolist()[1:3] == [4, 4]
-    assert made.metadata["clock"] == "measured" and "untouched" not in made.metadata["source"]
-    recording.write(made, tmp_path / "skin.parquet")
+        np.testing.assert_allclose(imported_recording.frames[name], labels()[name])
+    assert imported_recording.frames["session"].tolist() == list("aaabbb")
+    assert recording.presses(imported_recording).tolist() == [-1, 0, 0, -1, 1, 1]
+    assert imported_recording.frames["contact"].tolist()[1:3] == [4, 4]
+    assert (
+        imported_recording.metadata["clock"] == "measured"
+        and "untouched" not in imported_recording.metadata["source"]
+    )
+    recording.write(imported_recording, tmp_path / "skin.parquet")
     read = importers.load(tmp_path / "skin.parquet")
-    pd.testing.assert_frame_equal(read.frames[["x_mm", "touch"]], made.frames[["x_mm", "touch"]])
+    pd.testing.assert_frame_equal(
+        read.frames[["x_mm", "touch"]], imported_recording.frames[["x_mm", "touch"]]
+    )
     assert importers.files(path)[1:] == [
         tmp_path / "skin.yaml",
         *([tmp_path / "where.csv"] if way is in_a_file else []),
@@ -364,9 +398,11 @@ def test_notes_are_carried(write, tmp_path):
     path = write(table.to_csv(index=False), ADJACENT)
     refused(path, "line 2, column clock: found '10:00:01', expected a number")
     path = write(table.to_csv(index=False), {**ADJACENT, "labels": {"note_clock": "clock"}})
-    made = importers.load(path)
-    assert made.frames["note_clock"].tolist()[2] == "10:00:03" and made.voltage.shape == (3, 40)
-    recording.write(made, tmp_path / "skin.parquet")
+    imported_recording = importers.load(path)
+    assert imported_recording.frames["note_clock"].tolist()[
+        2
+    ] == "10:00:03" and imported_recording.voltage.shape == (3, 40)
+    recording.write(imported_recording, tmp_path / "skin.parquet")
     assert importers.load(tmp_path / "skin.parquet").frames["note_operator"].tolist() == list("ABA")
 
 
@@ -379,12 +415,15 @@ def test_a_label_that_stands_twice_is_refused(write):
 def test_labels_by_the_number_of_their_column(write):
     place = labels()[["x_mm", "y_mm"]].to_numpy()
     table = np.hstack([frames(6), place])
-    said = {**ADJACENT, "labels": {"x_mm": 40, "y_mm": 41}}
-    for path in (write(table, said, "skin.npy"), write(lines(table), said)):
-        made = importers.load(path)
-        assert made.frames["touch"].tolist() == [False, True, True, False, True, True]
-        np.testing.assert_array_equal(made.frames["x_mm"], place[:, 0])
-        assert made.frames["force_N"].isna().tolist() == made.frames["touch"].tolist()
+    description = {**ADJACENT, "labels": {"x_mm": 40, "y_mm": 41}}
+    for path in (write(table, description, "skin.npy"), write(lines(table), description)):
+        imported_recording = importers.load(path)
+        assert imported_recording.frames["touch"].tolist() == [False, True, True, False, True, True]
+        np.testing.assert_array_equal(imported_recording.frames["x_mm"], place[:, 0])
+        assert (
+            imported_recording.frames["force_N"].isna().tolist()
+            == imported_recording.frames["touch"].tolist()
+        )
 
 
 @pytest.mark.parametrize(
@@ -410,9 +449,12 @@ def test_labels_that_are_none_are_refused(write, tmp_path, name, values, match):
 
 def test_labels_that_do_not_belong_to_the_frames_are_refused(write, tmp_path):
     labels().to_csv(tmp_path / "where.csv", index=False)
-    said = {**ADJACENT, "labels": "where.csv"}
-    refused(write(frames(5), said, "skin.npy"), "label time_s: found 6 rows, expected 5, as frames")
-    path = write(frames(6), said | {"rate_Hz": 3}, "skin.npy")
+    description = {**ADJACENT, "labels": "where.csv"}
+    refused(
+        write(frames(5), description, "skin.npy"),
+        "label time_s: found 6 rows, expected 5, as frames",
+    )
+    path = write(frames(6), description | {"rate_Hz": 3}, "skin.npy")
     refused(path, "rate_Hz: found it beside time_s")
     for text in ("x_mm,z_mm\n1,2\n", "1.5,2\n3,4\n", "x_mm,x_mm\n1,2\n"):
         (tmp_path / "where.csv").write_text(text)
@@ -422,7 +464,7 @@ def test_labels_that_do_not_belong_to_the_frames_are_refused(write, tmp_path):
 # --- broken files
 
 TEXT = lines(frames())
-BROKEN = {
+MAX_MISFIT = {
     "cut": (TEXT[:-30].encode(), "line 3: found 3. cells, expected 40"),
     "a word": (TEXT.replace("\n", "\nlost ", 1).encode(), "line 2, column 0: found 'lost "),
     "a word at first": (b"x," + TEXT.split(",", 1)[1].encode(), "line 1: found 'x', expected num"),
@@ -445,15 +487,15 @@ BROKEN = {
 }
 
 
-@pytest.mark.parametrize("name", BROKEN)
+@pytest.mark.parametrize("name", MAX_MISFIT)
 def test_a_broken_text_is_refused(write, name):
-    content, match = BROKEN[name]
+    content, match = MAX_MISFIT[name]
     refused(write(content, ADJACENT), match)
 
 
 @pytest.mark.parametrize("name", ["no text", "UTF-16 unmarked", "nothing", "columns counted"])
 def test_a_broken_text_is_refused_without_a_description_too(write, name):
-    content, match = BROKEN[name]
+    content, match = MAX_MISFIT[name]
     refused(write(content), match)
     if name != "columns counted":
         refused(write(content, None, "skin.dat"), "format: found .*, expected one of eit-recording")
@@ -461,9 +503,9 @@ def test_a_broken_text_is_refused_without_a_description_too(write, name):
 
 def test_broken_arrays_are_refused(write, tmp_path):
     path = write(frames(), ADJACENT, "skin.npy")
-    whole = path.read_bytes()
-    for size in (8, 60, len(whole) - 8):
-        path.write_bytes(whole[:size])
+    complete_bytes = path.read_bytes()
+    for size in (8, 60, len(complete_bytes) - 8):
+        path.write_bytes(complete_bytes[:size])
         refused(path, "a damaged or cut file")
     path = write({"a": frames(), "b": frames()}, ADJACENT, "skin.npz")
     refused(path, r"a \(3, 40\), b \(3, 40\), expected one of numbers, frames x channels")
@@ -477,5 +519,8 @@ def test_broken_arrays_are_refused(write, tmp_path):
 
 def test_lost_readings_are_lost(write):
     path = write("\n".join([TEXT.split("\n")[0], "nan," + "," * 38]), ADJACENT)
-    made = importers.load(path)
-    assert np.isnan(made.voltage[1]).all() and np.isfinite(made.voltage[0]).all()
+    imported_recording = importers.load(path)
+    assert (
+        np.isnan(imported_recording.voltage[1]).all()
+        and np.isfinite(imported_recording.voltage[0]).all()
+    )

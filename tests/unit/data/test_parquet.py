@@ -30,10 +30,10 @@ def written(tmp_path):
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="threads are counted in /proc")
 def test_no_thread_is_started_that_could_abort_the_end_of_a_process(written):
-    told = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", COUNTED, written], capture_output=True, text=True, check=True
     )
-    assert told.stdout.split() == ["1000", "0"]
+    assert process.stdout.split() == ["1000", "0"]
 
 
 def test_columns_are_read_in_the_order_asked_for(written):
@@ -41,30 +41,30 @@ def test_columns_are_read_in_the_order_asked_for(written):
 
 
 @pytest.mark.parametrize(
-    ("change", "columns", "place", "found"),
+    ("change", "columns", "place", "violation"),
     [
         (lambda content: content, ["column 20"], "column column 20", "nothing"),
         (lambda content: b"frame,time_s\n", None, "file", "b'fram' at its beginning"),
         (lambda content: content[:-10], None, "file", "an end cut off"),
     ],
 )
-def test_what_cannot_be_read_is_refused(written, change, columns, place, found):
+def test_what_cannot_be_read_is_refused(written, change, columns, place, violation):
     written.write_bytes(change(written.read_bytes()))
     with pytest.raises(InputError) as refused:
         parquet.read(written, columns)
-    assert (refused.value.place, refused.value.found) == (place, found)
+    assert (refused.value.place, refused.value.actual) == (place, violation)
 
 
 def test_readings_have_no_dictionary(tmp_path):
     table = pa.table({"session": [1, 1, 1], "voltage_V": parquet.lists(np.eye(3))})
     parquet.write_groups(tmp_path / "set.parquet", [table], {})
     columns = pq.ParquetFile(tmp_path / "set.parquet").metadata.row_group(0)
-    kept = [columns.column(k).has_dictionary_page for k in range(2)]
-    assert kept == [True, False]
+    has_dictionary = [columns.column(k).has_dictionary_page for k in range(2)]
+    assert has_dictionary == [True, False]
     assert parquet.read(tmp_path / "set.parquet").equals(table)
 
 
 def test_a_folder_and_nothing_are_refused(tmp_path):
-    for path, found in ((tmp_path, "a folder"), (tmp_path / "none.parquet", "no such file")):
-        with pytest.raises(InputError, match=found):
+    for path, violation in ((tmp_path, "a folder"), (tmp_path / "none.parquet", "no such file")):
+        with pytest.raises(InputError, match=violation):
             parquet.read(path)

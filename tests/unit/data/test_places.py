@@ -20,11 +20,11 @@ def test_jitter_never_splits_a_place(seed, repeats, all_over):
     points = draw.permutation(
         np.stack(np.meshgrid(*[np.arange(-20.5, 20, 5)] * 2), -1).reshape(-1, 2)
     )
-    again = points[: 10 if all_over else len(points)]
-    pressed = np.concatenate([points, *[again] * (1 if all_over else repeats)])
+    repeated_points = points[: 10 if all_over else len(points)]
+    pressed = np.concatenate([points, *[repeated_points] * (1 if all_over else repeats)])
     place, rule = places(pressed + draw.uniform(-0.02, 0.02, pressed.shape))
     assert ("blocks" in rule) == all_over
-    for point in again:
+    for point in repeated_points:
         assert len(set(place[(pressed == point).all(axis=1)])) == 1
     if not all_over:
         assert place.max() + 1 == len(points)

@@ -25,13 +25,14 @@ def test_a_real_skin_is_learned_from(tmp_path, path, targets, unit, kind):
     assert len(data.table) == recording.frames["touch"].sum()
     part = splits.assign(data.table, kind, 1)
     assert 0.15 < (part == "test").mean() < 0.25
-    out = tmp_path / "mlp.pt"
-    train.train_predictor(train.Split(data, part), "mlp", out, RECIPE, train.Seeds(1, 1))
-    model = model_file.read(out)
-    found = predict.predict_part(model, data, part)
-    table = metrics.evaluate(found, data, kind, "small", model.header)
+    model_path = tmp_path / "mlp.pt"
+    split = train.Split(data, part)
+    train.train_predictor(split, "mlp", model_path, RECIPE, train.Seeds(1, 1))
+    model = model_file.read(model_path)
+    prediction = predict.predict_part(model, data, part)
+    table = metrics.evaluate(prediction, data, kind, "small", model.header)
     assert (table["mean"][table["metric"] == "r2"] > 0.85).all()
-    assert found["abstain"].mean() < 0.1
+    assert prediction["abstain"].mean() < 0.1
     test = data.delta_V[part == "test"]
     order = np.random.default_rng(0).permutation(test.shape[1])
     assert predict.judge(model, test[:, order])["abstain"].mean() > 0.7

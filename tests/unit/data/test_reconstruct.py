@@ -28,8 +28,8 @@ def test_pixels_sum_to_what_an_inner_disc_changes():
         0.35 * weight * 2.0 * np.pi * r * alignment.sensitivity(CHANNELS, ANGLES, r * turns).mean(0)
         for r, weight in zip(radius, weights, strict=True)
     )
-    found = reconstruct.jacobian(CHANNELS, ANGLES, fine, 200).sum(axis=1)
-    np.testing.assert_allclose(found, expected, atol=0.01 * np.abs(expected).max())
+    total_change = reconstruct.jacobian(CHANNELS, ANGLES, fine, 200).sum(axis=1)
+    np.testing.assert_allclose(total_change, expected, atol=0.01 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("strength", [1e-3, 1.0, 100.0])
@@ -79,14 +79,14 @@ def test_the_image_grows_with_the_touch():
 
 def test_the_strength_minimises_what_cross_validation_says():
     change = touch(0.5 + 0.1j, noise=0.02)
-    chosen = reconstruct.strength(JACOBIAN, change)
+    best_strength = reconstruct.strength(JACOBIAN, change)
 
     def score(strength):
         hat = JACOBIAN @ reconstruct.noser(JACOBIAN, strength)
-        left = change - change @ hat.T
-        return (left**2).mean() / (1.0 - np.trace(hat) / len(hat)) ** 2
+        residual = change - change @ hat.T
+        return (residual**2).mean() / (1.0 - np.trace(hat) / len(hat)) ** 2
 
-    assert score(chosen) < min(score(chosen / 1.3), score(chosen * 1.3))
+    assert score(best_strength) < min(score(best_strength / 1.3), score(best_strength * 1.3))
 
 
 def test_more_noise_asks_for_more_strength():

@@ -44,10 +44,10 @@ def rewritten(path, columns=None, metadata=None, drop=()):
 
 def refusal(path) -> str:
     """The one message with which the reader refuses; the file stays as it was."""
-    before = path.read_bytes()
+    original_bytes = path.read_bytes()
     with pytest.raises(InputError) as caught:
         recording.read(path)
-    assert path.read_bytes() == before
+    assert path.read_bytes() == original_bytes
     message = str(caught.value)
     assert message.startswith(f"{path}: ") and "\n" not in message
     assert ": found " in message and ", expected " in message
@@ -62,29 +62,29 @@ def changed(path, name, row, value):
     return rewritten(path, {name: pa.array(values, type=column.type)})
 
 
-def assert_same(first, second):
-    pd.testing.assert_frame_equal(first.frames, second.frames, check_dtype=False)
-    np.testing.assert_array_equal(first.voltage, second.voltage)
-    assert first.metadata == second.metadata
+def assert_same(recording_1, recording_2):
+    pd.testing.assert_frame_equal(recording_1.frames, recording_2.frames, check_dtype=False)
+    np.testing.assert_array_equal(recording_1.voltage, recording_2.voltage)
+    assert recording_1.metadata == recording_2.metadata
 
 
 def test_what_is_written_is_read_back_and_its_bytes_repeat(make_recording, written, tmp_path):
-    back = recording.read(written)
-    assert_same(make_recording(), back)
-    assert back.touches is None and back.quadrature is None
-    again = tmp_path / "again.parquet"
-    recording.write(back, again)
-    assert again.read_bytes() == written.read_bytes()
+    read_back = recording.read(written)
+    assert_same(make_recording(), read_back)
+    assert read_back.touches is None and read_back.quadrature is None
+    second_path = tmp_path / "again.parquet"
+    recording.write(read_back, second_path)
+    assert second_path.read_bytes() == written.read_bytes()
 
 
 def test_every_optional_column_comes_back(full_recording, tmp_path):
     path = tmp_path / "full.parquet"
     recording.write(full_recording, path)
-    back = recording.read(path)
-    assert_same(full_recording, back)
-    np.testing.assert_array_equal(back.quadrature, full_recording.quadrature)
-    assert back.touches == full_recording.touches
-    recording.write(back, tmp_path / "again.parquet")
+    read_back = recording.read(path)
+    assert_same(full_recording, read_back)
+    np.testing.assert_array_equal(read_back.quadrature, full_recording.quadrature)
+    assert read_back.touches == full_recording.touches
+    recording.write(read_back, tmp_path / "again.parquet")
     assert (tmp_path / "again.parquet").read_bytes() == path.read_bytes()
 
 
@@ -106,11 +106,11 @@ def test_a_query_needs_no_untouched_frame(make_recording, tmp_path):
 
 
 def test_nan_is_a_lost_reading(make_recording, tmp_path):
-    made = make_recording()
-    made.voltage[3, 7] = np.nan
-    recording.write(made, tmp_path / "lost.parquet")
-    back = recording.read(tmp_path / "lost.parquet")
-    assert np.isnan(back.voltage[3, 7]) and np.isnan(back.voltage).sum() == 1
+    skin_recording = make_recording()
+    skin_recording.voltage[3, 7] = np.nan
+    recording.write(skin_recording, tmp_path / "lost.parquet")
+    read_back = recording.read(tmp_path / "lost.parquet")
+    assert np.isnan(read_back.voltage[3, 7]) and np.isnan(read_back.voltage).sum() == 1
 
 
 def test_defaults_are_filled_in(written):
@@ -149,12 +149,12 @@ def test_a_column_twice_is_named(written):
 
 
 @pytest.mark.parametrize(
-    ("name", "wrong"), [("x_mm", pa.string()), ("time_s", pa.float32()), ("frame", pa.int32())]
+    ("name", "invalid"), [("x_mm", pa.string()), ("time_s", pa.float32()), ("frame", pa.int32())]
 )
-def test_a_wrong_type_is_named(written, name, wrong):
+def test_a_wrong_type_is_named(written, name, invalid):
     column = pq.read_table(written)[name].combine_chunks()
-    found = refusal(rewritten(written, {name: column.cast(wrong)}))
-    assert f"column {name}: found {wrong}" in found
+    violation = refusal(rewritten(written, {name: column.cast(invalid)}))
+    assert f"column {name}: found {invalid}" in violation
 
 
 def test_readings_of_another_width_or_kind_are_named(written):
@@ -206,8 +206,8 @@ def test_null_readings_are_named_with_their_row(written):
 )
 def test_a_wrong_value_is_named_with_its_row(written, name, row, value, expected):
     message = refusal(changed(written, name, row, value))
-    wrong = "x_mm" if name == "touch" and value else name
-    assert f"column {wrong}, row {row}: found" in message and expected in message
+    invalid = "x_mm" if name == "touch" and value else name
+    assert f"column {invalid}, row {row}: found" in message and expected in message
 
 
 def test_unknown_force_probe_and_depth_are_null(written):
@@ -218,18 +218,18 @@ def test_unknown_force_probe_and_depth_are_null(written):
 
 
 def test_infinite_readings_and_negative_magnitudes_are_named(make_recording, written):
-    made = make_recording()
-    made.voltage[2, 5] = np.inf
+    skin_recording = make_recording()
+    skin_recording.voltage[2, 5] = np.inf
     with pytest.raises(InputError, match="column voltage_V, row 2: found inf in channel 5"):
-        recording.write(made, written)
+        recording.write(skin_recording, written)
     assert "expected magnitudes" in refusal(rewritten(written, metadata={"voltage": "magnitude"}))
 
 
 def test_every_channel_lost_is_refused(make_recording, tmp_path):
-    made = make_recording()
-    made.voltage[:] = np.nan
+    skin_recording = make_recording()
+    skin_recording.voltage[:] = np.nan
     with pytest.raises(InputError, match="found every channel lost"):
-        recording.write(made, tmp_path / "lost.parquet")
+        recording.write(skin_recording, tmp_path / "lost.parquet")
     assert not list(tmp_path.iterdir())
 
 
@@ -273,7 +273,7 @@ def test_a_wrong_key_is_named(written, key, value, expected):
 
 
 @pytest.mark.parametrize(
-    ("channel", "found"),
+    ("channel", "violation"),
     [
         ([0, 1, 15, 16], "electrode 16 of 16"),
         ([0, 1, -1, 3], "electrode -1 of 16"),
@@ -283,11 +283,11 @@ def test_a_wrong_key_is_named(written, key, value, expected):
         ([0, 1, 2, 3.0], "whole numbers"),
     ],
 )
-def test_a_wrong_channel_is_named_with_its_row(written, channel, found):
+def test_a_wrong_channel_is_named_with_its_row(written, channel, violation):
     channels = channel_table(16).tolist()
     channels[9] = channel
     message = refusal(rewritten(written, metadata={"channels": channels}))
-    assert "key channels, row 9" in message and found in message
+    assert "key channels, row 9" in message and violation in message
 
 
 def test_a_wrong_belief_of_the_skin_is_named(make_recording, written):
@@ -297,7 +297,7 @@ def test_a_wrong_belief_of_the_skin_is_named(make_recording, written):
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "found"),
+    ("key", "value", "violation"),
     [
         ("electrode_width_mm", 31.5, "31.5 mm: two that overlap"),
         ("electrode_deg", [0.0, 0.1, *np.arange(2, 16) * 22.5], "5.0 mm: two that overlap"),
@@ -306,12 +306,12 @@ def test_a_wrong_belief_of_the_skin_is_named(make_recording, written):
         ("electrode_deg", [10**400] * 16, "[10000"),
     ],
 )
-def test_a_skin_that_cannot_be_is_refused(make_recording, written, key, value, found):
+def test_a_skin_that_cannot_be_is_refused(make_recording, written, key, value, violation):
     skin = make_recording().metadata["skin"] | {"electrode_width_mm": 5.0}
     rewritten(written, metadata={"skin": skin})
     assert recording.read(written).skin.electrode_width_mm == 5.0
     message = refusal(rewritten(written, metadata={"skin": skin | {key: value}}))
-    assert f": found {found}" in message
+    assert f": found {violation}" in message
 
 
 def test_a_frame_may_not_last_longer_than_to_the_next(written):
@@ -330,28 +330,30 @@ def test_electrodes_that_no_skin_has_are_refused(make_recording, written):
     assert "key channels, row 0: found electrode 1000000000 of an unknown number" in message
 
 
-@pytest.mark.parametrize(("x_mm", "probe_mm", "kept"), [(84.9, 10.0, True), (85.1, 10.0, False)])
+@pytest.mark.parametrize(
+    ("x_mm", "probe_mm", "is_valid"), [(84.9, 10.0, True), (85.1, 10.0, False)]
+)
 @pytest.mark.parametrize("frame", ["skin", "robot"])
-def test_a_touch_must_meet_the_skin(make_recording, tmp_path, x_mm, probe_mm, kept, frame):
-    made = make_recording()
-    made.metadata["position_frame"] = frame
-    made.frames.loc[[12, 13], ["x_mm", "y_mm", "probe_mm"]] = x_mm, 0.0, probe_mm
-    if kept or frame == "robot":
-        recording.write(made, tmp_path / "skin.parquet")
+def test_a_touch_must_meet_the_skin(make_recording, tmp_path, x_mm, probe_mm, is_valid, frame):
+    skin_recording = make_recording()
+    skin_recording.metadata["position_frame"] = frame
+    skin_recording.frames.loc[[12, 13], ["x_mm", "y_mm", "probe_mm"]] = x_mm, 0.0, probe_mm
+    if is_valid or frame == "robot":
+        recording.write(skin_recording, tmp_path / "skin.parquet")
     else:
         with pytest.raises(
             InputError, match=r"row 12: found a touch 85\.1 mm from the centre, exp"
         ):
-            recording.write(made, tmp_path / "skin.parquet")
-    made.metadata["skin"]["radius_mm"] = None
-    recording.write(made, tmp_path / "skin.parquet")
+            recording.write(skin_recording, tmp_path / "skin.parquet")
+    skin_recording.metadata["skin"]["radius_mm"] = None
+    recording.write(skin_recording, tmp_path / "skin.parquet")
 
 
 def test_an_unknown_probe_is_at_most_as_large_as_the_skin(make_recording, tmp_path):
-    made = make_recording()
-    made.frames.loc[12, ["x_mm", "probe_mm"]] = 500.0, np.nan
+    skin_recording = make_recording()
+    skin_recording.frames.loc[12, ["x_mm", "probe_mm"]] = 500.0, np.nan
     with pytest.raises(InputError, match=r"row 12: found a touch .* expected at most 160 mm"):
-        recording.write(made, tmp_path / "skin.parquet")
+        recording.write(skin_recording, tmp_path / "skin.parquet")
 
 
 def test_every_one_of_several_touches_must_meet_the_skin(full_recording, tmp_path):
@@ -368,8 +370,8 @@ def test_one_contact_may_scatter_by_millimetres(full_recording, tmp_path):
     scatter = np.random.default_rng(1).uniform(-3.0, 3.0, touch.sum())
     full_recording.frames.loc[touch, "x_mm"] += scatter
     recording.write(full_recording, tmp_path / "contact.parquet")
-    told = recording.read(tmp_path / "contact.parquet").frames
-    assert told["contact"].equals(full_recording.frames["contact"])
+    frames = recording.read(tmp_path / "contact.parquet").frames
+    assert frames["contact"].equals(full_recording.frames["contact"])
 
 
 def test_one_contact_at_several_places_is_refused(full_recording, tmp_path):
@@ -386,13 +388,13 @@ def test_one_contact_at_several_places_is_refused(full_recording, tmp_path):
 
 
 def test_files_that_are_no_recording_are_refused(written, tmp_path):
-    whole = written.read_bytes()
-    written.write_bytes(whole[: len(whole) // 2])
+    complete_bytes = written.read_bytes()
+    written.write_bytes(complete_bytes[: len(complete_bytes) // 2])
     assert "an end cut off" in refusal(written)
-    written.write_bytes(whole[:200] + b"\0" * 400 + whole[600:])
+    written.write_bytes(complete_bytes[:200] + b"\0" * 400 + complete_bytes[600:])
     assert refusal(written)
-    flipped = bytearray(whole)
-    flipped[len(whole) // 3] ^= 1
+    flipped = bytearray(complete_bytes)
+    flipped[len(complete_bytes) // 3] ^= 1
     written.write_bytes(bytes(flipped))
     assert "damaged data" in refusal(written)
     written.write_bytes(b"a,b\n1,2\n")
@@ -410,28 +412,28 @@ def test_files_that_are_no_recording_are_refused(written, tmp_path):
 def test_metadata_that_is_no_json_object_is_refused(written):
     table = pq.read_table(written)
     deep = b"[" * 100_000
-    for text, found in ((b"{", "no JSON"), (deep, "no JSON"), (b"[]", "found list")):
+    for text, violation in ((b"{", "no JSON"), (deep, "no JSON"), (b"[]", "found list")):
         pq.write_table(table.replace_schema_metadata({b"eit": text}), written)
-        assert found in refusal(written)
+        assert violation in refusal(written)
 
 
 def test_touches_begin_with_the_plain_columns(full_recording, tmp_path):
     path = tmp_path / "touches.parquet"
     row = int(np.flatnonzero(full_recording.frames["touch"])[0])
     second = {"x_mm": 1.0, "y_mm": 2.0, "force_N": None, "probe_mm": None}
-    good = copy.deepcopy(full_recording.touches)
-    good[row].append(second)
-    full_recording.touches = good
+    valid_touches = copy.deepcopy(full_recording.touches)
+    valid_touches[row].append(second)
+    full_recording.touches = valid_touches
     recording.write(full_recording, path)
     assert recording.read(path).touches[row][1] == second
-    for wrong, place in (
-        ([second, good[row][0]], row),
+    for invalid, place in (
+        ([second, valid_touches[row][0]], row),
         ([], row),
-        ([{**good[row][0], "force_N": -1.0}], row),
-        ([good[row][0], {**second, "x_mm": None}], row),
-        ([good[row][0]], 0),
+        ([{**valid_touches[row][0], "force_N": -1.0}], row),
+        ([valid_touches[row][0], {**second, "x_mm": None}], row),
+        ([valid_touches[row][0]], 0),
     ):
-        full_recording.touches = [*good[:place], wrong, *good[place + 1 :]]
+        full_recording.touches = [*valid_touches[:place], invalid, *valid_touches[place + 1 :]]
         with pytest.raises(InputError, match=f"column touches, row {place}"):
             recording.write(full_recording, path)
 
@@ -451,18 +453,18 @@ def touched_frames(places, touch) -> Recording:
 
 
 def test_presses_are_runs_at_one_place():
-    made = touched_frames([0, 1, 1, 2, 0, 2, 2], [0, 1, 1, 1, 0, 1, 1])
-    assert recording.presses(made).tolist() == [-1, 0, 0, 1, -1, 2, 2]
-    made.frames["session"] = ["a"] * 6 + ["b"]
-    assert recording.presses(made).tolist() == [-1, 0, 0, 1, -1, 2, 3]
+    skin_recording = touched_frames([0, 1, 1, 2, 0, 2, 2], [0, 1, 1, 1, 0, 1, 1])
+    assert recording.presses(skin_recording).tolist() == [-1, 0, 0, 1, -1, 2, 2]
+    skin_recording.frames["session"] = ["a"] * 6 + ["b"]
+    assert recording.presses(skin_recording).tolist() == [-1, 0, 0, 1, -1, 2, 3]
 
 
 def test_presses_are_contacts_within_a_session_where_given():
-    made = touched_frames([0, 1, 2, 2, 0, 1, 1], [0, 1, 1, 1, 0, 1, 1])
-    made.frames["contact"] = pd.Series([None, 5, 5, 9, None, 5, 3], dtype="Int64")
-    assert recording.presses(made).tolist() == [-1, 0, 0, 1, -1, 0, 2]
-    made.frames["session"] = ["a"] * 4 + ["b"] * 3
-    assert recording.presses(made).tolist() == [-1, 0, 0, 1, -1, 2, 3]
+    skin_recording = touched_frames([0, 1, 2, 2, 0, 1, 1], [0, 1, 1, 1, 0, 1, 1])
+    skin_recording.frames["contact"] = pd.Series([None, 5, 5, 9, None, 5, 3], dtype="Int64")
+    assert recording.presses(skin_recording).tolist() == [-1, 0, 0, 1, -1, 0, 2]
+    skin_recording.frames["session"] = ["a"] * 4 + ["b"] * 3
+    assert recording.presses(skin_recording).tolist() == [-1, 0, 0, 1, -1, 2, 3]
 
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 2)), min_size=1, max_size=30))
@@ -472,5 +474,5 @@ def test_presses_count_up_through_touched_frames(states):
     assert ((label >= 0) == np.array(touch)).all()
     counted = label[label >= 0]
     assert set(np.diff(np.concatenate([[-1], counted]))) <= {0, 1}
-    for one in set(counted):
-        assert len({places[k] for k in np.flatnonzero(label == one)}) == 1
+    for press_number in set(counted):
+        assert len({places[k] for k in np.flatnonzero(label == press_number)}) == 1

@@ -45,9 +45,11 @@ def eit_text(
     assert len(text) == lines
     for source, sink in drives:
         text.append(f"{source} {sink}")
-        at = dict(zip(setup, potentials((setup.index(source), setup.index(sink)), n), strict=True))
+        potential_of = dict(
+            zip(setup, potentials((setup.index(source), setup.index(sink)), n), strict=True)
+        )
         for k in range(frequencies):
-            row = [amplitude * (k + 1) * at.get(column, 7.0) for column in columns]
+            row = [amplitude * (k + 1) * potential_of.get(column, 7.0) for column in columns]
             text.append("\t".join(f"{u.real:.12E}\t{u.imag:.12E}" for u in row))
     return "\n".join(text) + "\n"
 
@@ -73,28 +75,37 @@ def refused(path, match):
 def test_differences_are_made_of_potentials(tmp_path_factory, n, step, measure, lines, frequencies):
     path = tmp_path_factory.mktemp("eit") / "setup_00001.eit"
     path.write_text(eit_text(around(n, step), n, lines=lines, frequencies=frequencies))
-    made = importers.load(path, measure=measure)
-    assert made.n_electrodes == n and made.metadata["unit"] == "V" and made.skin.current_A == 1e-3
+    imported_recording = importers.load(path, measure=measure)
+    assert (
+        imported_recording.n_electrodes == n
+        and imported_recording.metadata["unit"] == "V"
+        and imported_recording.skin.current_A == 1e-3
+    )
     base = (measure or "adjacent").removesuffix("-reversed")
     expected = channel_table(n, "adjacent" if step == 1 else f"skip-{step - 1}", base)
     turned = [0, 1, 3, 2] if measure and measure.endswith("-reversed") else [0, 1, 2, 3]
-    np.testing.assert_array_equal(made.channels, expected[:, turned])
-    model = 1e-3 * PHASE * readings(made.channels, n)
-    np.testing.assert_allclose(made.voltage[0] + 1j * made.quadrature[0], model, rtol=1e-7)
-    assert check.check(made).ok
-    assert ("3 frequencies" in made.metadata["source"]) == (frequencies == 3)
-    assert "differences of potentials made" in made.metadata["source"]
+    np.testing.assert_array_equal(imported_recording.channels, expected[:, turned])
+    model = 1e-3 * PHASE * readings(imported_recording.channels, n)
+    np.testing.assert_allclose(
+        imported_recording.voltage[0] + 1j * imported_recording.quadrature[0], model, rtol=1e-7
+    )
+    assert check.check(imported_recording).ok
+    assert ("3 frequencies" in imported_recording.metadata["source"]) == (frequencies == 3)
+    assert "differences of potentials made" in imported_recording.metadata["source"]
 
 
 def test_a_folder_is_frames_in_the_order_of_their_numbers(tmp_path):
     for k, second in ((1, 0.0), (2, 0.11), (10, 0.19)):
         text = eit_text(around(), second=second)
         (tmp_path / f"setup_{k}.eit").write_text(text)
-    made = importers.load(tmp_path)
-    np.testing.assert_allclose(made.frames["time_s"], [0.0, 0.11, 0.19])
-    assert made.metadata["clock"] == "measured" and not made.frames["touch"].any()
-    found = importers.files(tmp_path)
-    assert [file.name for file in found[1:]] == ["setup_1.eit", "setup_2.eit", "setup_10.eit"]
+    imported_recording = importers.load(tmp_path)
+    np.testing.assert_allclose(imported_recording.frames["time_s"], [0.0, 0.11, 0.19])
+    assert (
+        imported_recording.metadata["clock"] == "measured"
+        and not imported_recording.frames["touch"].any()
+    )
+    frame_files = importers.files(tmp_path)
+    assert [file.name for file in frame_files[1:]] == ["setup_1.eit", "setup_2.eit", "setup_10.eit"]
     (tmp_path / "setup_10.eit").rename(tmp_path / "SETUP_10.EIT")
     assert len(importers.load(tmp_path).frames) == 3
     assert len(importers.load(tmp_path / "SETUP_10.EIT").frames) == 1
@@ -110,12 +121,17 @@ def test_the_setups_electrodes_among_all_that_are_read(tmp_path):
     setup = [1, 3, 5, 7, 9, 11, 13, 15]
     drives = [(setup[k], setup[(k + 1) % 8]) for k in range(8)]
     path.write_text(eit_text(drives, 8, columns=list(range(1, 17)), setup=setup))
-    made = importers.load(path)
-    np.testing.assert_array_equal(made.channels, channel_table(8))
-    model = 1e-3 * PHASE * readings(made.channels, 8)
-    np.testing.assert_allclose(made.voltage[0] + 1j * made.quadrature[0], model, rtol=1e-7)
-    assert "electrodes (1, 3, 5, 7, 9, 11, 13, 15) counted from 0" in made.metadata["source"]
-    assert check.check(made).ok
+    imported_recording = importers.load(path)
+    np.testing.assert_array_equal(imported_recording.channels, channel_table(8))
+    model = 1e-3 * PHASE * readings(imported_recording.channels, 8)
+    np.testing.assert_allclose(
+        imported_recording.voltage[0] + 1j * imported_recording.quadrature[0], model, rtol=1e-7
+    )
+    assert (
+        "electrodes (1, 3, 5, 7, 9, 11, 13, 15) counted from 0"
+        in imported_recording.metadata["source"]
+    )
+    assert check.check(imported_recording).ok
 
 
 def test_source_and_sink_exchanged_are_noticed(tmp_path):
@@ -123,7 +139,7 @@ def test_source_and_sink_exchanged_are_noticed(tmp_path):
     lines = eit_text(around()).splitlines()
     lines[18::2] = [" ".join(reversed(line.split())) for line in lines[18::2]]
     path.write_text("\n".join(lines))
-    assert check.check(importers.load(path)).about("polarity")
+    assert check.check(importers.load(path)).of_topic("polarity")
 
 
 def test_the_files_own_drives_are_not_named_anew(tmp_path):
@@ -135,7 +151,7 @@ def test_the_files_own_drives_are_not_named_anew(tmp_path):
         importers.load(path, measure="askew")
 
 
-BROKEN = {
+MAX_MISFIT = {
     "cut within a line": (
         lambda text: text[: len(text) - 200],
         "numbers, expected 32, real and im",
@@ -157,13 +173,13 @@ BROKEN = {
 }
 
 
-@pytest.mark.parametrize("name", BROKEN)
+@pytest.mark.parametrize("name", MAX_MISFIT)
 def test_a_broken_file_is_refused(tmp_path, name):
     path = tmp_path / "setup_00001.eit"
-    spoil, match = BROKEN[name]
-    whole = eit_text(around())
-    assert spoil(whole) != whole
-    path.write_text(spoil(whole))
+    spoil, match = MAX_MISFIT[name]
+    complete_text = eit_text(around())
+    assert spoil(complete_text) != complete_text
+    path.write_text(spoil(complete_text))
     refused(path, match)
 
 

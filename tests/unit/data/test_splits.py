@@ -62,9 +62,9 @@ def test_a_continuous_split_holds_out_sessions_of_samples_each_at_its_own_place(
 
 def test_same_seed_same_parts_another_seed_others():
     rows = uneven(5, 40)
-    first = splits.assign(rows, "place", 1)
-    assert (first == splits.assign(rows, "place", 1)).all()
-    assert (first != splits.assign(rows, "place", 2)).any()
+    first_split = splits.assign(rows, "place", 1)
+    assert (first_split == splits.assign(rows, "place", 1)).all()
+    assert (first_split != splits.assign(rows, "place", 2)).any()
 
 
 def test_one_session_cannot_be_split_by_session():

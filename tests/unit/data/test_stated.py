@@ -11,32 +11,34 @@ from eitskin.errors import InputError
 @pytest.fixture
 def bare(make_recording):
     """A recording whose file says nothing of the skin but its electrodes' angles."""
-    made = make_recording()
-    made.metadata["skin"] |= dict.fromkeys(set(made.metadata["skin"]) - {"electrode_deg"})
-    return made
+    skin_recording = make_recording()
+    skin_recording.metadata["skin"] |= dict.fromkeys(
+        set(skin_recording.metadata["skin"]) - {"electrode_deg"}
+    )
+    return skin_recording
 
 
 def test_what_is_stated_replaces_what_the_file_says(bare):
-    said = {"radius_mm": 100, "thickness_mm": 60, "source_reference": "sink-grounded"}
-    told = stated.apply(said, bare)
-    assert told.skin.radius_mm == 100 and told.skin.thickness_mm == 60
-    assert told.metadata["source_reference"] == "sink-grounded"
-    assert told.metadata["source"].endswith(
+    statement = {"radius_mm": 100, "thickness_mm": 60, "source_reference": "sink-grounded"}
+    stated_recording = stated.apply(statement, bare)
+    assert stated_recording.skin.radius_mm == 100 and stated_recording.skin.thickness_mm == 60
+    assert stated_recording.metadata["source_reference"] == "sink-grounded"
+    assert stated_recording.metadata["source"].endswith(
         "its owner states radius_mm, thickness_mm, source_reference"
     )
-    assert told.skin.current_A is None and bare.skin.radius_mm is None
-    assert stated.apply({"thickness_mm": None}, told).skin.thickness_mm is None
+    assert stated_recording.skin.current_A is None and bare.skin.radius_mm is None
+    assert stated.apply({"thickness_mm": None}, stated_recording).skin.thickness_mm is None
 
 
 def test_every_key_of_the_format_may_be_stated(make_recording):
-    made = make_recording()
+    skin_recording = make_recording()
     for key in stated.KEYS:
-        value = {**made.metadata["skin"], **made.metadata}.get(key)
+        value = {**skin_recording.metadata["skin"], **skin_recording.metadata}.get(key)
         stated.refuse({key: value})
 
 
 @pytest.mark.parametrize(
-    ("text", "place", "found"),
+    ("text", "place", "violation"),
     [
         ("radius: 100", "radius", "an unknown key"),
         ("radius_mm: -1", "radius_mm", "-1"),
@@ -52,13 +54,13 @@ def test_every_key_of_the_format_may_be_stated(make_recording):
         ("radius_mm: \t1\n\tx: 2", "line", "found"),
     ],
 )
-def test_a_wrong_statement_is_one_line(tmp_path, text, place, found):
+def test_a_wrong_statement_is_one_line(tmp_path, text, place, violation):
     path = tmp_path / "skin.yaml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError) as refused:
         stated.read(path)
     assert str(refused.value).startswith(f"{path}: {place}")
-    assert found in str(refused.value) and "\n" not in str(refused.value)
+    assert violation in str(refused.value) and "\n" not in str(refused.value)
 
 
 def test_bytes_that_are_no_text_are_refused(tmp_path):
@@ -79,8 +81,8 @@ def test_touches_must_meet_the_skin_that_is_stated(bare):
 
 
 def test_the_check_says_what_is_believed(bare):
-    told = stated.apply({"radius_mm": 100, "current_A": 0.001}, bare)
-    (finding,) = check(told).about("skin")
+    stated_recording = stated.apply({"radius_mm": 100, "current_A": 0.001}, bare)
+    (finding,) = check(stated_recording).of_topic("skin")
     sentence = finding.sentence.replace("\N{NO-BREAK SPACE}", " ")
     assert "believed: radius 100 mm, current 1 mA, 16 electrodes in even steps" in sentence
     assert "not known, so calibrated: thickness, conductivity" in sentence
@@ -88,11 +90,13 @@ def test_the_check_says_what_is_believed(bare):
 
 
 def test_commands_take_the_skin_from_a_file(bare, tmp_path, capsys):
-    source, skin, out = (tmp_path / name for name in ("a.parquet", "skin.yaml", "b.parquet"))
+    source, skin, output_path = (
+        tmp_path / name for name in ("a.parquet", "skin.yaml", "b.parquet")
+    )
     recording.write(bare, source)
     skin.write_text(yaml.safe_dump({"radius_mm": 123.0}), encoding="utf-8")
-    assert cli.main(["import", str(source), str(out), "--skin", str(skin)]) == 0
-    assert recording.read(out).skin.radius_mm == 123.0
+    assert cli.main(["import", str(source), str(output_path), "--skin", str(skin)]) == 0
+    assert recording.read(output_path).skin.radius_mm == 123.0
     assert cli.main(["check", str(source), "--skin", str(skin)]) == 0
     printed = capsys.readouterr().out
     assert "radius 123 mm" in printed and "\N{NO-BREAK SPACE}" not in printed
@@ -103,21 +107,26 @@ def test_commands_take_the_skin_from_a_file(bare, tmp_path, capsys):
 
 @pytest.mark.parametrize("command", ["import", "diagnose"])
 def test_what_is_unusable_goes_no_further(make_recording, tmp_path, capsys, command):
-    made = make_recording()
-    made.voltage = -made.voltage
-    source, out = tmp_path / "a.parquet", tmp_path / "out"
-    recording.write(made, source)
-    arguments = [command, str(source), *(["--out"] if command == "diagnose" else []), str(out)]
+    skin_recording = make_recording()
+    skin_recording.voltage = -skin_recording.voltage
+    source, output_path = tmp_path / "a.parquet", tmp_path / "out"
+    recording.write(skin_recording, source)
+    arguments = [
+        command,
+        str(source),
+        *(["--out"] if command == "diagnose" else []),
+        str(output_path),
+    ]
     assert cli.main(arguments) == cli.UNUSABLE
     printed = capsys.readouterr()
     assert printed.out == "" and f"{source}: polarity: wrong channel table" in printed.err
-    assert "--anyway" in printed.err and not out.exists()
+    assert "--anyway" in printed.err and not output_path.exists()
 
 
 def test_anyway_goes_on(make_recording, tmp_path):
-    made = make_recording()
-    made.voltage = -made.voltage
-    source, out = tmp_path / "a.parquet", tmp_path / "b.parquet"
-    recording.write(made, source)
-    assert cli.main(["import", str(source), str(out), "--anyway"]) == 0
-    assert np.array_equal(recording.read(out).voltage, made.voltage)
+    skin_recording = make_recording()
+    skin_recording.voltage = -skin_recording.voltage
+    source, output_path = tmp_path / "a.parquet", tmp_path / "b.parquet"
+    recording.write(skin_recording, source)
+    assert cli.main(["import", str(source), str(output_path), "--anyway"]) == 0
+    assert np.array_equal(recording.read(output_path).voltage, skin_recording.voltage)

@@ -53,8 +53,11 @@ def toy(tmp_path, monkeypatch):
 
 def test_it_is_told_by_its_content_and_by_its_name(toy):
     for format in (None, "toy-bench"):
-        made = importers.load(toy, format)
-        assert made.voltage.shape == (3, 40) and made.metadata["source"] == "a toy"
+        imported_recording = importers.load(toy, format)
+        assert (
+            imported_recording.voltage.shape == (3, 40)
+            and imported_recording.metadata["source"] == "a toy"
+        )
 
 
 def test_what_is_wrong_in_it_is_refused(toy):
@@ -67,24 +70,24 @@ def test_what_is_wrong_in_it_is_refused(toy):
 
 
 def test_the_configuration_knows_it(toy):
-    found = schema(ROOT / "workflow" / "schemas" / "config.schema.yaml")
-    recordings = found["properties"]["recordings"]["additionalProperties"]["properties"]
+    schema_formats = schema(ROOT / "workflow" / "schemas" / "config.schema.yaml")
+    recordings = schema_formats["properties"]["recordings"]["additionalProperties"]["properties"]
     assert recordings["format"]["enum"][-1] == "toy-bench"
 
 
 @pytest.mark.parametrize(
-    ("said", "instead", "told"),
+    ("text", "instead", "message"),
     [
         ("def load(", "def load((", r"toy_bench\.py: line \d+: found .*, expected Python"),
         ("def load(", "def read(", "toy_bench: functions: found no load, expected matches, load"),
     ],
 )
 def test_one_that_is_broken_is_one_line_and_keeps_no_other_from_being_read(
-    toy, make_recording, said, instead, told
+    toy, make_recording, text, instead, message
 ):
-    (toy.parent / "toy_bench.py").write_text(TOY.replace(said, instead), encoding="utf-8")
+    (toy.parent / "toy_bench.py").write_text(TOY.replace(text, instead), encoding="utf-8")
     for format in (None, "toy-bench"):
-        with pytest.raises(InputError, match=told) as caught:
+        with pytest.raises(InputError, match=message) as caught:
             importers.load(toy, format)
         assert "\n" not in str(caught.value)
     recording.write(make_recording(), toy.with_name("skin.parquet"))

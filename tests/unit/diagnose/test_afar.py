@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from eitskin.data.recording import Recording
-from eitskin.diagnose import diagnosis
-from eitskin.diagnose.fitting.candidates import catalogue
+from eitskin.diagnose.fitting import readings
 from eitskin.diagnose.fitting.held_out import folds
-from eitskin.diagnose.noise.estimate import Noise
-from eitskin.diagnose.search import afar
-from eitskin.diagnose.search.gates import CONFUSED
+from eitskin.diagnose.noise.noise_model import NoiseModel
+from eitskin.diagnose.search import far_starts, proposals, refits
+from eitskin.diagnose.search.catalogue import Conditions, catalogue
+from eitskin.diagnose.search.gates import DISTINCT
+from eitskin.diagnose.search.journal import Refusal
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.verdict.gaps import gaps
 from eitskin.effects import EFFECTS
@@ -39,54 +40,54 @@ def untouched(*items, skin=SKIN, **unknown) -> Recording:
 
 def search_of(recorded: Recording) -> Search:
     sd = np.full(len(CHANNELS), NOISE * np.median(np.abs(recorded.voltage)))
-    problem, scales = diagnosis.problem_of(recorded, Noise(sd, 1e3, "given"))
+    problem, scales = readings.problem_of(recorded, NoiseModel(sd, 1e3, "given"))
     counts = site_counts(CHANNELS)
-    every = catalogue(
-        recorded.skin, problem.model.believed, recorded.voltage, counts, scales, True, True, False
-    )
+    believed = problem.model.believed
+    conditions = Conditions(recorded.skin, believed, counts, True, True, touched=False)
+    every = catalogue(conditions, recorded.voltage, scales)
     model = problem.model
     fold = folds(model.touched, model.press, CHANNELS, 1)
-    return Search(problem, every, fold, seed=1, report=lambda line: None, rigged=True)
+    return Search(problem, every, fold, seed=1, report=lambda line: None, learns_rig=True)
 
 
 def test_a_body_is_fitted_from_the_nearest_of_its_starts():
     body = {"name": "third-dimension"}
     search = search_of(untouched(body, skin=TANK, thickness_mm=None, electrode_height_mm=None))
-    assert search.problem.model.coarse and search.fold.ndim == 2
-    sheet = search.calibrated()
+    assert search.problem.model.coarse and search.folds.ndim == 2
+    search, sheet = refits.calibrated(search)
     first, *_ = [
-        s.candidate for s in search._afar(sheet, []) if s.candidate.name == "third-dimension"
+        s.candidate
+        for s in proposals._far(search, sheet, [])
+        if s.candidate.name == "third-dimension"
     ]
-    found = search.with_effect(sheet, first)
+    found = refits.with_effect(search, sheet, first)
     assert found.log_evidence > sheet.log_evidence + 15
     assert found.fit.chi2 < 1.2 * search.problem.whitening.size
 
 
 def test_where_a_sheet_is_right_no_body_is_worth_its_name():
     search = search_of(untouched(thickness_mm=None, electrode_height_mm=None))
-    sheet = search.calibrated()
-    tried = [search.with_effect(sheet, s.candidate) for s in search._afar(sheet, [])]
+    search, sheet = refits.calibrated(search)
+    tried = [
+        refits.with_effect(search, sheet, s.candidate) for s in proposals._far(search, sheet, [])
+    ]
     assert tried
-    assert all(t is None or t.log_evidence < sheet.log_evidence + 1 for t in tried)
+    bodies = [trial for trial in tried if not isinstance(trial, Refusal)]
+    assert all(body.log_evidence < sheet.log_evidence + 1 for body in bodies)
 
 
 def test_a_touched_skin_of_unknown_height_has_no_body_among_its_candidates():
     recorded = small_recording(noise=NOISE, places=1)
-    problem, scales = diagnosis.problem_of(
-        recorded, Noise(np.full(len(CHANNELS), 1e-6), 1e3, "given")
+    problem, scales = readings.problem_of(
+        recorded, NoiseModel(np.full(len(CHANNELS), 1e-6), 1e3, "given")
     )
-    common = (
-        recorded.skin,
-        problem.model.believed,
-        recorded.voltage,
-        site_counts(CHANNELS),
-        scales,
-        True,
-        True,
-    )
-    assert "third-dimension" not in {c.name for c in catalogue(*common, touched=True)}
-    bodies = [c for c in catalogue(*common, touched=False) if c.name == "third-dimension"]
-    assert bodies and all(afar.is_far(c) for c in bodies)
+    believed, counts = problem.model.believed, site_counts(CHANNELS)
+    touched = Conditions(recorded.skin, believed, counts, True, True, touched=True)
+    every = catalogue(touched, recorded.voltage, scales)
+    assert "third-dimension" not in {c.name for c in every}
+    every = catalogue(replace(touched, touched=False), recorded.voltage, scales)
+    bodies = [c for c in every if c.name == "third-dimension"]
+    assert bodies and all(far_starts.is_far(c) for c in bodies)
 
 
 def test_starts_have_room_for_their_electrodes():
@@ -112,14 +113,14 @@ def test_a_place_that_nobody_knows_starts_off_the_middle_where_there_is_room():
 def test_starts_of_a_name_differ_in_their_first_coordinate():
     body = {"name": "third-dimension"}
     search = search_of(untouched(body, skin=TANK, thickness_mm=None, electrode_height_mm=None))
-    begun = search._afar(search.calibrated(), [])
+    begun = proposals._far(search, search.calibrated(), [])
     depths = [s.candidate.start["depth_mm"] for s in begun if s.candidate.name == body["name"]]
     assert len(depths) == len(set(depths)) > 1
 
 
 def test_before_a_fit_from_afar_bodies_are_solved_coarsely():
     search = search_of(untouched())
-    rough, problem = search.rough(search.calibrated()), search.problem
+    rough, problem = refits.rough(search, search.calibrated()), search.problem
     assert rough.model.coarse and rough.model.near is problem.model.near
     assert rough.whitening.size == problem.whitening.size
     residual = [p.residual(np.zeros(len(p.model.calibrations)), []) for p in (rough, problem)]
@@ -131,13 +132,17 @@ def test_rivals_of_a_body_are_fitted_even_when_no_more_may_be_solved(monkeypatch
     """What a tangent promises so far away is not kept: it would make every name an alternative."""
     body = {"name": "third-dimension"}
     search = search_of(untouched(body, skin=TANK, thickness_mm=None, electrode_height_mm=None))
-    sheet = search.calibrated()
+    search, sheet = refits.calibrated(search)
     first, *_ = [
-        s.candidate for s in search._afar(sheet, []) if s.candidate.name == "third-dimension"
+        s.candidate
+        for s in proposals._far(search, sheet, [])
+        if s.candidate.name == "third-dimension"
     ]
-    found = search.with_effect(sheet, first)
+    found = refits.with_effect(search, sheet, first)
     free = {g.rival: g.gap for g in gaps(search, found, 0)}
     monkeypatch.setattr(Search, "spent", property(lambda self: True))
     spent = {g.rival: g.gap for g in gaps(search, found, 0)}
     assert set(spent) <= set(free) and "electrode-width" in spent
-    assert {n for n in spent if spent[n] < CONFUSED} <= {n for n in free if free[n] < CONFUSED}
+    assert {n for n in spent if spent[n] < DISTINCT.threshold} <= {
+        n for n in free if free[n] < DISTINCT.threshold
+    }

@@ -9,10 +9,10 @@ import pytest
 
 from eitskin.data import recording
 from eitskin.data.recording import Recording
-from eitskin.diagnose.diagnosis import predict
+from eitskin.diagnose.fitting.query import predict
 from eitskin.diagnose.fitting.channel_mapping import carried, unknown
 from eitskin.diagnose.fitting.fit import fit
-from eitskin.diagnose.verdict.result import read_query
+from eitskin.diagnose.verdict.record import read_query
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table, every_channel

@@ -5,9 +5,8 @@ from dataclasses import replace
 import pytest
 
 from eitskin.diagnose import diagnosis
-from eitskin.diagnose.search.gates import CONFUSED
-from eitskin.diagnose.verdict import result, words
-from eitskin.diagnose.verdict.verdict import LIKELY
+from eitskin.diagnose.search.gates import DISTINCT, NOTHING_UNNAMED
+from eitskin.diagnose.verdict import conclusion, words
 from small_skin import small_recording
 
 
@@ -18,13 +17,13 @@ def found():
 
 
 def test_what_does_not_stand_out_from_what_has_no_name_is_a_candidate(found):
-    said = result.result(found, "skin")
+    said = conclusion.document(found, "skin")
     (effect,) = said["effects"]
     assert effect["certain"] and said["verdict"] == "explained"
-    assert min(gap.snr for gap in found.gaps[0]) > CONFUSED
-    for snr, certain in ((0.99 * CONFUSED, False), (CONFUSED, True)):
+    assert min(gap.snr for gap in found.gaps[0]) > DISTINCT.threshold
+    for snr, certain in ((0.99 * DISTINCT.threshold, False), (DISTINCT.threshold, True)):
         faint = [[replace(gap, gap=min(gap.gap, snr), snr=snr) for gap in found.gaps[0]]]
-        said = result.result(replace(found, gaps=faint), "skin")
+        said = conclusion.document(replace(found, gaps=faint), "skin")
         (effect,) = said["effects"]
         assert effect["certain"] == certain
         assert said["verdict"] == ("explained" if certain else "partly-explained")
@@ -36,16 +35,16 @@ def test_what_something_without_a_name_might_tell_from_another_is_a_candidate(fo
     """Beside something left that is likely, a name's gap to those outside its class is to be no
     less than that is long."""
     (gaps,) = found.gaps
-    nearest = min(gap.gap for gap in gaps if gap.gap >= CONFUSED)
-    alike = [replace(gaps[0], rival="offset", gap=0.5 * CONFUSED), *gaps]
+    nearest = min(gap.gap for gap in gaps if gap.gap >= DISTINCT.threshold)
+    alike = [replace(gaps[0], rival="offset", gap=0.5 * DISTINCT.threshold), *gaps]
     for probability, snr, certain in (
-        (LIKELY, 1.01 * nearest, False),
-        (LIKELY, nearest, True),
-        (0.99 * LIKELY, 1.01 * nearest, True),
+        (NOTHING_UNNAMED.threshold, 1.01 * nearest, False),
+        (NOTHING_UNNAMED.threshold, nearest, True),
+        (0.99 * NOTHING_UNNAMED.threshold, 1.01 * nearest, True),
     ):
         left = replace(found.other, probability=probability, snr=snr)
         for gaps_ in (gaps, alike):
-            said = result.result(replace(found, other=left, gaps=[gaps_]), "skin")
+            said = conclusion.document(replace(found, other=left, gaps=[gaps_]), "skin")
             (effect,) = said["effects"]
             assert effect["certain"] == certain
             assert effect["sentence"].startswith("Perhaps") != certain

@@ -8,24 +8,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from concealed import planted
 from eitskin import cli
 from eitskin.data import recording
 from eitskin.data.importers.description import describe
 from eitskin.data.recording import Recording, frames_table
-from eitskin.diagnose.comparison import faults
-from eitskin.diagnose.comparison.difference import difference
-from eitskin.diagnose.comparison.difference_words import compared, odd_share, sentences
-from eitskin.diagnose.comparison.potentials import Potentials
-from eitskin.diagnose.comparison.result import with_difference
-from eitskin.diagnose.comparison.sentences import NOTHING
-from eitskin.diagnose.comparison.wander import wander
-from eitskin.diagnose.report import comparison_page
-from eitskin.effects.effect import SITES
+from eitskin.diagnose.compare import faults
+from eitskin.diagnose.compare.difference import difference
+from eitskin.diagnose.compare.potentials import Potentials
+from eitskin.diagnose.compare.result import comparison
+from eitskin.diagnose.compare.wander import wander
+from eitskin.diagnose.compare.words import sentences
 from eitskin.errors import InputError
 from eitskin.physics.forward import channel_values
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
+from proof import planted
 
 NAMES = ("monday", "friday")
 N = 16
@@ -69,15 +66,15 @@ def session(seed: int, channels: np.ndarray = ADJACENT, count: int = 30, **chang
 
 def named(control: Recording, later: Recording) -> list[tuple]:
     """Names and places that are given."""
-    found = difference(control, later, NAMES).found
-    return [(one.name, one.explained.place) for one in found if one.named]
+    findings = difference(control, later, NAMES).findings
+    return [(one.name, one.explanation.place) for one in findings if one.named]
 
 
 @pytest.mark.parametrize("pattern", PATTERNS)
 def test_without_a_fault_nothing_is_named(pattern):
     for seed in range(4):
         pair = [session(10 * seed + i + 1, PATTERNS[pattern]) for i in (0, 1)]
-        assert difference(*pair, NAMES).found == []
+        assert difference(*pair, NAMES).findings == []
 
 
 FAULTS = {
@@ -116,7 +113,7 @@ def test_signatures_are_what_is_planted(seed, size, which):
     whole = Potentials(ADJACENT, N, np.ones(len(ADJACENT), bool))
     control = faults.Control(whole, still.voltage[0], True)
     all_ = [s for family in faults.families(control) for s in family]
-    all_ += faults.everywhere(control)
+    all_ += faults.siteless(control)
     kind = next((k for k in ("drives", "measures", "channels") if k in fault), None)
     own = [
         s.basis
@@ -142,7 +139,7 @@ def test_crossed_wires_read_sums_of_what_was_read(pattern):
     for a, b in ((0, 1), (2, 5), (2, 9)):
         wires = np.arange(N)
         wires[[a, b]] = b, a
-        read, known = potentials.crossed(potentials.impedances(values), a, b)
+        read, known = potentials.exchanged(potentials.impedances(values), a, b)
         assert read[known] == pytest.approx(channel_values(z, wires[channels])[known], abs=1e-9)
         unmoved = ~np.isin(channels, (a, b)).any(axis=1)
         assert known[unmoved].all()
@@ -170,9 +167,9 @@ def test_a_dead_channel_and_a_lost_one():
     voltage[:, 17] = 0.0
     voltage[:, 30] = np.nan
     found = difference(control, replace(later, voltage=voltage), NAMES)
-    assert found.lost == (30,)
-    assert [one.explained.place for one in found.found] == [("channels", (17,))]
-    said, _ = compared(control, replace(later, voltage=voltage), NAMES)
+    assert found.lost_channels == (30,)
+    assert [one.explanation.place for one in found.findings] == [("channels", (17,))]
+    said = comparison(control, replace(later, voltage=voltage), NAMES)["sentences"]
     assert "friday has no readings of channel 30" in said[0] and "it is dead" in said[1]
 
 
@@ -196,14 +193,14 @@ def test_a_fault_from_the_middle_on_is_dated():
     control, later = session(1, count=40), session(2, count=40)
     voltage = later.voltage.copy()
     voltage[23:] = planted.plant(later, [FAULTS["drive"]])[23:]
-    (found,) = difference(control, replace(later, voltage=voltage), NAMES).found
-    assert found.named and abs(found.since - 23) <= 1
+    (found,) = difference(control, replace(later, voltage=voltage), NAMES).findings
+    assert found.named and abs(found.onset_row - 23) <= 1
 
 
 def test_a_factor_of_all_readings_is_no_fault():
     control, later = session(1), session(2)
     found = difference(control, replace(later, voltage=1.05 * later.voltage), NAMES)
-    assert found.found == [] and found.common == pytest.approx(0.05, abs=0.01)
+    assert found.findings == [] and found.common_ratio == pytest.approx(0.05, abs=0.01)
 
 
 def test_another_current_beside_an_offset_of_all_readings():
@@ -212,9 +209,9 @@ def test_another_current_beside_an_offset_of_all_readings():
     control, later = session(1), session(2)
     offset = -0.1 * float(np.median(np.abs(later.voltage)))
     found = difference(control, replace(later, voltage=later.voltage / 3.0 + offset), NAMES)
-    assert [(one.name, one.named) for one in found.found] == [("offset", True)]
-    assert found.found[0].change == pytest.approx(np.full(len(ADJACENT), offset), rel=0.02)
-    assert found.common == pytest.approx(1.0 / 3.0 - 1.0, abs=2e-3)
+    assert [(one.name, one.named) for one in found.findings] == [("offset", True)]
+    assert found.findings[0].change == pytest.approx(np.full(len(ADJACENT), offset), rel=0.02)
+    assert found.common_ratio == pytest.approx(1.0 / 3.0 - 1.0, abs=2e-3)
     assert not any("contact" in sentence for sentence in sentences(found))
 
 
@@ -223,33 +220,34 @@ def test_a_passive_change_turns_nothing_round():
     control, later = session(1), session(2)
     change = channel_values(impedances(7), ADJACENT) * 0.01
     passive = difference(control, replace(later, voltage=later.voltage + change), NAMES)
-    assert odd_share(passive, passive.wander.change) < 0.05
+    assert passive.odd_share(passive.wander.change) < 0.05
     voltage = later.voltage.copy()
     voltage[:, 40] *= 1.1
     own = difference(control, replace(later, voltage=voltage), NAMES)
-    assert odd_share(own, own.wander.change) > 0.4
+    assert own.odd_share(own.wander.change) > 0.4
 
 
 def test_a_change_of_the_whole_skin_is_no_fault_and_said():
     control, later = session(1), session(2)
-    assert difference(control, later, NAMES).moved[1] > 0.01
+    assert difference(control, later, NAMES).change_test[1] > 0.01
     change = channel_values(impedances(7), ADJACENT) * 0.01
-    told, entry = compared(control, replace(later, voltage=later.voltage + change), NAMES)
+    said = comparison(control, replace(later, voltage=later.voltage + change), NAMES)
+    entry = said["difference"]
     assert not any(one["named"] for one in entry["found"])
     assert entry["moved"]["p_value"] < 1e-6 and entry["moved"]["times_scatter"] > 10.0
     if not entry["found"]:
-        assert "times what they scatter" in told[0]
+        assert "times what they scatter" in said["sentences"][0]
 
 
 def test_one_frame_each_tells_nothing_of_scatter():
     control, later = session(1, count=1), session(2, count=1)
-    assert difference(control, later, NAMES).moved[1] == 1.0
+    assert difference(control, later, NAMES).change_test[1] == 1.0
 
 
 def test_one_frame_each_is_compared():
     control, later = session(1, count=1), session(2, count=1)
-    assert difference(control, later, NAMES).found == []
-    assert difference(control, control, NAMES).found == []
+    assert difference(control, later, NAMES).findings == []
+    assert difference(control, control, NAMES).findings == []
     voltage = planted.plant(later, [{**FAULTS["drive"], "parameters": {"gain": [1.1]}}])
     assert named(control, replace(later, voltage=voltage))[:1] == [("drive-gain", ("drives", (3,)))]
 
@@ -258,7 +256,7 @@ def test_readings_without_noise_are_compared():
     control, later = (session(1, count=20) for _ in range(2))
     plain = np.tile(control.voltage[:1], (20, 1))
     pair = [replace(each, voltage=plain) for each in (control, later)]
-    assert difference(*pair, NAMES).found == []
+    assert difference(*pair, NAMES).findings == []
     harmed = replace(pair[1], voltage=planted.plant(pair[1], [FAULTS["pair"]]))
     assert named(pair[0], harmed) == [("measurement-gain", ("measures", (5,)))]
 
@@ -271,33 +269,6 @@ def test_other_channels_get_one_message():
         difference(session(1), turned, NAMES)
     with pytest.raises(InputError, match="key voltage: found magnitude"):
         difference(session(1), session(2, voltage="magnitude"), NAMES)
-
-
-def test_the_difference_stands_before_what_diagnoses_say():
-    control, later = session(1), session(2)
-    pair = {"monday": control, "friday": replace(later, voltage=1.01 * later.voltage)}
-    harmed = {**pair, "friday": replace(later, voltage=planted.plant(later, [FAULTS["drive"]]))}
-    row = {key: None for key in ("p", "chi2", "dof", "q")} | {"calibration": True, "runs": [{}]}
-    row |= {"name": "factor", "sentence": "Since friday the factor is 2.", "changed": True}
-    row |= {"parts": {}, **{kind: [] for kind in SITES}}
-    held = {"frames": 3, "chi2_per_dof_as_found": 1.0, "chi2_per_dof_all_shared": 2.0}
-    held |= {"elpd_gain": 9.0, "elpd_se": 1.0}
-    quiet = {"parts": list(NAMES), "sentences": [NOTHING], "tested": [], "p_value": None}
-    quiet |= {"held_out": held, "difference": None}
-    loud = {**quiet, "sentences": [row["sentence"]], "tested": [row]}
-    for said, recordings, first, last in (
-        (quiet, pair, "No fault shows", "counted as no fault."),
-        (quiet, harmed, "In friday, what is driven from electrode 3", ")."),
-        (loud, harmed, "In friday, what is driven from electrode 3", row["sentence"]),
-    ):
-        both = with_difference(said, recordings)
-        assert both["sentences"][0].startswith(first) and both["sentences"][-1].endswith(last)
-        page = comparison_page.page(both)
-        assert both["sentences"][0] in page
-        assert "nats" in page and "with 10 nats 22000 times" in page
-        assert (row["sentence"] if said is loud else NOTHING) in page
-    apart = replace(control, metadata={**control.metadata, "values": "difference"})
-    assert with_difference(quiet, {"monday": apart, "friday": later}) == quiet
 
 
 def test_the_command_writes_what_it_says(tmp_path, capsys, monkeypatch):

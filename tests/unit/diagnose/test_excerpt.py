@@ -6,6 +6,7 @@ import pytest
 from eitskin.data.recording import presses
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.fitting.excerpt import excerpt
+from eitskin.diagnose.search import staging
 from small_skin import problem_of, small_recording
 
 
@@ -59,10 +60,10 @@ def test_noise_lasts_by_the_numbers_of_the_frames():
     """Of an excerpt, and where it is thinned again."""
     once = excerpt(small_recording(places=6), 20)
     problem, _ = problem_of(once)
-    assert np.array_equal(problem.whitening.clock, once.frames["frame"])
-    assert (np.diff(problem.whitening.clock) > 1).any()
-    _, search, _ = diagnosis.begun(once, 1)
+    assert np.array_equal(problem.whitening.frame_number, once.frames["frame"])
+    assert (np.diff(problem.whitening.frame_number) > 1).any()
+    _, search, _ = staging.prepared(once, 1)
     fewer = excerpt(once, 12)
     few = diagnosis._on_frames(search, once, fewer, 1, print, 1.0).problem.whitening
     assert np.array_equal(few.clock, excerpt(once, 12).frames["frame"])
-    assert few.mask.shape[0] == len(few.clock) < len(problem.whitening.clock)
+    assert few.mask.shape[0] == len(few.clock) < len(problem.whitening.frame_number)

@@ -9,11 +9,13 @@ import pytest
 
 from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table
-from eitskin.diagnose.diagnosis import problem_of
-from eitskin.diagnose.fitting.candidates import Candidate, catalogue
+from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.diagnose.fitting.fit import Problem, fit
-from eitskin.diagnose.noise.estimate import Noise
-from eitskin.diagnose.search.gates import CONFUSED
+from eitskin.diagnose.fitting.readings import problem_of
+from eitskin.diagnose.noise.noise_model import NoiseModel
+from eitskin.diagnose.search import refits
+from eitskin.diagnose.search.catalogue import Conditions, catalogue
+from eitskin.diagnose.search.gates import DISTINCT
 from eitskin.diagnose.search.search import Search
 from eitskin.diagnose.verdict import experiment
 from eitskin.diagnose.verdict.experiment import NOTHING, SAME, Budget, propose
@@ -31,7 +33,9 @@ SKIN = Skin(80.0, 3.0, 0.5, tuple(45.0 * np.arange(8)), 5.0, 2e-3, 1e-3, 0.9)
 PLACES = np.array([30.0 + 20.0j, -45.0 + 5.0j, 10.0 - 50.0j, 5.0 + 2.0j, 55.0 - 20.0j])
 
 
-def recorded(item: dict, forces: list[float], noise: float, **metadata) -> tuple[Recording, Noise]:
+def recorded(
+    item: dict, forces: list[float], noise: float, **metadata
+) -> tuple[Recording, NoiseModel]:
     """Presses at PLACES, an untouched frame before each, one effect present."""
     force = np.r_[np.zeros(4), np.tile([0.0, *forces], len(PLACES))]
     place = np.r_[np.zeros(4), np.repeat(PLACES, 1 + len(forces))]
@@ -45,7 +49,7 @@ def recorded(item: dict, forces: list[float], noise: float, **metadata) -> tuple
         voltage = voltage - voltage[:1]
     sd = np.full(len(CHANNELS), noise)
     draw = np.random.default_rng(5).normal(size=voltage.shape)
-    return replace(query, voltage=voltage + sd * draw), Noise(sd, 100.0, "given")
+    return replace(query, voltage=voltage + sd * draw), NoiseModel(sd, 100.0, "given")
 
 
 def diagnosed(item: dict, rivals: list[str], forces: list[float], noise: float, **metadata):
@@ -53,15 +57,9 @@ def diagnosed(item: dict, rivals: list[str], forces: list[float], noise: float, 
     taken, sd = recorded(item, forces, noise, **metadata)
     problem, scales = problem_of(taken, sd)
     model = problem.model
-    candidates = catalogue(
-        taken.skin,
-        model.believed,
-        problem.recorded,
-        site_counts(CHANNELS),
-        scales,
-        floating=True,
-        timed=True,
-    )
+    counts = site_counts(CHANNELS)
+    conditions = Conditions(taken.skin, model.believed, counts, floating=True, timed=True)
+    candidates = catalogue(conditions, problem.recorded, scales)
     sites = item.get("electrodes") or item.get("drives")
     effect = next(
         c
@@ -73,9 +71,9 @@ def diagnosed(item: dict, rivals: list[str], forces: list[float], noise: float, 
         problem, candidates, np.arange(len(model.press)) % 5, seed=1, report=lambda line: None
     )
     start = np.zeros(len(model.calibrations) + effect.size)
-    after = search.state(fit(problem, [effect], start, polish=True))
+    after = refits.explain(search, fit(problem, [effect], start, polish=True))
     return SimpleNamespace(
-        recorded=taken, search=search, after=after, gaps=[gaps(search, after, 0)]
+        recording=taken, search=search, after=after, gaps=[gaps(search, after, 0)]
     )
 
 
@@ -95,9 +93,9 @@ def test_the_gap_proposed_is_reached_with_noise(item, rival, forces, noise, word
     found = diagnosed(item, [rival], forces, noise)
     (pair,) = propose(found)["pairs"]
     assert (pair["a"], pair["b"]) == (item["name"], rival)
-    assert pair["gap_now"] < CONFUSED < pair["gap_then"]
+    assert pair["gap_now"] < DISTINCT.threshold < pair["gap_then"]
     assert words in pair["recipe"] and pair["recipe"] != SAME
-    rows = np.arange(len(found.recorded.frames))
+    rows = np.arange(len(found.recording.frames))
     recipe = experiment._recipes(found, rows)[pair["recipe"]]
     effects, theta = found.after.effects, found.after.fit.theta
     model = recipe.simulator()
@@ -108,10 +106,10 @@ def test_the_gap_proposed_is_reached_with_noise(item, rival, forces, noise, word
         draw = np.random.default_rng(seed).normal(size=clean.shape)
         noisy = replace(problem, recorded=clean + recipe.whitening.sd * draw)
         search = Search(noisy, found.search.candidates, rows, seed=1, report=lambda line: None)
-        true = search.state(fit(noisy, effects, theta, polish=True))
-        less = search.less(true, 0)
+        true = refits.explain(search, fit(noisy, effects, theta, polish=True))
+        less = refits.reduced(search, true, 0)
         others = [c for c in found.search.candidates if c.name == rival]
-        wrong = min(search.with_effect(less, c).fit.chi2 for c in others)
+        wrong = min(refits.with_effect(search, less, c).fit.chi2 for c in others)
         gained.append(wrong - true.fit.chi2)
     # Each is gap^2 +- 2 gap.
     error = 2.0 * pair["gap_then"] / np.sqrt(len(gained))
@@ -120,7 +118,7 @@ def test_the_gap_proposed_is_reached_with_noise(item, rival, forces, noise, word
 
 def test_more_of_the_same_grows_with_the_root_of_the_frames():
     found = diagnosed(RADIUS, ["touch-contrast"], [5.0], 1e-5)
-    recipes = experiment._recipes(found, np.arange(len(found.recorded.frames)))
+    recipes = experiment._recipes(found, np.arange(len(found.recording.frames)))
     now = recipes[experiment.AS_IS].gap(found, Budget(np.inf), 0, "touch-contrast")
     assert now == pytest.approx(found.gaps[0][0].gap, rel=0.05)
     assert recipes[SAME].gap(found, Budget(np.inf), 0, "touch-contrast") == pytest.approx(
@@ -130,7 +128,7 @@ def test_more_of_the_same_grows_with_the_root_of_the_frames():
 
 def test_what_the_budget_has_no_room_for_is_not_tried(monkeypatch):
     found = diagnosed(RADIUS, ["touch-contrast"], [5.0], 1e-5)
-    recipes = experiment._recipes(found, np.arange(len(found.recorded.frames)))
+    recipes = experiment._recipes(found, np.arange(len(found.recording.frames)))
     budget = Budget(1e-9)
     assert recipes[SAME].gap(found, budget, 0, "touch-contrast") is None
     assert budget.left < 0.0
@@ -144,9 +142,9 @@ def test_a_turned_connector_takes_faults_of_the_skin_along_and_no_others():
     electrode 3 is at terminal 2 after one turn; a drive's stays."""
     contact = {"name": "contact-impedance", "electrodes": [3], "parameters": {"ratio": 3.0}}
     found = diagnosed(contact, [], [5.0], 1e-5)
-    rows = np.arange(len(found.recorded.frames))
+    rows = np.arange(len(found.recording.frames))
     turned = experiment._recipes(found, rows)[experiment.TURN].simulator()
-    count = len(found.recorded.frames)
+    count = len(found.recording.frames)
     index = {tuple(row): k for k, row in enumerate(CHANNELS.tolist())}
     shifted = [index[tuple(row)] for row in ((CHANNELS + 1) % 8).tolist()]
     knobs = np.zeros(len(turned.calibrations))
@@ -175,7 +173,7 @@ def test_a_body_too_low_for_a_finer_solution_is_tried_as_coarsely_as_it_was_fitt
         problem.model.voltage(*problem.split(theta, [body]), accuracy="diagnose")
     rows = np.arange(len(taken.frames))
     found = SimpleNamespace(
-        recorded=taken,
+        recording=taken,
         search=Search(problem, [], rows % 5, seed=1, report=lambda line: None),
         after=SimpleNamespace(effects=[body], fit=SimpleNamespace(theta=theta)),
     )
@@ -188,7 +186,7 @@ def test_a_body_too_low_for_a_finer_solution_is_tried_as_coarsely_as_it_was_fitt
 def test_driven_electrodes_split_contacts_from_leaks():
     contact = {"name": "contact-impedance", "electrodes": [3], "parameters": {"ratio": 3.0}}
     found = diagnosed(contact, ["ground-leak"], [5.0], 3e-5)
-    recipes = experiment._recipes(found, np.arange(len(found.recorded.frames)))
+    recipes = experiment._recipes(found, np.arange(len(found.recording.frames)))
     driven, same = (
         recipes[k].gap(found, Budget(np.inf), 0, "ground-leak") for k in (experiment.DRIVE, SAME)
     )
@@ -196,14 +194,14 @@ def test_driven_electrodes_split_contacts_from_leaks():
     points = replace(SKIN, electrode_width_mm=0.0).metadata()
     gain = {"name": "drive-gain", "drives": [3], "parameters": {"gain": 1.1}}
     found = diagnosed(gain, [], [5.0], 1e-4, skin=points)
-    recipes = experiment._recipes(found, np.arange(len(found.recorded.frames)))
+    recipes = experiment._recipes(found, np.arange(len(found.recording.frames)))
     assert experiment.DRIVE not in recipes
 
 
 def test_presses_go_on_in_the_rhythm_of_the_recording():
     found = diagnosed(RADIUS, [], [2.0, 6.0, 4.0], 1e-5)
-    frames = found.recorded.frames
-    run = experiment._Run(found.recorded, found.search.problem.model, np.arange(len(frames)))
+    frames = found.recording.frames
+    run = experiment._Run(found.recording, found.search.problem.model, np.arange(len(frames)))
     plans = run.presses()
     for plan in plans.values():
         time_s = np.r_[frames["time_s"], plan["time_s"]]
@@ -239,14 +237,14 @@ def test_presses_left_out_of_the_comparison_are_in_the_proof(monkeypatch):
 def test_differences_can_be_told_apart_too():
     found = diagnosed(RADIUS, ["touch-contrast"], [5.0], 3e-5, values="difference")
     (pair,) = propose(found)["pairs"]
-    assert pair["gap_now"] < CONFUSED < pair["gap_then"]
+    assert pair["gap_now"] < DISTINCT.threshold < pair["gap_then"]
 
 
 def test_what_nothing_splits_is_said():
     found = diagnosed(RADIUS, ["touch-contrast"], [5.0], 1e-2)
     said = propose(found)
     assert said["sentence"].startswith("Nothing tried would tell probe-radius from touch-contrast")
-    assert said["pairs"][0]["gap_then"] < CONFUSED
+    assert said["pairs"][0]["gap_then"] < DISTINCT.threshold
 
 
 def test_pairs_are_alternatives_or_a_near_rival():

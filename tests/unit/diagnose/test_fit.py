@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from eitskin.data.recording import presses
 from eitskin.diagnose.fitting import fit as diagnose_fit
-from eitskin.diagnose.fitting.estimates import NORMAL_90, calibration, estimates
+from eitskin.diagnose.fitting.estimates import calibration, estimates
 from eitskin.diagnose.fitting.fit import (
     ENOUGH,
     Fit,
@@ -24,6 +24,7 @@ from eitskin.diagnose.fitting.fit import (
 )
 from eitskin.diagnose.fitting.held_out import FOLDS, folds, held_out
 from eitskin.diagnose.fitting.jacobian import Jacobian
+from eitskin.diagnose.noise.noise_model import NORMAL_90
 from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.physics.protocol import reciprocal_channels
 from small_skin import CHANNELS, METADATA, calibrated, candidates_of, problem_of, small_recording

@@ -1,6 +1,7 @@
 """What is put aside before anything is looked at, and what it says of an effect."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scipy.stats import ttest_1samp
 from eitskin.data.recording import Recording, presses
 from eitskin.data.subset import of_frames
 from eitskin.diagnose import diagnosis
+from eitskin.diagnose.fitting import readings
 from eitskin.diagnose.fitting.fit import Fit, Problem, fit, whitened_anew
 from eitskin.diagnose.fitting.held_out import (
     LEAST_PRESSES,
@@ -20,10 +22,12 @@ from eitskin.diagnose.fitting.held_out import (
     reciprocal_groups,
     units,
 )
-from eitskin.diagnose.fitting.reserve import Judged
-from eitskin.diagnose.noise.estimate import Noise
+from eitskin.diagnose.fitting.reserve import Reserve
+from eitskin.diagnose.noise.noise_model import NoiseModel
+from eitskin.diagnose.search import prediction, pruning, refits, staging
+from eitskin.diagnose.search.journal import Journal
 from eitskin.diagnose.search.search import Search
-from eitskin.diagnose.verdict import result
+from eitskin.diagnose.verdict import conclusion
 from eitskin.physics.protocol import reciprocal_channels
 from small_skin import CHANNELS, METADATA, candidates_of, problem_of, small_recording, states
 
@@ -86,15 +90,15 @@ def test_channels_tied_through_others_are_one_group():
 
 def test_no_search_sees_what_is_put_aside():
     recorded = small_recording(noise=NOISE, places=5)
-    noise, search, kept = diagnosis.begun(recorded, 3)
+    noise, search, kept = staging.prepared(recorded, 3)
     assert np.array_equal(kept, aside(recorded, 3)) and kept.any()
     assert np.array_equal(search.problem.whitening.mask, ~kept)
     assert np.isnan(search.problem.recorded[kept]).all()
     # Nor does anything that it begins with depend on it.
     other = replace(recorded, voltage=np.where(kept, 1.003 * recorded.voltage, recorded.voltage))
-    again, same, _ = diagnosis.begun(other, 3)
+    again, same, _ = staging.prepared(other, 3)
     assert np.array_equal(again.sd, noise.sd)
-    assert search.calibrated().log_evidence == same.calibrated().log_evidence
+    assert refits.calibrated(search)[1].log_evidence == refits.calibrated(same)[1].log_evidence
 
 
 @pytest.mark.parametrize("places", [1, 3])
@@ -103,31 +107,50 @@ def test_channels_put_aside_have_the_noise_of_their_level(places):
     recorded, share = small_recording(noise=0.0, places=places), 5e-3
     true = share * np.abs(recorded.voltage)
     recorded.voltage += true * np.random.default_rng(6).normal(size=true.shape)
-    noise, search, kept = diagnosis.begun(recorded, 3)
+    noise, search, kept = staging.prepared(recorded, 3)
     columns = kept.all(axis=0)
     assert columns.any() and np.array_equal(kept, np.repeat(columns[None], len(kept), axis=0))
     found = noise.sd / true[0]
     assert np.ptp(np.log(true[0, columns])) > 0.5
     assert np.allclose(found[columns], np.median(found[~columns]), rtol=0.1)
-    state, there = search.calibrated(), diagnosis._put_aside(search.problem, recorded, noise, kept)
-    judged = Judged(there, state.sizes, search.converter_step, units(recorded))
-    assert 0.7 < judged.by_white(state.fit).chi2_per_dof < 1.4
+    search, state = refits.calibrated(search)
+    there = readings.reserve_problem(search.problem, recorded, noise, kept)
+    judged = Reserve(there, state.error_sds, search.converter_step, units(recorded))
+    assert 0.7 < judged.predicted_in_white(state.fit).chi2_per_dof < 1.4
     other = replace(recorded, voltage=np.where(kept, 1.3 * recorded.voltage, recorded.voltage))
-    assert np.array_equal(diagnosis.begun(other, 3)[0].sd, noise.sd)
+    assert np.array_equal(staging.prepared(other, 3)[0].sd, noise.sd)
 
 
 def searched(recorded, item):
     """A search of what is seen of a recording, a state with one effect, and what is put aside."""
-    noise = Noise(np.full(len(CHANNELS), NOISE * np.median(np.abs(recorded.voltage))), 1e6, "given")
+    noise = NoiseModel(
+        np.full(len(CHANNELS), NOISE * np.median(np.abs(recorded.voltage))), 1e6, "given"
+    )
     kept = aside(recorded, 1)
     seen = replace(recorded, voltage=np.where(kept, np.nan, recorded.voltage))
-    problem, scales = diagnosis.problem_of(seen, noise)
+    problem, scales = readings.problem_of(seen, noise)
     candidates = candidates_of(seen, problem, scales)
     effect = next(c for c in candidates if c.name == item["name"])
     fold = np.arange(len(recorded.frames)) % 5
     search = Search(problem, [effect], fold, seed=1, report=print)
-    state = search.state(fit(problem, [effect], np.zeros(2), polish=True))
+    state = refits.explain(search, fit(problem, [effect], np.zeros(2), polish=True))
     return search, state, noise, kept
+
+
+def earning(search, state, there, recorded, noise):
+    """What `pruning` leaves of a state, and the reserve that judged it."""
+
+    def reserve_of(error_sds):
+        return Reserve(there, error_sds, search.converter_step, units(recorded))
+
+    return pruning._earning(search, state, reserve_of, noise.dof)
+
+
+def harms(reserve, after, before, folds, accepted):
+    """Whether the readings of the reserve and of folds are predicted plainly worse."""
+    effect, less = SimpleNamespace(name="x", kind=None, sites=None), SimpleNamespace(effects=[])
+    harm = reserve.harm(after, before, folds)
+    return not pruning._is_harmless(Journal(), effect, less, harm, accepted)
 
 
 @pytest.mark.parametrize("everywhere", [True, False])
@@ -140,11 +163,11 @@ def test_an_effect_that_only_seen_presses_have_is_not_earned(everywhere):
     search, state, noise, kept = searched(recorded, CONTRAST)
     ratio = state.fit.settings()[0].values["ratio"]
     assert np.isclose(np.ravel(ratio)[0], 1.2, rtol=0.01)
-    there = diagnosis._put_aside(search.problem, recorded, noise, kept)
-    left, judged = diagnosis._earned(search, state, there, recorded, noise)
+    there = readings.reserve_problem(search.problem, recorded, noise, kept)
+    left, judged = earning(search, state, there, recorded, noise)
     assert [c.name for c in left.effects] == (["touch-contrast"] if everywhere else [])
-    assert [row["action"] for row in search.path] == ([] if everywhere else ["not earned"])
-    gain, error = judged.gain(state.fit, search.less(state, 0).fit)
+    assert [row["action"] for row in search.journal.steps] == ([] if everywhere else ["not earned"])
+    gain, error = judged.gain(state.fit, refits.reduced(search, state, 0).fit)
     assert (gain > 2.0 * error) if everywhere else (gain < -2.0 * error)
     assert np.array_equal(judged.white.mask, kept)
 
@@ -153,31 +176,37 @@ def test_harm_is_asked_of_predictions_as_each_fit_would_make_them(monkeypatch):
     """In another's covariance a fit would be another one: worse, maybe, than what does harm."""
     recorded = small_recording(CONTRAST, noise=NOISE, places=6)
     search, state, noise, kept = searched(recorded, CONTRAST)
-    search.linearised(search.calibrated())  # what is met is kept in the covariance it was met in
+    refits.linearised(
+        search, refits.calibrated(search)[1]
+    )  # what is met is kept in the covariance it was met in
     white = state.fit.problem.whitening
     other = replace(white, sd=white.sd * np.linspace(1.0, 30.0, len(white.sd)))
     problem = replace(state.fit.problem, whitening=other)
     state = replace(state, fit=whitened_anew(state.fit, problem))
-    there, asked = diagnosis._put_aside(search.problem, recorded, noise, kept), []
-    monkeypatch.setattr(diagnosis, "acceptable", lambda p: False)
-    monkeypatch.setattr(diagnosis.Judged, "harms", lambda self, *of: asked.append(of) or False)
-    diagnosis._earned(search, state, there, recorded, noise)
-    less, folds = search.less(state, 0), asked[0][2]
+    there, asked = readings.reserve_problem(search.problem, recorded, noise, kept), []
+    harmless = 1.0, 1.0, 0.0
+    monkeypatch.setattr(Reserve, "harm", lambda self, *of: asked.append(of) or harmless)
+    earning(search, state, there, recorded, noise)
+    less, folds = refits.reduced(search, state, 0), asked[0][2]
     assert np.array_equal(folds[0].plain, state.held_out.plain)
     assert np.array_equal(folds[1].plain, less.held_out.plain)
-    assert not np.allclose(folds[1].plain, search.held_out(less, state).plain)
+    assert not np.allclose(folds[1].plain, prediction.predicted(search, less, state).plain)
 
 
-@pytest.mark.parametrize(("in_common", "stays"), [(0.1, True), (-0.1, False)])
-def test_a_gain_that_presses_do_not_have_in_common_is_not_earned(monkeypatch, in_common, stays):
+@pytest.mark.parametrize(("gain_over_presses", "stays"), [(0.1, True), (-0.1, False)])
+def test_a_gain_that_presses_do_not_have_in_common_is_not_earned(
+    monkeypatch, gain_over_presses, stays
+):
     recorded = small_recording(CONTRAST, noise=NOISE, places=6)
     search, state, noise, kept = searched(recorded, CONTRAST)
-    there, asked = diagnosis._put_aside(search.problem, recorded, noise, kept), []
-    monkeypatch.setattr(Judged, "in_common", lambda self, *of: asked.append(of) or in_common)
-    left, _ = diagnosis._earned(search, state, there, recorded, noise)
+    there, asked = readings.reserve_problem(search.problem, recorded, noise, kept), []
+    monkeypatch.setattr(
+        Reserve, "gain_over_presses", lambda self, *of: asked.append(of) or gain_over_presses
+    )
+    left, _ = earning(search, state, there, recorded, noise)
     assert bool(left.effects) == stays
     after, before, folds = asked[0]
-    assert after is state.fit and before is search.less(state, 0).fit
+    assert after is state.fit and before is refits.reduced(search, state, 0).fit
     assert folds[0] is state.held_out
 
 
@@ -194,7 +223,7 @@ def judging():
 
 def judge(found, readings, white, sizes, unit):
     problem = Problem(found.problem.model, readings, white)
-    return Judged(problem, sizes, 0.0, unit)
+    return Reserve(problem, sizes, 0.0, unit)
 
 
 def test_what_was_put_aside_is_judged_in_its_own_covariance(judging):
@@ -204,7 +233,7 @@ def test_what_was_put_aside_is_judged_in_its_own_covariance(judging):
     noise += 2.0 * white.sd.mean() * draw.choice([-1.0, 1.0], (len(noise), 1))
     readings = np.where(white.mask, found.voltage() + noise, np.nan)
     judged = judge(found, readings, white, sizes, unit)
-    by, by_white = judged.by(found), judged.by_white(found)
+    by, by_white = judged.predicted(found), judged.predicted_in_white(found)
     assert np.isclose(by_white.chi2_per_dof, ((noise / white.sd)[white.mask] ** 2).mean())
     assert by_white.chi2_per_dof > 3.0 and 0.85 < by.chi2_per_dof < 1.15
     assert by.readings == white.mask.sum()
@@ -262,7 +291,7 @@ def test_a_gain_is_that_of_the_log_density(judging):
     judged = judge(found, readings, white, sizes, unit)
     off = Fit(found.problem, [], found.theta + 0.01, found.residual, found.slopes)
     gain, error = judged.gain(found, off)
-    rigged = judged.about(found).problem.whitening
+    rigged = judged.transferred(found).problem.whitening
     here, there = (rigged(np.where(white.mask, readings - f.voltage(), 0.0)) for f in (found, off))
     assert np.isclose(gain, 0.5 * ((there**2).sum() - (here**2).sum()))
     assert np.isclose(error, np.linalg.norm(here - there))
@@ -285,9 +314,9 @@ def test_what_predicts_plainly_worse_does_harm(judging, common):
         HeldOut(np.zeros(1), np.zeros(1), left, left, left.size) for left in (noise, noise + plain)
     )
     for believed in (False, True):
-        assert judged.harms(off, found, (there, here), believed)
-        assert not judged.harms(found, off, (here, there), believed)
-        assert not judged.harms(found, found, (here, here), believed)
+        assert harms(judged, off, found, (there, here), believed)
+        assert not harms(judged, found, off, (here, there), believed)
+        assert not harms(judged, found, found, (here, here), believed)
 
 
 def test_a_little_harm_is_allowed_where_the_covariance_accepts_what_is_left(judging):
@@ -299,9 +328,9 @@ def test_a_little_harm_is_allowed_where_the_covariance_accepts_what_is_left(judg
         HeldOut(np.zeros(1), np.zeros(1), left, left, left.size)
         for left in (noise, 1.02 * noise, 1.2 * noise)
     )
-    assert judged.harms(found, found, (little, here), False)
-    assert not judged.harms(found, found, (little, here), True)
-    assert judged.harms(found, found, (much, here), True)
+    assert harms(judged, found, found, (little, here), False)
+    assert not harms(judged, found, found, (little, here), True)
+    assert harms(judged, found, found, (much, here), True)
 
 
 def test_harm_to_one_press_alone_is_allowed_where_the_covariance_accepts_what_is_left(judging):
@@ -312,8 +341,8 @@ def test_harm_to_one_press_alone_is_allowed_where_the_covariance_accepts_what_is
     here = HeldOut(np.zeros(1), np.zeros(1), noise, noise, noise.size)
     left = np.where(unit == unit[~white.mask].max(), 2.0, 1.0) * noise
     there = HeldOut(np.zeros(1), np.zeros(1), left, left, left.size)
-    assert judged.harms(found, found, (there, here), False)
-    assert not judged.harms(found, found, (there, here), True)
+    assert harms(judged, found, found, (there, here), False)
+    assert not harms(judged, found, found, (there, here), True)
 
 
 def test_one_unit_a_little_worse_is_no_harm(judging):
@@ -325,7 +354,7 @@ def test_one_unit_a_little_worse_is_no_harm(judging):
     )
     judged = judge(found, readings, white, sizes, np.zeros_like(unit))
     for believed in (False, True):
-        assert not judged.harms(found, found, (there, here), believed)
+        assert not harms(judged, found, found, (there, here), believed)
 
 
 @pytest.mark.parametrize("gains", [(9.0, 9.0, 9.0), (40.0, 0.0, 0.0), (40.0, -12.0, -9.0)])
@@ -345,24 +374,27 @@ def test_a_gain_is_in_common_beyond_its_scatter_over_presses(judging, gains):
         for found_density in (density, np.zeros_like(density))
     )
     t = ttest_1samp(gain, 0.0).statistic
-    told = judged.in_common(other, other, (here, there))
+    told = judged.gain_over_presses(other, other, (here, there))
     assert np.isclose(told, gain.sum() - gain.sum() / t if np.ptp(gain) else gain.sum())
     assert (told < 0.0) == (t < 1.0)
     alone = np.where(np.arange(len(label)) == 3, 40.0, 0.0)
     alone = (alone / frames)[np.searchsorted(label, unit[:, 0])]
-    assert abs(judged.in_common(other, other, (replace(here, density=alone), there))) < 1e-6
+    assert abs(judged.gain_over_presses(other, other, (replace(here, density=alone), there))) < 1e-6
     one = judge(found, readings, white, sizes, np.zeros_like(unit))
-    assert one.in_common(other, other, (here, there)) == np.inf
+    assert one.gain_over_presses(other, other, (here, there)) == np.inf
     # Presses that were put aside have a gain of their own.
     off = replace(other, theta=found.theta + 0.3)
     aside = white.mask.any(axis=1)
-    own = np.where(aside, judged.by(other).density - judged.by(off).density, 0.0) + density
+    own = (
+        np.where(aside, judged.predicted(other).density - judged.predicted(off).density, 0.0)
+        + density
+    )
     total = np.array([own[unit[:, 0] == one].sum() for one in label])
     wanted = total.sum() * (1.0 - 1.0 / ttest_1samp(total, 0.0).statistic)
-    assert np.isclose(judged.in_common(other, off, (here, there)), wanted)
+    assert np.isclose(judged.gain_over_presses(other, off, (here, there)), wanted)
     # Where nothing could be put aside these are the same readings, which count once.
     same = judge(found, found.voltage(), seen, sizes, unit)
-    assert np.isclose(same.in_common(other, off, (here, there)), told)
+    assert np.isclose(same.gain_over_presses(other, off, (here, there)), told)
 
 
 def test_touches_of_unknown_force_are_no_presses_to_have_in_common():
@@ -388,9 +420,9 @@ def test_put_aside_leaves_out_what_was_lost(judging):
 @pytest.mark.long
 def test_a_name_beside_much_that_has_none_is_a_candidate(monkeypatch):
     """What has no name opens the coordinates in the search's covariance; not when it is judged."""
-    judged, p_value = [], Judged.p_value
+    judged, p_value = [], Reserve.p_value
     monkeypatch.setattr(
-        Judged, "p_value", lambda self, fit, dof: judged.append(fit) or p_value(self, fit, dof)
+        Reserve, "p_value", lambda self, fit, dof: judged.append(fit) or p_value(self, fit, dof)
     )
     gain = {"name": "measurement-gain", "measures": [4], "parameters": {"gain": 1.5}}
     every = small_recording(gain, noise=1e-4, places=2)
@@ -398,8 +430,8 @@ def test_a_name_beside_much_that_has_none_is_a_candidate(monkeypatch):
     own = 1.0 + 0.01 * np.random.default_rng(5).normal(size=every.voltage.shape[1])
     recorded.voltage = own * recorded.voltage
     found = diagnosis.diagnose(recorded)
-    assert found.after.sizes["static-discrepancy"] > 0.0
-    said = result.result(found, "skin")
+    assert found.after.error_sds["static-discrepancy"] > 0.0
+    said = conclusion.document(found, "skin")
     assert len(judged) > 1 and all(fit.chi2 > 100.0 * found.after.fit.chi2 for fit in judged)
     assert said["effects"][0]["name"] == "measurement-gain"
     assert said["fit"]["held_out"]["chi2_per_dof_after"] > 100.0

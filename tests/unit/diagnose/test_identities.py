@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from eitskin.data.recording import Recording, frames_table
 from eitskin.diagnose import diagnosis
-from eitskin.diagnose.search.gates import CONFUSED
+from eitskin.diagnose.search import refits
+from eitskin.diagnose.search.gates import DISTINCT
 from eitskin.diagnose.search.search import Search
-from eitskin.diagnose.verdict import result
+from eitskin.diagnose.verdict import conclusion
 from eitskin.diagnose.verdict.gaps import gaps
 from eitskin.diagnose.verdict.identities import IDENTITIES, carried, declared, readings
 from eitskin.effects import catalogue_names
@@ -89,12 +90,12 @@ def fitted(recorded: Recording, *items: dict, scopes: tuple = (), noise: float =
     candidates = candidates_of(recorded, problem, scales)
     fold = np.zeros(len(problem.recorded), int)
     search = Search(problem, candidates, fold, seed=1, report=lambda line: None)
-    state = search.state(calibrated(problem))
+    state = refits.explain(search, calibrated(problem))
     for k, item in enumerate(items):
         sites = item.get("drives") or item.get("measures")
         scope = scopes[k] if scopes else ("sparse" if sites else "common")
         for site in sites or [None]:
-            state = search.with_effect(state, _candidate(candidates, item, scope, site))
+            state = refits.with_effect(search, state, _candidate(candidates, item, scope, site))
     return search, state
 
 
@@ -186,7 +187,7 @@ def test_an_ellipse_is_within_the_noise_of_an_anisotropy_in_untouched_frames_alo
     found, snr = sides(still(item, noise=0.0), DIRECTED)
     assert found["_pressed_out_of_round"] < 1e-6 * snr
     found, _ = sides(touched(item), DIRECTED)
-    assert found["_pressed_out_of_round"] > 2.0 * CONFUSED
+    assert found["_pressed_out_of_round"] > 2.0 * DISTINCT.threshold
 
 
 @example_settings(max_examples=15, deadline=None)
@@ -216,14 +217,14 @@ JITTER = {
 def test_places_that_follow_a_stretch_are_an_anisotropy_in_untouched_frames_alone():
     search, state = fitted(still(DIRECTED, noise=0.0), PLACES, scopes=("dense",), noise=5e-3)
     near = {g.rival: g.gap for g in gaps(search, state, 0)}
-    assert max(near["anisotropy"], near["domain-shape"]) < CONFUSED
+    assert max(near["anisotropy"], near["domain-shape"]) < DISTINCT.threshold
     (said,) = readings(search, state, 0, list(near))
     assert "1.30 times as well along 30° as across" in said
     stretched = {"name": "electrode-position", "parameters": {"shift_deg": _stretch_deg()}}
     for recorded in (still(JITTER, noise=0.0), touched(stretched)):
         search, state = fitted(recorded, PLACES, scopes=("dense",), noise=5e-3)
         near = {g.rival: g.gap for g in gaps(search, state, 0)}
-        assert min(near["anisotropy"], near["domain-shape"]) > 2.0 * CONFUSED
+        assert min(near["anisotropy"], near["domain-shape"]) > 2.0 * DISTINCT.threshold
 
 
 def test_an_anisotropy_beside_places_of_their_own_is_an_ellipse_still():
@@ -231,7 +232,7 @@ def test_an_anisotropy_beside_places_of_their_own_is_an_ellipse_still():
     items = DIRECTED, PLACES
     search, state = fitted(still(*items[:1], noise=0.0), *items, scopes=("common", "dense"))
     near = {g.rival: g.gap for g in gaps(search, state, 0)}
-    assert near["domain-shape"] < CONFUSED
+    assert near["domain-shape"] < DISTINCT.threshold
 
 
 def _stretch_deg() -> list[float]:
@@ -287,7 +288,7 @@ def test_a_drift_of_the_conductivity_is_one_of_the_gain_but_for_the_contacts():
 def test_an_identity_breaks(beside, item, broken):
     items = [beside, item] if beside else [item]
     found, _ = sides(touched(*items), *items, index=len(items) - 1)
-    assert all(found[side] > 2.0 * CONFUSED for side in broken)
+    assert all(found[side] > 2.0 * DISTINCT.threshold for side in broken)
 
 
 # ---- drive and measurement
@@ -329,7 +330,7 @@ def test_equal_gains_have_the_electrodes_seat_among_their_names_where_noise_allo
     recorded = touched(*SEATED)
     for noise, same in ((1e-3, False), (0.08, True)):
         search, state = fitted(recorded, *SEATED, noise=noise)
-        near = {g.rival for g in gaps(search, state, 0) if g.gap < CONFUSED}
+        near = {g.rival for g in gaps(search, state, 0) if g.gap < DISTINCT.threshold}
         assert ({"contact-impedance", "electrode-position", "electrode-width"} <= near) == same
 
 
@@ -338,7 +339,7 @@ def test_equal_gains_have_the_electrodes_seat_among_their_names_where_noise_allo
 
 def said(recorded: Recording) -> dict:
     """The only effect of a recording's diagnosis."""
-    (effect,) = result.result(diagnosis.diagnose(recorded), "identity")["effects"]
+    (effect,) = conclusion.document(diagnosis.diagnose(recorded), "identity")["effects"]
     return effect
 
 
@@ -348,7 +349,7 @@ def test_a_diagnosis_of_untouched_frames_names_anisotropy_and_the_ellipse(item):
     effect = said(still(item))
     assert effect["name"] == "anisotropy"
     assert effect["alternatives"][:2] == ["domain-shape", "electrode-position"]
-    assert effect["gap"] < CONFUSED
+    assert effect["gap"] < DISTINCT.threshold
     assert "Measure it with a ruler." in effect["sentence"]
     if item is OVAL:
         assert "1.16 times as long along 0° as across" in effect["sentence"]
@@ -398,7 +399,7 @@ def test_sides_of_an_alternative_are_alternatives_too():
 
 @pytest.mark.long
 def test_a_diagnosis_of_equal_gains_points_at_the_electrodes():
-    found = result.result(diagnosis.diagnose(small_recording(*SEATED)), "gains")["effects"]
+    found = conclusion.document(diagnosis.diagnose(small_recording(*SEATED)), "gains")["effects"]
     assert {effect["name"] for effect in found} == {"drive-gain", "measurement-gain"}
     for effect in found:
         assert "the contact of electrodes 4 and 5 before the board" in effect["sentence"]

@@ -7,7 +7,7 @@ import pytest
 
 from eitskin.diagnose.fitting.fit import _slopes, derivative, fit, stepped, whitened_anew
 from eitskin.diagnose.fitting.jacobian import Jacobian
-from eitskin.diagnose.noise.whitening import RigErrors
+from eitskin.diagnose.noise.whitening import ErrorColumns
 from small_skin import CHANNELS, candidates_of, problem_of, small_recording
 
 GAINS = {"name": "channel-gain", "parameters": {"gain": {"sd": 0.01}}}
@@ -57,7 +57,7 @@ def rigged(problem, each):
     sizes = {"channel": 0, "frame": 0, "whole": 0, each: 2}
     shape, sd = problem.recorded.shape, problem.whitening.sd
     columns = {k: sd * draw.normal(size=(count, *shape)) for k, count in sizes.items()}
-    whitening = replace(problem.whitening, correlation=0.3, errors=RigErrors(**columns))
+    whitening = replace(problem.whitening, correlation=0.3, errors=ErrorColumns(**columns))
     return replace(problem, whitening=whitening)
 
 

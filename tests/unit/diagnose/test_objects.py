@@ -7,17 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from concealed import planted
 from eitskin import cli
 from eitskin.data import recording
 from eitskin.data.importers.description import describe
 from eitskin.data.recording import Recording, frames_table
-from eitskin.diagnose.comparison.difference import difference
-from eitskin.diagnose.comparison.difference_words import compared
-from eitskin.diagnose.comparison.objects import NAME, Disc, Sheet, _coordinates, _discs, _turns
+from eitskin.diagnose.compare.difference import difference
+from eitskin.diagnose.compare.discs import Disc, coordinates_of, derivatives_at, discs_at
+from eitskin.diagnose.compare.objects import NAME
+from eitskin.diagnose.compare.result import comparison
+from eitskin.diagnose.compare.sheet import Sheet
 from eitskin.physics.forward import channel_values
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
+from proof import planted
 from shared_data import shared_data
 from witness import boundary
 from witness.curves import Shape
@@ -54,7 +56,7 @@ def session(
 
 def named(control: Recording, later: Recording) -> list:
     """What is given."""
-    return [one for one in difference(control, later, NAMES).found if one.named]
+    return [one for one in difference(control, later, NAMES).findings if one.named]
 
 
 @pytest.mark.parametrize("voltage", ["signed", "magnitude"])
@@ -62,23 +64,23 @@ def named(control: Recording, later: Recording) -> list:
 def test_objects_are_found_with_their_sign_and_place(inside, voltage):
     one, *more = named(session(1, voltage=voltage), session(2, inside, voltage=voltage))
     assert one.name == NAME and not more
-    discs = one.explained.parts[0].discs
+    discs = one.explanation.signatures[0].discs
     assert len(discs) == len(inside)
     for x, y, _, ratio in inside:
         nearest = min(discs, key=lambda d: np.hypot(R_MM * d.x - x, R_MM * d.y - y))
         assert np.hypot(R_MM * nearest.x - x, R_MM * nearest.y - y) < 0.04 * R_MM
-        assert nearest.conducts is (ratio > 1.0)
-    held = one.inside.held_out
+        assert nearest.conducting is (ratio > 1.0)
+    held = one.object_fit.held_out
     assert held["rms_after"] < 0.3 * held["rms_before"]
 
 
 def test_a_single_frame_each_shows_an_object():
     (one,) = named(session(1, count=1), session(2, (AIR,), count=1))
-    assert one.name == NAME and not one.explained.parts[0].discs[0].conducts
+    assert one.name == NAME and not one.explanation.signatures[0].discs[0].conducting
 
 
 def test_an_empty_tank_shows_nothing():
-    assert difference(session(1), session(2), NAMES).found == []
+    assert difference(session(1), session(2), NAMES).findings == []
 
 
 FAULTS = {
@@ -107,7 +109,7 @@ def test_exchanged_wires_are_no_object():
         channel_values(np.linalg.pinv(admittance), table) for table in (ADJACENT, wires[ADJACENT])
     )
     found = named(control, replace(later, voltage=later.voltage + crossed - there))
-    assert found[0].explained.place == ("electrodes", (4, 9))
+    assert found[0].explanation.place == ("electrodes", (4, 9))
 
 
 SKINS = {
@@ -140,24 +142,24 @@ def test_what_reads_as_no_sheet_is_not_simulated():
         for each in (control, later)
     ]
     for each in (pair, unknown):
-        assert all(one.name != NAME for one in difference(*each, NAMES).found)
+        assert all(one.name != NAME for one in difference(*each, NAMES).findings)
 
 
 def test_slopes_are_derivatives():
     sheet = Sheet(ADJACENT, even_angles(N), False)
-    at = np.concatenate([_coordinates(Disc(0.5, 0.2, 0.15, 5.0)), [-0.4, 0.3, -2.0, -1.0]])
-    slope = sheet.slopes(_discs(at)) @ _turns(at)
+    at = np.concatenate([coordinates_of(Disc(0.5, 0.2, 0.15, 5.0)), [-0.4, 0.3, -2.0, -1.0]])
+    slope = sheet.derivatives(discs_at(at)) @ derivatives_at(at)
     for k in range(len(at)):
         step = np.zeros(len(at))
         step[k] = 1e-4
-        two = [sheet.changed(_discs(at + sign * step)) for sign in (1.0, -1.0)]
+        two = [sheet.change(discs_at(at + sign * step)) for sign in (1.0, -1.0)]
         numeric = (two[0] - two[1]) / 2e-4
         assert np.linalg.norm(slope[:, k] - numeric) < 0.02 * np.linalg.norm(numeric)
 
 
 def test_coordinates_are_those_of_the_disc():
     disc = Disc(0.5, -0.3, 0.2, 0.1)
-    (back,) = _discs(_coordinates(disc))
+    (back,) = discs_at(coordinates_of(disc))
     for key in ("x", "y", "radius", "ratio"):
         assert getattr(back, key) == pytest.approx(getattr(disc, key))
 
@@ -177,9 +179,9 @@ def test_the_entry_says_where_and_how_sure(tmp_path, capsys, monkeypatch):
     assert thing["contrast"]["value"] < 1.0
     assert "an insulating one at" in capsys.readouterr().out
     nowhere = [session(s, i, radius_mm=None) for s, i in ((1, ()), (2, (DRY,)))]
-    told, entry = compared(*nowhere, NAMES)
-    assert entry["found"][0]["objects"][0]["x_mm"] is None
-    assert "of the radius from the centre" in told[0]
+    said = comparison(*nowhere, NAMES)
+    assert said["difference"]["found"][0]["objects"][0]["x_mm"] is None
+    assert "of the radius from the centre" in said["sentences"][0]
 
 
 def test_a_part_of_a_file_is_compared(tmp_path, capsys):

@@ -25,7 +25,7 @@ from diagnosed_skin import (
 from eitskin import plotting
 from eitskin.diagnose.report import evidence, figures, page
 from eitskin.diagnose.verdict import rig_words
-from eitskin.diagnose.verdict.result import OF_A_PART
+from eitskin.diagnose.verdict.conclusion import OF_A_PART
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
 from eitskin.quantities import MINUS

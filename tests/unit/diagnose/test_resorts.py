@@ -8,11 +8,12 @@ import pytest
 from eitskin.data import importers
 from eitskin.data.subset import of_frames
 from eitskin.diagnose import diagnosis
+from eitskin.diagnose.fitting.candidates import replaces_instrument
 from eitskin.diagnose.fitting.fit import fit
-from eitskin.diagnose.search import resorts
-from eitskin.diagnose.search.search import Search
-from eitskin.diagnose.search.start import Start
-from eitskin.diagnose.verdict import result
+from eitskin.diagnose.search import growth, last_resorts, prediction, refits, staging
+from eitskin.diagnose.search.gates import TOLD
+from eitskin.diagnose.search.starting_point import StartingPoint
+from eitskin.diagnose.verdict import conclusion
 from shared_data import shared_data
 from small_skin import candidates_of, problem_of, small_recording
 
@@ -31,7 +32,7 @@ def groups():
     every = candidates_of(recorded, problem, scales)
     last = [c for c in every if c.effect.last_resort]
     ordinary = [c for c in every if not c.effect.last_resort]
-    return problem, list(resorts.tried(ordinary, last))
+    return problem, list(last_resorts.groups(ordinary, last))
 
 
 def test_each_is_tried_alone_and_with_what_it_calls_for(groups):
@@ -41,20 +42,25 @@ def test_each_is_tried_alone_and_with_what_it_calls_for(groups):
     assert names[1::2] == [["ground-return", "common-mode"]] * (len(names) // 2)
     assert len({tuple(group[0].start.items()) for group in tried}) == len(names) // 2 > 1
     for alone, both in zip(tried[::2], tried[1::2], strict=True):
-        assert len(resorts.starts(alone)) == 1 < len(resorts.starts(both))
-        assert {len(start) for start in resorts.starts(both)} == {2}
-        assert resorts.foreign(both) and not resorts.foreign(both[1:])
+        assert (
+            len(last_resorts.start_coordinates(alone))
+            == 1
+            < len(last_resorts.start_coordinates(both))
+        )
+        assert {len(start) for start in last_resorts.start_coordinates(both)} == {2}
+        assert replaces_instrument(both) and not replaces_instrument(both[1:])
 
 
 def test_a_size_that_might_be_anything_is_not_told(groups):
     problem, ((alone, *_), *_) = groups
     nothing = replace(alone, start={"siemens": 1e-9})  # far below the noise, whatever its size
     size = len(problem.model.calibrations)
-    assert not resorts.told(fit(problem, [nothing], np.zeros(size + 1), enough=0.0))
+    unfitted = fit(problem, [nothing], np.zeros(size + 1), enough=0.0)
+    assert not TOLD.admits(last_resorts.size_sd(unfitted))
     recorded = small_recording(*AGAINST_GROUND[:1], noise=NOISE)
     seen = replace(problem, recorded=recorded.voltage)
     large = replace(alone, start={"siemens": SIEMENS})
-    assert resorts.told(fit(seen, [large], np.zeros(size + 1)))
+    assert TOLD.admits(last_resorts.size_sd(fit(seen, [large], np.zeros(size + 1))))
 
 
 @pytest.mark.long
@@ -64,44 +70,45 @@ def test_a_source_against_ground_is_named_with_its_sizes_and_never_certain():
     assert [c.name for c in found.after.effects] == ["ground-return", "common-mode"]
     assert first.values["siemens"] == pytest.approx(SIEMENS, rel=0.02)
     assert second.values["ratio"] == pytest.approx(RATIO, rel=0.02)
-    assert found.judged.p_value(found.after.fit, found.noise.dof) == 0.0
+    assert found.reserve.p_value(found.after.fit, found.noise.dof) == 0.0
 
 
 def test_what_is_not_borne_out_leaves_nothing_of_its_noise(monkeypatch):
     """Neither in the covariance nor among what is kept of the sets that were met."""
     recorded = small_recording(*AGAINST_GROUND, noise=NOISE)
-    _, search, _ = diagnosis.begun(recorded, 1)
+    _, search, _ = staging.prepared(recorded, 1)
     plain = search.problem
-    before = search.calibrated()
+    search, before = refits.calibrated(search)
     rig = search.rig
-    monkeypatch.setattr(resorts, "told", lambda fitted: False)
-    assert search.unlike(before) and search._otherwise(before) is None
-    assert search.problem is plain and search.rig is rig and not search.met
-    assert search.unlike(before)
+    monkeypatch.setattr(last_resorts, "size_sd", lambda fitted: np.inf)
+    assert prediction.is_unlike(search, before)
+    untold, found = last_resorts.another_instrument(search, before)
+    assert found is None and untold.problem is plain and untold.rig is rig
+    assert not untold.cache.met and untold.unblurred is None
     monkeypatch.undo()
-    found = search._otherwise(before)
-    assert resorts.foreign(found.effects) and search.problem is not plain
+    blurred, found = last_resorts.another_instrument(search, before)
+    assert replaces_instrument(found.effects) and blurred.problem is not plain
     # A set of less is one of the same noise.
-    less = search.less(found, 1)
-    assert less.fit.problem.whitening is search.problem.whitening
-    monkeypatch.setattr(Search, "_confirmed", lambda self, state: before)
-    search.unblur()
-    assert search.problem is plain
-    again, state = search.run(Start.of(found))
-    assert search.problem is not plain and resorts.foreign(state.effects)
+    less = refits.reduced(blurred, found, 1)
+    assert less.fit.problem.whitening is blurred.problem.whitening
+    assert blurred.restored().problem is plain and blurred.restored().rig is rig
+    monkeypatch.setattr(growth, "_confirmed", lambda search, explanation: before)
+    start = StartingPoint.from_explanation(found)
+    ended, again, state = growth.run(search, start)
+    assert ended.problem is not plain and replaces_instrument(state.effects)
     assert not again.effects
 
 
 def test_untouched_frames_in_noise_of_their_own_making_begin_nothing():
     recorded = small_recording(*AGAINST_GROUND, noise=NOISE)
-    _, search, _ = diagnosis.begun(recorded, 1)
-    assert diagnosis._untouched_first(search, recorded, 1, lambda line: None) is None
+    _, search, _ = staging.prepared(recorded, 1)
+    assert staging._untouched_first(search, recorded, 1) is None
 
 
 def test_a_last_resort_is_not_among_what_could_not_be_shown():
     recorded = small_recording(noise=NOISE, places=1)
     found = diagnosis.diagnose(recorded)
-    assert "ground-return" not in result.unobservable(found)
+    assert "ground-return" not in conclusion.unobservable(found)
 
 
 @pytest.mark.long
@@ -111,7 +118,7 @@ def test_the_real_hydrogel_skin_has_candidates_with_the_intervals_that_its_misfi
     found = diagnosis.diagnose(of_frames(recorded, np.arange(len(recorded.frames)) < 120))
     assert [c.name for c in found.after.effects] == ["ground-return", "common-mode"]
     sd = np.sqrt(np.diag(found.after.fit.covariance))
-    assert 0.1 < sd[found.after.fit.place(0)][0] < resorts.TOLD
+    assert 0.1 < sd[found.after.fit.place(0)][0] < TOLD.threshold
     before, after = (
         np.sqrt(np.nanmean((recorded.voltage[:120] - f.voltage()) ** 2))
         for f in (found.before.fit, found.after.fit)

@@ -13,11 +13,11 @@ from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.search import channels
 from eitskin.diagnose.search.screen import (
-    Null,
+    NullDistribution,
     best_few,
-    chance,
+    chance_p_value,
     log_evidence,
-    null,
+    null_distribution,
     score,
     sparse,
     subset,
@@ -77,7 +77,7 @@ def test_a_score_s_p_value_is_uniform_by_chance(tangents, columns):
 
 def test_the_least_p_value_of_the_catalogue_is_calibrated(tangents, columns):
     chosen = [c for c, _ in columns.values()]
-    nothing = null(tangents, chosen, 0, 1)
+    nothing = null_distribution(tangents, chosen, 0, 1)
     draw = np.random.default_rng(2)
     found = []
     for _ in range(DRAWS):
@@ -101,14 +101,14 @@ def test_the_choice_of_the_best_few_sites_counts(tangents, columns):
     often = binom.ppf(0.999, len(several), 0.05)
     assert sum(s.p_value < 0.05 for s in few_drives if s) <= often
     assert sum(s.p_value < 0.05 for s in few_channels if s) <= often
-    assert sum(chance(s.gain, s.dof) < 0.05 for s in few_channels if s) > 5 * often
+    assert sum(chance_p_value(s.gain, s.dof) < 0.05 for s in few_channels if s) > 5 * often
 
 
 def test_chance_of_the_best_of_several_choices():
-    assert chance(9.0, 1) == chdtrc(1, 9.0)
-    assert chance(9.0, 1, 100) == pytest.approx(1 - (1 - chdtrc(1, 9.0)) ** 100)
-    assert chance(200.0, 1, 100) == pytest.approx(100 * chdtrc(1, 200.0))
-    assert chance(-3.0, 1, 100) == 1.0
+    assert chance_p_value(9.0, 1) == chdtrc(1, 9.0)
+    assert chance_p_value(9.0, 1, 100) == pytest.approx(1 - (1 - chdtrc(1, 9.0)) ** 100)
+    assert chance_p_value(200.0, 1, 100) == pytest.approx(100 * chdtrc(1, 200.0))
+    assert chance_p_value(-3.0, 1, 100) == 1.0
 
 
 def test_a_channel_that_is_fitted_already_has_nothing_to_gain(tangents):
@@ -150,7 +150,10 @@ def test_a_channel_whose_gain_is_all_but_an_offset_is_told_as_in_double_precisio
 
 
 def test_further_looks_count():
-    alone, many = Null(np.linspace(0.0, 1.0, 1001), 0), Null(np.linspace(0.0, 1.0, 1001), 500)
+    alone, many = (
+        NullDistribution(np.linspace(0.0, 1.0, 1001), 0),
+        NullDistribution(np.linspace(0.0, 1.0, 1001), 500),
+    )
     assert many.p_value(1e-3) > alone.p_value(1e-3) + 0.3
 
 

@@ -8,24 +8,34 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from calibration.trial import true_gaps
 from eitskin import cores
 from eitskin.data.recording import Recording, presses
 from eitskin.diagnose import diagnosis
+from eitskin.diagnose.fitting import query, readings
 from eitskin.diagnose.fitting.fit import fit, promised, stepped, whitened_anew
 from eitskin.diagnose.fitting.tangents import Tangents
-from eitskin.diagnose.noise.rig import COMPONENTS
-from eitskin.diagnose.noise.rig_sizes import SETTLED
-from eitskin.diagnose.search import fitting, proposals, search
+from eitskin.diagnose.noise.component_sds import SETTLED
+from eitskin.diagnose.noise.components import COMPONENTS
+from eitskin.diagnose.search import growth, prediction, proposals, refits, search, staging
+from eitskin.diagnose.search.explanation import Explanation
+from eitskin.diagnose.search.gates import (
+    CHANCE,
+    COMPETING,
+    EVIDENCE,
+    GROSS_MISFIT,
+    PLACE,
+    UNLIKE,
+)
+from eitskin.diagnose.search.journal import Journal, Refusal
 from eitskin.diagnose.search.screen import NULL_DRAWS, score
-from eitskin.diagnose.search.search import Search
-from eitskin.diagnose.search.start import Start
-from eitskin.diagnose.search.state import State
-from eitskin.diagnose.verdict import result
+from eitskin.diagnose.search.search import Cache, Search
+from eitskin.diagnose.search.starting_point import StartingPoint
+from eitskin.diagnose.verdict import conclusion, record
 from eitskin.diagnose.verdict.atlas import atlas
 from eitskin.diagnose.verdict.corrected import items
 from eitskin.effects import EFFECTS
 from eitskin.errors import InputError
+from proof.refit import true_gaps
 from small_skin import (
     CHANNELS,
     SKIN,
@@ -52,8 +62,13 @@ def contact():
     return recorded, diagnosis.diagnose(recorded)
 
 
+def fresh(search):
+    """A search that has not computed anything but the null distribution."""
+    return replace(search, cache=Cache(null=search.cache.null), journal=Journal())
+
+
 def test_nothing_missing_is_consistent():
-    said = result.result(diagnosis.diagnose(small_recording(noise=NOISE, places=4)), "null")
+    said = conclusion.document(diagnosis.diagnose(small_recording(noise=NOISE, places=4)), "null")
     assert said["verdict"] == "consistent" and said["effects"] == []
     assert 0.8 < said["fit"]["held_out"]["chi2_per_dof_after"] < 1.25
     conductivity = said["calibration"]["conductivity_S_per_m"]
@@ -64,7 +79,7 @@ def test_what_else_could_be_there_is_held_against_the_covariance_of_what_is_name
     """Chi squared rises by twice what the log density falls by: a rival has no discrepancy of its
     own in which its misfit would be hidden."""
     _, found = contact
-    table = result._rivals(found)
+    table = record._rivals(found)
     assert table["effect"].tolist() == ["", *["contact-impedance"] * len(found.rivals[0])]
     rise = table["chi2_per_dof"] - table["chi2_per_dof"][0]
     assert 0.8 < table["chi2_per_dof"][0] < 1.25 and table["elpd_difference"][0] == 0.0
@@ -77,12 +92,12 @@ def test_loud_frames_are_numbered_as_in_the_recording_that_an_excerpt_is_of(cont
     thinned = replace(
         recorded, frames=recorded.frames.assign(frame=3 * recorded.frames["frame"] + 1)
     )
-    found = replace(found, recorded=thinned, noise=replace(found.noise, loud_frames=(2, 5)))
-    assert result.result(found, "contact")["noise"]["loud_frames"] == [7, 16]
+    found = replace(found, recording=thinned, noise=replace(found.noise, loud_frames=(2, 5)))
+    assert conclusion.document(found, "contact")["noise"]["loud_frames"] == [7, 16]
 
 
 def test_one_effect_is_found(contact):
-    said = result.result(contact[1], "contact")
+    said = conclusion.document(contact[1], "contact")
     assert said["verdict"] == "explained"
     (effect,) = said["effects"]
     assert (effect["name"], effect["electrodes"], effect["scope"]) == (
@@ -101,7 +116,7 @@ def test_a_further_site_must_earn_what_an_effect_must(ratio, electrodes):
     """The second contact is worth one nat at a ratio of 1.1, over ten at 1.25."""
     both = {**CONTACT, "electrodes": [3, 6], "parameters": {"ratio": [1.7, ratio]}}
     found = diagnosis.diagnose(small_recording(both, noise=NOISE, places=4))
-    (effect,) = result.result(found, "further")["effects"]
+    (effect,) = conclusion.document(found, "further")["effects"]
     assert (effect["name"], effect["electrodes"]) == ("contact-impedance", electrodes)
 
 
@@ -109,16 +124,17 @@ def test_an_effect_gives_way_to_itself_at_further_sites_as_to_no_other(contact):
     _, found = contact
     (effect,) = found.after.effects
     more = replace(effect, sites=(3, 6, 7))
-    assert search._lead(effect, more) == 2 * search.LEAST_EVIDENCE
+    lead = growth._further_sites(effect, more) + PLACE.threshold
+    assert lead == 2 * EVIDENCE.threshold
     width = next(c for c in found.search.candidates if c.name == "electrode-width" and c.sites)
     for other in (replace(more, scope="dense"), replace(more, sites=(6, 7)), width):
-        assert search._lead(effect, other) == search.LEAD
+        assert growth._further_sites(effect, other) == 0.0
 
 
 @pytest.mark.long
 def test_swapped_wires_are_found_beside_another_fault():
     recorded = small_recording(SWAP, MEMORY, noise=NOISE, places=2)
-    said = result.result(diagnosis.diagnose(recorded), "swapped")
+    said = conclusion.document(diagnosis.diagnose(recorded), "swapped")
     found = {effect["name"]: effect for effect in said["effects"]}
     assert set(found) == {"electrode-swap", "multiplexer-memory"}
     assert found["electrode-swap"]["electrodes"] == [1, 5]
@@ -129,53 +145,54 @@ def test_swapped_wires_are_found_beside_another_fault():
 
 def test_what_few_frames_showed_must_stand_on_all_of_them(contact):
     recorded, found = contact
-    _, again, _ = diagnosis.begun(recorded, 1)
+    _, again, _ = staging.prepared(recorded, 1)
     few = found.after
-    _, after = again.run(Start.of(few))
+    again, _, after = growth.run(again, StartingPoint.from_explanation(few))
     assert [c.key for c in after.effects] == [c.key for c in few.effects]
-    begun = [row for row in again.path if row["action"] == "start"]
+    begun = [row for row in again.journal.steps if row["action"] == "start"]
     assert [(row["effect"], row["sites"]) for row in begun] == [("contact-impedance", "3")]
-    assert begun[0]["p_value"] == few.p_value(few.effects[0]) < search.SIGNIFICANT
-    assert after.p_value(after.effects[0]) < search.SIGNIFICANT
+    assert begun[0]["p_value"] == few.p_value(few.effects[0]) < CHANCE.threshold
+    assert after.p_value(after.effects[0]) < CHANCE.threshold
     # One value too many, found on frames that said so alone.
     more = next(c for c in again.candidates if c.name == "measurement-gain" and c.scope == "sparse")
     theta = np.r_[few.fit.theta, np.zeros(more.size)]
     both = fit(again.problem, [*few.effects, more], theta, polish=True)
-    known = again.state(both, dict(few.p_values), few.sizes)
-    confirmed = again._confirmed(known)
+    known = refits.explain(again, both, dict(few.p_values), few.error_sds)
+    confirmed = growth._confirmed(again, known)
     assert [c.name for c in confirmed.effects] == ["contact-impedance"]
     nothing = small_recording(noise=NOISE, places=4)
-    _, none, _ = diagnosis.begun(nothing, 1)
-    none.calibrated()
+    _, none, _ = staging.prepared(nothing, 1)
+    none, _ = refits.calibrated(none)
     only = fit(none.problem, few.effects, few.fit.theta, polish=True)
-    assert none._confirmed(none.state(only)).effects == []
+    assert growth._confirmed(none, refits.explain(none, only)).effects == []
 
 
 def test_the_best_of_the_rest_is_that_of_the_set_that_is_left(contact):
     _, found = contact
-    again, before = replace(found.search), found.before
-    again.catalogue_of, again.catalogue_p = found.after.key, 1.0
-    again.renew_catalogue_p(before)
-    assert again.catalogue_p == again.global_p(min(s.p_value for s in again.scores(before))) < 0.01
+    cache = replace(found.search.cache, best_refused=(found.after.key, 1.0))
+    again, before = replace(found.search, cache=cache), found.before
+    least = min(s.p_value for s in proposals.scores(again, before))
+    assert proposals.refused_p_value(again, found.after) == 1.0
+    assert proposals.refused_p_value(again, before) == proposals.global_p(again, least) < 0.01
 
 
 @pytest.mark.long
 def test_a_search_on_few_frames_goes_on_with_all(monkeypatch):
     weak = {"name": "multiplexer-memory", "parameters": {"mu": 2e-4}}
-    monkeypatch.setattr(diagnosis, "FIRST_FRAMES", 11)
+    monkeypatch.setattr(staging, "FIRST_FRAMES", 11)
     found = diagnosis.diagnose(small_recording(CONTACT, weak, noise=NOISE))
     assert [effect.name for effect in found.after.effects] == [
         "contact-impedance",
         "multiplexer-memory",
     ]
-    steps = [(step["action"], step["effect"]) for step in found.search.path]
+    steps = [(step["action"], step["effect"]) for step in found.search.journal.steps]
     assert steps == [
         ("calibrate", ""),
         ("start", "contact-impedance"),
         ("add", "multiplexer-memory"),
     ]
-    monkeypatch.setattr(diagnosis, "FIRST_SHARE", 0.0)
-    unbegun = diagnosis.diagnose(small_recording(CONTACT, weak, noise=NOISE)).search.path
+    monkeypatch.setattr(staging, "FIRST_SHARE", 0.0)
+    unbegun = diagnosis.diagnose(small_recording(CONTACT, weak, noise=NOISE)).search.journal.steps
     assert "start" not in [step["action"] for step in unbegun]
     assert unbegun[-1]["action"] == "cut short"
 
@@ -185,19 +202,19 @@ def test_equal_seeds_give_equal_diagnoses_on_any_number_of_cores(contact, monkey
     other = 1 if cores.allowed() > 1 else 3
     monkeypatch.setenv("OMP_NUM_THREADS", str(other))
     again = diagnosis.diagnose(recorded)
-    assert result.result(again, "x") == result.result(found, "x")
+    assert conclusion.document(again, "x") == conclusion.document(found, "x")
 
 
 def test_what_begins_on_a_few_frames_is_the_same_on_any_number_of_cores(contact, monkeypatch):
-    monkeypatch.setattr(diagnosis, "FIRST_FRAMES", len(contact[0].frames) // 2)
+    monkeypatch.setattr(staging, "FIRST_FRAMES", len(contact[0].frames) // 2)
     found = []
     for count in (1, 2):
         monkeypatch.setenv("OMP_NUM_THREADS", str(count))
         found.append(diagnosis.diagnose(contact[0]))
-        assert "start" in [step["action"] for step in found[-1].search.path]
+        assert "start" in [step["action"] for step in found[-1].search.journal.steps]
     one, two = found
-    assert result.result(one, "x") == result.result(two, "x")
-    assert one.search.problem.model.near.spent == two.search.problem.model.near.spent
+    assert conclusion.document(one, "x") == conclusion.document(two, "x")
+    assert one.search.problem.model.near.effort == two.search.problem.model.near.effort
 
 
 def test_the_recovered_effect_in_a_clean_simulation_has_the_same_atlas(contact):
@@ -208,7 +225,7 @@ def test_the_recovered_effect_in_a_clean_simulation_has_the_same_atlas(contact):
     again = replace(recorded, voltage=clean.voltage + sd * draw.normal(size=clean.voltage.shape))
     atlases = []
     for one in (recorded, again):
-        problem, _ = diagnosis.problem_of(one, found.noise)
+        problem, _ = readings.problem_of(one, found.noise)
         fitted = calibrated(problem)
         jacobian = fitted.jacobian.reshape(1, -1).T
         atlases.append(atlas(one, fitted.residual, fitted.voltage() / sd, jacobian))
@@ -232,15 +249,15 @@ def p_values(recorded, residual, *names, sites=None):
 def chance_p_values(search, draws):
     """(draws,): global p-values of the best candidates where a recording's misfit is white noise,
     seen from one fit."""
-    state = search.calibrated()
-    seen = search.linearised(state)
+    search, state = refits.calibrated(search)
+    seen = refits.linearised(search, state)
     draw = np.random.default_rng(7)
     found = []
     for _ in range(draws):
         seen.residual = seen.away(draw.normal(size=seen.residual.size))
-        search.scored.clear()
-        least = min(s.p_value for s in search.scores(state))
-        found.append(search.global_p(least))
+        search.cache.scores.clear()
+        least = min(s.p_value for s in proposals.scores(search, state))
+        found.append(proposals.global_p(search, least))
     return np.array(found)
 
 
@@ -267,22 +284,24 @@ def test_chance_seldom_gives_a_small_global_p_value_in_the_whole_catalogue():
     for seed in (1, 2, 3):
         case = cases.draw("null", seed)
         recorded = Recording(case.states, case.voltage, None, None, dict(case.metadata))
-        p.append(chance_p_values(diagnosis.begun(recorded, 1)[1], 100))
+        p.append(chance_p_values(staging.prepared(recorded, 1)[1], 100))
     assert seldom(np.concatenate(p))
 
 
 def test_an_effect_has_the_p_value_of_its_own_score():
     faint = {**CONTACT, "parameters": {"ratio": 1.25}}
-    _, one, _ = diagnosis.begun(small_recording(faint, noise=NOISE, places=4), 1)
-    state = one.calibrated()
-    scores = one.scores(state)
-    trials = one.tried(state, scores)
+    _, one, _ = staging.prepared(small_recording(faint, noise=NOISE, places=4), 1)
+    one, state = refits.calibrated(one)
+    scores = proposals.scores(one, state)
+    trials = proposals.trials(one, state, scores)
     p = {t.effects[-1].key: t.p_values[t.effects[-1].key] for t in trials}
     for s, trial in ((s, t) for s in scores for t in trials if t.effects[-1] == s.candidate):
         gain = 2.0 * (trial.log_likelihood - state.log_likelihood)
         dof = max(s.dof, s.candidate.size)
-        assert p[s.candidate.key] == one.global_p(replace(s, gain=max(gain, 0), dof=dof).p_value)
-    assert min(p.values()) < search.SIGNIFICANT < max(p.values())
+        assert p[s.candidate.key] == proposals.global_p(
+            one, replace(s, gain=max(gain, 0), dof=dof).p_value
+        )
+    assert min(p.values()) < CHANCE.threshold < max(p.values())
 
 
 def off_in_force(share, *effects):
@@ -296,14 +315,12 @@ def off_in_force(share, *effects):
 
 def test_trials_of_other_processes_are_of_this_search(contact, monkeypatch):
     found = contact[1]
-    held, state = found.search, found.before
-    for kept in ("met", "scored", "trials"):
-        monkeypatch.setattr(held, kept, {})
-    trials = held.tried(state, held.scores(state))
+    held, state = fresh(found.search), found.before
+    trials = proposals.trials(held, state, proposals.scores(held, state))
     assert len(trials) > 2
     for trial in trials:
         problem = trial.fit.problem
-        assert trial.fold is held.fold and problem.model.near is held.problem.model.near
+        assert trial.folds is held.folds and problem.model.near is held.problem.model.near
         assert problem.model is held.problem.model and problem.recorded is held.problem.recorded
         assert trial.rig is state.rig
         assert all(one.effect is EFFECTS[one.name] for one in trial.effects)
@@ -316,45 +333,44 @@ def test_trials_of_other_processes_are_of_this_search(contact, monkeypatch):
 def test_what_trials_solve_counts_for_those_that_follow(contact, monkeypatch):
     found = contact[1]
     held, state, near = found.search, found.before, found.search.problem.model.near
-    begun, seen = near.spent, []
-    monkeypatch.setattr(fitting, "TOGETHER", 2)
+    begun, seen = near.effort, []
+    monkeypatch.setattr(refits, "PROCESSES", 2)
 
     def solving(part):
-        seen.append(near.spent - begun)
-        near.spent += 10.0
-        return near.spent - begun - 10.0
+        seen.append(near.effort - begun)
+        near.effort += 10.0
+        return near.effort - begun - 10.0
 
-    assert held.fits(state, solving, range(5)) == [0.0, 0.0, 20.0, 20.0, 40.0]
-    assert near.spent == begun + 50.0 and not seen
-    near.spent = begun
+    assert refits.in_processes(held, state, solving, range(5)) == [0.0, 0.0, 20.0, 20.0, 40.0]
+    assert near.effort == begun + 50.0 and not seen
+    near.effort = begun
 
 
 def test_what_an_effect_leaves_is_fitted_once(contact, monkeypatch):
     found = contact[1]
-    held, state = found.search, found.after
-    monkeypatch.setattr(held, "met", {})
-    monkeypatch.setattr(held, "lesser", {})
-    less = held.less(state, 0)
-    assert held.less(state, 0).fit is less.fit
+    held, state = fresh(found.search), found.after
+    less = refits.reduced(held, state, 0)
+    assert refits.reduced(held, state, 0).fit is less.fit
     other = replace(state, fit=replace(state.fit, theta=state.fit.theta + 0.01))
-    assert held.less(other, 0).fit is not less.fit
+    assert refits.reduced(held, other, 0).fit is not less.fit
 
 
 def test_names_that_a_rig_error_holds_are_found_as_if_all_were_scored_without_it(monkeypatch):
-    _, held, _ = diagnosis.begun(off_in_force(0.05, STIFF), 1)
-    state = held.calibrated()
-    assert state.sizes["force-per-press"] > 0.0
-    monkeypatch.setattr(proposals, "COMPETING", 100)
-    found = {s.candidate.key: s for s in held._without_component(state, "force-per-press", set())}
-    without = {**state.sizes, "force-per-press": 0.0}
-    here = held.linearised(state).fit
+    _, held, _ = staging.prepared(off_in_force(0.05, STIFF), 1)
+    held, state = refits.calibrated(held)
+    assert state.error_sds["force-per-press"] > 0.0
+    monkeypatch.setitem(vars(COMPETING), "threshold", 100)
+    ranked = proposals._without_component(held, state, "force-per-press", set())
+    found = {s.candidate.key: s for s in ranked}
+    without = {**state.error_sds, "force-per-press": 0.0}
+    here = refits.linearised(held, state).fit
     problem = replace(here.problem, whitening=state.rig.whitening(without, fitted=True))
     seen = Tangents(whitened_anew(here, problem))
     best = {}
-    for one in held.scores(state):
+    for one in proposals.scores(held, state):
         if one.candidate.scope != "dense" and one.information is not None:
             own = score(seen, one.candidate)
-            if own is not None and held.global_p(own.p_value) < search.SIGNIFICANT:
+            if own is not None and proposals.global_p(held, own.p_value) < CHANCE.threshold:
                 kept = best.setdefault(one.candidate.name, own)
                 best[one.candidate.name] = min(kept, own, key=lambda s: s.p_value)
     assert "touch-contrast" in best
@@ -364,11 +380,11 @@ def test_names_that_a_rig_error_holds_are_found_as_if_all_were_scored_without_it
 def test_a_trial_whose_own_score_chance_gives_does_not_enter(contact, monkeypatch):
     found, before = contact[1].search, contact[1].before
     trials = [
-        replace(t, p_values={t.effects[-1].key: search.SIGNIFICANT})
-        for t in found.tried(before, found.scores(before))
+        replace(t, p_values={t.effects[-1].key: CHANCE.threshold})
+        for t in proposals.trials(found, before, proposals.scores(found, before))
     ]
-    monkeypatch.setattr(Search, "tried", lambda self, state, scores: trials)
-    assert replace(found)._add(before) is None
+    monkeypatch.setattr(growth, "trials", lambda search, explanation, ranked: trials)
+    assert growth._add(found, before) is None
 
 
 def test_shuffled_times_take_the_evidence_of_a_drift():
@@ -389,28 +405,29 @@ def test_shuffled_channels_take_the_evidence_of_a_contact(contact):
 
 @pytest.mark.parametrize("wins", [False, True])
 def test_a_second_growth_that_loses_leaves_no_trace(contact, monkeypatch, wins):
-    held, state = replace(contact[1].search, trials={}), contact[1].before
-    held.met, held.tangents = dict(held.met), dict(held.tangents)
-    held.linearised(state)
-    held.trials[state.key] = state.fit, [contact[1].after]
+    state = contact[1].before
+    held = replace(contact[1].search, cache=contact[1].search.cache.branch())
+    met = held.cache.met
+    refits.linearised(held, state)
+    held.cache.trials[state.key] = state.fit, [contact[1].after]
     other = replace(state, fit=replace(state.fit))
 
-    def grown(self, _state):
-        self.linearised(other)
+    def grown(branch, _explanation):
+        refits.linearised(branch, other)
         return replace(other, log_evidence=np.inf if wins else -np.inf)
 
-    monkeypatch.setattr(Search, "_explained", grown)
-    found = held._rival(state, state, held.candidates)
-    assert (held.met[state.key] is other) == wins == (found.fit is other.fit)
+    monkeypatch.setattr(growth, "_explained", grown)
+    found = growth._rival(held, state, state, held.candidates)
+    met = held.cache.met[state.key]
+    assert (met is other) == wins == (found.fit is other.fit)
     if not wins:
-        assert held.tried_beside(held.met[state.key]) == [contact[1].after]
+        assert proposals.cached_trials(held, met) == [contact[1].after]
 
 
 def test_a_broken_wire_is_no_name_where_the_readings_are_of_no_such_skin(monkeypatch):
     recorded = small_recording(SWAP, noise=NOISE, places=2)
-    monkeypatch.setattr(fitting, "ALIKE", 1.1)
-    for module in (fitting, proposals, search):
-        monkeypatch.setattr(module, "GROSS", 0.1)
+    monkeypatch.setitem(vars(UNLIKE), "threshold", 1.1)
+    monkeypatch.setitem(vars(GROSS_MISFIT), "threshold", 0.1)
     found = diagnosis.diagnose(recorded)
     assert found.after.effects == [] and found.other.sentence.startswith("The readings are not")
 
@@ -421,12 +438,12 @@ def test_readings_in_an_order_or_polarity_of_their_own_get_no_name(wrong):
     order = np.random.default_rng(1).permutation(len(CHANNELS))
     recorded.voltage = recorded.voltage[:, order] if wrong == "order" else -recorded.voltage
     found = diagnosis.diagnose(recorded)
-    said = result.result(found, wrong)
+    said = conclusion.document(found, wrong)
     assert (said["verdict"], said["effects"]) == ("unexplained", [])
-    likeness = found.search.likeness(found.after)
+    likeness = prediction.likeness(found.search, found.after)
     assert abs(likeness) < 0.1 if wrong == "order" else likeness < -0.99
     assert "Order and polarity" in said["other"]["sentence"]
-    assert "unlike" in {step["action"] for step in found.search.path}
+    assert "unlike" in {step["action"] for step in found.search.journal.steps}
 
 
 def test_turned_electrode_labels_turn_the_answer(contact):
@@ -465,7 +482,7 @@ def test_an_effect_is_taken_out_where_no_skin_has_the_rest_alone():
     search = Search(
         problem, every, np.zeros(len(recorded.frames), int), seed=1, report=lambda line: None
     )
-    less = search.without(State(both, search.fold, 0.0, 0.0), 1)
+    less = refits.without(search, Explanation(both, search.folds, 0.0, 0.0), 1)
     assert (
         less.effects == effects[:1]
         and less.fit.chi2 < (problem.residual(np.zeros(2), effects[:1]) ** 2).sum()
@@ -473,7 +490,7 @@ def test_an_effect_is_taken_out_where_no_skin_has_the_rest_alone():
     found = SimpleNamespace(
         after=SimpleNamespace(fit=both), noise=SimpleNamespace(sd=np.full(len(CHANNELS), NOISE))
     )
-    changes, _ = result._changes(found, problem.whitening.mask)
+    changes, _ = record._changes(found, problem.whitening.mask)
     assert np.isfinite(changes[0]).all() and np.isnan(changes[1]).all()
 
 
@@ -488,11 +505,11 @@ def test_a_body_is_found_from_beliefs_where_a_sheet_took_the_calibrations_astray
     search = Search(
         problem, every, np.zeros(len(recorded.frames), int), seed=1, report=lambda line: None
     )
-    sheet = search.calibrated()
+    search, sheet = refits.calibrated(search)
     assert sheet.fit.chi2 > 2.0 * problem.whitening.size and sheet.fit.theta.max() > 5.0
     shallow = next(c for c in every if c.name == "third-dimension")
     assert shallow.start["depth_mm"] < 14.0
-    found = search.with_effect(sheet, shallow).fit
+    found = refits.with_effect(search, sheet, shallow).fit
     assert found.chi2 < 1.2 * problem.whitening.size
     (body,) = found.settings()
     assert abs(body.values["depth_mm"] - 20.0) < 0.5
@@ -501,18 +518,18 @@ def test_a_body_is_found_from_beliefs_where_a_sheet_took_the_calibrations_astray
 def test_a_set_without_effects_is_fitted_without_a_discrepancy_too(contact, monkeypatch):
     """Its evidence is what every name must beat: it may not stay where a climb is stuck."""
     own, before = contact[1].search, contact[1].before
-    assert not before.effects and before.sizes["static-discrepancy"] > 0.0
-    tried, learned_state = [], Search._learned_state
+    assert not before.effects and before.error_sds["static-discrepancy"] > 0.0
+    tried, learned_explanation = [], refits._learned_explanation
 
-    def learned(self, fitted, p_values, sizes, rig, kept=None):
-        tried.append((fitted, sizes))
-        return learned_state(self, fitted, p_values, sizes, rig, kept)
+    def learned(search, fitted, p_values, error_sds, rig, scoring=None):
+        tried.append((fitted, error_sds))
+        return learned_explanation(search, fitted, p_values, error_sds, rig, scoring)
 
-    monkeypatch.setattr(Search, "_learned_state", learned)
-    found = own.state(before.fit, sizes=before.sizes, rig=before.rig)
+    monkeypatch.setattr(refits, "_learned_explanation", learned)
+    found = refits.explain(own, before.fit, error_sds=before.error_sds, rig=before.rig)
     (_, first), (fitted, second) = tried
-    assert first == before.sizes
-    assert set(second) == {n for n in found.sizes if not COMPONENTS[n].discrepancy}
+    assert first == before.error_sds
+    assert set(second) == {n for n in found.error_sds if not COMPONENTS[n].discrepancy}
     assert not np.allclose(fitted.theta, before.fit.theta)
     assert found.log_evidence >= before.log_evidence - SETTLED
 
@@ -527,21 +544,26 @@ def test_a_discrepancy_that_explains_far_more_is_not_taken_out(
     promises, and not far off."""
     own, before = contact[1].search, contact[1].before
     trial = next(
-        t for t in own.tried(before, own.scores(before)) if own.named(t, t.fit) is not t.fit
+        t
+        for t in proposals.trials(own, before, proposals.scores(own, before))
+        if refits.without_discrepancy(t, t.fit) is not t.fit
     )
-    learned_state, job = Search._learned_state, (trial.fit, None, trial.sizes, trial.rig)
-    found = learned_state(own, *job, own.scoring)
-    moved = stepped(own.named(found, found.fit))
-    kept = {k: s for k, s in found.sizes.items() if not COMPONENTS[k].discrepancy}
+    learned_explanation = refits._learned_explanation
+    job = trial.fit, None, trial.error_sds, trial.rig
+    found = learned_explanation(own, *job, own.cache.scoring)
+    moved = stepped(refits.without_discrepancy(found, found.fit))
+    kept = {k: s for k, s in found.error_sds.items() if not COMPONENTS[k].discrepancy}
     density = -0.5 * (moved.chi2 + moved.problem.whitening.log_determinant)
     behind = found.log_likelihood - density - found.rig.log_prior(kept) - 0.5 * promised(moved)
-    monkeypatch.setattr(fitting, "FORLORN", behind - nearer)
-    monkeypatch.setattr(fitting, "GROSS", gross)
+    monkeypatch.setattr(refits, "FORLORN", behind - nearer)
+    monkeypatch.setitem(vars(GROSS_MISFIT), "threshold", gross)
     tried = []
     monkeypatch.setattr(
-        Search, "_learned_state", lambda self, *a: tried.append(a) or learned_state(self, *a)
+        refits,
+        "_learned_explanation",
+        lambda *arguments: tried.append(arguments) or learned_explanation(*arguments),
     )
-    own.state(trial.fit, sizes=trial.sizes, rig=trial.rig)
+    refits.explain(own, trial.fit, error_sds=trial.error_sds, rig=trial.rig)
     assert len(tried) == count
 
 
@@ -554,19 +576,21 @@ def test_a_fit_that_went_astray_is_no_trial(monkeypatch):
     one = Search(
         problem, every, np.zeros(len(recorded.frames), int), seed=1, report=lambda line: None
     )
-    state = one.calibrated()
+    one, state = refits.calibrated(one)
     contrast = next(c for c in every if c.name == "touch-contrast")
-    found = one.with_effect(state, contrast)
+    found = refits.with_effect(one, state, contrast)
     assert found.log_evidence > state.log_evidence + 100.0
-    here = search.fit
+    here = refits.fit
 
     def astray(problem, effects, start, *rest, **more):
         fitted = here(problem, effects, start, *rest, **more)
         theta = fitted.theta + 0.3
         return replace(fitted, theta=theta, residual=problem.residual(theta, effects))
 
-    monkeypatch.setattr(fitting, "fit", astray)
-    assert one.with_effect(state, contrast) is None
+    monkeypatch.setattr(refits, "fit", astray)
+    refusal = refits.with_effect(one, state, contrast)
+    assert isinstance(refusal, Refusal) and refusal.gate.name == "astray"
+    assert not refusal.gate.admits(refusal.value)
 
 
 @pytest.mark.parametrize("again", [True, False])
@@ -577,9 +601,9 @@ def test_a_fit_that_did_not_end_is_begun_again_from_the_beliefs(again, monkeypat
     every = candidates_of(recorded, problem, scales)
     lines = []
     one = Search(problem, every, np.zeros(len(recorded.frames), int), seed=1, report=lines.append)
-    state = one.calibrated()
+    one, state = refits.calibrated(one)
     loose = next(c for c in every if c.name == "contact-impedance" and c.sites == (3,))
-    here, starts = search.fit, []
+    here, starts = refits.fit, []
 
     def unending(problem, effects, start, *rest, **more):
         starts.append(np.array(start))
@@ -592,9 +616,9 @@ def test_a_fit_that_did_not_end_is_begun_again_from_the_beliefs(again, monkeypat
             fitted, theta=theta, residual=problem.residual(theta, effects), ended=not first
         )
 
-    whole = one.with_effect(state, loose)
-    monkeypatch.setattr(fitting, "fit", unending)
-    found = one.with_effect(state, loose)
+    whole = refits.with_effect(one, state, loose)
+    monkeypatch.setattr(refits, "fit", unending)
+    found = refits.with_effect(one, state, loose)
     knobs = len(problem.model.calibrations)
     assert (starts[1] == 0.0).all() and (starts[0][:knobs] != 0.0).any()
     assert np.allclose(found.fit.theta, whole.fit.theta, atol=0.02)
@@ -603,15 +627,17 @@ def test_a_fit_that_did_not_end_is_begun_again_from_the_beliefs(again, monkeypat
 def test_a_trial_whose_fit_did_not_end_is_told(contact, monkeypatch):
     _, found = contact
     lines = []
-    one = replace(found.search, report=lines.append, trials={}, scored={}, met={}, lesser={})
-    fitted = Search._fitted
+    one = replace(fresh(found.search), report=lines.append)
+    fitted = refits._fitted
 
-    def unended(self, *rest):
-        trial = fitted(self, *rest)
-        return trial and replace(trial, fit=replace(trial.fit, ended=False))
+    def unended(*arguments):
+        trial = fitted(*arguments)
+        if isinstance(trial, Refusal):
+            return trial
+        return replace(trial, fit=replace(trial.fit, ended=False))
 
-    monkeypatch.setattr(Search, "_fitted", unended)
-    one.tried(found.before, one.scores(found.before))
+    monkeypatch.setattr(refits, "_fitted", unended)
+    proposals.trials(one, found.before, proposals.scores(one, found.before))
     assert any("contact-impedance: its fit did not come to an end" in line for line in lines)
 
 
@@ -619,7 +645,8 @@ def free_gains(found):
     """A gain of its own for every channel, in place of what was found."""
     search = found.search
     free = next(c for c in search.candidates if c.name == "channel-gain")
-    return search.with_effect(search.calibrated(), free)
+    search, state = refits.calibrated(search)
+    return refits.with_effect(search, state, free)
 
 
 @pytest.mark.long
@@ -629,7 +656,7 @@ def test_free_gains_lose_unless_they_are_there(contact):
     gain = 1 + 0.02 * np.random.default_rng(3).normal(size=len(CHANNELS))
     planted = {"name": "channel-gain", "parameters": {"gain": gain.tolist()}}
     recorded = small_recording(planted, noise=NOISE, places=5)
-    said = result.result(diagnosis.diagnose(recorded), "gains")
+    said = conclusion.document(diagnosis.diagnose(recorded), "gains")
     assert [(e["name"], e["scope"]) for e in said["effects"]] == [("channel-gain", "dense")]
     estimate = said["effects"][0]["parameters"]["gain"]
     apart = np.array(estimate["value"]) / np.mean(estimate["value"]) - gain / gain.mean()
@@ -647,17 +674,17 @@ def test_what_is_injected_is_what_was_planted(contact):
 
 
 def test_a_search_that_has_spent_its_skins_ends_with_what_it_has(contact, monkeypatch):
-    monkeypatch.setattr(fitting, "MOST_SOLVED", 0)
+    monkeypatch.setattr(search, "MOST_SOLVED", 0)
     found = diagnosis.diagnose(contact[0])
-    assert found.search.path[-1]["action"] == "cut short"
-    assert contact[1].search.path[-1]["action"] != "cut short"
-    said = result.result(found, "contact")
+    assert found.search.journal.steps[-1]["action"] == "cut short"
+    assert contact[1].search.journal.steps[-1]["action"] != "cut short"
+    said = conclusion.document(found, "contact")
     assert said["verdict"] == "unexplained" and said["effects"] == []
     assert said["other"]["probability"] > 0.5
 
 
 def test_what_a_search_cut_short_missed_has_its_gaps_all_the_same(contact, monkeypatch):
-    monkeypatch.setattr(fitting, "MOST_SOLVED", 1)
+    monkeypatch.setattr(search, "MOST_SOLVED", 1)
     found = diagnosis.diagnose(contact[0])
     assert found.after.effects == []
     (listed,) = true_gaps(found, [CONTACT], ["sparse"])
@@ -669,19 +696,21 @@ def test_a_query_beyond_the_physics_found_is_predicted_as_far_as_it_goes(capsys)
     recorded = small_recording(law, noise=NOISE, places=4)
     found = diagnosis.diagnose(recorded)
     assert [effect.name for effect in found.after.effects] == ["force-dependent-impedance"]
-    diagnosis.predict(found, recorded)
+    query.predict(found.after.fit, found.recording, recorded)
     assert capsys.readouterr().err == ""
     force = (
         2.0 * recorded.frames["force_N"]
     )  # up to 16 N: from 11.1 N on its contact has less than 0
     twice = replace(recorded, frames=recorded.frames.assign(force_N=force))
-    predicted = diagnosis.predict(found, twice)
+    predicted = query.predict(found.after.fit, found.recording, twice)
     said = capsys.readouterr().err
     most = float(re.search(r"touches above (\S+) N are predicted as at \1 N", said)[1])
     assert 9.5 < most < 12.0
     capped = replace(recorded, frames=recorded.frames.assign(force_N=force.clip(upper=most)))
     assert "contact_impedivity_ohm_m2" in said
-    for ours, theirs in zip(predicted, diagnosis.predict(found, capped), strict=True):
+    for ours, theirs in zip(
+        predicted, query.predict(found.after.fit, found.recording, capped), strict=True
+    ):
         np.testing.assert_array_equal(ours, theirs)
 
 
@@ -691,14 +720,14 @@ def test_what_comes_and_goes_again_ends_the_growth(contact, monkeypatch):
     state, less = found.after, found.before
     rounds = []
 
-    def added(self, now):
+    def added(_search, now):
         rounds.append(now)
         assert len(rounds) < 10
         return state
 
-    monkeypatch.setattr(Search, "_add", added)
-    monkeypatch.setattr(Search, "_drop", lambda self, better: less)
-    assert replace(found.search, rival_evidence=-np.inf)._grow(less) is less
+    monkeypatch.setattr(growth, "_add", added)
+    monkeypatch.setattr(growth, "_drop", lambda search, better: less)
+    assert growth._grow(replace(found.search, rival_evidence=-np.inf), less) is less
     assert len(rounds) == 1
 
 
@@ -713,6 +742,7 @@ def test_a_harmonic_of_the_rim_is_one_entry_drawn_wrongly_or_pressed():
         for c in one.candidates
         if c.name == "domain-shape"
     }
-    state = one.with_effect(one.calibrated(), shapes[2, 0])
-    assert one.with_effect(state, shapes[2, 1]) is None
-    assert len(one.with_effect(state, shapes[3, 1]).effects) == 2
+    one, before = refits.calibrated(one)
+    state = refits.with_effect(one, before, shapes[2, 0])
+    assert refits.with_effect(one, state, shapes[2, 1]).gate.name == "entry"
+    assert len(refits.with_effect(one, state, shapes[3, 1]).effects) == 2

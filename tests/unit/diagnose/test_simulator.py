@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eitskin.diagnose.diagnosis import problem_of
+from eitskin.diagnose.fitting.readings import problem_of
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
-from eitskin.diagnose.noise.estimate import Noise
+from eitskin.diagnose.noise.noise_model import NoiseModel
 from eitskin.errors import InputError
 from small_skin import small_recording
 
@@ -76,7 +76,7 @@ def test_readings_that_are_all_zero_are_refused(recorded, current_A):
     skin = {**recorded.metadata["skin"], "current_A": current_A}
     metadata = {**recorded.metadata, "skin": skin}
     none = replace(recorded, voltage=np.zeros_like(recorded.voltage), metadata=metadata)
-    noise = Noise(np.full(none.voltage.shape[1], 1e-6), 100.0, "given")
+    noise = NoiseModel(np.full(none.voltage.shape[1], 1e-6), 100.0, "given")
     with pytest.raises(InputError, match="column voltage_V: found 0 in every frame"):
         problem_of(none, noise)
 

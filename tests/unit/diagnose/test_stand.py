@@ -4,13 +4,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.search import growth
+from eitskin.diagnose.search.journal import Journal
 
 
 def candidate(name):
     """A candidate of a name, of no wiring, for all of the skin."""
     effect = SimpleNamespace(stage="skin", last_resort=False)
-    return SimpleNamespace(name=name, key=(name,), scope=None, sites=(), effect=effect)
+    kind = SimpleNamespace(kind=None, name=name, key=(name,), scope=None, sites=(), effect=effect)
+    return kind
 
 
 def state(log_evidence, *names):
@@ -21,34 +23,35 @@ def state(log_evidence, *names):
         key=tuple(c.key for c in effects),
         log_evidence=log_evidence,
         p_values={c.key: 1e-4 for c in effects},
+        fit=SimpleNamespace(chi2=0.0),
+        with_p_values=lambda _p_values: state(log_evidence, *names),
     )
 
 
-def stood(start, settled):
+def stood(monkeypatch, start, settled):
     """What `_stand` makes of a state, and the names that took a place. A rival's trial is 3 nats
     ahead of the effect that stands; what the set has when its fit has settled is `settled`."""
-    taken = []
 
-    def tried(_less, _scores, effect, best):
+    def trials(_search, _less, _ranked, effect, best):
         return [state(best + 3.0, name) for name in settled if name != effect.name]
 
-    search = SimpleNamespace(
-        rival_evidence=-float("inf"),
-        spent=False,
-        less=lambda _state, _index: state(-100.0),
-        scores=lambda _state: [],
-        tried=tried,
-        predicts=lambda _rival, _less: True,
-        step=lambda _action, new, _state, _p=None: taken.append(new and new.name),
-        _drop=lambda found: state(settled[found.effects[-1].name], found.effects[-1].name),
-        _grow=lambda found: found,
-    )
-    return Search._stand(search, start), taken
+    for name, function in {
+        "reduced": lambda _search, _explanation, _index: state(-100.0),
+        "scores": lambda _search, _explanation: [],
+        "trials": trials,
+        "sure_gain": lambda _search, _rival, _less: 1.0,
+        "_drop": lambda _search, set_: state(settled[set_.effects[-1].name], set_.effects[-1].name),
+        "_grow": lambda _search, explanation: explanation,
+    }.items():
+        monkeypatch.setattr(growth, name, function)
+    search = SimpleNamespace(rival_evidence=-float("inf"), spent=False, journal=Journal())
+    after = growth._stand(search, start)
+    return after, [step["effect"] or None for step in search.journal.steps]
 
 
 @pytest.mark.parametrize(("a", "b"), [(5.0, 4.0), (4.0, 5.0)])
-def test_of_two_that_take_turns_the_likelier_stays(a, b):
-    found, taken = stood(state(a, "contrast"), {"contrast": a, "drift": b})
+def test_of_two_that_take_turns_the_likelier_stays(monkeypatch, a, b):
+    found, taken = stood(monkeypatch, state(a, "contrast"), {"contrast": a, "drift": b})
     assert taken[:2] == ["drift", "contrast"]
     assert found.log_evidence == 5.0
     assert found.effects[0].name == ("contrast" if a > b else "drift")

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from eitskin import cli
 from eitskin.data import recording, subset
-from eitskin.diagnose import apart, diagnosis
-from eitskin.diagnose.search import start, tones
+from eitskin.diagnose import diagnosis, parts
+from eitskin.diagnose.search import starting_point, tones
 from eitskin.diagnose.search.screen import sparse
-from eitskin.diagnose.search.start import Start
+from eitskin.diagnose.search.starting_point import StartingPoint
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
 from small_skin import CHANNELS, candidates_of, kinds_of, problem_of, small_recording
@@ -43,7 +43,7 @@ def test_what_effects_yaml_says_is_a_candidate_again(candidate, seed):
     for key, value in candidate.effect.recorded_values(PROBLEM.model.force_max_N).items():
         item["parameters"].setdefault(key, value)
     (given_back,) = settings([item], site_counts(CHANNELS), (0, 0))
-    found = Start.at([given_back], CANDIDATES, PROBLEM)
+    found = StartingPoint.from_settings([given_back], CANDIDATES, PROBLEM)
     (again,) = found.effects
     assert (again.name, again.kind, again.sites) == candidate.key[:3]
     assert again.scope == candidate.scope
@@ -62,7 +62,9 @@ def test_what_effects_yaml_says_is_a_candidate_again(candidate, seed):
 def test_what_the_recording_decides_does_not_count():
     """effects.yaml has half of that recording's largest force, a longer recording another."""
     gain = {"name": "force-dependent-gain", "parameters": {"per_N": 0.002, "F_mid_N": 4.9}}
-    found = Start.at(settings([gain], site_counts(CHANNELS), (0, 0)), CANDIDATES, PROBLEM)
+    found = StartingPoint.from_settings(
+        settings([gain], site_counts(CHANNELS), (0, 0)), CANDIDATES, PROBLEM
+    )
     assert [c.name for c in found.effects] == ["force-dependent-gain"]
 
 
@@ -71,15 +73,15 @@ def test_a_tone_is_one_of_as_many_as_were_looked_at():
     model = PROBLEM.model
     time_s = model.states["time_s"].to_numpy()
     _, looks = tones.strongest(np.ones((len(time_s), len(CHANNELS))), time_s, model.frame_s)
-    assert tones.at(tone, 50.0, model).looks == looks > 100
+    assert tones.at_frequency(tone, 50.0, model).looks == looks > 100
 
 
 def test_an_effect_that_is_not_sought_begins_nothing():
     timeless = candidates_of(RECORDED, PROBLEM, SCALES, timed=False)
     drift = {"name": "conductivity-drift", "parameters": {"per_minute": 1e-4}}
     chosen = settings([CONTACT, drift], site_counts(CHANNELS), (0, 0))
-    assert Start.at(chosen, timeless, PROBLEM) is None
-    assert len(Start.at(chosen[:1], timeless, PROBLEM).effects) == 1
+    assert StartingPoint.from_settings(chosen, timeless, PROBLEM) is None
+    assert len(StartingPoint.from_settings(chosen[:1], timeless, PROBLEM).effects) == 1
 
 
 AT_DRIVE = {"name": "drive-gain", "drives": [2], "parameters": {"gain": 1.1}}
@@ -140,15 +142,15 @@ def grown(tmp_path_factory):
 
 
 def earlier(path, recorded):
-    return diagnosis.diagnose(recorded, earlier=start.read(path, recorded.channels))
+    return diagnosis.diagnose(recorded, earlier=starting_point.read(path, recorded.channels))
 
 
 def test_a_recording_that_grew_has_the_diagnosis_that_it_has_from_nothing(grown):
     recorded, plain, path = grown
     found = earlier(path, recorded)
-    actions = [(row["action"], row["effect"], row["sites"]) for row in found.search.path]
+    actions = [(row["action"], row["effect"], row["sites"]) for row in found.search.journal.steps]
     assert actions == [("calibrate", "", ""), ("start", "contact-impedance", "3")]
-    assert found.search.path[1]["p_value"] is None  # chance is asked after, on all frames
+    assert found.search.journal.steps[1]["p_value"] is None  # chance is asked after, on all frames
     assert [c.key for c in found.after.effects] == [c.key for c in plain.after.effects]
     assert found.after.log_evidence == pytest.approx(plain.after.log_evidence, abs=0.01)
     (effect,) = found.after.effects
@@ -175,7 +177,7 @@ def test_what_was_found_earlier_and_is_not_there_is_not_found(grown, tmp_path):
     nothing = small_recording(noise=NOISE, places=4)
     found = earlier(path, nothing)
     assert found.after.effects == []
-    assert [row["action"] for row in found.search.path] == ["calibrate"]
+    assert [row["action"] for row in found.search.journal.steps] == ["calibrate"]
     swapped = {"name": "electrode-swap", "electrodes": [1, 5]}
     other = tmp_path / "effects.yaml"
     other.write_text(yaml.safe_dump({"twin": {"effects": [CONTACT, swapped]}}), encoding="utf-8")
@@ -187,23 +189,23 @@ def test_what_came_since_is_found_beside_what_was_found_earlier(grown):
     _, _, path = grown
     other = {"name": "measurement-gain", "measures": [5], "parameters": {"gain": 1.001}}
     found = earlier(path, small_recording(CONTACT, other, noise=NOISE, places=4))
-    assert found.search.path[1]["action"] == "start"
+    assert found.search.journal.steps[1]["action"] == "start"
     names = {c.name: c.sites for c in found.after.effects}
     assert names == {"contact-impedance": (3,), "measurement-gain": (5,)}
 
 
 def test_of_a_recording_with_a_step_every_part_begins_with_it(grown, monkeypatch):
     recorded, _, path = grown
-    chosen = start.read(path, recorded.channels)
+    chosen = starting_point.read(path, recorded.channels)
     seen = []
 
     def diagnosed(part, seed, progress, memory_GiB, earlier):
         seen.append(earlier)
         raise InputError("recording", "frames", "a part", "nothing")
 
-    monkeypatch.setattr(apart.diagnosis, "diagnose", diagnosed)
+    monkeypatch.setattr(parts.diagnosis, "diagnose", diagnosed)
     for steps in ([], [SimpleNamespace(frame=12)]):
-        monkeypatch.setattr(apart, "steps", lambda recorded, found=steps: found)
+        monkeypatch.setattr(parts, "steps", lambda recorded, found=steps: found)
         with pytest.raises(InputError):
-            apart.diagnose(recorded, earlier=chosen)
+            parts.diagnose(recorded, earlier=chosen)
     assert [one is chosen for one in seen] == [True, True, True]

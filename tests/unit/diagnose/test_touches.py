@@ -7,7 +7,7 @@ import pytest
 
 from eitskin.diagnose.fitting import touches
 from eitskin.diagnose.fitting.fit import Problem
-from eitskin.diagnose.noise.rig import Rig
+from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
 from small_skin import calibrated, problem_of, small_recording
 
 NOISE = 3e-4
@@ -32,7 +32,7 @@ def by(size):
 
 def found(problem, sizes):
     fitted = calibrated(problem)
-    rig = Rig.about(fitted, problem.whitening, 0.0)
+    rig = linearised_rig_errors(fitted, problem.whitening, 0.0)
     return fitted, touches.followed(problem, fitted, rig, sizes)
 
 
@@ -85,5 +85,5 @@ def test_a_second_time_nothing_moves():
     problem, _ = strayed(by(0.8))
     fitted, model = found(problem, PLACES)
     there = replace(fitted, problem=replace(problem, model=model))
-    rig = Rig.about(there, problem.whitening, 0.0)
+    rig = linearised_rig_errors(there, problem.whitening, 0.0)
     assert touches.followed(problem, there, rig, PLACES) is model

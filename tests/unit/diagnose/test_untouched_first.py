@@ -5,6 +5,7 @@ import pytest
 from eitskin.data.subset import of_frames
 from eitskin.diagnose import diagnosis
 from eitskin.diagnose.fitting.fit import fit
+from eitskin.diagnose.search import staging
 from small_skin import small_recording
 from witness import owned
 
@@ -15,8 +16,8 @@ NOISE = 3e-4
 
 def first_of(recorded):
     lines: list[str] = []
-    _, search, _ = diagnosis.begun(recorded, 1)
-    return diagnosis._untouched_first(search, recorded, 1, lines.append), lines
+    _, search, _ = staging.prepared(recorded, 1)
+    return staging._untouched_first(search, recorded, 1), lines
 
 
 @pytest.mark.long
@@ -26,7 +27,7 @@ def test_what_is_far_off_is_explained_without_the_touches():
     start, lines = first_of(recorded)
     assert "nobody touches" in lines[0]
     few = of_frames(recorded, ~recorded.frames["touch"].to_numpy(bool))
-    problem = diagnosis.begun(few, 1)[1].problem
+    problem = staging.prepared(few, 1)[1].problem
     assert fit(problem, start.effects, start.theta).chi2 < 1.3 * problem.whitening.size
 
 
@@ -70,5 +71,5 @@ def test_a_pressed_skin_of_the_witness_is_named_with_its_size():
     values = found.after.fit.settings()[0].values
     for key in ("harmonic", "amplitude", "phase_deg"):
         assert values[key] == pytest.approx(true["parameters"][key], rel=0.02)
-    gain, error = found.judged.gain(found.after.fit, found.before.fit)
+    gain, error = found.reserve.gain(found.after.fit, found.before.fit)
     assert gain > 2.0 * error

@@ -121,8 +121,8 @@ def test_the_headline_is_the_verdict_s_unless_candidates_are_named():
 def test_what_cannot_be_told_apart_is_said_together(contrast, how, what):
     made = entry("conductivity-patch")
     made["parameters"]["contrast"] |= {"value": contrast, "low": 0.9, "high": 1.1}
-    alike = {"value": 0.384, "low": 0.352, "high": 0.419, "unit": "mm"}
-    amounts = {"amounts": {"equivalent_radius_mm": alike}}
+    written_alike = {"value": 0.384, "low": 0.352, "high": 0.419, "unit": "mm"}
+    amounts = {"amounts": {"equivalent_radius_mm": written_alike}}
     text = words.finding(made | amounts, EFFECTS["conductivity-patch"])
     assert text.startswith(f"The gel conducts {how} about the place x = 0.500 (")
     assert f"a {what} of radius 0.384 (90 %: 0.352 to 0.419)\xa0mm" in text

@@ -62,7 +62,7 @@ def test_registration():
 
 def test_relaxation_takes_off_what_has_followed():
     found = contrast(("relaxation", {"fraction": 0.3, "tau_s": 5.0}))
-    assert found == pytest.approx(0.9 * (FORCE - 0.3 * HISTORY.followed_N(5.0)))
+    assert found == pytest.approx(0.9 * (FORCE - 0.3 * HISTORY.relaxed_N(5.0)))
 
 
 def test_a_step_of_force_fades_by_the_fraction():
@@ -90,7 +90,7 @@ def test_the_order_in_the_list_does_not_matter():
         ("touch-contrast", {"ratio": 1.4}),
     ]
     assert contrast(*items) == pytest.approx(contrast(*items[::-1]), rel=1e-14)
-    relaxed = FORCE - 0.3 * HISTORY.followed_N(5.0)
+    relaxed = FORCE - 0.3 * HISTORY.relaxed_N(5.0)
     expected = 0.9 * 1.4 * relaxed**0.7
     assert contrast(*items)[:4] == pytest.approx(expected[:4])
 

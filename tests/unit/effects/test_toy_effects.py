@@ -14,11 +14,11 @@ from diagnosed_skin import SCHEMA
 from eitskin import effects
 from eitskin.configuration import validate
 from eitskin.data import recording
-from eitskin.diagnose import diagnosis
+from eitskin.diagnose import diagnosis, files
 from eitskin.diagnose.fitting.candidates import discrete
 from eitskin.diagnose.fitting.tangents import Tangents
 from eitskin.diagnose.report import page
-from eitskin.diagnose.verdict import result
+from eitskin.diagnose.verdict.record import record
 from eitskin.effects.effect import Moment
 from eitskin.effects.settings import settings, site_counts
 from eitskin.errors import InputError
@@ -249,7 +249,7 @@ def test_a_diagnosis_names_it_and_its_report_tells_it(name, tmp_path, monkeypatc
     recording.write(recorded, tmp_path / "recording.parquet")
     found = diagnosis.diagnose(recorded)
     assert [candidate.name for candidate in found.after.effects] == [name]
-    result.write(found, "toy", tmp_path, SCHEMA)
+    files.write(record(found, "toy"), tmp_path, SCHEMA)
     (told,) = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))["effects"]
     for key, value in ITEMS[name]["parameters"].items():
         low, high = (told["parameters"][key][end] for end in ("low", "high"))

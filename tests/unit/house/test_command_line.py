@@ -104,7 +104,7 @@ def test_import_says_what_it_took_and_where_it_went(path, capsys):
     frames, channels, *warnings, out = printed.out.splitlines()
     assert frames.startswith("frames: a recording of 165 frames: 45 untouched, 120 touched")
     assert channels.startswith("channels: 208 of 16 electrodes")
-    warned = check(recording.read(path)).of("warning")
+    warned = check(recording.read(path)).of_severity("warning")
     assert (len(warnings), out, printed.err) == (len(warned), "out.parquet", "")
 
 

@@ -453,7 +453,7 @@ def test_the_schema_s_names_are_those_that_the_code_has():
         (("$defs", "models", "items"), models.names()),
         (
             ("properties", "recordings", "additionalProperties", "properties", "format"),
-            importers.known(),
+            importers.format_names(),
         ),
         (("properties", "recordings", "additionalProperties", "properties", "order"), ORDERS),
     ):

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from eitskin import cores
-from eitskin.diagnose.noise.whitening import RigErrors, Whitening
+from eitskin.diagnose.noise.whitening import ErrorColumns, Whitening
 from eitskin.errors import InputError
 
 
@@ -25,38 +25,38 @@ def on(monkeypatch, count):
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_results_are_in_the_order_of_their_parts(monkeypatch, count):
     on(monkeypatch, count)
-    assert cores.each(lambda n: n * n, range(20)) == [n * n for n in range(20)]
-    assert cores.each(len, []) == []
+    assert cores.threaded(lambda n: n * n, range(20)) == [n * n for n in range(20)]
+    assert cores.threaded(len, []) == []
 
 
 def test_two_parts_run_at_once_on_two_cores(monkeypatch):
     on(monkeypatch, 2)
     both = threading.Barrier(2, timeout=20.0)
-    assert sorted(cores.each(lambda _: both.wait(), range(2))) == [0, 1]
+    assert sorted(cores.threaded(lambda _: both.wait(), range(2))) == [0, 1]
 
 
 def test_parts_of_a_part_stay_on_its_core(monkeypatch):
     on(monkeypatch, 2)
 
     def inner(_):
-        return cores.each(lambda _: threading.get_ident(), range(3))
+        return cores.threaded(lambda _: threading.get_ident(), range(3))
 
-    for own in cores.each(inner, range(4)):
+    for own in cores.threaded(inner, range(4)):
         assert len(set(own)) == 1
 
 
 def test_an_error_of_a_part_is_raised(monkeypatch):
     on(monkeypatch, 2)
     with pytest.raises(ZeroDivisionError):
-        cores.each(lambda n: 1 / n, [2, 1, 0])
+        cores.threaded(lambda n: 1 / n, [2, 1, 0])
 
 
 def test_a_process_forked_from_one_with_threads_has_its_own(monkeypatch):
     on(monkeypatch, 2)
-    cores.each(abs, range(4))
+    cores.threaded(abs, range(4))
     child = os.fork()
     if child == 0:
-        os._exit(0 if cores.each(abs, range(-3, 0)) == [3, 2, 1] else 1)
+        os._exit(0 if cores.threaded(abs, range(-3, 0)) == [3, 2, 1] else 1)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
@@ -93,11 +93,11 @@ def test_two_forked_parts_run_at_once_on_two_cores(monkeypatch):
 def test_what_is_forked_is_forked_from_one_thread(monkeypatch):
     on(monkeypatch, 2)
     before = threading.active_count()
-    assert cores.each(abs, range(-3, 0)) == [3, 2, 1]
+    assert cores.threaded(abs, range(-3, 0)) == [3, 2, 1]
     assert threading.active_count() > before
     assert cores.forked(lambda _: threading.active_count(), [0]) == [1]
     assert threading.active_count() == before
-    assert cores.each(abs, range(-3, 0)) == [3, 2, 1]
+    assert cores.threaded(abs, range(-3, 0)) == [3, 2, 1]
 
 
 def test_what_a_forked_part_changes_is_lost_but_for_its_result(monkeypatch):
@@ -126,7 +126,7 @@ def test_a_forked_part_stays_on_its_core(monkeypatch):
     on(monkeypatch, 2)
 
     def inside(_):
-        return len(set(cores.each(lambda _: threading.get_ident(), range(4))))
+        return len(set(cores.threaded(lambda _: threading.get_ident(), range(4))))
 
     assert cores.forked(inside, range(2)) == [1, 1]
 
@@ -192,7 +192,7 @@ def test_parts_of_a_forked_part_stay_on_its_core(monkeypatch):
     on(monkeypatch, 2)
 
     def inside(_):
-        return cores.forked(lambda _: vars(cores._here)["busy"], range(2))
+        return cores.forked(lambda _: vars(cores._thread_state)["busy"], range(2))
 
     assert cores.forked(inside, range(2)) == [[True, True], [True, True]]
 
@@ -304,7 +304,9 @@ def whitening(draw, frames=30, channels=12):
     """One with errors of every kind."""
     columns = {k: draw.normal(size=(2, frames, channels)) for k in ("channel", "frame", "whole")}
     label = np.repeat(np.arange(frames // 5), 5)
-    errors = RigErrors(**columns, press=draw.normal(size=(1, frames, channels)), label=label)
+    errors = ErrorColumns(
+        **columns, press=draw.normal(size=(1, frames, channels)), press_label=label
+    )
     there = np.ones((frames, channels), bool)
     one = np.ones(channels)
     return Whitening(there, one, one, errors=errors)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eitskin.diagnose.verdict import result
+from eitskin.diagnose.verdict.record import read_query
 
 ROOT = Path(__file__).parents[3]
 
@@ -31,5 +31,5 @@ def test_a_query_is_written_that_a_diagnosis_reads(tmp_path, monkeypatch):
     (tmp_path / "docs").symlink_to(ROOT / "docs")
     monkeypatch.chdir(tmp_path)
     names = ran("recordings.md")
-    query = result.read_query("query.parquet", names["recorded"])
+    query = read_query("query.parquet", names["recorded"])
     assert query.frames["x_mm"].tolist() == [0.0, 10.0, 20.0] and query.voltage is None

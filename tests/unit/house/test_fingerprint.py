@@ -199,10 +199,9 @@ def test_an_effect_that_code_names_is_imported_as_what_a_configuration_names_is_
 def test_numbers_do_not_know_the_style_of_figures():
     drawing = {script for script in SCRIPTS if "eitskin.plotting" in with_found(script)}
     assert drawing == {
-        "calibration_figures",
+        "block_figures",
         "comparison_page",
         "concealed_case",
-        "concealed_figures",
         "diagnosis_report",
         *(f"figure_{k}" for k in range(1, 5)),
         "loop_figure",
@@ -212,7 +211,7 @@ def test_numbers_do_not_know_the_style_of_figures():
 def test_what_code_says_is_as_python_tells_it():
     for path in (ROOT / "workflow" / "eitskin" / "data").rglob("*.py"):
         tree = ast.parse(path.read_text(encoding="utf-8"))
-        assert subject._told(tree) == ast.dump(tree), path
+        assert subject._dumped(tree) == ast.dump(tree), path
 
 
 def test_the_workflow_starts_without_statistics():

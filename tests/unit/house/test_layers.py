@@ -29,12 +29,10 @@ FLOORS = (  # from the ground up; what stands on one floor does not know each ot
 )
 BESIDE = {  # what uses the tool, and what each may use of the others
     "benchmark": {"witness"},
-    "calibration": {"witness"},
-    "concealed": {"calibration", "witness"},
     "loop": {"witness"},
     "manual": set(),
+    "proof": {"witness"},
     "rigsim": set(),
-    "studies": set(),
     "witness": set(),
 }
 ONLY = {  # what knows even less of the tool than its floor would allow
@@ -109,8 +107,9 @@ def test_what_uses_the_tool_knows_few_others(package):
 
 
 def test_a_diagnosis_does_not_know_its_report():
+    pages = ("eitskin.diagnose.report", "eitskin.diagnose.compare.page")
     for name in modules():
-        if name.startswith("eitskin.diagnose") and ".report" not in name:
+        if name.startswith("eitskin.diagnose") and not name.startswith(pages):
             for other in imports(name):
                 assert not other.startswith("eitskin.diagnose.report"), f"{name} imports {other}"
 

@@ -112,10 +112,10 @@ def test_electrodes_inside_the_skin_are_told(make_recording):
     on = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     told = stated.apply({"electrode_xy_mm": on.tolist()}, made)
     assert np.allclose(told.skin.electrode_deg, made.skin.electrode_deg)
-    assert not check.check(told).about("outline")
+    assert not check.check(told).of_topic("outline")
     on[2] *= 0.5
     inside = stated.apply({"electrode_xy_mm": on.tolist()}, made)
-    (warning,) = check.check(inside).about("outline")
+    (warning,) = check.check(inside).of_topic("outline")
     assert warning.severity == check.WARNING
     assert "electrode 2 of 16 off the rim, at 50 % of the radius" in warning.sentence
     with pytest.raises(InputError, match="electrode 2 of 16 off the rim"):

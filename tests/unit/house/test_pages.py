@@ -11,7 +11,7 @@ import pytest
 
 from eitskin.data import recording
 from eitskin.diagnose import diagnosis
-from eitskin.diagnose.verdict import result
+from eitskin.diagnose.verdict import conclusion
 from manual.__main__ import PAGES as WRITTEN
 from witness.sample import sample
 
@@ -61,7 +61,7 @@ def test_the_sample_is_what_its_command_makes():
 @pytest.mark.long
 def test_the_sample_s_sentence_is_the_one_on_the_front_page():
     found = diagnosis.diagnose(recording.read(SAMPLE / "recording.parquet"))
-    (effect,) = result.result(found, "sample")["effects"]
+    (effect,) = conclusion.document(found, "sample")["effects"]
     assert effect["sentence"] in PAGES[0].read_text(encoding="utf-8")
 
 
@@ -71,7 +71,7 @@ def test_of_the_sample_without_conductivity_contacts_and_contrast_the_same_is_sa
     unknown = ("conductivity_S_per_m", "contact_impedivity_ohm_m2", "contrast_per_N")
     skin = shipped.metadata["skin"] | dict.fromkeys(unknown)
     found = diagnosis.diagnose(replace(shipped, metadata=shipped.metadata | {"skin": skin}))
-    said = result.result(found, "sample")
+    said = conclusion.document(found, "sample")
     (effect,) = said["effects"]
     assert (effect["name"], effect["electrodes"]) == ("electrode-position", [6])
     assert effect["parameters"]["shift_deg"]["value"] == pytest.approx(2.0, abs=1e-3)

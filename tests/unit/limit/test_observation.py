@@ -11,6 +11,7 @@ from eitskin.limit.observation import Covariance, Experiment, Sample
 from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from eitskin.simulate.sets import (
+    SkinStage,
     continuous_samples,
     write_dataset,
     write_skin_stage,
@@ -71,39 +72,35 @@ def test_gradient_of_the_likelihood(model, seed):
     sample, z = drawn(model, seed)
     z = z + 0.1
     step = 1e-5 * np.eye(sample.size)
-    differences = [(sample.log(z + h) - sample.log(z - h)) / 2e-5 for h in step]
+    by = [(sample.log(z + h) - sample.log(z - h)) / 2e-5 for h in step]
     gradient = sample.local(z)[1]
-    assert np.allclose(gradient, differences, rtol=1e-4, atol=1e-3 * np.abs(differences).max())
+    assert np.allclose(gradient, by, rtol=1e-4, atol=1e-3 * np.abs(by).max())
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_channels_that_are_read_have_the_density_of_all_with_the_rest_left_out(model, seed):
     read = np.random.default_rng(seed).choice(len(CHANNELS), 21, replace=False)
-    full_sample, z = drawn(model, seed)
-    sample = Sample(replace(model, read_channels=read), full_sample.delta_V[read])
+    whole, z = drawn(model, seed)
+    sample = Sample(replace(model, read_channels=read), whole.delta_V[read])
 
     def density(z):
-        e, noise = model.change(full_sample.state(z), z[3:])
+        e, noise = model.change(whole.state(z), z[3:])
         mixed = model.mixing @ np.diag(e) @ model.gain_spread
         covariance = (mixed @ mixed.T + noise**2 * np.eye(len(e)))[np.ix_(read, read)]
-        residual = sample.delta_V - (model.mixing @ e)[read]
-        return -0.5 * (
-            residual @ np.linalg.solve(covariance, residual) + np.linalg.slogdet(covariance)[1]
-        )
+        left = sample.delta_V - (model.mixing @ e)[read]
+        return -0.5 * (left @ np.linalg.solve(covariance, left) + np.linalg.slogdet(covariance)[1])
 
     assert sample.log(z + 0.1) - sample.log(z) == pytest.approx(density(z + 0.1) - density(z))
     step = 1e-5 * np.eye(sample.size)
-    density_slopes = [(density(z + h) - density(z - h)) / 2e-5 for h in step]
-    assert np.allclose(
-        sample.local(z)[1], density_slopes, rtol=1e-4, atol=1e-3 * np.abs(density_slopes).max()
-    )
+    by = [(density(z + h) - density(z - h)) / 2e-5 for h in step]
+    assert np.allclose(sample.local(z)[1], by, rtol=1e-4, atol=1e-3 * np.abs(by).max())
 
 
 def test_differences_agree_with_exact_slopes(model):
     state, unknown = np.array([31.0, -22.0, 6.0]), np.full(10, 0.3)
     exact, differences = model.slopes(state, unknown)[0], model._differences(state, unknown)[0]
-    deviation = np.abs(exact - differences).max(axis=1)
-    assert (deviation <= 2e-3 * np.abs(exact).max(axis=1)).all()
+    apart = np.abs(exact - differences).max(axis=1)
+    assert (apart <= 2e-3 * np.abs(exact).max(axis=1)).all()
 
 
 def test_a_touch_that_the_rim_clips_has_slopes(model):
@@ -123,14 +120,14 @@ def test_covariance_is_that_of_drawn_gains_and_noise(model):
 
 
 def test_information_of_a_known_gain_is_least_squares(model):
-    mean_model = model.at_mean()
+    known = model.at_mean()
     state, none = np.array([40.0, 10.0, 7.0]), np.zeros(0)
-    covariance = Covariance(mean_model, *mean_model.change(state, none))
-    slopes = mean_model.slopes(state, none)
-    information = covariance.information(*slopes)
-    readings = slopes[0] @ mean_model.mixing.T / covariance.noise
+    covariance = Covariance(known, *known.change(state, none))
+    slopes = known.slopes(state, none)
+    found = covariance.information(*slopes)
+    readings = slopes[0] @ known.mixing.T / covariance.noise
     variance = 2.0 * 40 * np.outer(slopes[1], slopes[1]) / covariance.noise**2
-    assert np.allclose(information, readings @ readings.T + variance, rtol=1e-8)
+    assert np.allclose(found, readings @ readings.T + variance, rtol=1e-8)
 
 
 @pytest.mark.parametrize("baseline", ["paired", "averaged"])
@@ -140,28 +137,25 @@ def test_a_session_known_is_the_simulator(tmp_path, baseline):
     mesh, grid = tmp_path / "mesh.npz", tmp_path / "grid.csv"
     np.savez(mesh, channels=CHANNELS, force_N=np.arange(12.0))
     table.iloc[:1].assign(radius_mm=8.0).to_csv(grid)
-    settings_of_places = {"reach_mm": 72.0, "probe_mm": 16.0, "forces": FORCES}
+    own = {"reach_mm": 72.0, "probe_mm": 16.0, "forces": FORCES}
     stages = [tmp_path / f"{k}.parquet" for k in range(4)]
-    write_skin_stage(
-        mesh, grid, stages[0], 1, SKIN, "train", EFFECTS[:2], 4, False, settings_of_places
-    )
+    skin_stage = SkinStage(1, SKIN, "train", EFFECTS[:2], 4, False, own)
+    write_skin_stage(mesh, grid, stages[0], skin_stage)
     for k, effect in enumerate(EFFECTS[2:], start=1):
         write_stage(stages[k - 1], stages[k], 1, effect, k)
-    table_of_stage, untouched, touched = Stage(stages[-1]).whole()
-    assert np.array_equal(table_of_stage[["x_mm", "force_N"]], table[["x_mm", "force_N"]])
+    made, untouched, touched = Stage(stages[-1]).joined()
+    assert np.array_equal(made[["x_mm", "force_N"]], table[["x_mm", "force_N"]])
     write_dataset(stages[-1], tmp_path / "set.parquet", "own-continuous", 1, 0.01, baseline)
     frames = 1 if baseline == "paired" else 4
     experiment = replace(EXPERIMENT, averaged=frames)
     for row in (0, 5, 11):
-        session_model = experiment.drawn_session(1, int(table["session"][row]))
+        known = experiment.drawn_session(1, int(table["session"][row]))
         state = table.loc[row, ["x_mm", "y_mm", "force_N"]].to_numpy(float)
-        e, noise = session_model.change(state, np.zeros(0))
+        e, noise = known.change(state, np.zeros(0))
         change = touched[row].astype(float) - untouched[row]
-        assert np.allclose(session_model.mixing @ e, change, atol=1e-6 * np.abs(touched[row]).max())
-        untouched_level, full = (np.median(np.abs(v[row])) for v in (untouched, touched))
-        assert noise == pytest.approx(
-            0.01 * np.sqrt(untouched_level**2 / frames + full**2), rel=1e-5
-        )
+        assert np.allclose(known.mixing @ e, change, atol=1e-6 * np.abs(touched[row]).max())
+        still, full = (np.median(np.abs(v[row])) for v in (untouched, touched))
+        assert noise == pytest.approx(0.01 * np.sqrt(still**2 / frames + full**2), rel=1e-5)
 
 
 @pytest.mark.parametrize(

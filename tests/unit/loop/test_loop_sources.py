@@ -6,7 +6,7 @@ import pytest
 
 from eitskin.data import dataset
 from eitskin.data.recording import Recording
-from eitskin.diagnose.noise.estimate import estimate
+from eitskin.diagnose.noise.estimate import estimate_noise
 from eitskin.errors import InputError
 from loop import sources
 from loop.imitation import PressPrior
@@ -39,7 +39,7 @@ def test_sets_of_one_seed_differ_in_physics_alone(recorded):
     law, of_law = made_by(sources.Simulator(SKIN, [LAW]), recorded)
     assert plain.table.equals(law.table) and (part == of_law).all()
     assert np.array_equal(plain.delta_V, repeated.delta_V)
-    sd = estimate(recorded).sd
+    sd = estimate_noise(recorded).sd
     assert np.abs(plain.delta_V - law.delta_V).max() > 20.0 * sd.max()
     seed_2, _ = made_by(sources.Simulator(SKIN, []), recorded, seed=2)
     assert not seed_2.table.equals(plain.table)
@@ -57,7 +57,7 @@ def test_noise_is_the_recording_s_on_touched_and_untouched_frame(recorded):
     )
     exact = Recording(frames, clean.readings(frames, recorded, 1), None, None, METADATA)
     truth = dataset.from_recording(exact, "exact").delta_V
-    spread = (noisy_set.delta_V - truth).std(axis=0) / estimate(recorded).sd
+    spread = (noisy_set.delta_V - truth).std(axis=0) / estimate_noise(recorded).sd
     # The first press of a session has five untouched frames to its baseline, the others one.
     assert spread.mean() == pytest.approx(np.sqrt(2.0), rel=0.08)
 

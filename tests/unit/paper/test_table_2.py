@@ -8,6 +8,7 @@ from eitskin.paper import table_2
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import channel_table
 from eitskin.pins import ROOT
+from eitskin.simulate.untouched_frames import Plan
 
 PAPER = ROOT / "workflow" / "eitskin" / "paper" / "printed_table_2.csv"
 SKIN = {
@@ -37,7 +38,8 @@ def write(tmp_path):
         size = {"sessions": 8, "frames": 2, "permutations": 39} | changed
         block = {"effects": list(effects), "noise": noise}
         files = tmp_path / "table_2.csv", tmp_path / "table_2.md"
-        design = table_2.Design(SKIN, force_N, "train", 1, **size)
+        plan = Plan(size["sessions"], size["frames"], force_N, "train", 1)
+        design = table_2.Design(SKIN, plan, size["permutations"])
         left_out = table_2.write(paths, {"mine": block}, design, PAPER, *files)
         return pd.read_csv(files[0], keep_default_na=False), files[1].read_text(), left_out
 

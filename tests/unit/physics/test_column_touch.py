@@ -28,7 +28,7 @@ def fluxes(touch, column, sheet):
     k, angle = column.k[sheet], nodes(touch)[1]
     a = touch.radius_mm / RADIUS_MM
     found = []
-    for index in column.kept[sheet]:
+    for index in column.kept_indices[sheet]:
         sine, order = divmod(int(index), column.degree + 1)
         wave = np.sin(order * angle) if sine else np.cos(order * angle)
         slope = k * ivp(order, k * a) / iv(order, k * a)
@@ -47,7 +47,7 @@ def image(k, x, y):
 
 def test_two_touches_respond_to_each_other(forward):
     a, b = forward.edge(NEAR), forward.edge(BESIDE)
-    expected = np.zeros((len(a.own), len(b.own)))
+    expected = np.zeros((len(a.self_response), len(b.self_response)))
     row = column = 0
     for sheet in range(min(len(a.k), len(b.k))):
         k, x, y = a.k[sheet], nodes(NEAR)[0], nodes(BESIDE)[0]
@@ -67,11 +67,11 @@ def test_a_touch_responds_to_itself(forward):
     x = nodes(NEAR)[0]
     flux = fluxes(NEAR, touch, 0)
     expected = flux.T @ image(k, x, x) @ flux
-    order = touch.kept[0] % (touch.degree + 1)
+    order = touch.kept_indices[0] % (touch.degree + 1)
     expected += np.diag(k * a * ivp(order, k * a) * kv(order, k * a))
     size = len(order)
-    np.testing.assert_allclose(touch.own[:size, :size], expected, atol=1e-6)
-    assert not touch.own[:size, size:].any()
+    np.testing.assert_allclose(touch.self_response[:size, :size], expected, atol=1e-6)
+    assert not touch.self_response[:size, size:].any()
 
 
 def test_what_electrodes_make_at_a_touch(forward):
@@ -82,7 +82,7 @@ def test_what_electrodes_make_at_a_touch(forward):
     n = np.arange(-60, 61)[:, None]
     x = nodes(NEAR)[0]
     z = (15.0 + 6.0 * t) / RADIUS_MM
-    for sheet, kept in enumerate(touch.kept):
+    for sheet, kept in enumerate(touch.kept_indices):
         k = touch.k[sheet]
         radial = iv(n, k * np.abs(x)) / (2.0 * np.pi * k * ivp(n, k)) * np.exp(1j * n * np.angle(x))
         up = np.sqrt(2.0) * 0.5 * weight @ np.cos(k * z)

@@ -71,5 +71,5 @@ def test_several_maps_are_each_as_alone():
     for order, values in enumerate(together):
         alone = [one.derivatives(own, 2)[order] for one, own in zip(maps, z, strict=True)]
         np.testing.assert_allclose(values, alone, rtol=1e-12)
-    again = DiscMaps(maps, z).only(np.array([2, 0])).derivatives(z[[2, 0]], 2)
+    again = DiscMaps(maps, z).select(np.array([2, 0])).derivatives(z[[2, 0]], 2)
     np.testing.assert_array_equal(again[1], together[1][[2, 0]])

@@ -18,7 +18,7 @@ from eitskin.physics.protocol import channel_table
 from eitskin.physics.skin import Skin
 from eitskin.physics.solver import forward_model
 from eitskin.physics.touch import Touch
-from eitskin.simulate.leaks import leaking
+from eitskin.simulate.leaks import leaking_potential
 from eitskin.simulate.readings import simulate
 from symmetric_mesh import symmetric_disc_mesh
 
@@ -77,7 +77,7 @@ def test_the_mean_over_the_touch_by_quadrature(ratio):
     )
     forward = Forward(geometry)
     x, y, radius = 40.0, 25.0, 9.0
-    own = forward.contact(x, y, radius).own / RESISTANCE
+    own = forward.contact(x, y, radius).contact_impedance / RESISTANCE
     rho, weight = np.polynomial.legendre.leggauss(24)
     rho, weight = 0.5 * (1 + rho), 0.5 * weight * 0.5 * (1 + rho) * 2
     phi = 2 * np.pi * np.arange(64) / 64
@@ -227,4 +227,6 @@ def test_readings_against_a_network_with_its_ground(sink_grounded):
 
 def test_point_electrodes_cannot_leak():
     with pytest.raises(InputError, match="a width above 0"):
-        leaking(np.zeros((1, 1, 2)), np.ones((1, 2)), np.full((1, 2, 2), np.nan), None, False)
+        leaking_potential(
+            np.zeros((1, 1, 2)), np.ones((1, 2)), np.full((1, 2, 2), np.nan), None, False
+        )

@@ -25,15 +25,15 @@ def test_at_the_frames_it_is_what_was_reported():
 
 @pytest.mark.parametrize("lag", [-2.5, -0.7, -0.2, 0.3, 1.5, 2.4, 5.0])
 def test_earlier(lag):
-    found = HISTORY.earlier(lag).force_N()
+    found = HISTORY.advanced(lag).force_N()
     assert found[1:4] == pytest.approx(by_hand(TIME[1:4] + lag))
     assert found[5] == pytest.approx(max(3.0 + 6.0 * lag, 0.0))
     assert not found[PRESS < 0].any()
 
 
 def test_raised():
-    assert np.allclose(HISTORY.raised(0.5).force_N(), [0, 1.5, 4.5, 2.5, 0, 3.5, 0])
-    assert np.allclose(HISTORY.raised(-1.5).force_N(), [0, 0.0, 2.5, 0.5, 0, 1.5, 0])
+    assert np.allclose(HISTORY.offset(0.5).force_N(), [0, 1.5, 4.5, 2.5, 0, 3.5, 0])
+    assert np.allclose(HISTORY.offset(-1.5).force_N(), [0, 0.0, 2.5, 0.5, 0, 1.5, 0])
 
 
 def test_presses_that_take_turns_have_their_own_frames():
@@ -49,13 +49,13 @@ def test_presses_that_take_turns_have_their_own_frames():
 
 def test_peak():
     assert np.array_equal(HISTORY.peak_N(), [0, 1, 4, 4, 0, 3, 0])
-    assert np.allclose(HISTORY.earlier(1.5).peak_N()[1:4], [by_hand(3.5) + 0.5, 4, 4])
+    assert np.allclose(HISTORY.advanced(1.5).peak_N()[1:4], [by_hand(3.5) + 0.5, 4, 4])
 
 
 @pytest.mark.parametrize("tau", [0.05, 1.0, 30.0])
 @pytest.mark.parametrize("lag", [-0.3, 0.0, 2.6])
 def test_what_follows_the_force_against_a_fine_integration(tau, lag):
-    found = HISTORY.earlier(lag).followed_N(tau)
+    found = HISTORY.advanced(lag).relaxed_N(tau)
     solved = solve_ivp(
         lambda t, m: (by_hand(t + lag) - m) / tau,
         (1.5 - lag, 5.0),
@@ -71,7 +71,7 @@ def test_what_follows_the_force_against_a_fine_integration(tau, lag):
 def test_a_held_force_is_followed_exponentially():
     time = np.arange(0.0, 20.0, 0.5)
     history = ForceHistory.of_frames(time, np.full(40, 3.0), np.zeros(40, dtype=int))
-    followed = history.followed_N(4.0)
+    followed = history.relaxed_N(4.0)
     left = 3.0 - followed
     assert left / left[0] == pytest.approx(np.exp(-time / 4.0))
 
@@ -84,7 +84,7 @@ def test_a_held_force_is_followed_exponentially():
 def test_what_follows_stays_between_0_and_the_peak(force, tau, lag):
     n = len(force)
     history = ForceHistory.of_frames(np.arange(n) + 0.0, np.array(force), np.zeros(n, dtype=int))
-    later = history.earlier(lag)
-    followed, peak = later.followed_N(tau), later.peak_N()
+    later = history.advanced(lag)
+    followed, peak = later.relaxed_N(tau), later.peak_N()
     assert (followed >= -1e-12).all() and (followed <= peak + 1e-9).all()
     assert (later.force_N() <= peak + 1e-12).all()

@@ -194,7 +194,7 @@ def test_sharing_an_outline_changes_nothing():
     first = Forward(skin())
     first.place(20.0, 10.0, 5.0)
     other = skin().with_values(conductivity_S_per_m=0.6)
-    shared, own = Forward(other, near=first), Forward(other)
+    shared, own = Forward(other, donor=first), Forward(other)
     assert np.array_equal(shared.transfer_impedance(), own.transfer_impedance())
     assert np.array_equal(shared.place(20.0, 10.0, 5.0).gains, own.place(20.0, 10.0, 5.0).gains)
 

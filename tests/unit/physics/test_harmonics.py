@@ -23,7 +23,7 @@ def test_on_a_circle_each_multipole_makes_its_own_power(away, angle, radius):
     zeta = centre + radius * np.exp(1j * t)
     harmonics = Harmonics(DEGREE, centre, np.array(radius))
     dzeta = 1j * (zeta - centre) * weight
-    found = RimField(harmonics, zeta, dzeta, harmonics.values(zeta)).at(RIM)
+    found = RimField(harmonics, zeta, dzeta, harmonics.values(zeta)).potential(RIM)
     order = np.arange(1, DEGREE + 1)
     power = (radius / (RIM[:, None] - centre)) ** order / np.sqrt(np.pi * order)
     np.testing.assert_allclose(found, np.hstack([power.real, -power.imag]), atol=1e-13)
@@ -50,7 +50,7 @@ def test_the_field_is_the_double_layer(skin, away, angle):
         harmonics = Harmonics.around(circle.mapped(even_nodes(32)[0], 0)[0], DEGREE)
         values = harmonics.values(zeta)
         if count == 32:
-            found[count] = RimField(harmonics, zeta, tangent * weight, values).at(RIM)
+            found[count] = RimField(harmonics, zeta, tangent * weight, values).potential(RIM)
         else:
             found[count] = neumann.rim_flux_kernel(RIM, zeta, tangent * weight) @ values
     size = np.abs(found[512]).max()

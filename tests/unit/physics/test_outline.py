@@ -3,7 +3,7 @@ import pytest
 
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry, even_angles
-from eitskin.physics.outline import NEAR, described, no_disc, refuse, rim_angles
+from eitskin.physics.outline import CIRCLE_TOLERANCE, described, no_disc, refuse, rim_angles
 from eitskin.physics.skin import Skin
 
 ANGLES = tuple(even_angles(16).tolist())
@@ -35,12 +35,12 @@ def test_a_rectangle_is_one_wherever_it_lies(degrees, shift):
     assert described(np.array(turned(rectangle(50, 50), degrees, shift))) is not None
 
 
-@pytest.mark.parametrize("amplitude", [0.0, 0.8 * NEAR, 1.3 * NEAR])
+@pytest.mark.parametrize("amplitude", [0.0, 0.8 * CIRCLE_TOLERANCE, 1.3 * CIRCLE_TOLERANCE])
 @pytest.mark.parametrize("shift", [0.0, 100.0 + 3.0j])
 def test_a_rim_near_a_circle_is_a_disc_as_far_as_domain_shape_goes(amplitude, shift):
     rim = 80.0 * TURN * (1.0 + amplitude * np.real(TURN**3))
     said = described(np.array(turned(rim, 0.0, shift)), " mm")
-    assert (said is None) == (amplitude <= NEAR)
+    assert (said is None) == (amplitude <= CIRCLE_TOLERANCE)
     assert said is None or said.startswith("an outline of 360 corners, ")
 
 

@@ -206,11 +206,11 @@ def test_sharing_changes_nothing():
         patched(22.0, 9.0, 2.0, SKIN),
         SKIN.with_values(conductivity_S_per_m=0.6),
     ):
-        shared, own = forward_model(skin, near=first), forward_model(skin)
+        shared, own = forward_model(skin, donor=first), forward_model(skin)
         assert type(shared) is type(own)
         assert np.array_equal(shared.transfer_impedance(), own.transfer_impedance())
         assert np.array_equal(shared.place(25.0, 4.0, 7.0).gains, own.place(25.0, 4.0, 7.0).gains)
-    assert isinstance(forward_model(skin, near=Forward(SKIN)), Forward)
+    assert isinstance(forward_model(skin, donor=Forward(SKIN)), Forward)
     assert isinstance(first, PatchForward)
 
 

@@ -6,7 +6,7 @@ import pytest
 from eitskin.physics import solver
 from eitskin.physics.depth import DepthForward, span
 from eitskin.physics.geometry import Geometry, Patch
-from eitskin.physics.solver import SolvedSkins, Spent, forward_model, kept
+from eitskin.physics.solver import EffortExceeded, SolvedSkins, forward_model, skin_capacity
 
 SHEET = Geometry(80.0, 3.0, 0.5, 22.5 * np.arange(16), 5.0, 2e-3)
 BODY = SHEET.with_values(thickness_mm=20.0, deep=True, electrode_height_mm=8.0)
@@ -52,13 +52,13 @@ def test_of_large_bodies_fewer_are_kept(monkeypatch):
     sheet = forward_model(SHEET, "train")
     matrices = body.electrodes.interaction.nbytes + 8 * len(body._inner) ** 2
     assert body.nbytes == matrices > sheet.nbytes
-    assert kept(sheet.nbytes) == kept(body.nbytes) == solver.KEPT
-    monkeypatch.setattr(solver, "KEPT_BYTES", 2 * body.nbytes)
+    assert skin_capacity(sheet.nbytes) == skin_capacity(body.nbytes) == solver.MAX_SKINS
+    monkeypatch.setattr(solver, "MAX_BYTES", 2 * body.nbytes)
     near = SolvedSkins()
     for turn in range(4):
         near.solve(BODY.with_values(electrode_deg=22.5 * np.arange(16) + turn), "train")
         assert len(near._solved) == min(turn + 1, 2)
-    monkeypatch.setattr(solver, "KEPT_BYTES", 0)
+    monkeypatch.setattr(solver, "MAX_BYTES", 0)
     near.solve(BODY, "train")
     assert len(near._solved) == 1
 
@@ -66,11 +66,11 @@ def test_of_large_bodies_fewer_are_kept(monkeypatch):
 def test_a_body_counts_for_many_sheets_and_the_larger_for_more():
     near = SolvedSkins()
     near.solve(SHEET, "train")
-    assert near.spent == 1.0
+    assert near.effort == 1.0
     plain = near.solve(BODY, "train")
     crowded = near.solve(BODY.with_values(contact_impedivity_ohm_m2=2e-4), "train")
     assert 1.0 < plain.effort < crowded.effort
-    assert near.spent == 1.0 + plain.effort + crowded.effort
+    assert near.effort == 1.0 + plain.effort + crowded.effort
     patched = near.solve(SHEET.with_values(patch=Patch(20.0, 10.0, 15.0, 2.0)), "train")
     assert patched.effort == 1.0
     assert forward_model(SHEET, "train").touch_effort < patched.touch_effort
@@ -86,23 +86,23 @@ def test_a_body_of_the_diagnosis_counts_for_about_a_hundred_sheets():
 
 def test_what_may_be_solved_ends_and_the_limit_with_it():
     near = SolvedSkins()
-    with pytest.raises(Spent), near.within(1.5):
+    with pytest.raises(EffortExceeded), near.within(1.5):
         near.solve(SHEET, "train")
         near.solve(SHEET, "train")
         near.solve(SHEET, "train")
-    assert near.spent == 2.0
+    assert near.effort == 2.0
     near.solve(SHEET, "train")
 
 
 def test_a_limit_inside_another_leaves_that_one_as_it_was():
     near = SolvedSkins()
-    with pytest.raises(Spent), near.within(1.5):
+    with pytest.raises(EffortExceeded), near.within(1.5):
         with near.within(100.0):
             near.solve(SHEET, "train")
         near.solve(SHEET, "train")
         near.solve(SHEET, "train")
-    assert near.spent == 2.0
-    with pytest.raises(Spent), near.within(2.5), near.within(100.0):
+    assert near.effort == 2.0
+    with pytest.raises(EffortExceeded), near.within(2.5), near.within(100.0):
         near.solve(SHEET, "train")
         near.solve(SHEET, "train")
 
@@ -114,7 +114,7 @@ def test_what_forked_parts_solve_counts_as_spent():
     def counted(skins):
         for _ in range(skins):
             near.solve(SHEET, "train")
-        return near.spent
+        return near.effort
 
     assert near.forked(counted, [2, 3]) == [3.0, 4.0]  # each from where it was forked
-    assert near.spent == 6.0
+    assert near.effort == 6.0

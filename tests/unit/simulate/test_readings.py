@@ -185,7 +185,7 @@ def test_the_conductivity_stays_above_0():
 
 def test_sharing_a_solved_skin_changes_nothing():
     near = Forward(BASE, "train")
-    assert np.array_equal(run(near=near), run())
+    assert np.array_equal(run(solved_skin=near), run())
 
 
 @pytest.mark.parametrize(

@@ -37,9 +37,9 @@ GAIN = {"name": "force-dependent-gain", "parameters": {"per_N": 0.01, "F_mid_N":
 
 def chain(folder: Path, crossed=False, baseline="paired", noise=0.01):
     laid, grid = folder / "mesh.npz", folder / "grid.csv"
-    layout.write(laid, grid, 1, SKIN, {"drive": "adjacent"}, GRID, FORCES, "train")
+    layout.write(laid, grid, layout.Layout(1, SKIN, {"drive": "adjacent"}, GRID, FORCES, "train"))
     sets.write_skin_stage(
-        laid, grid, folder / "0.parquet", 1, SKIN, "train", [ELLIPSE], 12, crossed
+        laid, grid, folder / "0.parquet", sets.SkinStage(1, SKIN, "train", [ELLIPSE], 12, crossed)
     )
     sets.write_stage(folder / "0.parquet", folder / "1.parquet", 1, GAIN, 1)
     out = folder / "set.parquet"
@@ -72,7 +72,8 @@ def test_a_session_is_refused_from_any_process(tmp_path, monkeypatch):
     laid, grid, out = (tmp_path / name for name in ("mesh.npz", "grid.csv", "rough.parquet"))
     rough = {"name": "domain-shape", "parameters": {"harmonic": 3, "amplitude": 0.9}}
     with pytest.raises(InputError, match=r"found 0\.9"):
-        sets.write_skin_stage(laid, grid, out, 1, SKIN, "train", [rough], 12, False)
+        skin_stage = sets.SkinStage(1, SKIN, "train", [rough], 12, False)
+        sets.write_skin_stage(laid, grid, out, skin_stage)
     assert not out.exists()
 
 
@@ -100,7 +101,7 @@ def test_sessions_in_order_and_crossed():
 def test_the_skin_stage_is_the_forward_model(tmp_path):
     chain(tmp_path)
     stage = stages.Stage(tmp_path / "0.parquet")
-    (table, untouched, touched), channels = stage.whole(), stage.channels
+    (table, untouched, touched), channels = stage.joined(), stage.channels
     row = table.iloc[17]
     counts = site_counts(channels)
     chosen = settings([ELLIPSE], counts, (1, int(row["session"]), 0))
@@ -116,8 +117,8 @@ def test_the_skin_stage_is_the_forward_model(tmp_path):
 
 def test_the_untouched_frame_carries_the_gain_of_its_touch(tmp_path):
     chain(tmp_path)
-    table, before, _ = stages.Stage(tmp_path / "0.parquet").whole()
-    _, after, _ = stages.Stage(tmp_path / "1.parquet").whole()
+    table, before, _ = stages.Stage(tmp_path / "0.parquet").joined()
+    _, after, _ = stages.Stage(tmp_path / "1.parquet").joined()
     gain = 1 + 0.01 * (table["force_N"].to_numpy() - 5.0)
     assert np.allclose(after / before, gain[:, None], rtol=1e-5)
 
@@ -125,7 +126,7 @@ def test_the_untouched_frame_carries_the_gain_of_its_touch(tmp_path):
 @pytest.mark.parametrize("baseline", ["paired", "averaged"])
 def test_noise_and_baseline(tmp_path, baseline):
     found = dataset.read(chain(tmp_path, baseline=baseline))
-    _, untouched, touched = stages.Stage(tmp_path / "1.parquet").whole()
+    _, untouched, touched = stages.Stage(tmp_path / "1.parquet").joined()
     noise = (found.delta_V - (touched - untouched)) / np.median(np.abs(touched), axis=1)[:, None]
     frames = 12
     expected = 0.01 * np.sqrt(2.0 if baseline == "paired" else 1.0 + 1.0 / frames)
@@ -139,12 +140,14 @@ def test_noise_and_baseline(tmp_path, baseline):
 @pytest.mark.parametrize(("given", "samples"), [({}, 30), ({"samples": 50}, 50)])
 def test_a_continuous_set_has_its_own_size_or_the_grids(tmp_path, given, samples):
     laid, grid = tmp_path / "mesh.npz", tmp_path / "grid.csv"
-    layout.write(laid, grid, 1, SKIN, {"drive": "adjacent"}, GRID, FORCES, "train")
+    layout.write(laid, grid, layout.Layout(1, SKIN, {"drive": "adjacent"}, GRID, FORCES, "train"))
     forces = {key: FORCES[key] for key in ("mean_N", "sd_N", "max_N")}
     continuous = {"reach_mm": 64.0, "probe_mm": 16.0, "forces": forces, **given}
     out = tmp_path / "0.parquet"
-    sets.write_skin_stage(laid, grid, out, 1, SKIN, "train", [ELLIPSE], 12, False, continuous)
-    table, *_ = stages.Stage(out).whole()
+    sets.write_skin_stage(
+        laid, grid, out, sets.SkinStage(1, SKIN, "train", [ELLIPSE], 12, False, continuous)
+    )
+    table, *_ = stages.Stage(out).joined()
     assert len(table) == samples and table["place"].is_unique
     np.testing.assert_array_equal(table["session"], np.arange(samples) // 12)
 
@@ -170,7 +173,9 @@ def test_a_continuous_set_is_of_its_configuration(tmp_path):
     laid, grid, stage = (tmp_path / name for name in ("mesh.npz", "grid.csv", "own.parquet"))
     own = {"reach_mm": 72.0, "probe_mm": 16.0}
     own["forces"] = {"mean_N": 5.0, "sd_N": 2.0, "max_N": 10.0}
-    sets.write_skin_stage(laid, grid, stage, 1, SKIN, "train", [ELLIPSE], 12, False, own)
+    sets.write_skin_stage(
+        laid, grid, stage, sets.SkinStage(1, SKIN, "train", [ELLIPSE], 12, False, own)
+    )
     out = tmp_path / "out.parquet"
     sets.write_dataset(stage, out, "authors-continuous", 1, 0.01, "paired")
     found = dataset.read(out)
@@ -202,7 +207,9 @@ def test_samples_have_no_time(tmp_path, effect):
         else:
             laid, grid = tmp_path / "mesh.npz", tmp_path / "grid.csv"
             out = tmp_path / "x.parquet"
-            sets.write_skin_stage(laid, grid, out, 1, SKIN, "train", [effect], 12, False)
+            sets.write_skin_stage(
+                laid, grid, out, sets.SkinStage(1, SKIN, "train", [effect], 12, False)
+            )
 
 
 def test_the_chain_follows_the_instrument():
@@ -226,8 +233,8 @@ def test_a_sample_s_touch_and_wires(tmp_path):
         {"name": "electrode-swap", "electrodes": [2, 5], "parameters": {}},
     ]
     laid, grid, out = (tmp_path / name for name in ("mesh.npz", "grid.csv", "swap.parquet"))
-    sets.write_skin_stage(laid, grid, out, 1, SKIN, "train", effects, 12, False)
-    table, _, touched = stages.Stage(out).whole()
+    sets.write_skin_stage(laid, grid, out, sets.SkinStage(1, SKIN, "train", effects, 12, False))
+    table, _, touched = stages.Stage(out).joined()
     row = table.iloc[17]
     touch = Touch(row["x_mm"], row["y_mm"], 8.0, 0.9 * np.sqrt(row["force_N"]))
     wires = np.arange(16)

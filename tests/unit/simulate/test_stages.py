@@ -49,7 +49,7 @@ def test_a_stage_is_read_as_it_was_written(tmp_path, monkeypatch):
     assert [len(part.table) for part in stage] == [2 * FRAMES, 2 * FRAMES, FRAMES]
     assert len(stage) == 3
     given = list(parts(5))
-    for index, found in enumerate(stage.whole()):
+    for index, found in enumerate(stage.joined()):
         wanted = [one[index] for one in given]
         if index == 0:
             assert found.equals(pd.concat(wanted, ignore_index=True))

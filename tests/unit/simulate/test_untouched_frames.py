@@ -16,9 +16,8 @@ ELLIPSE = {"name": "ellipse", "parameters": {"sx": {"sd": 0.03}, "sy": {"sd": 0.
 
 
 def frames(effects, kept, noise=0.0, sessions=3, session_frames=4, seed=1):
-    return untouched_frames.frames(
-        SKIN, CHANNELS, effects, kept, noise, sessions, session_frames, FORCE_N, "train", seed
-    )
+    plan = untouched_frames.Plan(sessions, session_frames, FORCE_N, "train", seed)
+    return untouched_frames.frames(SKIN, CHANNELS, effects, kept, noise, plan)
 
 
 def test_the_plain_skin_reads_as_the_closed_form():

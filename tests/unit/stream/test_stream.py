@@ -23,8 +23,8 @@ from eitskin.exported import file
 from eitskin.exported.predictor import Predictor
 from eitskin.stream import sources
 from eitskin.stream.judge import Judge
-from eitskin.stream.kept import Keeper, as_recording
-from eitskin.stream.run import Told, run
+from eitskin.stream.recorder import Recorder, as_recording
+from eitskin.stream.run import Tally, run
 from eitskin.stream.view import View
 from rigsim import faults
 from rigsim.eit import text, values
@@ -46,7 +46,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def said(capsys):
+def json_lines(capsys):
     """The JSON lines on stdout."""
     return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
 
@@ -54,14 +54,14 @@ def said(capsys):
 def test_a_recording_is_judged_frame_by_frame(folder, capsys):
     words = ["stream", "skin.parquet", "--model", "mlp.npz", "--fast", "--json"]
     assert cli.main(words) == 0
-    lines = said(capsys)
+    lines = json_lines(capsys)
     assert len(lines) == 30
-    assert [one["verdict"] for one in lines[:10]] == ["starting"] * 9 + ["no touch"]
-    touched = [one for one in lines[15:25] if one["verdict"] == "touch"]
+    assert [line["verdict"] for line in lines[:10]] == ["starting"] * 9 + ["no touch"]
+    touched = [line for line in lines[15:25] if line["verdict"] == "touch"]
     assert len(touched) >= 8
-    for one in touched:
-        assert one["x_mm"]["low"] < one["x_mm"]["value"] < one["x_mm"]["high"]
-        assert abs(one["x_mm"]["value"] - PLACE[0]) < 10
+    for line in touched:
+        assert line["x_mm"]["low"] < line["x_mm"]["value"] < line["x_mm"]["high"]
+        assert abs(line["x_mm"]["value"] - PLACE[0]) < 10
     assert lines[7]["time_s"] == pytest.approx(0.35)
 
 
@@ -77,10 +77,10 @@ def test_plain_lines_and_the_sum_of_it(folder, capsys):
 def test_a_recording_of_the_stream_is_read_again(folder, capsys):
     words = ["stream", "skin.parquet", "--model", "mlp.npz", "--fast", "--out", "out.parquet"]
     assert cli.main(words) == 0
-    found, given = recording.read("out.parquet"), recording.read("skin.parquet")
-    np.testing.assert_allclose(found.readings, given.readings)
-    assert "states estimated by mlp of streamed" in found.metadata["source"]
-    assert set(found.frames["note_verdict"]) >= {"starting", "no touch", "touch"}
+    streamed, recorded = recording.read("out.parquet"), recording.read("skin.parquet")
+    np.testing.assert_allclose(streamed.readings, recorded.readings)
+    assert "states estimated by mlp of streamed" in streamed.metadata["source"]
+    assert set(streamed.frames["note_verdict"]) >= {"starting", "no touch", "touch"}
     assert not Path("out.jsonl").exists()
     assert cli.main(["check", "out.parquet"]) in (0, 2)
 
@@ -120,7 +120,7 @@ def test_an_earlier_journal_is_not_written_over(folder, capsys):
     assert cli.main(words) == 1
     assert "out.jsonl: line 1: found no record of a stream" in capsys.readouterr().err
     Path("out.jsonl").unlink()
-    killed = Keeper("out.parquet", skin.exported().header, False, "a test", "board")
+    killed = Recorder("out.parquet", skin.exported().header, False, "a test", "board")
     killed._writer.append({"kind": "frame"})
     killed._writer.close()
     assert cli.main(words) == 1
@@ -158,18 +158,20 @@ def test_a_killed_stream_leaves_a_journal_that_is_streamed_again(folder, capsys)
 
 
 @pytest.mark.parametrize(
-    ("out", "said"),
+    ("out_path", "message"),
     [
         ("out.jsonl", "out.jsonl: --out: found the ending '.jsonl', expected '.parquet'"),
         ("out.csv", "out.csv: --out: found the ending '.csv', expected '.parquet'"),
         ("./skin.parquet", "./skin.parquet: --out: found the source itself, expected another file"),
     ],
 )
-def test_an_out_that_would_spoil_something_is_refused(folder, capsys, out, said):
-    before = Path("skin.parquet").read_bytes()
-    assert cli.main(["stream", "skin.parquet", "--model", "mlp.npz", "--fast", "--out", out]) == 1
-    assert capsys.readouterr().err.strip() == said
-    assert Path("skin.parquet").read_bytes() == before
+def test_an_out_that_would_spoil_something_is_refused(folder, capsys, out_path, message):
+    original_bytes = Path("skin.parquet").read_bytes()
+    assert (
+        cli.main(["stream", "skin.parquet", "--model", "mlp.npz", "--fast", "--out", out_path]) == 1
+    )
+    assert capsys.readouterr().err.strip() == message
+    assert Path("skin.parquet").read_bytes() == original_bytes
 
 
 def test_a_refused_stream_leaves_no_recording(folder, capsys):
@@ -183,13 +185,15 @@ def test_a_refused_stream_leaves_no_recording(folder, capsys):
 
 
 def test_a_signal_while_frames_are_written_loses_and_doubles_none(folder, monkeypatch):
-    keeper = Keeper("out.parquet", skin.exported().header, False, "a test", "board")
+    recorder = Recorder("out.parquet", skin.exported().header, False, "a test", "board")
     voltage = skin.readings(np.zeros((3, 3)), np.random.default_rng(1))
     for number, reading in enumerate(voltage):
-        keeper._waiting.append({"kind": "frame", "time_s": 0.1 * number, "verdict": "no touch"})
-        keeper._waiting[-1] |= {"reading": reading.tolist(), "state": None, "half": None}
-        keeper._waiting[-1]["lost"] = []
-        keeper._told += 1
+        recorder._pending_records.append(
+            {"kind": "frame", "time_s": 0.1 * number, "verdict": "no touch"}
+        )
+        recorder._pending_records[-1] |= {"reading": reading.tolist(), "state": None, "half": None}
+        recorder._pending_records[-1]["lost"] = []
+        recorder._n_decided += 1
     fsync = os.fsync
 
     def interrupted(number):
@@ -198,9 +202,9 @@ def test_a_signal_while_frames_are_written_loses_and_doubles_none(folder, monkey
 
     monkeypatch.setattr(os, "fsync", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        keeper.flush()
+        recorder.flush()
     monkeypatch.setattr(os, "fsync", fsync)
-    keeper.close()
+    recorder.close()
     assert recording.read("out.parquet").frames["time_s"].tolist() == [0.0, 0.1, 0.2]
 
 
@@ -211,19 +215,19 @@ def test_what_cannot_be_told_is_neither_touched_nor_untouched_in_a_recording(fol
     skin.write_recording(folder / "palm.parquet", STATES, palm)
     words = ["stream", "palm.parquet", "--model", "mlp.npz", "--fast", "--out", "out.parquet"]
     assert cli.main(words) == 0
-    found = recording.read("out.parquet").frames
-    assert "cannot tell" not in set(found["note_verdict"]) and len(found) <= 25
-    touched = found[found["touch"]]
+    frames = recording.read("out.parquet").frames
+    assert "cannot tell" not in set(frames["note_verdict"]) and len(frames) <= 25
+    touched = frames[frames["touch"]]
     np.testing.assert_allclose(touched["note_estimate_force_N"], touched["force_N"])
 
 
 def test_a_stream_that_was_killed_before_its_first_frame_is_in_nobodys_way(folder):
     header = skin.exported().header
-    first = Keeper("out.parquet", header, False, "a test", "board")
+    killed_recorder = Recorder("out.parquet", header, False, "a test", "board")
     with pytest.raises(InputError, match="another capture's lock"):
-        Keeper("out.parquet", header, False, "a test", "board")
-    first._writer.close()  # as a kill does
-    Keeper("out.parquet", header, False, "a test", "board").discard()
+        Recorder("out.parquet", header, False, "a test", "board")
+    killed_recorder._writer.close()  # as a kill does
+    Recorder("out.parquet", header, False, "a test", "board").discard()
     assert not list(folder.glob("out*"))
 
 
@@ -238,15 +242,15 @@ def test_where_nothing_could_be_told_the_stream_ends_without_a_recording(folder,
 
 
 def test_latencies_are_the_latest(monkeypatch):
-    told = Told()
-    told.latency_s.extend(range(100_002))
-    assert len(told.latency_s) == 100_000 and told.latency_s[-1] == 100_001
+    tally = Tally()
+    tally.latency_s.extend(range(100_002))
+    assert len(tally.latency_s) == 100_000 and tally.latency_s[-1] == 100_001
 
 
 def test_a_board_s_model_of_other_channels_names_its_file(folder, capsys):
-    made = skin.exported()
-    changed = made.header | {"dataset": made.header["dataset"] | {"voltage": "signed"}}
-    file.write(replace(made, header=changed), "signed.npz")
+    exported = skin.exported()
+    header = exported.header | {"dataset": exported.header["dataset"] | {"voltage": "signed"}}
+    file.write(replace(exported, header=header), "signed.npz")
     assert cli.main(["stream", "/dev/null", "--model", "signed.npz"]) == 1
     assert capsys.readouterr().err.startswith("signed.npz: voltage: found signed V of streamed")
 
@@ -286,20 +290,20 @@ def board(folder):
         started[0].start()
 
     yield start
-    for one in started:
-        one.over = True
-        one.join()
-        one.port.unplug()
+    for emulated in started:
+        emulated.over = True
+        emulated.join()
+        emulated.port.unplug()
 
 
 def streamed(enough):
     """What a stream of the board says until that is enough."""
-    exported, out = skin.exported(), io.StringIO()
-    source = sources.board("board", 115200, exported.header["dataset"], sources.Stop())
+    exported, output = skin.exported(), io.StringIO()
+    source = sources.board_source("board", 115200, exported.header["dataset"], sources.Stop())
     predictor, give_up = Predictor(exported), time.monotonic() + PATIENCE_S
 
     def lines():
-        return [json.loads(line) for line in out.getvalue().splitlines()]
+        return [json.loads(line) for line in output.getvalue().splitlines()]
 
     def until_enough():
         for event in source.events:
@@ -308,29 +312,29 @@ def streamed(enough):
                 return
             assert time.monotonic() < give_up, lines()[-3:]
 
-    view = View(predictor.targets, True, out)
+    view = View(predictor.targets, True, output)
     try:
-        run(replace(source, events=until_enough()), Judge(predictor), view, None, Told())
+        run(replace(source, events=until_enough()), Judge(predictor), view, None, Tally())
     finally:
         source.events.close()
     return lines()
 
 
-def spoilt(name, at):
-    """Lines that a fault of the emulated rig's spoils, those of the numbers `at`."""
+def fault(name, line_numbers):
+    """Lines that a fault of the emulated rig's spoils, those of the numbers `line_numbers`."""
 
     def spoil(board, number, line_V, line):
-        return getattr(board.spoilers, f"_{name}")(line_V, line) if number in at else line
+        return getattr(board.spoilers, f"_{name}")(line_V, line) if number in line_numbers else line
 
     return spoil
 
 
 def kinds(lines):
-    return [one.get("verdict", one.get("trouble")) for one in lines]
+    return [line.get("verdict", line.get("trouble")) for line in lines]
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [
         ("garbled", "a line refused, "),
         ("short", "a line refused, count: "),
@@ -338,18 +342,18 @@ def kinds(lines):
         ("driven", "a line refused, driven pair: "),
     ],
 )
-def test_a_bad_line_is_refused_and_the_next_frame_is_judged(board, name, told):
-    board(spoilt(name, {20, 30}))
+def test_a_bad_line_is_refused_and_the_next_frame_is_judged(board, name, message):
+    board(fault(name, {20, 30}))
     lines = streamed(lambda lines: len(lines) >= 36)
     troubles = [words for words in kinds(lines) if words.startswith("a line refused")]
-    assert len(troubles) == 2 and all(words.startswith(told) for words in troubles)
+    assert len(troubles) == 2 and all(words.startswith(message) for words in troubles)
     assert kinds(lines).count("touch") >= 5 and kinds(lines).count("no touch") >= 8
 
 
 def test_saturated_readings_are_left_out_and_said(board):
-    board(spoilt("saturated", range(15, 20)))
+    board(fault("saturated", range(15, 20)))
     lines = streamed(lambda lines: len(lines) >= 22)
-    left_out = [one.get("left_out", 0) for one in lines]
+    left_out = [line.get("left_out", 0) for line in lines]
     assert max(left_out) >= 20 and left_out[-1] == 0
 
 
@@ -377,7 +381,7 @@ def test_a_board_that_is_unplugged_and_back(board):
 
 
 def test_a_board_of_another_kind_is_refused(board):
-    board(spoilt("long", range(100)))
+    board(fault("long", range(100)))
     with pytest.raises(InputError) as refused:
         streamed(lambda lines: len(lines) > 20)
     expected = "board: 5 lines: found count: 768 values, expected 256, expected a frame of 16"
@@ -393,6 +397,6 @@ def test_a_board_s_stream_ends_with_ctrl_c_and_leaves_a_recording(board):
     _, err = streaming.communicate(timeout=60)
     assert streaming.returncode == 0, err
     assert err.startswith("frames: 9 starting")
-    found = recording.read("out.parquet")
-    assert found.metadata["source"].startswith("circular-16 at board; states")
-    assert found.frames["touch"].any() and not found.frames["touch"].all()
+    streamed = recording.read("out.parquet")
+    assert streamed.metadata["source"].startswith("circular-16 at board; states")
+    assert streamed.frames["touch"].any() and not streamed.frames["touch"].all()

@@ -135,7 +135,7 @@ def test_a_broken_value_is_refused_in_one_line(
     with pytest.raises(InputError) as refused:
         validate(config, SCHEMA, [ROOT / "config.yaml", "mine.yaml"])
     error = refused.value
-    assert found in str(error.found) and expected in error.expected, str(error)
+    assert found in str(error.actual) and expected in error.expected, str(error)
     assert "\n" not in str(error) and Path(error.file).name == "mine.yaml"
     assert error.place.startswith(place.split()[0])
 
@@ -150,4 +150,4 @@ def test_a_broken_file_is_refused_in_one_line(tmp_path, monkeypatch, text, place
         validate(CONFIG, SCHEMA, [ROOT / "config.yaml", "mine.yaml"])
     error = refused.value
     assert str(error.file) == "mine.yaml" and error.place == place, str(error)
-    assert found in str(error.found) and expected in error.expected, str(error)
+    assert found in str(error.actual) and expected in error.expected, str(error)

@@ -6,27 +6,31 @@ from pathlib import Path
 
 from eitskin.capture import configuration
 
-NOT_READY = 2
+NOT_READY = 2  # exit code of a check that refuses
 FOLDER = Path("captures")
 
 
 def add(commands: argparse._SubParsersAction) -> None:
     """Add the command `rig` to those of `eitskin`."""
     rig = commands.add_parser("rig", help="capture with a robot, a load cell and an EIT board")
-    doing = rig.add_subparsers(required=True, metavar="COMMAND")
-    checking = doing.add_parser("check", help="look at every device; nothing moves")
-    checking.add_argument("config", help="YAML with the mapping rig")
-    checking.set_defaults(run=_check, usage=checking)
-    for name, what in (
+    subcommands = rig.add_subparsers(required=True, metavar="COMMAND")
+    check_parser = subcommands.add_parser("check", help="look at every device; nothing moves")
+    check_parser.add_argument("config", help="YAML with the mapping rig")
+    check_parser.set_defaults(run=_check, usage=check_parser)
+    for name, help_text in (
         ("run", "capture everything that the configuration plans"),
         ("resume", "go on at the first contact that is not finished"),
     ):
-        capturing = doing.add_parser(name, help=what)
-        capturing.add_argument("config", help="YAML with the mapping rig")
-        capturing.add_argument("--journal", help=f"by default {FOLDER}/NAME.jsonl")
-        capturing.add_argument("--out", help=f"the recording, by default {FOLDER}/NAME.parquet")
-        capturing.add_argument("--probe", type=float, help="diameter of the mounted probe in mm")
-        capturing.set_defaults(run=_capture, resume=name == "resume", usage=capturing)
+        capture_parser = subcommands.add_parser(name, help=help_text)
+        capture_parser.add_argument("config", help="YAML with the mapping rig")
+        capture_parser.add_argument("--journal", help=f"by default {FOLDER}/NAME.jsonl")
+        capture_parser.add_argument(
+            "--out", help=f"the recording, by default {FOLDER}/NAME.parquet"
+        )
+        capture_parser.add_argument(
+            "--probe", type=float, help="diameter of the mounted probe in mm"
+        )
+        capture_parser.set_defaults(run=_capture, resume=name == "resume", usage=capture_parser)
 
 
 def _check(arguments: argparse.Namespace) -> int:
@@ -39,21 +43,21 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _capture(arguments: argparse.Namespace) -> int:
-    from eitskin.capture.captured import capture_recording
+    from eitskin.capture.run import capture_recording
 
     config = configuration.read(arguments.config)
-    journal = Path(arguments.journal or FOLDER / f"{config['name']}.jsonl")
-    out = Path(arguments.out or FOLDER / f"{config['name']}.parquet")
+    journal_path = Path(arguments.journal or FOLDER / f"{config['name']}.jsonl")
+    recording_path = Path(arguments.out or FOLDER / f"{config['name']}.parquet")
     stopped = capture_recording(
         config,
         arguments.config,
-        journal,
+        journal_path,
         arguments.resume,
         arguments.probe,
-        (out, out.with_suffix(".manifest.json")),
+        (recording_path, recording_path.with_suffix(".manifest.json")),
     )
     if stopped is not None:
         print(stopped, file=sys.stderr)
         return stopped.code
-    print(out)
+    print(recording_path)
     return 0

@@ -26,25 +26,27 @@ def read(path: str | Path) -> dict:
 
 
 def validate(rig: object, file: str | Path) -> None:
-    """Raise InputError, with `file` as its place, for a rig against its schema or one that cannot
-    be driven safely."""
+    """Raise InputError naming `file` for a rig against its schema or unsafe to drive."""
     schema = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
     errors = sorted(Validator(schema).iter_errors(rig), key=lambda error: len(error.absolute_path))
     if errors:
-        place, found, expected = explained(errors[0])
-        raise InputError(file, dotted(["rig", *place]), found, expected)
+        place, violation, expected = explained(errors[0])
+        raise InputError(file, dotted(["rig", *place]), violation, expected)
     assert isinstance(rig, dict)
     check(rig, file)
 
 
 def check(rig: dict, file: str | Path) -> None:
-    """Raise InputError, with `file` as its place, for a rig, valid by its schema, whose plan leaves
-    its box, whose limits leave no way to stop, or whose skin does not suit its board."""
+    """Raise InputError naming `file` for a rig that its schema allows and that is unsafe.
+
+    That is one whose plan leaves its box, whose limits are passed before the robot can stop, or
+    whose skin does not suit its board.
+    """
     skin = believed_skin(rig, file)
     n = BOARDS[rig["board"]["profile"]].n_electrodes
     if skin.electrode_deg is not None and len(skin.electrode_deg) != n:
-        found = f"{len(skin.electrode_deg)} electrodes"
-        raise InputError(file, "rig.skin.electrode_deg", found, f"{n}, as the board has")
+        electrode_count = f"{len(skin.electrode_deg)} electrodes"
+        raise InputError(file, "rig.skin.electrode_deg", electrode_count, f"{n}, as the board has")
     if rig["board"]["frame_s"] > rig["board"]["period_s"]:
         expected = f"at most period_s, {rig['board']['period_s']}"
         raise InputError(file, "rig.board.frame_s", rig["board"]["frame_s"], expected)
@@ -53,46 +55,48 @@ def check(rig: dict, file: str | Path) -> None:
 
 
 def believed_skin(rig: dict, file: str | Path = "rig") -> Skin:
-    """The skin that a recording's metadata will state."""
+    """The skin as the recording's metadata will state it."""
     believed = {key: value for key, value in rig["skin"].items() if key != "id"}
     return Skin.from_metadata(believed, f"{file}: rig")
 
 
 def limits(rig: dict) -> Limits:
-    """The limits as the interlock takes them."""
+    """The limits in the form of the interlock."""
     return Limits(**rig["limits"])
 
 
 def pressing_m_s(motion: dict) -> float:
-    """The fastest way into the skin, in m/s."""
+    """The highest speed towards the skin in m/s."""
     return max(motion["press_m_s"], motion["search_m_s"])
 
 
 def _check_forces(rig: dict, file: str | Path) -> None:
     """Refuse forces and speeds at which the robot cannot be stopped before the hard limit."""
     limits, plan, motion = rig["limits"], rig["plan"], rig["motion"]
-    low, high = plan["target_N"]
-    if not low <= high < limits["soft_N"]:
+    least_N, largest_N = plan["target_N"]
+    if not least_N <= largest_N < limits["soft_N"]:
         expected = f"two forces in order, below limits.soft_N, {limits['soft_N']}"
-        raise InputError(file, "rig.plan.target_N", [low, high], expected)
-    if not plan["touch_N"] < low:
-        raise InputError(file, "rig.plan.touch_N", plan["touch_N"], f"less than {low}, a target")
+        raise InputError(file, "rig.plan.target_N", [least_N, largest_N], expected)
+    if not plan["touch_N"] < least_N:
+        raise InputError(
+            file, "rig.plan.touch_N", plan["touch_N"], f"less than {least_N}, a target"
+        )
     speed = pressing_m_s(motion)
     margin_N = limits["hard_N"] - limits["soft_N"]
-    for place, unseen_s, when in (
+    for place, delay_s, cause in (
         ("rig.motion", limits["latency_s"], "before it is read"),
         ("rig.limits.watchdog_Hz", 1.0 / limits["watchdog_Hz"], "without the host"),
     ):
-        unseen_N = speed * 1e3 * unseen_s * limits["stiffness_N_per_mm"]
-        if unseen_N > margin_N * (1.0 + 1e-9):
-            found = f"{speed} m/s: the force grows by {unseen_N:g} N {when}"
+        growth_N = speed * 1e3 * delay_s * limits["stiffness_N_per_mm"]
+        if growth_N > margin_N * (1.0 + 1e-9):
+            violation = f"{speed} m/s: the force grows by {growth_N:g} N {cause}"
             expected = f"at most {margin_N:g} N, from soft_N to hard_N"
-            raise InputError(file, place, found, expected)
+            raise InputError(file, place, violation, expected)
     step_N = plan["step_mm"] * limits["stiffness_N_per_mm"]
-    if high + step_N >= limits["hard_N"]:
-        found = f"{plan['step_mm']} mm, up to {step_N:g} N more"
-        expected = f"a step from {high} N that stays below hard_N, {limits['hard_N']}"
-        raise InputError(file, "rig.plan.step_mm", found, expected)
+    if largest_N + step_N >= limits["hard_N"]:
+        violation = f"{plan['step_mm']} mm, up to {step_N:g} N more"
+        expected = f"a step from {largest_N} N that stays below hard_N, {limits['hard_N']}"
+        raise InputError(file, "rig.plan.step_mm", violation, expected)
 
 
 def _check_box(rig: dict, file: str | Path) -> None:
@@ -103,17 +107,20 @@ def _check_box(rig: dict, file: str | Path) -> None:
             place = f"rig.pose.box_m, {axis}"
             raise InputError(file, place, [low, high], "the smaller value first")
     if not math.isclose(math.pi, math.hypot(*centre[3:]), abs_tol=0.2):
-        found = f"a tool turned by {math.hypot(*centre[3:]):.3f} rad"
-        raise InputError(file, "rig.pose.centre", found, "about π rad: the probe points down")
+        violation = f"a tool turned by {math.hypot(*centre[3:]):.3f} rad"
+        raise InputError(file, "rig.pose.centre", violation, "about π rad: the probe points down")
     grid = places(plan)
-    for axis, start, offset in (("x", centre[0], grid["x_mm"]), ("y", centre[1], grid["y_mm"])):
+    for axis, centre_m, offsets_mm in (
+        ("x", centre[0], grid["x_mm"]),
+        ("y", centre[1], grid["y_mm"]),
+    ):
         low, high = box["xyz".index(axis)]
-        reached = start + 1e-3 * offset
-        if reached.min() < low or reached.max() > high:
-            found = f"places from {reached.min():.4f} to {reached.max():.4f} m"
-            raise InputError(file, f"rig.pose.box_m, {axis}", [low, high], f"more than {found}")
+        positions_m = centre_m + 1e-3 * offsets_mm
+        if positions_m.min() < low or positions_m.max() > high:
+            violation = f"places from {positions_m.min():.4f} to {positions_m.max():.4f} m"
+            raise InputError(file, f"rig.pose.box_m, {axis}", [low, high], f"more than {violation}")
     low, high = box[2]
     if not low < centre[2] - 1e-3 * plan["search_mm"] or not centre[2] <= high:
-        found = f"{low} to {high} m"
+        violation = f"{low} to {high} m"
         expected = f"{plan['search_mm']} mm below the centre's {centre[2]} m, and it, to lie within"
-        raise InputError(file, "rig.pose.box_m, z", found, expected)
+        raise InputError(file, "rig.pose.box_m, z", violation, expected)

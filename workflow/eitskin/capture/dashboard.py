@@ -1,54 +1,54 @@
-"""The robot's dashboard server: what it says of itself, and a second way to stop it."""
+"""The robot's dashboard server: its identity and mode, and a second way to stop it."""
 
 import contextlib
 import socket
 import threading
 
-PORT = 29999
-TIMEOUT_S = 2.0
+PORT = 29999  # Universal Robots, "Dashboard Server"
+TIMEOUT_S = 2.0  # for one line over a local network
 
 
 class Dashboard:
-    """One connection, opened when it is first needed and anew when it was lost."""
+    """One connection, opened by the first command and again after it was lost."""
 
     def __init__(self, host: str):
         self._host = host
         self._socket: socket.socket | None = None
-        self._rest = b""
+        self._buffer = b""
         self._lock = threading.Lock()
 
     def ask(self, command: str) -> str:
-        """The one line that answers `command`; raises OSError where none comes in time."""
+        """The line that answers `command`; raises OSError where none comes in time."""
         with self._lock:
             if self._socket is not None:
                 with contextlib.suppress(OSError):
                     return self._exchange(self._socket, command)
                 self._close(self._socket)
-            opened = socket.create_connection((self._host, PORT), timeout=TIMEOUT_S)
-            self._socket = opened
+            connection = socket.create_connection((self._host, PORT), timeout=TIMEOUT_S)
+            self._socket = connection
             try:
-                self._line(opened)  # the greeting
-                return self._exchange(opened, command)
+                self._line(connection)  # the greeting
+                return self._exchange(connection, command)
             except OSError:
-                self._close(opened)
+                self._close(connection)
                 raise
 
-    def _exchange(self, opened: socket.socket, command: str) -> str:
-        opened.sendall(command.encode() + b"\n")
-        return self._line(opened)
+    def _exchange(self, connection: socket.socket, command: str) -> str:
+        connection.sendall(command.encode() + b"\n")
+        return self._line(connection)
 
-    def _line(self, opened: socket.socket) -> str:
-        while b"\n" not in self._rest:
-            chunk = opened.recv(4096)
+    def _line(self, connection: socket.socket) -> str:
+        while b"\n" not in self._buffer:
+            chunk = connection.recv(4096)
             if not chunk:
                 raise ConnectionError("the dashboard closed the connection")
-            self._rest += chunk
-        line, _, self._rest = self._rest.partition(b"\n")
+            self._buffer += chunk
+        line, _, self._buffer = self._buffer.partition(b"\n")
         return line.decode(errors="replace").strip()
 
-    def _close(self, opened: socket.socket) -> None:
-        opened.close()
-        self._socket, self._rest = None, b""
+    def _close(self, connection: socket.socket) -> None:
+        connection.close()
+        self._socket, self._buffer = None, b""
 
     def close(self) -> None:
         """Close the connection."""

@@ -1,4 +1,4 @@
-"""When the robot must stop: a function of what is known now, and of the limits.
+"""When the robot must stop: a function of the state of all devices and of the limits.
 
 Software that watches a robot is no safety function. The robot's own force limits and safety planes
 must be set so that nobody is hurt when all of this fails.
@@ -7,16 +7,17 @@ must be set so that nobody is hurt when all of this fails.
 import math
 from dataclasses import dataclass
 
+# Values of RTDE's fields: Universal Robots, "Real-Time Data Exchange (RTDE) Guide".
 RUNNING = 7  # robot_mode
 NORMAL_SAFETY = 1  # safety_mode
 PLAYING = 2  # runtime_state
 SAFE_BITS = 0b1  # safety_status_bits: normal mode and nothing else
-STILL_M_S = 5e-4  # a TCP that is slower stands
+STILL_M_S = 5e-4  # speed of the TCP below which it counts as standing: above its noise at rest
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a run may not exceed; units in the names."""
+    """The limits of a run; units in the names."""
 
     soft_N: float  # force at which the robot is stopped
     hard_N: float  # force that must never act; soft is far enough below it
@@ -33,18 +34,19 @@ class Limits:
 
 @dataclass(frozen=True)
 class State:
-    """What is known at a moment (host's monotonic seconds). Positions in m in the robot's base."""
+    """The state of all devices at one moment of the host's monotonic clock; positions in m in the
+    robot's base frame."""
 
     now_s: float
     force_N: float  # as read
     zero_N: float  # what the untouched cell read last
-    force_s: float  # when the last reading came
-    jump_N: float  # largest step between readings since the last look
+    force_s: float  # time of the last reading
+    jump_N: float  # largest step between readings since the last state
     load_rejects: int  # in a row, up to now
     frozen_readings: int  # equal ones in a row, up to now
     load_restarts: int  # greetings since the run began
-    load_lost: str | None  # why the load cell's port is gone
-    robot_lost: str | None  # why the robot's process is gone
+    load_failure: str | None  # why the load cell's port was lost
+    robot_failure: str | None  # why the robot's process ended
     robot_clock_s: float  # when the robot's clock last advanced
     robot_mode: int
     safety_mode: int
@@ -63,68 +65,68 @@ class Stop:
 
 
 def judge(state: State, limits: Limits, box_m: tuple[tuple[float, float], ...]) -> Stop | None:
-    """The first reason to stop, or None. Anything that is not a finite number is a reason.
+    """The first reason to stop, or None; a number that is not finite is a reason.
 
-    box_m: smallest and largest x, y and z. While retreating upward the load cell may say anything
-    but a force that grows, and z may lie below the box: standing still would be worse.
+    `box_m` holds smallest and largest x, y and z. During a retreat upward only a growing force and
+    x, y outside the box are reasons: standing still on the skin would be worse.
     """
-    return _robot(state, limits) or _place(state, box_m) or _force(state, limits)
+    return _robot_stop(state, limits) or _place_stop(state, box_m) or _force_stop(state, limits)
 
 
-def _robot(state: State, limits: Limits) -> Stop | None:
-    if state.robot_lost is not None:
-        return Stop("robot lost", f"the robot's connection is gone: {state.robot_lost}")
-    still = state.now_s - state.robot_clock_s
-    if not still <= limits.clock_s:
-        said = f"the robot's clock has stood still for {still:.2f} s (limit {limits.clock_s} s)"
-        return Stop("robot clock", said)
+def _robot_stop(state: State, limits: Limits) -> Stop | None:
+    if state.robot_failure is not None:
+        return Stop("robot lost", f"the robot's connection is gone: {state.robot_failure}")
+    still_s = state.now_s - state.robot_clock_s
+    if not still_s <= limits.clock_s:
+        detail = f"the robot's clock has stood still for {still_s:.2f} s (limit {limits.clock_s} s)"
+        return Stop("robot clock", detail)
     if state.safety_mode != NORMAL_SAFETY or state.safety_bits != SAFE_BITS:
-        said = f"safety mode {state.safety_mode}, status bits {state.safety_bits:#x}"
-        return Stop("robot safety", f"the robot's safety system has acted: {said}")
+        detail = f"safety mode {state.safety_mode}, status bits {state.safety_bits:#x}"
+        return Stop("robot safety", f"the robot's safety system has acted: {detail}")
     if state.robot_mode != RUNNING:
         return Stop("robot mode", f"the robot is not running: robot mode {state.robot_mode}")
     if state.runtime_state != PLAYING:
-        said = f"runtime state {state.runtime_state}, expected {PLAYING}"
-        return Stop("robot program", f"the robot's program does not play: {said}")
+        detail = f"runtime state {state.runtime_state}, expected {PLAYING}"
+        return Stop("robot program", f"the robot's program does not play: {detail}")
     return None
 
 
-def _place(state: State, box_m: tuple[tuple[float, float], ...]) -> Stop | None:
+def _place_stop(state: State, box_m: tuple[tuple[float, float], ...]) -> Stop | None:
     for axis, value, (low, high) in zip("xyz", state.pose_m, box_m, strict=True):
         if axis == "z" and state.retreat_from_N is not None and math.isfinite(value):
             low = -math.inf
         if not low <= value <= high:
-            said = f"{axis} = {value:.4f} m, outside {low} to {high} m"
-            return Stop("place", f"the probe has left its box: {said}")
+            detail = f"{axis} = {value:.4f} m, outside {low} to {high} m"
+            return Stop("place", f"the probe has left its box: {detail}")
     return None
 
 
-def _force(state: State, limits: Limits) -> Stop | None:
+def _force_stop(state: State, limits: Limits) -> Stop | None:
     if state.retreat_from_N is not None:
         ceiling = max(limits.soft_N, state.retreat_from_N + limits.jump_N)
         if state.force_N > ceiling:
-            said = f"{state.force_N:.2f} N, more than at its start"
-            return Stop("retreat force", f"the force grows during the retreat: {said}")
+            detail = f"{state.force_N:.2f} N, more than at its start"
+            return Stop("retreat force", f"the force grows during the retreat: {detail}")
         return None
-    if state.load_lost is not None:
-        return Stop("load cell lost", f"the load cell's port is gone: {state.load_lost}")
+    if state.load_failure is not None:
+        return Stop("load cell lost", f"the load cell's port is gone: {state.load_failure}")
     if state.load_restarts:
         return Stop("load cell restart", "the load cell restarted: its zero is not known any more")
     age = state.now_s - state.force_s
     if not age <= limits.stale_s:
-        said = f"silent for {age:.2f} s (limit {limits.stale_s} s)"
-        return Stop("load cell silent", f"the load cell is {said}")
+        detail = f"silent for {age:.2f} s (limit {limits.stale_s} s)"
+        return Stop("load cell silent", f"the load cell is {detail}")
     if state.load_rejects >= limits.rejects:
-        said = f"{state.load_rejects} lines in a row were no reading"
-        return Stop("load cell rejects", f"the load cell cannot be read: {said}")
+        detail = f"{state.load_rejects} lines in a row were no reading"
+        return Stop("load cell rejects", f"the load cell cannot be read: {detail}")
     if state.frozen_readings >= limits.frozen_readings:
-        said = f"{state.frozen_readings} times exactly {state.force_N} N"
-        return Stop("load cell frozen", f"the load cell repeats itself: {said}")
+        detail = f"{state.frozen_readings} times exactly {state.force_N} N"
+        return Stop("load cell frozen", f"the load cell repeats itself: {detail}")
     for force in (state.force_N, state.force_N - state.zero_N):
         if not abs(force) <= limits.soft_N:
-            said = f"{force:.2f} N (limit {limits.soft_N} N)"
-            return Stop("force", f"the force is too large: {said}")
+            detail = f"{force:.2f} N (limit {limits.soft_N} N)"
+            return Stop("force", f"the force is too large: {detail}")
     if not state.jump_N <= limits.jump_N:
-        said = f"{state.jump_N:.2f} N between two readings (limit {limits.jump_N} N)"
-        return Stop("force jump", f"the force jumped: {said}")
+        detail = f"{state.jump_N:.2f} N between two readings (limit {limits.jump_N} N)"
+        return Stop("force jump", f"the force jumped: {detail}")
     return None

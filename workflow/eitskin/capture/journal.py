@@ -1,5 +1,5 @@
-"""The journal of a capture: one JSON object a line, appended and on the disk before anything else
-happens, so that a kill or a loss of power costs the line that was being written at most."""
+"""The journal of a capture: one JSON object a line, synced to disk before the capture goes on, so
+that a kill or a loss of power costs the line being written at most."""
 
 import contextlib
 import fcntl
@@ -14,28 +14,32 @@ from eitskin.errors import InputError
 
 @dataclass(frozen=True)
 class Journal:
-    """The records of a journal in order, and the length (bytes) of its whole lines."""
+    """The records of a journal in order, and the length of its complete lines in bytes."""
 
     records: list[dict]
     length: int
 
     def first_unfinished(self, contacts: int) -> int:
-        """The first contact whose `end` is not there; `contacts` where all are."""
-        ended = {record["contact"] for record in self.records if record["kind"] == "end"}
-        return next((number for number in range(contacts) if number not in ended), contacts)
+        """The first of `contacts` contacts without a record `end`, else `contacts`."""
+        finished_contacts = {
+            record["contact"] for record in self.records if record["kind"] == "end"
+        }
+        return next(
+            (number for number in range(contacts) if number not in finished_contacts), contacts
+        )
 
     def attempts(self, contact: int) -> int:
         """How many times a contact was begun."""
-        begun = [r for r in self.records if r["kind"] == "begin" and r["contact"] == contact]
-        return len(begun)
+        begin_records = [
+            r for r in self.records if r["kind"] == "begin" and r["contact"] == contact
+        ]
+        return len(begin_records)
 
 
 def read(path: str | Path, kind: str = "capture") -> Journal:
-    """The records of a journal whose first is of `kind`. A last line that was cut short is left
-    out.
+    """Read a journal whose first record is of `kind`, without a last line that was cut short.
 
-    Raises InputError for a file that is none, a broken line with others behind it, and a record
-    that is missing.
+    Raises InputError for another file, a broken line before the last, and a missing record.
     """
     try:
         data = Path(path).read_bytes()
@@ -51,11 +55,11 @@ def read(path: str | Path, kind: str = "capture") -> Journal:
         if record is None:
             if number == len(lines):
                 break
-            found = f"{line[:40]!r}"
-            raise InputError(path, f"line {number}", found, "a whole record before others")
+            violation = f"{line[:40]!r}"
+            raise InputError(path, f"line {number}", violation, "a whole record before others")
         if record["number"] != len(records):
-            found = f"record {record['number']}"
-            raise InputError(path, f"line {number}", found, f"record {len(records)}")
+            violation = f"record {record['number']}"
+            raise InputError(path, f"line {number}", violation, f"record {len(records)}")
         records.append(record)
         length += len(line) + 1
     if not records or records[0].get("kind") != kind:
@@ -64,7 +68,7 @@ def read(path: str | Path, kind: str = "capture") -> Journal:
 
 
 def _record(line: bytes) -> dict | None:
-    """The record of a line, None where it is none."""
+    """The record in a line; None where it holds none."""
     try:
         record = json.loads(line)
     except (ValueError, RecursionError):
@@ -74,68 +78,70 @@ def _record(line: bytes) -> dict | None:
     return record if isinstance(record.get("kind"), str) else None
 
 
-def begin(path: str | Path, head: dict) -> None:
-    """Make a journal of one record, there whole or not at all; raises InputError where a file is
-    there already."""
+def begin(path: str | Path, header: dict) -> None:
+    """Create a journal of one record atomically; raises InputError where the file exists."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.part")
-    with part.open("w", encoding="utf-8") as stream:
-        stream.write(_text(0, head))
+    partial_path = path.with_name(f".{path.name}.part")
+    with partial_path.open("w", encoding="utf-8") as stream:
+        stream.write(_record_line(0, header))
         stream.flush()
         os.fsync(stream.fileno())
     try:
-        os.link(part, path)
+        os.link(partial_path, path)
     except FileExistsError as error:
         expected = "none; `eitskin rig resume` goes on with one"
         raise InputError(path, "file", "a journal", expected) from error
     finally:
-        part.unlink()
-    folder = os.open(path.parent, os.O_RDONLY)
-    os.fsync(folder)
-    os.close(folder)
+        partial_path.unlink()
+    folder_descriptor = os.open(path.parent, os.O_RDONLY)
+    os.fsync(folder_descriptor)
+    os.close(folder_descriptor)
 
 
-def taken_away(path: str | Path, kind: str = "capture") -> bool:
-    """Whether a journal is there that holds nothing but its first record, as one that was killed
-    before it began leaves it; then it is taken away. Raises as `read`, and InputError where it is
-    being written."""
+def remove_if_empty(path: str | Path, kind: str = "capture") -> bool:
+    """Delete a journal that holds its first record alone, as a kill before any frame leaves it.
+
+    Returns whether it was deleted. Raises InputError as `read` does, and where another process
+    writes it.
+    """
     if not Path(path).exists():
         return False
-    found = read(path, kind)
-    if len(found.records) > 1:
+    journal = read(path, kind)
+    if len(journal.records) > 1:
         return False
-    writer = Writer(path, found)
+    writer = Writer(path, journal)
     Path(path).unlink()
     writer.close()
     return True
 
 
-def _text(number: int, record: dict) -> str:
+def _record_line(number: int, record: dict) -> str:
     return json.dumps({"number": number, **record}, allow_nan=False) + "\n"
 
 
-def _lock(file: int, path: str | Path) -> None:
+def _lock(file_descriptor: int, path: str | Path) -> None:
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(file_descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         raise InputError(path, "file", "another capture's lock", "one at a time") from error
 
 
 class Writer:
-    """Appends to a journal; nobody else can while it is open."""
+    """Appends to a journal and locks it against other writers."""
 
-    def __init__(self, path: str | Path, found: Journal):
-        """Go on with the journal that `found` was read from: what was cut short at its end is taken
-        off. Raises InputError where it is being written by another, or was since it was read.
+    def __init__(self, path: str | Path, journal: Journal):
+        """Open the file that `journal` was read from and truncate an incomplete last line.
+
+        Raises InputError where another process writes it, or has written since it was read.
         """
         self._file = os.open(path, os.O_RDWR | os.O_APPEND)
         try:
             _lock(self._file, path)
-            if read(path, found.records[0]["kind"]) != found:
-                written = "what another capture has just written"
-                raise InputError(path, "file", written, "one at a time")
-            self._number, self._length = len(found.records), found.length
+            if read(path, journal.records[0]["kind"]) != journal:
+                violation = "what another capture has just written"
+                raise InputError(path, "file", violation, "one at a time")
+            self._number, self._length = len(journal.records), journal.length
             os.ftruncate(self._file, self._length)
             os.fsync(self._file)
         except BaseException:
@@ -143,15 +149,16 @@ class Writer:
             raise
 
     def append(self, *records: dict) -> None:
-        """Write records, in order, and return once they are on the disk; raises OSError where they
-        cannot be. Whatever raises, all of them stand in the journal or none."""
+        """Append records and sync them to disk: all of them, or none where it raises OSError."""
         os.ftruncate(self._file, self._length)  # what an earlier append could not take off
-        numbered = enumerate(records, start=self._number)
-        text = "".join(_text(number, record) for number, record in numbered).encode()
-        length = self._length + len(text)
+        numbered_records = enumerate(records, start=self._number)
+        pending_bytes = "".join(
+            _record_line(number, record) for number, record in numbered_records
+        ).encode()
+        length = self._length + len(pending_bytes)
         try:
-            while text:
-                text = text[os.write(self._file, text) :]
+            while pending_bytes:
+                pending_bytes = pending_bytes[os.write(self._file, pending_bytes) :]
             os.fsync(self._file)
         finally:
             if os.fstat(self._file).st_size == length:
@@ -161,13 +168,13 @@ class Writer:
                     os.ftruncate(self._file, self._length)
 
     def close(self) -> None:
-        """Let go of the journal."""
+        """Close the journal and release its lock."""
         os.close(self._file)
 
 
 def finished_frames(records: Iterable[dict]) -> list[dict]:
-    """The frames of contacts that were finished, of each contact's last attempt alone, in order."""
+    """The frames of finished contacts in order, of each contact's last attempt alone."""
     records = list(records)
-    attempt = {r["contact"]: r["attempt"] for r in records if r["kind"] == "end"}
+    last_attempt = {r["contact"]: r["attempt"] for r in records if r["kind"] == "end"}
     frames = [record for record in records if record["kind"] == "frame"]
-    return [frame for frame in frames if attempt.get(frame["contact"]) == frame["attempt"]]
+    return [frame for frame in frames if last_attempt.get(frame["contact"]) == frame["attempt"]]

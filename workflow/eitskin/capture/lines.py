@@ -1,4 +1,4 @@
-"""Whole lines off a serial port, each with the moment at which it and the one before it ended."""
+"""Complete lines from a serial port, each with its end time and that of the line before."""
 
 import contextlib
 import threading
@@ -14,24 +14,24 @@ from eitskin.capture.wire import Reject
 
 Value = TypeVar("Value")
 
-LONGEST_LINE = 65536  # bytes; more without an end is noise
-KEPT_LINES = 4096
-READ_S = 0.02
+LONGEST_LINE = 65536  # bytes: 30 times a frame of 16 electrodes; more without an end is noise
+MAX_LINES = 4096  # 50 s of a load cell at 80 Hz, which is read every few ms
+READ_S = 0.02  # below the period of every device
 
 
 @dataclass(frozen=True)
 class Line(Generic[Value]):
-    """One line: its bytes, what they say, and when it ended on the host's monotonic clock (s).
+    """One line: its bytes, their value, and its end on the host's monotonic clock (s).
 
-    `before_s` is the end of the line before, `before_ok` whether that one was a reading.
+    `previous_end_s` is the end of the line before, `previous_ok` whether that was a reading.
     """
 
     number: int
     raw: bytes
     value: Value | Reject
     end_s: float
-    before_s: float
-    before_ok: bool
+    previous_end_s: float
+    previous_ok: bool
 
     @property
     def ok(self) -> bool:
@@ -40,8 +40,11 @@ class Line(Generic[Value]):
 
 
 class Splitter(Generic[Value]):
-    """Bytes as they come, to lines. What stands before the first newline is nobody's line: it
-    began before the port was opened, and may be stale bytes joined to a frame."""
+    """Splits bytes into lines as they arrive.
+
+    What comes before the first newline is dropped: it began before the port was opened, and may be
+    stale bytes joined to a frame.
+    """
 
     def __init__(self, parse: Callable[[bytes], Value | Reject]):
         self._parse = parse
@@ -51,14 +54,14 @@ class Splitter(Generic[Value]):
 
     def feed(self, chunk: bytes, now_s: float) -> list[Line[Value]]:
         """The lines that `chunk`, read at `now_s`, completes."""
-        *whole, self._pending = (self._pending + chunk).split(b"\n")
+        *complete_lines, self._pending = (self._pending + chunk).split(b"\n")
         lines = []
-        for part in whole:
+        for line_bytes in complete_lines:
             if self._before is None:
                 self._before = (now_s, False)
                 continue
-            value = self._parse(part + b"\n")
-            lines.append(self._line(part + b"\n", value, now_s, self._before))
+            value = self._parse(line_bytes + b"\n")
+            lines.append(self._line(line_bytes + b"\n", value, now_s, self._before))
         if len(self._pending) > LONGEST_LINE:
             if self._before is not None:
                 value = Reject("endless", f"{len(self._pending)} bytes without a newline")
@@ -67,38 +70,42 @@ class Splitter(Generic[Value]):
         return lines
 
     def _line(
-        self, raw: bytes, value: Value | Reject, now_s: float, before: tuple[float, bool]
+        self, raw: bytes, value: Value | Reject, now_s: float, previous_end: tuple[float, bool]
     ) -> Line[Value]:
         self._number += 1
-        line = Line(self._number, raw, value, now_s, *before)
+        line = Line(self._number, raw, value, now_s, *previous_end)
         self._before = (now_s, line.ok)
         return line
 
 
-def plausible_s(period_s: float) -> tuple[float, float]:
-    """The shortest and the longest time (s) from line to line of a board of this period."""
+def plausible_period_s(period_s: float) -> tuple[float, float]:
+    """The shortest and the longest plausible time (s) between two lines of a board.
+
+    Half a period allows for jitter of the host's clock; less than two periods, or a lost line
+    between them would pass unnoticed.
+    """
     return 0.5 * period_s, 1.75 * period_s + 0.05
 
 
-def began_after(line: Line, moment_s: float, period_s: float) -> bool:
-    """Whether a board's frame is whole and surely began after `moment_s`.
+def is_frame_after(line: Line, moment_s: float, period_s: float) -> bool:
+    """Whether a line is a frame that certainly began after `moment_s`.
 
-    A board prints a frame once it is complete and then begins the next: this one began at the
-    earliest when the line before it ended. That line must be a frame too, or its end may be a stray
-    newline. Two lines much closer than the board's period were waiting in a buffer, so their times
-    are the host's; two much farther apart may be the halves of two frames.
+    A board prints a frame once it is complete and then begins the next, so a frame began no earlier
+    than the line before it ended. That line must be a frame too, or its end may be a stray newline.
+    Two lines much closer than the board's period waited in a buffer, so that their times are the
+    host's; two much farther apart may be the halves of two frames.
     """
-    if not line.ok or not line.before_ok or line.before_s < moment_s:
+    if not line.ok or not line.previous_ok or line.previous_end_s < moment_s:
         return False
-    shortest_s, longest_s = plausible_s(period_s)
-    return shortest_s <= line.end_s - line.before_s <= longest_s
+    shortest_s, longest_s = plausible_period_s(period_s)
+    return shortest_s <= line.end_s - line.previous_end_s <= longest_s
 
 
 class Port(Generic[Value]):
-    """A serial port read by a thread of its own until it is closed.
+    """A serial port read by its own thread until it is closed.
 
-    Raises OSError (a SerialException is one) where the port cannot be opened. A port that vanishes
-    later ends the thread: `lost` then says why.
+    Raises OSError (a SerialException is one) where the port cannot be opened. Where it is lost
+    later the thread ends and `failure` holds the reason.
     """
 
     def __init__(
@@ -110,10 +117,10 @@ class Port(Generic[Value]):
         clock: Callable[[], float] = time.monotonic,
     ):
         self.device = device
-        self.lost: str | None = None
+        self.failure: str | None = None
         self._clock = clock
         self._splitter = Splitter(parse)
-        self._lines: deque[Line[Value]] = deque(maxlen=KEPT_LINES)
+        self._lines: deque[Line[Value]] = deque(maxlen=MAX_LINES)
         self._changed = threading.Condition()
         self._closing = False
         self._serial = serial.Serial(device, baud, timeout=READ_S, exclusive=True)
@@ -128,7 +135,7 @@ class Port(Generic[Value]):
                 chunk = self._serial.read(max(1, self._serial.in_waiting))
             except (OSError, TypeError) as error:  # TypeError: closed by another thread in a read
                 with self._changed:
-                    self.lost = str(error)
+                    self.failure = str(error)
                     self._changed.notify_all()
                 return
             if not chunk:
@@ -140,7 +147,7 @@ class Port(Generic[Value]):
                     self._changed.notify_all()
 
     def since(self, number: int) -> list[Line[Value]]:
-        """The lines after line `number`, as far as they are kept."""
+        """The lines after line `number`, of the last MAX_LINES."""
         with self._changed:
             newer = []
             for line in reversed(self._lines):
@@ -150,15 +157,15 @@ class Port(Generic[Value]):
         return newer[::-1]
 
     def wait(self, number: int, seconds: float) -> None:
-        """Until there is a line after line `number` or the port is lost, for `seconds` at most."""
+        """Wait for a line after line `number` or a failure, for `seconds` at most."""
         with self._changed:
-            self._changed.wait_for(lambda: self._after(number) or self.lost is not None, seconds)
+            self._changed.wait_for(lambda: self._after(number) or self.failure is not None, seconds)
 
     def _after(self, number: int) -> bool:
         return bool(self._lines) and self._lines[-1].number > number
 
     def close(self) -> None:
-        """Stop reading and let go of the port."""
+        """Stop reading and close the port."""
         self._closing = True
         self._thread.join(timeout=1.0)
         with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""What must be right before anything moves, said in plain words."""
+"""Checks of all devices before anything moves, in plain words."""
 
 import contextlib
 import time
@@ -10,18 +10,19 @@ import numpy as np
 from eitskin.capture.configuration import believed_skin, pressing_m_s
 from eitskin.capture.dashboard import Dashboard
 from eitskin.capture.interlock import NORMAL_SAFETY, RUNNING, SAFE_BITS, STILL_M_S
-from eitskin.capture.lines import Line, Port, Value, plausible_s
+from eitskin.capture.lines import Line, Port, Value, plausible_period_s
 from eitskin.capture.press_plan import places
 from eitskin.capture.rtde import RobotState, RtdeError, robot_state
-from eitskin.capture.wire import BOARDS, LOAD_CELLS, Reject, Restart, measured
+from eitskin.capture.wire import BOARDS, LOAD_CELLS, Reject, Restart, measured_mask
 from eitskin.errors import InputError
 
 EMULATED = "EMULATED"  # stands in an emulated robot's serial number or PolyScope version
 MAJOR = {"cb3": 3, "e": 5}
-READINGS = 5  # of the load cell
-FRAMES = 3  # of the board
-WAIT_S = 5.0
-LISTEN_S = 0.02
+READINGS = 5  # of the load cell: fewer cannot show that it is frozen
+FRAMES = 3  # of the board: two periods
+WAIT_S = 5.0  # for them, at periods of up to a second
+LISTEN_S = 0.02  # from one look at the port to the next
+# Values of robot_mode and safety_mode: Universal Robots, RTDE guide.
 MODES = {
     3: "powered off",
     4: "powered on",
@@ -42,7 +43,7 @@ SAFETY = {
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing looked at: whether it is right, and what was seen."""
+    """The outcome of one check: whether it passed, and why."""
 
     name: str
     ok: bool
@@ -54,14 +55,14 @@ def plan(config: dict) -> Finding:
     probe_mm, radius_mm = max(config["plan"]["probes_mm"]), believed_skin(config).radius_mm
     reach_mm = np.hypot(*places(config["plan"])[["x_mm", "y_mm"]].T.to_numpy()).max()
     reach_mm = float(reach_mm) + 0.5 * probe_mm
-    said = f"a probe of {probe_mm:g} mm reaches {reach_mm:.1f} mm from the centre"
+    description = f"a probe of {probe_mm:g} mm reaches {reach_mm:.1f} mm from the centre"
     if radius_mm is None or reach_mm <= radius_mm:
-        return Finding("plan", True, said)
-    return Finding("plan", False, f"{said}, over the rim of the skin at {radius_mm:g} mm")
+        return Finding("plan", True, description)
+    return Finding("plan", False, f"{description}, over the rim of the skin at {radius_mm:g} mm")
 
 
 def robot(config: dict) -> tuple[list[Finding], dict]:
-    """The controller's state by RTDE and dashboard, and what it is: serial, versions."""
+    """Findings on the controller's state, and its identity: serial number and versions."""
     host, series = config["robot"]["host"], config["robot"]["series"]
     try:
         state = robot_state(host)
@@ -73,54 +74,54 @@ def robot(config: dict) -> tuple[list[Finding], dict]:
     try:
         identity["serial"] = serial = dashboard.ask("get serial number")
         identity["polyscope"] = polyscope = dashboard.ask("PolyscopeVersion")
-        remote = series == "cb3" or dashboard.ask("is in remote control").lower() == "true"
+        is_remote = series == "cb3" or dashboard.ask("is in remote control").lower() == "true"
     except OSError as error:
         findings.append(Finding("dashboard", False, f"the dashboard does not answer: {error}"))
         return findings, identity
     finally:
         dashboard.close()
-    said = f"serial number {serial}, {polyscope}"
-    if not remote:
+    description = f"serial number {serial}, {polyscope}"
+    if not is_remote:
         findings.append(Finding("dashboard", False, "the robot is not in remote control"))
-    identity["emulated"] = emulated = EMULATED in serial + polyscope
-    if emulated != config["emulated"]:
-        claimed = "emulated" if config["emulated"] else "real"
-        text = f"{said}: not what the configuration says, {claimed}"
+    identity["emulated"] = is_emulated = EMULATED in serial + polyscope
+    if is_emulated != config["emulated"]:
+        configured_kind = "emulated" if config["emulated"] else "real"
+        text = f"{description}: not what the configuration says, {configured_kind}"
         findings.append(Finding("dashboard", False, text))
     if len(findings) == 1:
-        findings.append(Finding("dashboard", True, said))
+        findings.append(Finding("dashboard", True, description))
     return findings, identity
 
 
 def _state_finding(state: RobotState, series: str, box_m: list[list[float]]) -> Finding:
     major, position = state.version[0], state.pose[:3]
-    outside = [
+    outside_axes = [
         f"{axis} = {value:.4f} m, not {low} to {high} m"
         for axis, value, (low, high) in zip("xyz", position, box_m, strict=True)
         if not low <= value <= high
     ]
-    wrong = None
+    fault = None
     if major != MAJOR[series]:
-        wrong = f"its software is version {major}, the configuration says {series}"
+        fault = f"its software is version {major}, the configuration says {series}"
     elif state.safety_mode != NORMAL_SAFETY or state.safety_bits != SAFE_BITS:
-        said = SAFETY.get(state.safety_mode, f"safety mode {state.safety_mode}")
-        wrong = f"its safety system says {said} (bits {state.safety_bits:#x})"
+        safety_text = SAFETY.get(state.safety_mode, f"safety mode {state.safety_mode}")
+        fault = f"its safety system says {safety_text} (bits {state.safety_bits:#x})"
     elif state.robot_mode != RUNNING:
-        wrong = f"it is not running: {MODES.get(state.robot_mode, f'mode {state.robot_mode}')}"
+        fault = f"it is not running: {MODES.get(state.robot_mode, f'mode {state.robot_mode}')}"
     elif not state.advanced_s > 0.0:
-        wrong = "its clock stands still"
+        fault = "its clock stands still"
     elif float(np.linalg.norm(state.speed[:3])) > STILL_M_S:
-        wrong = "it moves"
-    elif outside:
-        wrong = f"its TCP is outside the box: {'; '.join(outside)}; jog it inside"
-    if wrong is not None:
-        return Finding("robot", False, f"the robot is not ready: {wrong}")
+        fault = "it moves"
+    elif outside_axes:
+        fault = f"its TCP is outside the box: {'; '.join(outside_axes)}; jog it inside"
+    if fault is not None:
+        return Finding("robot", False, f"the robot is not ready: {fault}")
     place = ", ".join(f"{value:.4f}" for value in position)
     return Finding("robot", True, f"running, safety normal, TCP at {place} m, inside the box")
 
 
 def watchdog(config: dict) -> Finding:
-    """How far the arm may go without its host; what a rig's configuration allows is never wrong."""
+    """How far the arm may move without its host; always ok, as the configuration was checked."""
     limits, motion = config["limits"], config["motion"]
     silent_s = 1.0 / limits["watchdog_Hz"]
     text = (
@@ -132,68 +133,72 @@ def watchdog(config: dict) -> Finding:
 
 
 def load_cell(port: Port[float | Restart], config: dict) -> Finding:
-    """Whether the load cell is heard, fresh, not frozen and at zero."""
+    """Whether the load cell sends changing readings near zero."""
     lines = _listen(port, READINGS, lambda line: isinstance(line.value, float))
     values = np.array([line.value for line in lines if isinstance(line.value, float)])
     if len(values) < READINGS:
-        return Finding("load cell", False, _unheard(port, lines, f"{len(values)} readings"))
-    limit, middle = config["limits"]["zero_N"], float(np.median(values))
-    said = f"{middle:.4f} N with nothing touched, {np.ptp(values):.4f} N between readings"
-    if not np.abs(values).max() < limit:
-        return Finding("load cell", False, f"{said}: expected less than {limit} N; unload, restart")
+        return Finding("load cell", False, _silence_text(port, lines, f"{len(values)} readings"))
+    limit_N, median_N = config["limits"]["zero_N"], float(np.median(values))
+    description = f"{median_N:.4f} N with nothing touched, {np.ptp(values):.4f} N between readings"
+    if not np.abs(values).max() < limit_N:
+        return Finding(
+            "load cell", False, f"{description}: expected less than {limit_N} N; unload, restart"
+        )
     if np.ptp(values) == 0.0:
-        return Finding("load cell", False, f"{said}: no reading differs from the next")
-    return Finding("load cell", True, said)
+        return Finding("load cell", False, f"{description}: no reading differs from the next")
+    return Finding("load cell", True, description)
 
 
 def board(port: Port[np.ndarray], config: dict) -> Finding:
-    """Whether the board sends whole frames, and how much of the converter they use."""
+    """Whether the board sends complete frames, and how much of the converter's range they use."""
     profile = BOARDS[config["board"]["profile"]]
     lines = _listen(port, FRAMES, lambda line: isinstance(line.value, np.ndarray))
     frames = [(line.end_s, line.value) for line in lines if isinstance(line.value, np.ndarray)]
     if len(frames) < FRAMES:
-        return Finding("board", False, _unheard(port, lines, f"{len(frames)} frames"))
-    readings = np.array([frame[measured(profile.n_electrodes)] for _, frame in frames])
-    period = np.median(np.diff([end_s for end_s, _ in frames]))
-    saturated = int((readings > profile.linear_V).any(axis=0).sum())
-    said = (
-        f"{len(frames)} whole frames, {period:.3f} s apart, {readings.min():.4f} to "
-        f"{readings.max():.4f} V RMS, {saturated} channels above the linear {profile.linear_V} V"
+        return Finding("board", False, _silence_text(port, lines, f"{len(frames)} frames"))
+    readings = np.array([frame[measured_mask(profile.n_electrodes)] for _, frame in frames])
+    period_s = np.median(np.diff([end_s for end_s, _ in frames]))
+    n_saturated = int((readings > profile.linear_V).any(axis=0).sum())
+    description = (
+        f"{len(frames)} whole frames, {period_s:.3f} s apart, {readings.min():.4f} to "
+        f"{readings.max():.4f} V RMS, {n_saturated} channels above the linear {profile.linear_V} V"
     )
-    expected = config["board"]["period_s"]
-    shortest_s, longest_s = plausible_s(expected)
-    if not shortest_s <= period <= longest_s:
-        return Finding("board", False, f"{said}: the configuration says {expected} s apart")
+    period_setting_s = config["board"]["period_s"]
+    shortest_s, longest_s = plausible_period_s(period_setting_s)
+    if not shortest_s <= period_s <= longest_s:
+        return Finding(
+            "board", False, f"{description}: the configuration says {period_setting_s} s apart"
+        )
     if not readings.any():
-        return Finding("board", False, f"{said}: no current flows")
-    return Finding("board", True, said)
+        return Finding("board", False, f"{description}: no current flows")
+    return Finding("board", True, description)
 
 
 def _listen(
-    port: Port[Value], wanted: int, counts: Callable[[Line[Value]], bool]
+    port: Port[Value], n_wanted: int, is_wanted: Callable[[Line[Value]], bool]
 ) -> list[Line[Value]]:
-    """The lines of a port until `wanted` of them count, or for 5 s."""
+    """The lines of a port until `n_wanted` of them are wanted ones, or for WAIT_S."""
     lines: list[Line[Value]] = []
-    end_s = time.monotonic() + WAIT_S
-    while time.monotonic() < end_s and port.lost is None:
-        last = lines[-1].number if lines else 0
-        port.wait(last, LISTEN_S)
-        lines += port.since(last)
-        if sum(map(counts, lines)) >= wanted:
+    deadline_s = time.monotonic() + WAIT_S
+    while time.monotonic() < deadline_s and port.failure is None:
+        last_number = lines[-1].number if lines else 0
+        port.wait(last_number, LISTEN_S)
+        lines += port.since(last_number)
+        if sum(map(is_wanted, lines)) >= n_wanted:
             break
     return lines
 
 
-def _unheard(port: Port[Value], lines: list[Line[Value]], seen: str) -> str:
+def _silence_text(port: Port[Value], lines: list[Line[Value]], count_text: str) -> str:
     rejects = [line.value for line in lines if isinstance(line.value, Reject)]
-    if port.lost is not None:
-        return f"the port is gone: {port.lost}"
-    said = f"{seen} in {WAIT_S:g} s, {len(rejects)} lines refused"
+    if port.failure is not None:
+        return f"the port is gone: {port.failure}"
+    description = f"{count_text} in {WAIT_S:g} s, {len(rejects)} lines refused"
     if rejects:
-        said += f", the last: {rejects[-1].reason}, {rejects[-1].detail}"
+        description += f", the last: {rejects[-1].reason}, {rejects[-1].detail}"
     if any(isinstance(line.value, Restart) for line in lines):
-        said += "; it has just started"
-    return said
+        description += "; it has just started"
+    return description
 
 
 @contextlib.contextmanager
@@ -201,10 +206,10 @@ def opened_load_cell(config: dict) -> Iterator[Port[float | Restart]]:
     """The load cell's port; raises InputError where it cannot be opened."""
     cell = config["load_cell"]
 
-    def opening() -> Port[float | Restart]:
+    def open_port() -> Port[float | Restart]:
         return Port(cell["port"], cell["baud"], LOAD_CELLS[cell["profile"]])
 
-    with _opened("load_cell", cell["port"], opening) as port:
+    with _closing_port("load_cell", cell["port"], open_port) as port:
         yield port
 
 
@@ -214,20 +219,22 @@ def opened_board(config: dict) -> Iterator[Port[np.ndarray]]:
     board = config["board"]
     profile = BOARDS[board["profile"]]
 
-    def opening() -> Port[np.ndarray]:
+    def open_port() -> Port[np.ndarray]:
         return Port(board["port"], board["baud"], profile.parse, profile.start)
 
-    with _opened("board", board["port"], opening) as port:
+    with _closing_port("board", board["port"], open_port) as port:
         yield port
 
 
 @contextlib.contextmanager
-def _opened(name: str, device: str, opening: Callable[[], Port[Value]]) -> Iterator[Port[Value]]:
+def _closing_port(
+    device_name: str, device: str, open_port: Callable[[], Port[Value]]
+) -> Iterator[Port[Value]]:
     try:
-        port = opening()
+        port = open_port()
     except OSError as error:
         expected = "a serial port that nobody else holds"
-        raise InputError("rig", f"{name}.port {device}", str(error), expected) from error
+        raise InputError("rig", f"{device_name}.port {device}", str(error), expected) from error
     try:
         yield port
     finally:
@@ -235,22 +242,22 @@ def _opened(name: str, device: str, opening: Callable[[], Port[Value]]) -> Itera
 
 
 def check(config: dict) -> list[Finding]:
-    """Everything, one after another, each by itself; nothing moves."""
+    """All findings, each device by itself; nothing moves."""
     findings = [plan(config), *robot(config)[0]]
     findings.append(watchdog(config))
-    findings.append(_looked_at("load cell", opened_load_cell, load_cell, config))
-    findings.append(_looked_at("board", opened_board, board, config))
+    findings.append(_check_device("load cell", opened_load_cell, load_cell, config))
+    findings.append(_check_device("board", opened_board, board, config))
     return findings
 
 
-def _looked_at(
+def _check_device(
     name: str,
-    opened: Callable[[dict], contextlib.AbstractContextManager[Port[Value]]],
-    look: Callable[[Port[Value], dict], Finding],
+    opened_port: Callable[[dict], contextlib.AbstractContextManager[Port[Value]]],
+    check_port: Callable[[Port[Value], dict], Finding],
     config: dict,
 ) -> Finding:
     try:
-        with opened(config) as port:
-            return look(port, config)
+        with opened_port(config) as port:
+            return check_port(port, config)
     except InputError as error:
         return Finding(name, False, str(error))

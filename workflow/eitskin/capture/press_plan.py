@@ -1,4 +1,4 @@
-"""What is pressed: every place with every probe, in the order in which the robot goes."""
+"""The plan of presses: every place with every probe, in the robot's order."""
 
 import hashlib
 import json
@@ -12,8 +12,8 @@ from eitskin.simulate.layout import polar_grid
 
 @dataclass(frozen=True)
 class Contact:
-    """One press: its number, probe, session, place from the skin's centre along the robot's base
-    axes, and the force that ends it."""
+    """One press: number, probe, session, place from the skin's centre along the robot's base axes,
+    and target force."""
 
     number: int
     probe_mm: float
@@ -30,32 +30,42 @@ def places(plan: dict) -> pd.DataFrame:
 
 
 def contacts(plan: dict) -> list[Contact]:
-    """All presses. Every probe visits every place, in a random order, in equal sessions; targets
-    are drawn between the two of `target_N`. The same plan gives the same presses."""
+    """All presses of a plan, which determines them.
+
+    Every probe visits every place in a random order, in equal sessions; target forces are uniform
+    between the two of `target_N`.
+    """
     rng = np.random.default_rng([plan["seed"], 5])
     grid = places(plan)
-    found: list[Contact] = []
+    presses: list[Contact] = []
     for probe in plan["probes_mm"]:
-        order = rng.permutation(len(grid))
-        for part, chosen in enumerate(np.array_split(order, plan["sessions_per_probe"]), start=1):
-            for place in chosen:
+        place_order = rng.permutation(len(grid))
+        for session_number, place_rows in enumerate(
+            np.array_split(place_order, plan["sessions_per_probe"]), start=1
+        ):
+            for row in place_rows:
                 contact = Contact(
-                    number=len(found),
+                    number=len(presses),
                     probe_mm=float(probe),
-                    session=f"{probe:g} mm, {part}",
-                    x_mm=float(grid["x_mm"][place]),
-                    y_mm=float(grid["y_mm"][place]),
+                    session=f"{probe:g} mm, {session_number}",
+                    x_mm=float(grid["x_mm"][row]),
+                    y_mm=float(grid["y_mm"][row]),
                     target_N=float(rng.uniform(*plan["target_N"])),
                 )
-                found.append(contact)
-    return found
+                presses.append(contact)
+    return presses
 
 
 def plan_sha256(rig: dict) -> str:
-    """Fingerprint of what decides the samples; a capture goes on only where it is the same. Ports,
-    speeds, limits, `frame_s` and `session` may change from run to run, and stand in each run's
-    record."""
-    decisive = {key: rig[key] for key in ("emulated", "skin", "plan")}
-    decisive |= {"board": rig["board"]["profile"], "load_cell": rig["load_cell"]["profile"]}
-    decisive |= {"centre": rig["pose"]["centre"]}
-    return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()
+    """Fingerprint of all settings that decide the samples; a capture is resumed only with the same.
+
+    Ports, speeds, limits, `frame_s` and `session` may change from run to run; each run's record
+    states them.
+    """
+    decisive_settings = {key: rig[key] for key in ("emulated", "skin", "plan")}
+    decisive_settings |= {
+        "board": rig["board"]["profile"],
+        "load_cell": rig["load_cell"]["profile"],
+    }
+    decisive_settings |= {"centre": rig["pose"]["centre"]}
+    return hashlib.sha256(json.dumps(decisive_settings, sort_keys=True).encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""A finished journal becomes a recording, and a manifest that says where every byte came from."""
+"""The recording of a finished journal, and the manifest that states its origin."""
 
 import hashlib
 import json
@@ -13,7 +13,7 @@ from eitskin.atomic import atomic_path
 from eitskin.capture import journal
 from eitskin.capture.configuration import believed_skin
 from eitskin.capture.press_plan import contacts
-from eitskin.capture.wire import BOARDS, Reject, measured, rms_frame
+from eitskin.capture.wire import BOARDS, Reject, measured_mask, rms_frame
 from eitskin.data import recording
 from eitskin.data.recording import Recording, frames_table
 from eitskin.errors import InputError
@@ -23,45 +23,48 @@ REAL, EMULATED = "rig", "emulated rig"
 RUN_GAP_S = 1.0  # least time between runs where the host's clock was set back
 
 
-def write(journal_path: str | Path, out: str | Path, manifest_out: str | Path) -> None:
+def write(journal_path: str | Path, recording_path: str | Path, manifest_path: str | Path) -> None:
     """Write the recording and the manifest of a finished capture.
 
-    Raises InputError for a journal that is damaged or in which a contact is missing.
+    Raises InputError for a journal that is damaged or lacks a contact.
     """
-    found = journal.read(journal_path)
-    recorded, left_out = to_recording(found.records, journal_path)
-    recording.write(recorded, out)
-    said = manifest(found.records, recorded, left_out)
-    said["recording_sha256"] = _sha256(out)
-    said["journal_sha256"] = _sha256(journal_path)
-    with atomic_path(manifest_out) as temporary:
-        text = json.dumps(said, indent=1, sort_keys=True) + "\n"
+    capture_journal = journal.read(journal_path)
+    recorded, n_without_force = to_recording(capture_journal.records, journal_path)
+    recording.write(recorded, recording_path)
+    manifest_fields = manifest(capture_journal.records, recorded, n_without_force)
+    manifest_fields["recording_sha256"] = _sha256(recording_path)
+    manifest_fields["journal_sha256"] = _sha256(journal_path)
+    with atomic_path(manifest_path) as temporary:
+        text = json.dumps(manifest_fields, indent=1, sort_keys=True) + "\n"
         temporary.write_text(text, encoding="utf-8")
 
 
 def to_recording(records: list[dict], file: str | Path) -> tuple[Recording, int]:
-    """The recording of a finished journal, and how many pressed frames it leaves out because the
-    load cell, less its zero, did not read more than 0.
+    """The recording of a finished journal, and the number of pressed frames left out because their
+    force was not above 0.
 
-    Each contact's last, finished attempt; forces less the untouched cell's reading; places in mm
-    from the centre along the robot's base axes, as measured, not as commanded.
+    Frames are those of each contact's last attempt, forces are less the untouched cell's reading,
+    places in mm from the centre along the robot's base axes, as measured. `file` names the journal
+    in an InputError.
     """
     config = records[0]["config"]
     planned = contacts(config["plan"])
-    first = journal.Journal(records, 0).first_unfinished(len(planned))
-    if first < len(planned):
-        found = f"contact {first} of {len(planned)} unfinished"
-        raise InputError(file, "contacts", found, "all finished; `eitskin rig resume` goes on")
-    rows = journal.finished_frames(records)
-    table = _measured(rows, records)
+    unfinished_contact = journal.Journal(records, 0).first_unfinished(len(planned))
+    if unfinished_contact < len(planned):
+        violation = f"contact {unfinished_contact} of {len(planned)} unfinished"
+        raise InputError(file, "contacts", violation, "all finished; `eitskin rig resume` goes on")
+    frame_records = journal.finished_frames(records)
+    table = _frame_table(frame_records, records)
     centre = np.array(config["pose"]["centre"][:2])
-    ends = np.array([[row["pose_before"][:2], row["pose_end"][:2]] for row in rows])
-    place_mm = 1e3 * (ends.mean(axis=1) - centre)
-    kept = ~(table["touch"] & ~(table["force_N"] > 0)).to_numpy()
-    voltage = _voltages(rows, config, file)[kept]
-    (x_mm, y_mm), table = place_mm[kept].T, table[kept].reset_index(drop=True)
-    by_number = {contact.number: contact for contact in planned}
-    at = [by_number[number] for number in table["contact"]]
+    pose_pairs_m = np.array(
+        [[row["pose_before"][:2], row["pose_end"][:2]] for row in frame_records]
+    )
+    place_mm = 1e3 * (pose_pairs_m.mean(axis=1) - centre)
+    valid_frames = ~(table["touch"] & ~(table["force_N"] > 0)).to_numpy()
+    voltage = _voltages(frame_records, config, file)[valid_frames]
+    (x_mm, y_mm), table = place_mm[valid_frames].T, table[valid_frames].reset_index(drop=True)
+    contact_of_number = {contact.number: contact for contact in planned}
+    frame_contacts = [contact_of_number[number] for number in table["contact"]]
     touch = table["touch"].to_numpy()
     time_s = table["time_s"].to_numpy()
     time_s = time_s - time_s[0]
@@ -71,10 +74,10 @@ def to_recording(records: list[dict], file: str | Path) -> tuple[Recording, int]
         x_mm,
         y_mm,
         table["force_N"],
-        probe_mm=np.array([contact.probe_mm for contact in at]),
+        probe_mm=np.array([contact.probe_mm for contact in frame_contacts]),
         depth_mm=table["depth_mm"].to_numpy(dtype=float),
     )
-    frames["session"] = pd.Series([contact.session for contact in at], dtype=object)
+    frames["session"] = pd.Series([contact.session for contact in frame_contacts], dtype=object)
     frames["contact"] = table["contact"].where(touch).astype("Int64")
     if table["room_C"].notna().any():
         frames["temperature_C"] = table["room_C"]
@@ -87,100 +90,112 @@ def to_recording(records: list[dict], file: str | Path) -> tuple[Recording, int]
         believed_skin(config, file).metadata(),
         source(records),
         "magnitude",
-        "robot",
-        float(min([*table["frame_s"], *np.diff(time_s)])),
+        position_frame="robot",
+        frame_s=float(min([*table["frame_s"], *np.diff(time_s)])),
     )
-    return Recording(frames, voltage, None, None, metadata), int((~kept).sum())
+    return Recording(frames, voltage, None, None, metadata), int((~valid_frames).sum())
 
 
-def _measured(rows: list[dict], records: list[dict]) -> pd.DataFrame:
-    """What a journal of these records says of its frames, one row each. What may change from run to
-    run (`plan_sha256`) is that of a frame's own run."""
+def _frame_table(frame_records: list[dict], records: list[dict]) -> pd.DataFrame:
+    """A row for each of `frame_records`, with the settings of the frame's run."""
     offsets = _run_offsets(records)
     runs = {record["run"]: record for record in records if record["kind"] == "run"}
-    frame_s = [runs[row["run"]]["board"]["frame_s"] for row in rows]
-    began_s = [_begin_s(row, s) for row, s in zip(rows, frame_s, strict=True)]
+    frame_s = [runs[record["run"]]["board"]["frame_s"] for record in frame_records]
+    begin_s = [_begin_s(record, s) for record, s in zip(frame_records, frame_s, strict=True)]
     return pd.DataFrame(
         {
-            "time_s": [s + offsets[row["run"]] for s, row in zip(began_s, rows, strict=True)],
+            "time_s": [
+                s + offsets[record["run"]] for s, record in zip(begin_s, frame_records, strict=True)
+            ],
             "frame_s": frame_s,
-            "room_C": np.array([runs[row["run"]]["session"]["room_C"] for row in rows], float),
-            "touch": [row["phase"] != "untouched" for row in rows],
-            "force_N": [row["force_N"] - row["zero_N"] for row in rows],
-            "depth_mm": [row["depth_mm"] for row in rows],
-            "contact": [row["contact"] for row in rows],
-            "phase": [row["phase"] for row in rows],
-            "spread_N": [row["force_spread_N"] for row in rows],
-            "saturated": [row["saturated"] for row in rows],
-            "utc": [row["end_utc"] for row in rows],
-            "robot_s": [row["robot_end_s"] for row in rows],
+            "room_C": np.array(
+                [runs[record["run"]]["session"]["room_C"] for record in frame_records], float
+            ),
+            "touch": [record["phase"] != "untouched" for record in frame_records],
+            "force_N": [record["force_N"] - record["zero_N"] for record in frame_records],
+            "depth_mm": [record["depth_mm"] for record in frame_records],
+            "contact": [record["contact"] for record in frame_records],
+            "phase": [record["phase"] for record in frame_records],
+            "spread_N": [record["force_spread_N"] for record in frame_records],
+            "saturated": [record["saturated"] for record in frame_records],
+            "utc": [record["end_utc"] for record in frame_records],
+            "robot_s": [record["robot_end_s"] for record in frame_records],
         }
     )
 
 
 def source(records: list[dict]) -> str:
-    """`rig`, or `emulated rig` where the configuration or any robot of the journal says so."""
+    """`rig`, or `emulated rig` where the configuration or any run's robot is emulated."""
     runs = [record for record in records if record["kind"] == "run"]
     emulated = records[0]["config"]["emulated"] or any(run["robot"]["emulated"] for run in runs)
     return EMULATED if emulated else REAL
 
 
-def manifest(records: list[dict], recorded: Recording, left_out: int) -> dict:
-    """What was captured, with what, by whom, and what was refused on the way."""
-    first = records[0]
-    kinds: dict[str, list[dict]] = {}
+def manifest(records: list[dict], recorded: Recording, n_without_force: int) -> dict:
+    """The manifest: configuration, runs, stops, counts of contacts, frames and rejected lines."""
+    header = records[0]
+    records_of_kind: dict[str, list[dict]] = {}
     for record in records:
-        kinds.setdefault(record["kind"], []).append(record)
-    rejects = Counter(f"{r['port']}: {r['reason']}" for r in kinds.get("reject", []))
+        records_of_kind.setdefault(record["kind"], []).append(record)
+    rejects = Counter(
+        f"{record['port']}: {record['reason']}" for record in records_of_kind.get("reject", [])
+    )
     return {
         "format": "eit-capture-manifest",
         "version": 1,
         "source": source(records),
-        "config": first["config"],
-        "plan_sha256": first["plan_sha256"],
-        "runs": [{k: v for k, v in r.items() if k != "number"} for r in kinds["run"]],
-        "stops": [{k: v for k, v in r.items() if k != "number"} for r in kinds.get("stop", [])],
-        "contacts": len(kinds["end"]),
-        "ends": dict(sorted(Counter(end["end"] for end in kinds["end"]).items())),
+        "config": header["config"],
+        "plan_sha256": header["plan_sha256"],
+        "runs": [
+            {k: v for k, v in record.items() if k != "number"} for record in records_of_kind["run"]
+        ],
+        "stops": [
+            {k: v for k, v in record.items() if k != "number"}
+            for record in records_of_kind.get("stop", [])
+        ],
+        "contacts": len(records_of_kind["end"]),
+        "ends": dict(sorted(Counter(end["end"] for end in records_of_kind["end"]).items())),
         "frames": len(recorded.frames),
-        "frames_left_out_without_force": left_out,
+        "frames_left_out_without_force": n_without_force,
         "rejected_lines": dict(sorted(rejects.items())),
         "readings": "RMS volts; the skin's current is RMS as well",
     }
 
 
 def _run_offsets(records: list[dict]) -> dict[int, float]:
-    """Seconds to add to the monotonic clock of each run for one clock over all runs: UTC between
-    runs, and at least 1 s where that was set back."""
+    """Seconds to add to each run's monotonic clock for one clock over all runs.
+
+    Runs are as far apart as in UTC, and at least RUN_GAP_S where the host's clock was set back.
+    """
     offsets: dict[int, float] = {}
-    last_s = -np.inf
+    last_end_s = -np.inf
     for record in records:
         if record["kind"] == "run":
             utc_s = datetime.fromisoformat(record["utc"]).timestamp()
             offset = utc_s - record["monotonic_s"]
-            ahead = last_s + RUN_GAP_S - (record["monotonic_s"] + offset)
-            offsets[record["run"]] = offset + max(0.0, ahead)
+            shortfall_s = last_end_s + RUN_GAP_S - (record["monotonic_s"] + offset)
+            offsets[record["run"]] = offset + max(0.0, shortfall_s)
         elif record["kind"] == "frame":
-            last_s = record["end_s"] + offsets[record["run"]]
+            last_end_s = record["end_s"] + offsets[record["run"]]
     return offsets
 
 
-def _begin_s(row: dict, frame_s: float) -> float:
-    """When a frame began: its time before its end, but not before the last one's end."""
-    return max(row["before_s"], row["end_s"] - frame_s)
+def _begin_s(record: dict, frame_s: float) -> float:
+    """When a frame began: `frame_s` before its end, but not before the previous frame's end."""
+    return max(record["before_s"], record["end_s"] - frame_s)
 
 
-def _voltages(rows: list[dict], config: dict, file: str | Path) -> np.ndarray:
-    """(N, M) V: the raw lines, read again."""
+def _voltages(frame_records: list[dict], config: dict, file: str | Path) -> np.ndarray:
+    """(N, M) V: readings parsed from the raw lines."""
     n = BOARDS[config["board"]["profile"]].n_electrodes
-    chosen, found = measured(n), []
-    for row in rows:
-        frame = rms_frame(row["raw"].encode(), n)
+    measured_pairs, readings = measured_mask(n), []
+    for record in frame_records:
+        frame = rms_frame(record["raw"].encode(), n)
         if isinstance(frame, Reject):
-            place = f"record {row['number']}"
+            place = f"record {record['number']}"
             raise InputError(file, place, f"{frame.reason}: {frame.detail}", "a frame's raw line")
-        found.append(frame[chosen])
-    return np.array(found)
+        readings.append(frame[measured_pairs])
+    return np.array(readings)
 
 
 def _sha256(path: str | Path) -> str:

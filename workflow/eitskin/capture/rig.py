@@ -1,4 +1,4 @@
-"""The devices together: every wait watches every interlock, and every fault stops the arm first."""
+"""Robot, load cell and board together: every wait watches all interlocks."""
 
 import math
 import time
@@ -13,20 +13,20 @@ import numpy as np
 from eitskin.capture import interlock
 from eitskin.capture.configuration import limits
 from eitskin.capture.interlock import State, Stop
-from eitskin.capture.lines import Line, Port, began_after
+from eitskin.capture.lines import Line, Port, is_frame_after
 from eitskin.capture.robot import Robot, RobotError
-from eitskin.capture.wire import BOARDS, Reject, Restart, measured
+from eitskin.capture.wire import BOARDS, Reject, Restart, measured_mask
 
-Found = TypeVar("Found")
+Outcome = TypeVar("Outcome")
 
-LOOK_S = 0.005  # from one look at everything to the next, at most
-ARRIVED_M = 2e-4
-ARRIVAL_MARGIN_S = 3.0
-SLOWEST_CLOCK = 4.0  # host's seconds in one of the robot's
-ANSWER_S = 5.0
-RELOADED_S = 10.0
-FRAMES_WAITED = 12  # board periods in which a good frame must come
-KEPT_FORCES = 65536
+POLL_S = 0.005  # from one check of all devices to the next: below the load cell's period
+ARRIVED_M = 2e-4  # twice a UR's pose repeatability
+ARRIVAL_MARGIN_S = 3.0  # for the controller to begin and to settle
+SLOWEST_CLOCK = 4.0  # host's seconds in one of the robot's, whose emulator may lag
+ANSWER_S = 5.0  # for the worker, which answers within some ms
+RELOADED_S = 10.0  # the library uploads its script within 5 s
+FRAMES_WAITED = 12  # board periods in which a good frame must come, some lines refused
+MAX_FORCES = 65536  # minutes at 80 Hz; a frame needs those of a second
 
 
 class Fault(Exception):
@@ -47,8 +47,10 @@ class Interrupted(Exception):
 
 @dataclass(frozen=True)
 class Force:
-    """The load cell during a frame: median, largest minus smallest, drift from the first half's
-    mean to the second's (N), and how many readings."""
+    """Statistics of the load cell during a frame.
+
+    Median, range, and the second half's mean minus the first's, all in N, and their number.
+    """
 
     median_N: float
     spread_N: float
@@ -57,9 +59,9 @@ class Force:
 
 
 class Rig:
-    """Robot, load cell and board of a configuration, open. Whoever opened them closes them.
+    """Robot, load cell and board of a configuration; the caller opens and closes them.
 
-    Before `listen` it has a robot alone, which may only retreat.
+    Before `listen` the robot may only retreat.
     """
 
     def __init__(
@@ -77,7 +79,7 @@ class Rig:
         self._limits = limits(config)
         self._box = tuple(tuple(side) for side in config["pose"]["box_m"])
         self._profile = BOARDS[config["board"]["profile"]]
-        self._forces: deque[tuple[float, float]] = deque(maxlen=KEPT_FORCES)
+        self._forces: deque[tuple[float, float]] = deque(maxlen=MAX_FORCES)
         self._load_number = self._board_number = 0
         self._load_rejects = self._load_restarts = self._frozen = self._board_rejects = 0
         self._rejects: list[dict] = []
@@ -85,33 +87,35 @@ class Rig:
         self._retreat_from_N: float | None = None
 
     def listen(self, load: Port[float | Restart], board: Port[np.ndarray]) -> None:
-        """Take the load cell and the board, all their lines from the first on."""
+        """Use the load cell's and the board's ports, from their first line on."""
         self._load, self._board = load, board
 
     # Watching
 
-    def watch(self, until: Callable[[], Found | None], timeout_s: float, what: str) -> Found:
-        """Wait for `until` to give something, with an eye on everything.
+    def watch(
+        self, until: Callable[[], Outcome | None], timeout_s: float, activity: str
+    ) -> Outcome:
+        """Wait until `until` returns a value, checking all interlocks, and return it.
 
-        Raises Fault for whatever the interlocks forbid and where `what` takes longer than
-        `timeout_s`, and Interrupted after a signal (not in a retreat).
+        Raises Fault where an interlock trips or `activity` takes longer than `timeout_s`, and
+        Interrupted after a signal, except during a retreat.
         """
-        end_s = self._clock() + timeout_s
+        deadline_s = self._clock() + timeout_s
         while True:
-            self.robot.alive()
-            stop = interlock.judge(self._look(), self._limits, self._box)
+            self.robot.keep_alive()
+            stop = interlock.judge(self._state(), self._limits, self._box)
             if stop is not None:
                 raise Fault(stop)
             if self.signal is not None and self._retreat_from_N is None:
                 raise Interrupted(self.signal)
-            found = until()
-            if found is not None:
-                return found
-            if self._clock() > end_s:
-                raise Fault(Stop("late", f"{what} took longer than {timeout_s:.1f} s"))
-            self.robot.wait(LOOK_S)
+            outcome = until()
+            if outcome is not None:
+                return outcome
+            if self._clock() > deadline_s:
+                raise Fault(Stop("late", f"{activity} took longer than {timeout_s:.1f} s"))
+            self.robot.wait(POLL_S)
 
-    def _look(self) -> State:
+    def _state(self) -> State:
         if self._load is not None:
             self._read_load(self._load)
         if self._board is not None:
@@ -128,8 +132,8 @@ class Rig:
             load_rejects=self._load_rejects,
             frozen_readings=self._frozen,
             load_restarts=self._load_restarts,
-            load_lost="not open" if self._load is None else self._load.lost,
-            robot_lost=self.robot.lost,
+            load_failure="not open" if self._load is None else self._load.failure,
+            robot_failure=self.robot.failure,
             robot_clock_s=self.robot.clock_s,
             robot_mode=state.robot_mode,
             safety_mode=state.safety_mode,
@@ -147,13 +151,13 @@ class Rig:
                 self._load_restarts += bool(self._forces)
             elif isinstance(line.value, Reject):
                 self._load_rejects += 1
-                self._keep_reject("load cell", line, line.value)
+                self._record_reject("load cell", line, line.value)
             else:
                 self._load_rejects = 0
                 if self._forces:
-                    before_N = self._forces[-1][1]
-                    self._jump_N = max(self._jump_N, abs(line.value - before_N))
-                    self._frozen = self._frozen + 1 if line.value == before_N else 1
+                    previous_N = self._forces[-1][1]
+                    self._jump_N = max(self._jump_N, abs(line.value - previous_N))
+                    self._frozen = self._frozen + 1 if line.value == previous_N else 1
                 self._forces.append((line.end_s, line.value))
 
     def _read_board(self, board: Port[np.ndarray]) -> None:
@@ -161,15 +165,15 @@ class Rig:
             self._board_number = line.number
             if isinstance(line.value, Reject):
                 self._board_rejects += 1
-                self._keep_reject("board", line, line.value)
+                self._record_reject("board", line, line.value)
             else:
                 self._board_rejects = 0
 
-    def _keep_reject(self, port: str, line: Line, reject: Reject) -> None:
+    def _record_reject(self, port_name: str, line: Line, reject: Reject) -> None:
         self._rejects.append(
             {
                 "kind": "reject",
-                "port": port,
+                "port": port_name,
                 "reason": reject.reason,
                 "detail": reject.detail,
                 "raw": line.raw.decode("latin-1"),
@@ -178,22 +182,22 @@ class Rig:
         )
 
     def take_rejects(self) -> list[dict]:
-        """The rejected lines since the last call, as records of the journal."""
-        taken, self._rejects = self._rejects, []
-        return taken
+        """The lines rejected since the last call, as records of the journal."""
+        rejects, self._rejects = self._rejects, []
+        return rejects
 
     @property
     def force_N(self) -> float:
-        """The last reading less the untouched cell's."""
+        """The last reading less that of the untouched cell."""
         return self._forces[-1][1] - self.zero_N
 
     @property
     def last_force_N(self) -> float | None:
-        """The last reading as it came; None before the first."""
+        """The last reading, its zero not subtracted; None before the first."""
         return self._forces[-1][1] if self._forces else None
 
     def touches(self, force_N: float) -> bool:
-        """Whether the last two readings reach a force: one alone may be a spike."""
+        """Whether the last two readings reach a force; one alone may be a spike."""
         if len(self._forces) < 2:
             return False
         return min(self._forces[-1][1], self._forces[-2][1]) - self.zero_N >= force_N
@@ -202,7 +206,7 @@ class Rig:
 
     @property
     def position_m(self) -> tuple[float, float, float]:
-        """Where the TCP is (x, y, z in the base)."""
+        """The TCP's x, y, z in the base frame."""
         return self.robot.state.pose[:3]
 
     def move(
@@ -212,68 +216,70 @@ class Rig:
         acceleration_m_s2: float,
         until: Callable[[], bool] | None = None,
     ) -> bool:
-        """Move straight to a position, the tool as at the centre; whether it got there.
+        """Move straight to a position with the tool's orientation at the centre.
 
-        Where `until` becomes true on the way the arm is stopped there. Raises Fault and
-        Interrupted as `watch`, and RobotError where the robot refuses.
+        Returns whether it arrived; the arm is stopped on the way where `until` becomes true. Raises
+        Fault and Interrupted as `watch`, and RobotError where the robot refuses.
         """
         pose = [*position_m, *self.config["pose"]["centre"][3:]]
         distance_m = math.dist(position_m, self.position_m)
-        if distance_m <= ARRIVED_M and self.robot.state.still:
+        if distance_m <= ARRIVED_M and self.robot.state.is_still:
             return True
         request = self.robot.request(
             "move", pose=pose, speed=speed_m_s, acceleration=acceleration_m_s2
         )
         self.watch(lambda: self.robot.answer(request) or None, ANSWER_S, "the robot's answer")
-        since_s, began = self._clock(), self.robot.state.timestamp_s
+        request_s, begin_s = self._clock(), self.robot.state.timestamp_s
         longest_s = distance_m / speed_m_s + 2.0 * speed_m_s / acceleration_m_s2
         longest_s += ARRIVAL_MARGIN_S
 
-        def ended() -> bool | None:
+        def arrival() -> bool | None:
             if until is not None and until():
                 return False
             state = self.robot.state
-            if state.timestamp_s - began > longest_s:  # by the robot's clock, which is watched
-                said = f"a move took longer than {longest_s:.1f} s"
-                raise Fault(Stop("late", said))
-            if state.host_s <= since_s or not state.still:
+            if state.timestamp_s - begin_s > longest_s:  # by the robot's clock, which is watched
+                detail = f"a move took longer than {longest_s:.1f} s"
+                raise Fault(Stop("late", detail))
+            if state.host_s <= request_s or not state.is_still:
                 return None
             return True if math.dist(position_m, state.pose[:3]) <= ARRIVED_M else None
 
-        arrived = self.watch(ended, SLOWEST_CLOCK * longest_s, "a move")
+        arrived = self.watch(arrival, SLOWEST_CLOCK * longest_s, "a move")
         if not arrived:
             self.robot.stop(self.config["motion"]["stop_m_s2"])
         return arrived
 
     @property
     def hovers(self) -> bool:
-        """Whether the probe is as high as above the centre, or higher."""
+        """Whether the probe is at the hovering height or above."""
         return self.position_m[2] >= self.config["pose"]["centre"][2] - ARRIVED_M
 
     def stop_and_retreat(self) -> list[str]:
-        """Stop the arm by whatever way works, then lift the probe straight to the centre's height
-        if the robot still can; what was done, for a person. Never raises for a device."""
-        done = []
+        """Stop the arm by any way that works, then lift the probe straight to the hovering height.
+
+        Returns the actions taken, for a person. Never raises for a device.
+        """
+        actions = []
         try:
-            way = self.robot.stop(self.config["motion"]["stop_m_s2"])
-            done.append(f"stopped by {way}")
+            stop_way = self.robot.stop(self.config["motion"]["stop_m_s2"])
+            actions.append(f"stopped by {stop_way}")
             if self.hovers:
-                return done
+                return actions
             self._retreat_from_N = abs(self._forces[-1][1]) if self._forces else math.nan
-            if way != "stopL" or self.robot.state.runtime_state != interlock.PLAYING:
+            if stop_way != "stopL" or self.robot.state.runtime_state != interlock.PLAYING:
                 self._reupload()
             motion, (x, y, _) = self.config["motion"], self.position_m
             height_m = self.config["pose"]["centre"][2]
             self.move((x, y, height_m), motion["press_m_s"], motion["travel_m_s2"])
-            done.append("lifted off")
+            actions.append("lifted off")
         except RobotError as error:
-            done.append(f"NOT lifted off: {error}; use the emergency stop and lift by hand")
+            actions.append(f"NOT lifted off: {error}; use the emergency stop and lift by hand")
         except Fault as fault:
-            way = self._stop_again()
-            done.append(f"NOT lifted off: {fault}; {way}; lift by hand")
+            stop_way = self._stop_again()
+            actions.append(f"NOT lifted off: {fault}; {stop_way}; lift by hand")
         finally:
             self._retreat_from_N = None
-        return done
+        return actions
 
     def _stop_again(self) -> str:
         try:
@@ -282,81 +288,90 @@ class Rig:
             return f"{error}; use the emergency stop"
 
     def _reupload(self) -> None:
-        """Start the robot's program again after it was stopped, and wait for news of it."""
+        """Start the robot's program again after it was stopped, and wait for a newer state."""
         if self.robot.state.safety_mode != interlock.NORMAL_SAFETY:
             raise RobotError("its safety system holds it")
         request = self.robot.request("reupload")
-        self._await(lambda: self.robot.answer(request))
+        self._wait_without_program(lambda: self.robot.answer(request))
         answered_s = self._clock()
-        self._await(lambda: self.robot.clock_s > answered_s)
+        self._wait_without_program(lambda: self.robot.clock_s > answered_s)
 
-    def _await(self, done: Callable[[], bool]) -> None:
-        """Wait for an arm that has no program and cannot move."""
-        end_s = self._clock() + RELOADED_S
-        while not done():
-            if self.robot.lost is not None or self._clock() > end_s:
-                raise RobotError(self.robot.lost or "its program does not start again")
-            self.robot.alive()
-            self.robot.wait(LOOK_S)
+    def _wait_without_program(self, is_done: Callable[[], bool]) -> None:
+        """Wait for an arm that has no program and cannot move; no interlock is checked."""
+        deadline_s = self._clock() + RELOADED_S
+        while not is_done():
+            if self.robot.failure is not None or self._clock() > deadline_s:
+                raise RobotError(self.robot.failure or "its program does not start again")
+            self.robot.keep_alive()
+            self.robot.wait(POLL_S)
 
     # Sampling
 
     def wait(self, seconds: float) -> None:
-        """Stand still and watch."""
+        """Wait, checking all interlocks."""
         end_s = self._clock() + seconds
         self.watch(lambda: self._clock() >= end_s or None, seconds + 1.0, "a wait")
 
     def frame(self, settle_s: float) -> dict:
-        """Settle, then the next frame that began after that, as a record of the journal: the raw
-        line, the force and the robot while it was measured, its quality. Raises as `watch`.
+        """Settle, then take the next frame that began after that, as a record of the journal.
+
+        It holds the raw line, force and robot's pose during the frame, and its quality. Raises as
+        `watch`.
         """
         self.wait(settle_s)
-        settled_s, rejected = self._clock(), len(self._rejects)
+        settled_s, n_rejects_before = self._clock(), len(self._rejects)
         period_s, port = self.config["board"]["period_s"], self._board
         assert port is not None
-        seen = [self._board_number]
+        last_number = [self._board_number]
 
         def next_frame() -> Line[np.ndarray] | None:
-            if port.lost is not None:
-                raise Fault(Stop("board lost", f"the board's port is gone: {port.lost}"))
+            if port.failure is not None:
+                raise Fault(Stop("board lost", f"the board's port is gone: {port.failure}"))
             if self._board_rejects >= self._limits.rejects:
-                said = f"{self._board_rejects} lines in a row were no frame"
-                raise Fault(Stop("board rejects", f"the board cannot be read: {said}"))
-            for line in port.since(seen[0]):
-                seen[0] = line.number
-                whole = began_after(line, settled_s, period_s)
-                if whole and self._force(line) is not None:
+                detail = f"{self._board_rejects} lines in a row were no frame"
+                raise Fault(Stop("board rejects", f"the board cannot be read: {detail}"))
+            for line in port.since(last_number[0]):
+                last_number[0] = line.number
+                is_after_settling = is_frame_after(line, settled_s, period_s)
+                if is_after_settling and self._force(line) is not None:
                     return line
             return None
 
         longest_s = FRAMES_WAITED * period_s + 2.0
         line = self.watch(next_frame, longest_s, "a frame of the board")
-        return self._record(line, settled_s, len(self._rejects) - rejected)
+        return self._record(line, settled_s, len(self._rejects) - n_rejects_before)
 
     def _force(self, line: Line[np.ndarray]) -> Force | None:
-        """The force while a frame was measured; None where no reading came."""
-        during = np.array([N for s, N in self._forces if line.before_s <= s <= line.end_s])
-        if len(during) == 0:
+        """The force while a frame was measured; None without readings."""
+        readings_N = np.array(
+            [N for s, N in self._forces if line.previous_end_s <= s <= line.end_s]
+        )
+        if len(readings_N) == 0:
             return None
-        early, late = np.array_split(during, 2) if len(during) > 1 else (during, during)
+        first_half, second_half = (
+            np.array_split(readings_N, 2) if len(readings_N) > 1 else (readings_N, readings_N)
+        )
         return Force(
-            float(np.median(during)),
-            float(np.ptp(during)),
-            float(late.mean() - early.mean()),
-            len(during),
+            float(np.median(readings_N)),
+            float(np.ptp(readings_N)),
+            float(second_half.mean() - first_half.mean()),
+            len(readings_N),
         )
 
-    def _record(self, line: Line[np.ndarray], settled_s: float, rejected: int) -> dict:
+    def _record(self, line: Line[np.ndarray], settled_s: float, n_rejects: int) -> dict:
         force = self._force(line)
         assert force is not None
         assert not isinstance(line.value, Reject)
-        first, last = self.robot.state_at(line.before_s), self.robot.state_at(line.end_s)
-        reading = line.value[measured(self._profile.n_electrodes)]
+        begin_state, end_state = (
+            self.robot.state_at(line.previous_end_s),
+            self.robot.state_at(line.end_s),
+        )
+        reading = line.value[measured_mask(self._profile.n_electrodes)]
         return {
             "line": line.number,
             "raw": line.raw.decode("ascii"),
             "settled_s": settled_s,
-            "before_s": line.before_s,
+            "before_s": line.previous_end_s,
             "end_s": line.end_s,
             "end_utc": self._utc(line.end_s),
             "force_N": force.median_N,
@@ -364,12 +379,12 @@ class Rig:
             "force_drift_N": force.drift_N,
             "force_readings": force.readings,
             "zero_N": self.zero_N,
-            "pose_before": list(first.pose),
-            "pose_end": list(last.pose),
-            "robot_before_s": first.timestamp_s,
-            "robot_end_s": last.timestamp_s,
+            "pose_before": list(begin_state.pose),
+            "pose_end": list(end_state.pose),
+            "robot_before_s": begin_state.timestamp_s,
+            "robot_end_s": end_state.timestamp_s,
             "saturated": int((reading > self._profile.linear_V).sum()),
-            "rejected_before": rejected,
+            "rejected_before": n_rejects,
         }
 
     def _utc(self, moment_s: float) -> str:

@@ -1,4 +1,4 @@
-"""The host's side of the robot: its latest state, requests with answers, and two ways to stop."""
+"""The host's side of the robot: its latest state, requests and answers, two ways to stop."""
 
 import contextlib
 import json
@@ -15,17 +15,17 @@ from eitskin.capture.dashboard import Dashboard
 from eitskin.capture.interlock import STILL_M_S
 
 READY_S = 15.0  # the library uploads its script and waits up to 5 s for it
-STOP_S = 0.3
-DASHBOARD_STOP_S = 2.0
-KEPT_STATES = 8192
-ALIVE_S = 0.05
+STOP_S = 0.3  # braking from the speed of a press takes some 10 ms
+DASHBOARD_STOP_S = 2.0  # the dashboard answers slowly
+MAX_STATES = 8192  # a minute at 125 Hz; the poses of a frame are looked up within a second
+ALIVE_S = 0.05  # a tenth of the silence after which the worker stops the arm
 
 Vector6D = tuple[float, float, float, float, float, float]  # as RTDE has poses and speeds
 
 
 @dataclass(frozen=True)
-class Reported:
-    """A robot's state and when the host had it (monotonic s). Pose in m and rad, speed in m/s."""
+class ReportedState:
+    """A robot's state, received at `host_s` (monotonic s). Pose in m and rad, speed in m/s."""
 
     host_s: float
     timestamp_s: float
@@ -38,31 +38,31 @@ class Reported:
     running: bool
 
     @property
-    def still(self) -> bool:
+    def is_still(self) -> bool:
         """Whether nothing moves and nothing is about to."""
         return not self.running and math.hypot(*self.speed[:3]) < STILL_M_S
 
 
 class RobotError(Exception):
-    """A robot that cannot be had or does not do as told; its text is for a person."""
+    """A robot that is not available or refuses a command; its text is for a person."""
 
 
 class Robot:
-    """The worker process and the dashboard. watchdog_Hz: how often the controller must hear of that
-    process, or it stops the arm.
+    """The worker process and the dashboard.
 
-    Raises RobotError where the controller cannot be had within 15 s. A worker that ends later is
-    told by `lost`.
+    The controller stops the arm where it hears less often than `watchdog_Hz` from the worker.
+    Raises RobotError where the controller is not ready within READY_S. Where the worker ends later
+    `failure` holds the reason.
     """
 
     def __init__(self, host: str, watchdog_Hz: float, clock: Callable[[], float] = time.monotonic):
         self._clock = clock
         self._changed = threading.Condition()
-        self._states: deque[Reported] = deque(maxlen=KEPT_STATES)
+        self._states: deque[ReportedState] = deque(maxlen=MAX_STATES)
         self._answers: dict[int, tuple[bool, str]] = {}
-        self._said: deque[str] = deque(maxlen=20)
-        self._ready = False
-        self._lost: str | None = None
+        self._remount_command: deque[str] = deque(maxlen=20)
+        self._ready_rig = False
+        self._failure: str | None = None
         self._advanced_s = -math.inf
         self._requests = 0
         self._alive_s = -math.inf
@@ -77,15 +77,18 @@ class Robot:
             start_new_session=True,  # Ctrl-C at the terminal is the host's to handle
         )
         self._threads = [
-            threading.Thread(target=target, daemon=True) for target in (self._read, self._errors)
+            threading.Thread(target=target, daemon=True)
+            for target in (self._read, self._read_stderr)
         ]
         try:
             for thread in self._threads:
                 thread.start()
             with self._changed:
-                self._changed.wait_for(lambda: self._ready or self._lost is not None, READY_S)
-            if not self._ready:
-                reason = self._lost or f"no answer within {READY_S:g} s"
+                self._changed.wait_for(
+                    lambda: self._ready_rig or self._failure is not None, READY_S
+                )
+            if not self._ready_rig:
+                reason = self._failure or f"no answer within {READY_S:g} s"
                 raise RobotError(f"{host}: {reason}")
         except BaseException:  # Ctrl-C too, which the worker does not hear
             self._process.kill()
@@ -97,77 +100,79 @@ class Robot:
             now_s, message = self._clock(), json.loads(line)
             with self._changed:
                 if "state" in message:
-                    self._take(message["state"], now_s)
+                    self._store_state(message["state"], now_s)
                 elif "id" in message:
                     self._answers[message["id"]] = (message["ok"], message.get("error", ""))
                 elif "error" in message:
-                    self._lost = message["error"]
+                    self._failure = message["error"]
                 else:
-                    self._ready = True
+                    self._ready_rig = True
                 self._changed.notify_all()
-        code = self._process.wait()
+        exit_code = self._process.wait()
         with self._changed:
-            said = "; ".join(self._said)
-            self._lost = self._lost or f"its process ended with {code} {said}".strip()
+            stderr_text = "; ".join(self._remount_command)
+            self._failure = (
+                self._failure or f"its process ended with {exit_code} {stderr_text}".strip()
+            )
             self._changed.notify_all()
 
-    def _take(self, state: dict, now_s: float) -> None:
+    def _store_state(self, state: dict, now_s: float) -> None:
         halted = state.pop("halted")
         if halted is not None:
-            self._lost = self._lost or halted
+            self._failure = self._failure or halted
         if not self._states or state["timestamp_s"] > self._states[-1].timestamp_s:
             self._advanced_s = now_s
         pose, speed = tuple(state.pop("pose")), tuple(state.pop("speed"))
-        self._states.append(Reported(host_s=now_s, pose=pose, speed=speed, **state))
+        self._states.append(ReportedState(host_s=now_s, pose=pose, speed=speed, **state))
 
-    def _errors(self) -> None:
+    def _read_stderr(self) -> None:
         assert self._process.stderr is not None
         for line in self._process.stderr:
-            self._said.append(line.strip())
+            self._remount_command.append(line.strip())
 
     @property
-    def lost(self) -> str | None:
-        """Why there is no robot any more; None while there is."""
-        return self._lost
+    def failure(self) -> str | None:
+        """Why the connection was lost; None while it works."""
+        return self._failure
 
     @property
     def clock_s(self) -> float:
-        """When the robot's own clock was last seen to advance."""
+        """When the robot's own clock last advanced, by the host's."""
         return self._advanced_s
 
     @property
-    def state(self) -> Reported:
-        """The latest state; raises RobotError before the first, or where none can come any more."""
+    def state(self) -> ReportedState:
+        """The latest state; raises RobotError where none arrives within READY_S."""
         with self._changed:
-            self._changed.wait_for(lambda: self._states or self._lost is not None, READY_S)
+            self._changed.wait_for(lambda: self._states or self._failure is not None, READY_S)
             if not self._states:
-                raise RobotError(self._lost or "no state")
+                raise RobotError(self._failure or "no state")
             return self._states[-1]
 
-    def state_at(self, moment_s: float) -> Reported:
+    def state_at(self, moment_s: float) -> ReportedState:
         """The state nearest to a moment of the host's clock."""
         with self._changed:
             return min(self._states, key=lambda state: abs(state.host_s - moment_s))
 
-    def alive(self) -> None:
-        """Tell the worker that the host is there; it stops a moving robot without."""
+    def keep_alive(self) -> None:
+        """Tell the worker that the host lives; without it the worker stops a moving robot."""
         if self._clock() - self._alive_s >= ALIVE_S:
             self._alive_s = self._clock()
             self._send({"do": "alive"})
 
     def wait(self, seconds: float) -> None:
-        """Until the robot says something new, for `seconds` at most."""
+        """Wait for a message of the robot, for `seconds` at most."""
         with self._changed:
             self._changed.wait(seconds)
 
-    def request(self, do: str, **arguments: object) -> int:
-        """Send a request; its number is for `answer`."""
+    def request(self, command: str, **arguments: object) -> int:
+        """Send a request; returns its number, for `answer`."""
         self._requests += 1
-        self._send({"id": self._requests, "do": do, **arguments})
+        self._send({"id": self._requests, "do": command, **arguments})
         return self._requests
 
     def answer(self, request: int) -> bool:
-        """Whether a request is done; raises RobotError where it was refused."""
+        """Whether a request was answered; raises RobotError where it was refused."""
         with self._changed:
             ok, error = self._answers.get(request, (None, ""))
         if ok is False:
@@ -181,9 +186,9 @@ class Robot:
             self._process.stdin.flush()
 
     def stop(self, deceleration_m_s2: float) -> str:
-        """Stop the arm; returns the way that did it: `stopL` or `dashboard stop`.
+        """Stop the arm; returns the way that worked: `stopL` or `dashboard stop`.
 
-        Raises RobotError where neither is seen to have worked.
+        Raises RobotError where neither is known to have worked.
         """
         request = self.request("stop", deceleration=deceleration_m_s2)
         if self._stands_within(STOP_S, request):
@@ -196,13 +201,13 @@ class Robot:
             # Blind, but a controller without a program does not move its arm.
             if self.dashboard.ask("programState").upper().startswith("STOPPED"):
                 return "dashboard stop"
-        except OSError as refused:
-            error = str(refused)
-        raise RobotError(f"the robot is not seen to stand ({self._lost or error})")
+        except OSError as dashboard_error:
+            error = str(dashboard_error)
+        raise RobotError(f"the robot is not seen to stand ({self._failure or error})")
 
     def _stands_within(self, seconds: float, request: int | None = None) -> bool:
-        """Whether the arm is seen to stand, by news of this moment or later, and once `request` is
-        answered: what was asked for before it may only be about to begin."""
+        """Whether a state later than this call shows a standing arm, after `request` was answered:
+        an earlier request may not have begun yet."""
         since_s = self._clock()
 
         def stands() -> bool:
@@ -210,19 +215,19 @@ class Robot:
                 return False
             if not self._states or self._advanced_s <= since_s:
                 return False
-            last = self._states[-1]
-            return last.still and last.host_s > since_s
+            state = self._states[-1]
+            return state.is_still and state.host_s > since_s
 
-        end_s = since_s + seconds
-        while self._clock() < end_s and self._lost is None:
-            self.alive()
+        deadline_s = since_s + seconds
+        while self._clock() < deadline_s and self._failure is None:
+            self.keep_alive()
             with self._changed:
                 if self._changed.wait_for(stands, ALIVE_S):
                     return True
         return False
 
     def close(self) -> None:
-        """End the worker: the arm stops, the controller is left without a program."""
+        """End the worker; the arm stops and the controller has no program any more."""
         assert self._process.stdin is not None
         with contextlib.suppress(OSError, ValueError):
             self._process.stdin.close()

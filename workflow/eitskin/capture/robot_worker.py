@@ -22,34 +22,36 @@ import rtde_receive
 from eitskin.capture.interlock import PLAYING, STILL_M_S
 from eitskin.capture.rtde import VARIABLES
 
-RATE_HZ = 125.0
-STATE_S = 0.008  # from one state to the next
+RATE_HZ = 125.0  # of a CB3's RTDE
+STATE_S = 0.008  # from one state to the next: 1 / RATE_HZ
 KICK_S = 0.02  # half the shortest period that the watchdog may have, at most
-REFUSED_KICKS = 5  # in a row
-PLAYS_S = 5.0
+REFUSED_KICKS = 5  # in a row: one may be refused by a program that was just stopped
+PLAYS_S = 5.0  # for a program to start
 SILENT_S = 0.5  # without a line from the host, while the robot moves
-STOP_M_S2 = 1.0
-END_S = 1.0
+STOP_M_S2 = 1.0  # at the speed of a press the arm stands within 1 mm
+END_S = 1.0  # for the arm to stand at the end
 
 
 class Worker:
-    """The library's two connections and what the host wants of them. The controller stops the arm
-    where it hears nothing from them for 1 / watchdog_Hz s."""
+    """Serves the host's commands by the library's two connections.
 
-    def __init__(self, host: str, watchdog_Hz: float, out: TextIO):
-        self._out, self._watchdog_Hz = out, watchdog_Hz
+    The controller stops the arm where it hears nothing for 1 / `watchdog_Hz` s.
+    """
+
+    def __init__(self, host: str, watchdog_Hz: float, output: TextIO):
+        self._stream, self._watchdog_Hz = output, watchdog_Hz
         self._receive = rtde_receive.RTDEReceiveInterface(host, RATE_HZ, [*VARIABLES])
         self._control = rtde_control.RTDEControlInterface(host, RATE_HZ)
         if not self._control.setWatchdog(watchdog_Hz):
             raise RuntimeError("the controller refuses the watchdog")
         self._halted: str | None = None
         self._kicked_s = -math.inf
-        self._refused = 0  # kicks in a row
+        self._refused_kicks = 0  # kicks in a row
 
     def serve(self, commands: queue.SimpleQueue) -> None:
-        """Do as told until told to end (None); the robot stands when this returns."""
-        heard_s = time.monotonic()
-        self._say({"ready": True})
+        """Execute commands until None comes; the robot stands when this returns."""
+        last_command_s = time.monotonic()
+        self._send({"ready": True})
         try:
             while True:
                 with contextlib.suppress(queue.Empty):
@@ -57,25 +59,25 @@ class Worker:
                     if command is None:
                         return
                     if command["do"] != "alive":
-                        self._do(command)
-                    heard_s = time.monotonic()  # a command that took long is no silence
-                if time.monotonic() - heard_s > SILENT_S and self._moving():
+                        self._answer(command)
+                    last_command_s = time.monotonic()  # a command that took long is no silence
+                if time.monotonic() - last_command_s > SILENT_S and self._moving():
                     self._control.stopL(STOP_M_S2, True)
                     self._halted = f"its host was silent for {SILENT_S} s while the robot moved"
                 self._kick()
-                self._say({"state": self._state()})
+                self._send({"state": self._state()})
         finally:
             self._end()
 
-    def _do(self, command: dict) -> None:
+    def _answer(self, command: dict) -> None:
         answer = {"id": command["id"]}
         try:
-            answer["ok"] = self._obey(command)
+            answer["ok"] = self._execute(command)
         except (RuntimeError, ValueError) as error:
             answer |= {"ok": False, "error": str(error)}
-        self._say(answer)
+        self._send(answer)
 
-    def _obey(self, command: dict) -> bool:
+    def _execute(self, command: dict) -> bool:
         match command["do"]:
             case "move":
                 if self._halted is not None:
@@ -90,24 +92,24 @@ class Worker:
         raise ValueError(f"unknown command {command['do']!r}")
 
     def _reupload(self) -> bool:
-        """Start the program again; the library does not wait until it plays."""
+        """Start the program again and wait until it plays, which the library does not."""
         if not self._control.reuploadScript():
             return False
-        end_s = time.monotonic() + PLAYS_S
+        deadline_s = time.monotonic() + PLAYS_S
         while self._receive.getRuntimeState() != PLAYING or not self._control.isProgramRunning():
-            if time.monotonic() > end_s:
+            if time.monotonic() > deadline_s:
                 return False
             time.sleep(STATE_S)
         return bool(self._control.setWatchdog(self._watchdog_Hz))
 
     def _kick(self) -> None:
-        """Keep the controller's watchdog quiet; a program that is not there has none."""
-        now = time.monotonic()
-        if now - self._kicked_s >= KICK_S and self._receive.getRuntimeState() == PLAYING:
-            self._kicked_s = now
+        """Kick the controller's watchdog, if its program plays."""
+        now_s = time.monotonic()
+        if now_s - self._kicked_s >= KICK_S and self._receive.getRuntimeState() == PLAYING:
+            self._kicked_s = now_s
             # A program that was just stopped refuses a kick before its state says so.
-            self._refused = 0 if self._control.kickWatchdog() else self._refused + 1
-            if self._refused >= REFUSED_KICKS:
+            self._refused_kicks = 0 if self._control.kickWatchdog() else self._refused_kicks + 1
+            if self._refused_kicks >= REFUSED_KICKS:
                 self._halted = "the controller does not take the watchdog's kicks"
 
     def _moving(self) -> bool:
@@ -133,17 +135,17 @@ class Worker:
         """Stop the arm, wait until it stands, and leave the controller without a program."""
         if self._receive.getRuntimeState() == PLAYING:
             self._control.stopL(STOP_M_S2, True)
-            end_s = time.monotonic() + END_S
-            while time.monotonic() < end_s and self._moving():
+            deadline_s = time.monotonic() + END_S
+            while time.monotonic() < deadline_s and self._moving():
                 self._kick()
                 time.sleep(STATE_S)
             self._control.stopScript()
         self._control.disconnect()
         self._receive.disconnect()
 
-    def _say(self, message: dict) -> None:
-        self._out.write(json.dumps(message) + "\n")
-        self._out.flush()
+    def _send(self, message: dict) -> None:
+        self._stream.write(json.dumps(message) + "\n")
+        self._stream.flush()
 
 
 def _listen(commands: queue.SimpleQueue) -> None:
@@ -153,18 +155,17 @@ def _listen(commands: queue.SimpleQueue) -> None:
 
 
 def main() -> int:
-    """Serve the controller named by the first argument, its watchdog at the second's Hz; 1 where it
-    cannot be had."""
+    """Serve the controller at argument 1 with a watchdog of argument 2 Hz; 1 where it fails."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     # The library prints to stdout; the host reads JSON there.
-    out = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    output = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     try:
-        worker = Worker(sys.argv[1], float(sys.argv[2]), out)
+        worker = Worker(sys.argv[1], float(sys.argv[2]), output)
     except RuntimeError as error:
-        out.write(json.dumps({"error": str(error)}) + "\n")
-        out.flush()
+        output.write(json.dumps({"error": str(error)}) + "\n")
+        output.flush()
         return 1
     commands: queue.SimpleQueue = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(commands,), daemon=True).start()

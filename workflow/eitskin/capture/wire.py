@@ -1,7 +1,7 @@
-"""What the devices' serial lines say: bytes to values, or why not. No clock, no port.
+"""Parsers of the devices' serial lines: bytes to values, or why not. No clock, no port.
 
-A line that is not exactly what the firmware prints is refused whole: nothing is repaired, decoded
-loosely or counted by value. What one line cannot show is a value in place of another possible one.
+A line that is not exactly what the firmware prints is refused as a whole; nothing is repaired. The
+one fault that a line cannot show is a possible value in place of another.
 """
 
 import math
@@ -26,7 +26,7 @@ OPENSCALE_BANNER = b"Serial Load Cell Converter"
 
 @dataclass(frozen=True)
 class Reject:
-    """A line that is no reading. `reason` is one of a few words to count by; `detail` says more."""
+    """A line that is no reading: `reason` is one of a few words to count by, `detail` its text."""
 
     reason: str
     detail: str
@@ -34,21 +34,20 @@ class Reject:
 
 @dataclass(frozen=True)
 class Restart:
-    """A device's greeting: it has just started, and a load cell has taken a new zero."""
+    """A device's banner: it has just started, and a load cell has taken a new zero."""
 
     banner: str
 
 
 def _rms_values() -> dict[bytes, float]:
-    """Every text that the firmware can print for an RMS, and its volts: `%.4f`, where a tie may be
-    rounded either way."""
-    found = {}
+    """Volts of every text that the firmware can print for an RMS: `%.4f`, ties either way."""
+    volts_of_text = {}
     for step in range(RMS_STEPS + 1):
         tenths_mV = 1e4 * RMS_STEP_V * step
-        for printed in {math.ceil(tenths_mV - 0.5 - 1e-6), math.floor(tenths_mV + 0.5 + 1e-6)}:
-            text = b"%.4f" % (1e-4 * printed)
-            found[text] = float(text)
-    return found
+        for rounded in {math.ceil(tenths_mV - 0.5 - 1e-6), math.floor(tenths_mV + 0.5 + 1e-6)}:
+            text = b"%.4f" % (1e-4 * rounded)
+            volts_of_text[text] = float(text)
+    return volts_of_text
 
 
 RMS_VALUES = _rms_values()
@@ -73,23 +72,22 @@ def rms_frame(line: bytes, n_electrodes: int) -> np.ndarray | Reject:
     if np.isnan(frame).any():
         place = int(np.flatnonzero(np.isnan(frame))[0])
         return Reject("value", f"value {place} is {fields[place][:20]!r}, no step of the converter")
-    driven = frame[~measured(n_electrodes)]
+    driven = frame[~measured_mask(n_electrodes)]
     if driven.any():
         return Reject("driven pair", f"{driven.max()} V at a pair that touches a driven electrode")
     return frame
 
 
-def measured(n_electrodes: int) -> np.ndarray:
-    """(n, n) bool: which of an adjacent-adjacent board's readings measure: pairs that touch no
-    driven electrode."""
-    gap = (np.arange(n_electrodes) - np.arange(n_electrodes)[:, None]) % n_electrodes
-    return (gap > 1) & (gap < n_electrodes - 1)
+def measured_mask(n_electrodes: int) -> np.ndarray:
+    """(n, n) bool: the readings of an adjacent-adjacent board at pairs without driven electrode."""
+    pair_distance = (np.arange(n_electrodes) - np.arange(n_electrodes)[:, None]) % n_electrodes
+    return (pair_distance > 1) & (pair_distance < n_electrodes - 1)
 
 
 def hx711_newtons(line: bytes) -> float | Reject | Restart:
-    """N of one line of the paper's load cell sketch, force_sensor.ino: `%.4f` and CR LF.
+    """Force in N from a line of the paper's load cell sketch, force_sensor.ino: `%.4f` and CR LF.
 
-    A greeting in mid-run means that the sketch took its zero anew, with whatever lay on the cell.
+    A banner during a run means that the sketch took a new zero, with whatever lay on the cell.
     """
     if line == HX711_BANNER:
         return Restart(line[:-2].decode())
@@ -101,23 +99,23 @@ def hx711_newtons(line: bytes) -> float | Reject | Restart:
 
 
 def openscale_newtons(line: bytes) -> float | Reject | Restart:
-    """N of one line of a SparkFun OpenScale 1.2: `ms,reading,unit,` and optional fields, CR LF.
+    """Force in N from a line of a SparkFun OpenScale 1.2: `ms,reading,unit,`, more fields, CR LF.
 
-    Pounds and fewer than four decimals (1 mN) are refused: the board's menu sets them.
+    Pounds and fewer than four decimals (1 mN) are refused; the board's menu sets them.
     """
     if line.startswith(OPENSCALE_BANNER):
         return Restart(line.strip().decode(errors="replace"))
     if not line.endswith(b"\r\n"):
         return Reject("half line", f"{len(line)} bytes that do not end in CR LF")
-    found = OPENSCALE.fullmatch(line[:-2])
-    if not found:
+    match = OPENSCALE.fullmatch(line[:-2])
+    if not match:
         return Reject("form", f"{line[:40]!r}")
-    if found["unit"] != b"kg":
+    if match["unit"] != b"kg":
         return Reject("unit", "pounds; set the OpenScale to kg")
-    if len(found["decimals"]) < 4:
-        said = f"{len(found['decimals'])} decimals of kg; set the OpenScale to 4"
-        return Reject("resolution", said)
-    return _newtons(float(found["reading"]) * N_PER_KG)
+    if len(match["decimals"]) < 4:
+        detail = f"{len(match['decimals'])} decimals of kg; set the OpenScale to 4"
+        return Reject("resolution", detail)
+    return _newtons(float(match["reading"]) * N_PER_KG)
 
 
 def _newtons(force_N: float) -> float | Reject:
@@ -128,7 +126,7 @@ def _newtons(force_N: float) -> float | Reject:
 
 @dataclass(frozen=True)
 class Board:
-    """An EIT board that prints RMS frames: what it expects to hear first, and its linear range."""
+    """An EIT board that prints RMS frames: the bytes that start it, and its linear range."""
 
     n_electrodes: int
     start: bytes

@@ -1,9 +1,9 @@
-"""From the robot's coordinates to the skin's: a similarity fitted on where touches light up.
+"""From the robot's coordinates to the skin's: a similarity fitted to the hotspots of touches.
 
-A touch's hotspot is the place whose small touch would change the readings most alike:
-back-projection of the change through the first-order sensitivity of a homogeneous disc with point
-electrodes, each place normalised by its own norm (by Cauchy-Schwarz the true place of a small touch
-wins). The unit disc is the complex plane.
+A touch's hotspot is the place of the small touch whose change of the readings correlates best with
+the observed one: back-projection through the first-order sensitivity of a homogeneous disc with
+point electrodes, normalised at each place (by Cauchy-Schwarz the maximum is at the true place of a
+small touch). Points of the unit disc are complex numbers.
 """
 
 from dataclasses import dataclass
@@ -15,43 +15,44 @@ from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 from eitskin.physics import neumann
 
-STRONG_N = 0.8
-MOST_TOUCHES = 200
-LEAST_TOUCHES = 3
-GRID_RADII = np.linspace(0.04, 0.96, 24)
-GRID_ANGLES = 96
-ROBUST_ROUNDS = 50
+STRONG_N = 0.8  # weaker touches change readings by little more than noise
+MAX_TOUCHES = 200  # more do not make the fit more accurate than the hotspots' grid
+MIN_TOUCHES = 3  # two determine the similarity, a third its residual
+GRID_RADII = np.linspace(0.04, 0.96, 24)  # radii 0.04 apart
+GRID_ANGLES = 96  # 0.06 radii apart near the rim
+ROBUST_ROUNDS = 50  # of reweighting, far beyond convergence
 
 
 @dataclass(frozen=True)
 class Similarity:
-    """skin = scale * R(rotation) * (mirror) * robot + shift; mirror: y -> -y of the robot, first.
+    """skin = scale R(rotation) mirror(robot) + shift, where mirror is y -> -y if `is_mirrored`.
 
-    Skin coordinates in mm, or in skin radii where the radius is unknown (scale then is 1 /
-    radius_mm). `residual` is the median distance from a hotspot to its touch's place, in the same
-    unit, and `rival_residual` that of the best fit of the other handedness; `touches` were fitted.
+    Skin coordinates are in mm, or in skin radii where the radius is unknown (scale then is 1 /
+    radius_mm). `residual` is the median distance from a hotspot to its touch's place in the same
+    unit, `rival_residual` that of the best fit of the other handedness, `touches` their number.
     """
 
     scale: float
     rotation_deg: float
-    mirrored: bool
+    is_mirrored: bool
     shift: tuple[float, float]
     residual: float
     rival_residual: float
     touches: int
 
     def __call__(self, x_mm: np.ndarray, y_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Skin coordinates of places in the robot's."""
+        """Skin coordinates of places in the robot's coordinates."""
         robot = np.asarray(x_mm) + 1j * np.asarray(y_mm)
         turn = self.scale * np.exp(1j * np.deg2rad(self.rotation_deg))
-        skin = turn * (np.conj(robot) if self.mirrored else robot) + complex(*self.shift)
+        skin = turn * (np.conj(robot) if self.is_mirrored else robot) + complex(*self.shift)
         return skin.real, skin.imag
 
 
 def homogeneous_readings(channels: np.ndarray, electrode_deg: np.ndarray) -> np.ndarray:
-    """(M,) V sheet-conductance / current: readings of the untouched disc, point electrodes.
+    """Readings (M,) of the untouched disc with point electrodes, in units of current / sheet
+    conductance.
 
-    NaN where a measured electrode is driven (a point's own potential is infinite).
+    NaN where a measured electrode is driven, as a point source's own potential is infinite.
     """
     angle = np.deg2rad(np.asarray(electrode_deg))
     source, sink, plus, minus = channels.T
@@ -62,10 +63,10 @@ def homogeneous_readings(channels: np.ndarray, electrode_deg: np.ndarray) -> np.
 
 
 def sensitivity(channels: np.ndarray, electrode_deg: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(G, M): change of each reading per unit of added conductance at `places` (G,) in the disc.
+    """Change of each reading per unit of added conductance at `places` (G,) of the disc: (G, M).
 
-    -grad u_drive . grad u_measure (Geselowitz 1971), u of a unit current at a rim point e being
-    -ln|x - e| / pi.
+    -grad u_drive . grad u_measure (Geselowitz 1971), where u = -ln|x - e| / pi for a unit current
+    at a rim point e.
     """
     electrode = np.exp(1j * np.deg2rad(np.asarray(electrode_deg)))
     gradient = -1.0 / (np.pi * np.conj(places[:, None] - electrode[None, :]))
@@ -75,18 +76,19 @@ def sensitivity(channels: np.ndarray, electrode_deg: np.ndarray, places: np.ndar
 
 
 def back_projection(projection: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """(G, N): how alike changes (N, M) are to what a small touch at each place changes, in their
-    unit; projection (G, M) as `sensitivity`. Lost readings, NaN, are left out.
+    """Projection (G, N) of changes (N, M) on the normalised sensitivity of each place.
+
+    `projection` (G, M) is the `sensitivity`; NaN readings are skipped.
     """
-    usable = np.isfinite(change)
-    norm = np.sqrt(projection**2 @ usable.T.astype(float))
-    return projection @ np.where(usable, change, 0.0).T / norm
+    is_read = np.isfinite(change)
+    norm = np.sqrt(projection**2 @ is_read.T.astype(float))
+    return projection @ np.where(is_read, change, 0.0).T / norm
 
 
 def hotspots(recording: Recording, rows: np.ndarray) -> np.ndarray:
-    """(K,) complex in the unit disc: where the touches of frames `rows` light up.
+    """Hotspots (K,) complex in the unit disc of the touches of frames `rows` (K,).
 
-    Lost readings are left out. Raises InputError where the electrodes' angles are unknown.
+    NaN readings are skipped. Raises InputError where the electrodes' angles are unknown.
     """
     angles = recording.skin.electrode_deg
     if angles is None:
@@ -103,8 +105,9 @@ def hotspots(recording: Recording, rows: np.ndarray) -> np.ndarray:
 
 
 def strongest_touches(recording: Recording) -> np.ndarray:
-    """Rows of at most 200 touched frames, the strongest first: by force from 0.8 N on where it is
-    known, else by how much they change the readings.
+    """Rows of at most MAX_TOUCHES touched frames, the strongest first.
+
+    By force, from STRONG_N on, where it is known, else by the norm of the readings' change.
     """
     touched = np.flatnonzero(recording.frames["touch"])
     force = recording.frames["force_N"].to_numpy()[touched]
@@ -113,29 +116,30 @@ def strongest_touches(recording: Recording) -> np.ndarray:
     else:
         change = baseline.changes(recording, "recording")[touched]
         strength = np.sqrt(np.nansum(change**2, axis=1))
-    return touched[np.argsort(-strength, kind="stable")][:MOST_TOUCHES]
+    return touched[np.argsort(-strength, kind="stable")][:MAX_TOUCHES]
 
 
 def fit(recording: Recording) -> Similarity:
-    """The similarity robot -> skin, with or without a mirror, whichever leaves less.
+    """The similarity from robot to skin, with or without a mirror, of the smaller residual.
 
-    For a recording that is in the skin's frame already it should come out as no change at all: a
-    test of the electrodes' numbering. Raises InputError for a query or one with too few strong
-    touches.
+    For a recording in the skin's frame it should be the identity, which tests the electrodes'
+    numbering. Raises InputError for a query and for too few strong touches.
     """
     rows = strongest_touches(recording)
-    if len(rows) < LEAST_TOUCHES:
-        expected = f"{LEAST_TOUCHES} of {STRONG_N} N or more"
+    if len(rows) < MIN_TOUCHES:
+        expected = f"{MIN_TOUCHES} of {STRONG_N} N or more"
         raise InputError("recording", "touches", f"{len(rows)} strong ones", expected)
     robot = recording.frames[["x_mm", "y_mm"]].to_numpy()[rows] @ np.array([1.0, 1.0j])
     skin = hotspots(recording, rows) * (recording.skin.radius_mm or 1.0)
-    straight, mirrored = _fit_turn(robot, skin), _fit_turn(np.conj(robot), skin)
-    flip = mirrored[2] < straight[2]
-    (turn, shift, residual), rival = (mirrored, straight) if flip else (straight, mirrored)
+    direct_fit, mirrored_fit = _fit_turn(robot, skin), _fit_turn(np.conj(robot), skin)
+    is_mirrored = mirrored_fit[2] < direct_fit[2]
+    (turn, shift, residual), rival = (
+        (mirrored_fit, direct_fit) if is_mirrored else (direct_fit, mirrored_fit)
+    )
     return Similarity(
         scale=float(abs(turn)),
         rotation_deg=float(np.rad2deg(np.angle(turn))),
-        mirrored=bool(flip),
+        is_mirrored=bool(is_mirrored),
         shift=(float(shift.real), float(shift.imag)),
         residual=residual,
         rival_residual=rival[2],
@@ -144,16 +148,16 @@ def fit(recording: Recording) -> Similarity:
 
 
 def _fit_turn(robot: np.ndarray, skin: np.ndarray) -> tuple[complex, complex, float]:
-    """turn, shift, median distance of skin = turn * robot + shift, by least absolute distances."""
+    """turn, shift and median distance of skin = turn robot + shift, by least absolute distances."""
     weight = np.ones(len(robot))
     for _ in range(ROBUST_ROUNDS):
         centre_robot = np.average(robot, weights=weight)
         centre_skin = np.average(skin, weights=weight)
-        arm = robot - centre_robot
-        spread = np.sum(weight * np.abs(arm) ** 2)
+        arms = robot - centre_robot
+        spread = np.sum(weight * np.abs(arms) ** 2)
         if spread == 0.0:
             raise InputError("recording", "touches", "all at one place", "several places")
-        turn = np.sum(weight * np.conj(arm) * (skin - centre_skin)) / spread
+        turn = np.sum(weight * np.conj(arms) * (skin - centre_skin)) / spread
         shift = centre_skin - turn * centre_robot
         distance = np.abs(skin - turn * robot - shift)
         weight = 1.0 / np.maximum(distance, 1e-3 * np.abs(skin).max())

@@ -1,9 +1,9 @@
-"""Whether readings stand in the order that their channel table says.
+"""Whether readings are in the order of their channel table.
 
 A passive linear skin reads the same with drive and measurement exchanged (reciprocity). Where no
-channel has its reciprocal in the table, two weaker identities are left: exchanging source and sink
-turns the sign and nothing else (any skin), and turning drive and measurement by one electrode
-changes little (an even skin). A table that is wrong breaks them at once.
+channel has its reciprocal in the table, two weaker identities remain: exchanging source and sink
+changes the sign and nothing else (any skin), and rotating drive and measurement by one electrode
+changes little (an even skin). A wrong table breaks them clearly.
 """
 
 import itertools
@@ -15,15 +15,14 @@ import numpy as np
 from eitskin.errors import InputError
 from eitskin.physics.protocol import reciprocal_channels
 
-LEAST_RECIPROCAL = 0.25
+MIN_RECIPROCAL_SHARE = 0.25  # of channels in pairs: fewer do not show an order
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """How badly readings break the identities of their channel table; rms, relative to the
-    readings.
+    """Misfits of readings to the identities of their channel table: rms, relative to the readings.
 
-    `overall` is the reciprocity where there is one, else the rms of reversal and rotation.
+    `overall` is the reciprocity where the table has pairs, else the rms of reversal and rotation.
     """
 
     reciprocity: float | None
@@ -32,7 +31,7 @@ class Misfit:
 
     @property
     def overall(self) -> float | None:
-        """None where the table has none of the identities."""
+        """The overall misfit; None where the table has none of the identities."""
         if self.reciprocity is not None:
             return self.reciprocity
         weaker = [value for value in (self.reversal, self.rotation) if value is not None]
@@ -40,42 +39,51 @@ class Misfit:
 
 
 def misfit(readings: np.ndarray, channels: np.ndarray, n_electrodes: int, signed: bool) -> Misfit:
-    """Misfit of readings (K, M), K frames, to channels (M, 4); NaN readings are left out.
+    """Misfit of K frames of readings (K, M) to channels (M, 4); NaN is skipped.
 
-    Rotation compares the channels' rms over frames, so that touches off the centre do not count.
+    Rotation compares the channels' rms over frames, so that touches off the centre average out.
+    `signed` is False for magnitudes.
     """
     pairs, signs = reciprocal_channels(channels)
     reciprocity = None
-    if 2 * len(pairs) >= LEAST_RECIPROCAL * len(channels):
+    if 2 * len(pairs) >= MIN_RECIPROCAL_SHARE * len(channels):
         reciprocity = relative_change(readings, pairs, signs if signed else np.ones(len(pairs)))
     reversed_pairs, reversed_signs = _partners(channels, channels[:, [1, 0, 2, 3]])
     reversal = relative_change(readings, reversed_pairs, -reversed_signs if signed else None)
     turned_pairs, _ = _partners(channels, (channels + 1) % n_electrodes)
-    kept = np.isfinite(readings)
-    power = np.sum(np.where(kept, readings, 0.0) ** 2, axis=0) / np.maximum(kept.sum(axis=0), 1)
-    rms = np.where(kept.any(axis=0), np.sqrt(power), np.nan)[None]
+    is_read = np.isfinite(readings)
+    power = np.sum(np.where(is_read, readings, 0.0) ** 2, axis=0) / np.maximum(
+        is_read.sum(axis=0), 1
+    )
+    rms = np.where(is_read.any(axis=0), np.sqrt(power), np.nan)[None]
     return Misfit(reciprocity, reversal, relative_change(rms, turned_pairs, None))
 
 
 def relative_change(
     readings: np.ndarray, pairs: np.ndarray, signs: np.ndarray | None
 ) -> float | None:
-    """rms of v[second] - sign v[first] over pairs (P, 2), relative to the readings' rms."""
-    first, second = readings[:, pairs[:, 0]], readings[:, pairs[:, 1]]
-    if signs is not None:
-        first = first * signs
-    kept = np.isfinite(first) & np.isfinite(second)
-    power = np.sum(first[kept] ** 2 + second[kept] ** 2) / 2.0
-    return float(np.sqrt(np.sum((second - first)[kept] ** 2) / power)) if power > 0 else None
+    """rms of v[j] - sign v[i] over pairs (i, j) (P, 2) of channels, relative to the readings' rms.
 
-
-def _partners(channels: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Channels (k, partner), (P, 2): the partner measures what row k of `others` would, times the
-    sign (P,).
+    `signs` (P,) are 1 where None; NaN is skipped. None without any usable pair.
     """
-    index = {tuple(row): k for k, row in enumerate(channels.tolist())}
+    reference, partner = readings[:, pairs[:, 0]], readings[:, pairs[:, 1]]
+    if signs is not None:
+        reference = reference * signs
+    is_read = np.isfinite(reference) & np.isfinite(partner)
+    power = np.sum(reference[is_read] ** 2 + partner[is_read] ** 2) / 2.0
+    return (
+        float(np.sqrt(np.sum((partner - reference)[is_read] ** 2) / power)) if power > 0 else None
+    )
+
+
+def _partners(channels: np.ndarray, equivalents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs (k, partner) (P, 2) and signs (P,) of channels.
+
+    The partner reads what row k of `equivalents` (M, 4) would, times the sign.
+    """
+    row_of_channel = {tuple(row): k for k, row in enumerate(channels.tolist())}
     pairs, signs = [], []
-    for k, (source, sink, plus, minus) in enumerate(others.tolist()):
+    for k, (source, sink, plus, minus) in enumerate(equivalents.tolist()):
         forms = {
             (source, sink, plus, minus): 1.0,
             (sink, source, minus, plus): 1.0,
@@ -83,7 +91,7 @@ def _partners(channels: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.
             (source, sink, minus, plus): -1.0,
         }
         for form, sign in forms.items():
-            partner = index.get(form)
+            partner = row_of_channel.get(form)
             if partner is not None and partner != k:
                 pairs.append((k, partner))
                 signs.append(sign)
@@ -93,42 +101,45 @@ def _partners(channels: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.
 
 @dataclass(frozen=True)
 class KnownOrder:
-    """An order in which channels are commonly read: drive by drive or measurement by measurement,
-    either ascending or descending (`slow_reversed`); within it by one `end` of the other pair,
-    ascending or `descending`, counted from electrode 0 (pyEIT `std`) or from the slow pair's own
-    electrode onwards (`own`; pyEIT `fmmu`, EIDORS `rotate_meas`)."""
+    """A common order of channels.
+
+    Drive by drive or measurement by measurement (`slow`), ascending or descending
+    (`slow_reversed`); within it by one `end` of the other pair, ascending or `descending`, counted
+    from electrode 0 (pyEIT `std`) or from the slow pair's own electrode (`from_own_electrode`;
+    pyEIT `fmmu`, EIDORS `rotate_meas`).
+    """
 
     slow: str
     slow_reversed: bool
     end: str
-    own: bool
+    from_own_electrode: bool
     descending: bool
 
     @property
     def name(self) -> str:
-        """What a person types: `drive-plus-ascending-own`."""
+        """The name on the command line: `drive-plus-ascending-own`."""
         parts = [
             self.slow,
             "reversed" * self.slow_reversed,
             self.end,
             "descending" if self.descending else "ascending",
-            "own" * self.own,
+            "own" * self.from_own_electrode,
         ]
         return "-".join(part for part in parts if part)
 
     @property
     def sentence(self) -> str:
-        """What a person reads."""
+        """The order in words."""
         turn = " (descending)" if self.slow_reversed else ""
         run = "descending" if self.descending else "ascending"
-        start = "the slow pair's own electrode" if self.own else "electrode 0"
+        start = "the slow pair's own electrode" if self.from_own_electrode else "electrode 0"
         return f"{self.slow} by {self.slow}{turn}, {self.end} electrodes {run} from {start}"
 
     def permutation(self, channels: np.ndarray, n_electrodes: int) -> np.ndarray:
         """(M,): reading i belongs to channel permutation[i]."""
         slow = channels[:, ENDS.index(SLOW[self.slow][0])]
         fast = channels[:, ENDS.index(self.end)]
-        key = (fast - slow) % n_electrodes if self.own else fast
+        key = (fast - slow) % n_electrodes if self.from_own_electrode else fast
         key, slow = (-key if self.descending else key), (-slow if self.slow_reversed else slow)
         return np.lexsort((key, slow))
 
@@ -139,32 +150,32 @@ ORDERS = {
     order.name: order
     for slow, slow_reversed in itertools.product(SLOW, (False, True))
     for order in (
-        KnownOrder(slow, slow_reversed, *rest)
-        for rest in itertools.product(SLOW[slow][1], (False, True), (False, True))
+        KnownOrder(slow, slow_reversed, *variant)
+        for variant in itertools.product(SLOW[slow][1], (False, True), (False, True))
     )
 }
 
 
 def known_orders(channels: np.ndarray, n_electrodes: int) -> dict[str, np.ndarray]:
-    """Other orders in which the same channels are commonly read, by the names of ORDERS.
+    """Permutations (M,) of the channels for the orders of ORDERS: reading i belongs to channel
+    permutation[i].
 
-    Each is a permutation (M,): reading i belongs to channel permutation[i]. Of orders that are the
-    same for these channels the first counts; those that equal the table's own are left out.
+    Of orders that are equal for these channels the first is taken; the table's own is left out.
     """
     orders: dict[str, np.ndarray] = {}
-    seen = {tuple(range(len(channels)))}
+    known_permutations = {tuple(range(len(channels)))}
     for name, order in ORDERS.items():
         permutation = order.permutation(channels, n_electrodes)
-        if tuple(permutation) not in seen:
-            seen.add(tuple(permutation))
+        if tuple(permutation) not in known_permutations:
+            known_permutations.add(tuple(permutation))
             orders[name] = permutation
     return orders
 
 
 def in_order(file: str | Path, name: str, channels: np.ndarray, n_electrodes: int) -> np.ndarray:
-    """(M, 4): the channels to which readings belong that stand in the order `name`.
+    """The channels (M, 4) of readings that are in the order `name`.
 
-    Raises InputError for a name that ORDERS has not.
+    Raises InputError naming `file` for a name that is not in ORDERS.
     """
     if name not in ORDERS:
         raise InputError(file, "order", repr(name), f"one of {', '.join(ORDERS)}")
@@ -172,7 +183,7 @@ def in_order(file: str | Path, name: str, channels: np.ndarray, n_electrodes: in
 
 
 def reordered(readings: np.ndarray, permutation: np.ndarray) -> np.ndarray:
-    """Readings (K, M) that stand in the order of `permutation`, put into the table's own order."""
-    result = np.empty_like(readings)
-    result[:, permutation] = readings
-    return result
+    """Readings (K, M) in the order of `permutation` (M,), put into the table's order."""
+    ordered = np.empty_like(readings)
+    ordered[:, permutation] = readings
+    return ordered

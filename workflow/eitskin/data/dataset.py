@@ -1,4 +1,4 @@
-"""Training sets: what a touch changes in the voltages, and the contact state that belongs to it."""
+"""Training sets: the changes of the readings by touches, and the touches' states."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -22,7 +22,7 @@ NUMBERS = ("x_mm", "y_mm", "force_N", "probe_mm", "depth_mm")
 KEYS = ("format", "version", "name", "origin", "configuration", "targets", "unit")
 SCHEMA_KEY = b"eitskin-dataset"
 
-LOST_SHARE = 0.1  # a channel lost in more of the touched frames than this is dropped
+LOST_SHARE = 0.1  # of the touched frames: a channel lost in more is dropped, else the frames are
 
 
 @dataclass
@@ -42,20 +42,27 @@ class Dataset:
         return self.table[columns].to_numpy(float)
 
 
-def fits(recorded: Recording, trained_on: dict, file: str | Path) -> list[int]:
-    """The channels of a recording that a data set, by its metadata `trained_on`, has lost. Raises
-    InputError naming `file` where its channels, unit or kind of voltage are not the data set's."""
-    lost: list[int] = trained_on.get("lost_channels", [])
-    channels = np.delete(recorded.channels, lost, axis=0).tolist()
-    for place, found in (
+def check_compatibility(recorded: Recording, trained_on: dict, file: str | Path) -> list[int]:
+    """Check that a recording's channels, unit and kind of voltage are those of a data set.
+
+    `trained_on` is the data set's metadata. Returns the rows of the recording's channel table that
+    the data set has dropped; raises InputError naming `file` for another recording.
+    """
+    lost_channels: list[int] = trained_on.get("lost_channels", [])
+    channels = np.delete(recorded.channels, lost_channels, axis=0).tolist()
+    for place, recorded_value in (
         ("channels", channels),
         ("unit", recorded.metadata["unit"]),
         ("voltage", recorded.metadata["voltage"]),
     ):
-        if place in trained_on and found != trained_on[place]:
-            told = f"{len(found)} others" if place == "channels" else repr(found)
-            raise InputError(file, place, told, f"those of {trained_on['name']}, trained on")
-    return lost
+        if place in trained_on and recorded_value != trained_on[place]:
+            recorded_text = (
+                f"{len(recorded_value)} others" if place == "channels" else repr(recorded_value)
+            )
+            raise InputError(
+                file, place, recorded_text, f"those of {trained_on['name']}, trained on"
+            )
+    return lost_channels
 
 
 def validate(dataset: Dataset, file: str | Path) -> None:
@@ -65,8 +72,8 @@ def validate(dataset: Dataset, file: str | Path) -> None:
         if key not in metadata:
             raise InputError(file, f"metadata.{key}", "nothing", f"the keys {', '.join(KEYS)}")
     if (metadata["format"], metadata["version"]) != ("eitskin-dataset", 1):
-        found = f"{metadata['format']!r}, {metadata['version']!r}"
-        raise InputError(file, "metadata.format, version", found, "'eitskin-dataset', 1")
+        violation = f"{metadata['format']!r}, {metadata['version']!r}"
+        raise InputError(file, "metadata.format, version", violation, "'eitskin-dataset', 1")
     targets = metadata["targets"]
     if not targets or targets != [target for target in TARGETS if target in targets]:
         raise InputError(file, "metadata.targets", targets, f"some of {list(TARGETS)}, in order")
@@ -81,10 +88,10 @@ def validate(dataset: Dataset, file: str | Path) -> None:
     if (np.diff(table["sample"]) <= 0).any():
         raise InputError(file, "column sample", "repeats or a fall", "numbers that increase")
     if delta_V.dtype != np.float32 or delta_V.ndim != 2 or len(delta_V) != len(table):
-        found = f"{delta_V.dtype} {delta_V.shape}"
-        raise InputError(file, "column delta_V", found, f"float32 ({len(table)}, channels)")
-    where = [(TARGETS[target], table[TARGETS[target]].to_numpy()) for target in targets]
-    for column, values in [*where, ("delta_V", delta_V.sum(axis=1))]:
+        violation = f"{delta_V.dtype} {delta_V.shape}"
+        raise InputError(file, "column delta_V", violation, f"float32 ({len(table)}, channels)")
+    target_columns = [(TARGETS[target], table[TARGETS[target]].to_numpy()) for target in targets]
+    for column, values in [*target_columns, ("delta_V", delta_V.sum(axis=1))]:
         if not np.isfinite(values).all():
             row = int(np.flatnonzero(~np.isfinite(values))[0])
             raise InputError(file, f"column {column}, row {row}", "no number", "a finite number")
@@ -98,16 +105,15 @@ def write(dataset: Dataset, path: str | Path) -> None:
 def write_parts(
     parts: Iterable[tuple[pd.DataFrame, np.ndarray]], metadata: dict, path: str | Path
 ) -> None:
-    """As `write`, of a dataset that comes part by part, table and delta_V of each: a row group of
-    the file each."""
+    """Write a data set as `write` does, from parts (table, delta_V), each as a row group."""
 
     def tables() -> Iterator[pa.Table]:
-        last = -1
+        last_sample = -1
         for table, delta_V in parts:
             validate(Dataset(table, delta_V, metadata), path)
-            if table["sample"].iloc[0] <= last:
+            if table["sample"].iloc[0] <= last_sample:
                 raise InputError(path, "column sample", "a fall", "numbers that increase")
-            last = table["sample"].iloc[-1]
+            last_sample = table["sample"].iloc[-1]
             stored = pa.Table.from_pandas(table, preserve_index=False)
             yield stored.append_column("delta_V", parquet.lists(delta_V))
 
@@ -138,35 +144,37 @@ def read(path: str | Path) -> Dataset:
 def from_recording(recording: Recording, name: str) -> Dataset:
     """The touched frames of a recording, each as its change against the untouched skin.
 
-    A channel lost in more than a tenth of the touched frames is dropped (`lost_channels`, indices
-    into the recording's table); a touched frame that still lacks a reading, or that holds several
-    touches, is left out and counted (`frames_left_out`). Targets are those of x, y, F, depth that
-    are known in every frame and vary. `sample` is the recording's frame number.
+    A channel lost in more than LOST_SHARE of the touched frames is dropped (`lost_channels`, rows
+    of the recording's table); a touched frame that still lacks a reading, or has several touches,
+    is left out and counted (`frames_left_out`). Targets are those of x, y, F, depth that are known
+    in every frame and vary. `sample` is the recording's frame number.
 
-    Raises InputError where nothing remains to learn from or to be learned.
+    Raises InputError naming `name` where no sample or no target remains.
     """
     difference = changes(recording, name)
     touched = recording.frames["touch"].to_numpy(bool)
     if not touched.any():
         raise InputError(name, "column touch", "no touched frame", "at least one")
-    lost = (~np.isfinite(difference[touched])).mean(axis=0) > LOST_SHARE
-    if lost.all():
+    is_lost = (~np.isfinite(difference[touched])).mean(axis=0) > LOST_SHARE
+    if is_lost.all():
         raise InputError(name, "column voltage_V", "every channel lost", "at least one channel")
-    difference = difference[:, ~lost]
-    whole = np.isfinite(difference).all(axis=1)
-    single = np.array([len(t or []) <= 1 for t in recording.touches or [[]] * len(touched)])
-    kept = touched & whole & single
-    if not kept.any():
+    difference = difference[:, ~is_lost]
+    is_complete = np.isfinite(difference).all(axis=1)
+    is_single_touch = np.array(
+        [len(t or []) <= 1 for t in recording.touches or [[]] * len(touched)]
+    )
+    is_sample = touched & is_complete & is_single_touch
+    if not is_sample.any():
         raise InputError(name, "column voltage_V", "no whole frame of one touch", "at least one")
 
-    frames = recording.frames[kept].reset_index(drop=True)
+    frames = recording.frames[is_sample].reset_index(drop=True)
     columns = {column: frames[column].to_numpy(float) for column in NUMBERS}
     targets = _targets(columns, name)
     place, place_rule = places(np.column_stack([columns["x_mm"], columns["y_mm"]]))
     table = pd.DataFrame(
         {
-            "sample": recording.frames["frame"].to_numpy(np.int64)[kept],
-            "session": sessions(recording.frames)[kept],
+            "sample": recording.frames["frame"].to_numpy(np.int64)[is_sample],
+            "session": sessions(recording.frames)[is_sample],
             "place": place,
             **columns,
         }
@@ -182,21 +190,23 @@ def from_recording(recording: Recording, name: str) -> Dataset:
         "unit": recording.metadata["unit"],
         "voltage": recording.metadata["voltage"],
         "position_frame": recording.metadata["position_frame"],
-        "channels": recording.channels[~lost].tolist(),
-        "lost_channels": np.flatnonzero(lost).tolist(),
+        "channels": recording.channels[~is_lost].tolist(),
+        "lost_channels": np.flatnonzero(is_lost).tolist(),
         "frames_left_out": {
-            "reading lost": int((touched & ~whole).sum()),
-            "several touches": int((touched & whole & ~single).sum()),
+            "reading lost": int((touched & ~is_complete).sum()),
+            "several touches": int((touched & is_complete & ~is_single_touch).sum()),
         },
         "places": place_rule,
         "untouched": untouched_noise(difference[~touched]),
     }
-    return Dataset(table, difference[kept].astype(np.float32), metadata)
+    return Dataset(table, difference[is_sample].astype(np.float32), metadata)
 
 
 def _targets(columns: dict[str, np.ndarray], name: str) -> list[str]:
-    """Those of TARGETS that are known in every frame and vary. Raises InputError, with `name` as
-    its file, for none, and for a touch whose place is not known."""
+    """Those of TARGETS that are known in every frame and vary.
+
+    Raises InputError naming `name` where there is none, and for a touch without a place.
+    """
     targets = [
         target
         for target, column in TARGETS.items()

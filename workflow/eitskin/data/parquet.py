@@ -1,5 +1,4 @@
-"""Tables of Parquet files: read whole, or a row group at a time, or refused in one line; columns
-that hold a list a row."""
+"""Tables of Parquet files, read completely or by row groups; columns of lists of equal length."""
 
 import contextlib
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,15 +16,14 @@ from eitskin.errors import InputError
 
 
 def frame(table: pa.Table, **options: Any) -> pd.DataFrame:
-    """A table as pandas has it, made by the calling thread alone; options as of `to_pandas`."""
+    """A table as a pandas data frame, converted by the calling thread; options of `to_pandas`."""
     return table.to_pandas(use_threads=False, **options)
 
 
 def read(path: str | Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """The table of a Parquet file; where `columns` are given these alone, in their order.
+    """The table of a Parquet file, or its `columns` in their order.
 
-    Raises InputError for what is no Parquet file, for a damaged one and for a column that is not
-    there.
+    Raises InputError for another file, a damaged one, and a missing column.
     """
     with _opened(path) as file:
         for name in columns or ():
@@ -49,30 +47,32 @@ def groups(path: str | Path) -> Iterator[pa.Table]:
 
 def write_groups(path: str | Path, tables: Iterable[pa.Table], metadata: dict[bytes, str]) -> None:
     """Write tables of one schema as a row group each, atomically; raises InputError for none."""
-    following = iter(tables)
-    first = next(following, None)
-    if first is None:
+    remaining_tables = iter(tables)
+    first_table = next(remaining_tables, None)
+    if first_table is None:
         raise InputError(path, "rows", "none", "at least one")
-    schema = first.replace_schema_metadata(metadata).schema
+    schema = first_table.replace_schema_metadata(metadata).schema
     # Readings hardly repeat: a dictionary of them takes time and room.
-    repeated = [f.name for f in schema if not pa.types.is_fixed_size_list(f.type)]
+    dictionary_columns = [f.name for f in schema if not pa.types.is_fixed_size_list(f.type)]
     with (
         atomic_path(path) as temporary,
-        pq.ParquetWriter(temporary, schema, use_dictionary=repeated) as writer,
+        pq.ParquetWriter(temporary, schema, use_dictionary=dictionary_columns) as writer,
     ):
-        for table in chain([first], following):
+        for table in chain([first_table], remaining_tables):
             writer.write_table(table, row_group_size=len(table))
 
 
 @contextlib.contextmanager
 def _opened(path: str | Path) -> Iterator[pq.ParquetFile]:
-    """The calling thread alone reads, nothing ahead of time (`pre_buffer`): a process that ends
-    while Arrow's threads still start is aborted (github.com/apache/arrow/issues/34314), its output
-    with it."""
+    """An open Parquet file, read by the calling thread alone and without `pre_buffer`.
+
+    A process that ends while Arrow's threads still start is aborted
+    (github.com/apache/arrow/issues/34314), and its output is lost.
+    """
     path = Path(path)
     if not path.is_file():
-        found = "a folder" if path.is_dir() else "no such file"
-        raise InputError(path, "file", found, "a Parquet file")
+        file_kind = "a folder" if path.is_dir() else "no such file"
+        raise InputError(path, "file", file_kind, "a Parquet file")
     with path.open("rb") as stream:
         head = stream.read(4)
         stream.seek(max(0, path.stat().st_size - 4))
@@ -96,12 +96,12 @@ def _opened(path: str | Path) -> Iterator[pq.ParquetFile]:
 
 
 def lists(values: np.ndarray) -> pa.FixedSizeListArray:
-    """A column of lists of M numbers, one a row, of `values` (N, M)."""
+    """A column of N lists of M numbers from `values` (N, M)."""
     flat = pa.array(np.ascontiguousarray(values).ravel())
     return pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
 
 
 def listed(column: pa.ChunkedArray) -> np.ndarray:
-    """(N, M), read-only: a column as of `lists`, without nulls."""
+    """The values (N, M), read-only, of a column of lists without nulls, the inverse of `lists`."""
     flat = column.combine_chunks().flatten().to_numpy(zero_copy_only=False)
     return flat.reshape(len(column), column.type.list_size)

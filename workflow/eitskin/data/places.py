@@ -1,4 +1,4 @@
-"""Which touches are at one place of the skin."""
+"""Groups of touches at one place of the skin."""
 
 import numpy as np
 import pandas as pd
@@ -8,17 +8,17 @@ from scipy.spatial import cKDTree
 
 from eitskin.data.recording import ONE_PLACE_MM
 
-BLOCKS_ACROSS = 8  # square blocks of places across a skin that was never touched twice alike
+BLOCKS_ACROSS = 8  # square blocks across a skin touched all over: enough for a split by places
 
 
 def places(xy: np.ndarray) -> tuple[np.ndarray, str]:
-    """Place (N,) int64 of each touch at `xy` (N, 2) in mm, and the rule that gave it.
+    """Place (N,) int64 of each touch at `xy` (N, 2) in mm, and the rule of the grouping in words.
 
-    Touches within ONE_PLACE_MM of each other, in chains, are one place: the jitter of a point that
-    is pressed again never splits it. Where that leaves more chains than half of the touches, or
-    one wider than twice that distance, the skin was touched all over: then the places are the
-    cells of a square grid, eight across the wider span, so that leaving a place out leaves a
-    neighbourhood out; a chain narrower than a cell lies in the cell of its mean.
+    Touches within ONE_PLACE_MM of each other, in chains, are one place (single linkage), so that
+    jitter never splits a point that is pressed again. Where that gives more chains than half of the
+    touches, or one wider than twice that distance, the skin was touched all over: then places are
+    the cells of a square grid, BLOCKS_ACROSS over the wider span, so that leaving a place out
+    leaves a neighbourhood out; a chain narrower than a cell lies in the cell of its mean.
     """
     chain = _chains(xy)
     side = float(np.ptp(xy, axis=0).max()) / BLOCKS_ACROSS or 1.0
@@ -36,9 +36,9 @@ def _chains(xy: np.ndarray) -> np.ndarray:
     """(N,) int64: the chain of each position, numbered by first appearance; neighbours in a chain
     are at most ONE_PLACE_MM apart (single linkage).
     """
-    position, of = np.unique(xy, axis=0, return_inverse=True)
-    near = cKDTree(position).query_pairs(ONE_PLACE_MM, output_type="ndarray")
-    shape = (len(position), len(position))
-    links = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=shape)
+    positions, position_index = np.unique(xy, axis=0, return_inverse=True)
+    neighbours = cKDTree(positions).query_pairs(ONE_PLACE_MM, output_type="ndarray")
+    shape = (len(positions), len(positions))
+    links = coo_array((np.ones(len(neighbours)), (neighbours[:, 0], neighbours[:, 1])), shape=shape)
     chain = connected_components(links, directed=False)[1]
-    return pd.factorize(chain[of])[0].astype(np.int64)
+    return pd.factorize(chain[position_index])[0].astype(np.int64)

@@ -8,7 +8,7 @@ import numpy as np
 
 from eitskin.data import alignment
 
-STRENGTHS = 10.0 ** np.linspace(-6.0, 4.0, 201)  # of the prior, among which one is chosen
+STRENGTHS = 10.0 ** np.linspace(-6.0, 4.0, 201)  # of the prior: candidates, 12 % apart
 
 
 def pixels(across: int, reach: float = 1.0) -> np.ndarray:
@@ -41,8 +41,8 @@ def strength(jacobian: np.ndarray, change: np.ndarray) -> float:
     """The strength of the prior by generalised cross-validation (Golub, Heath & Wahba 1979) over
     changes (N, M): what predicts a reading best from all the others.
     """
-    value, vector = np.linalg.eigh(jacobian / (jacobian**2).sum(axis=0) @ jacobian.T)
-    power = ((change @ vector) ** 2).mean(axis=0)
-    left = STRENGTHS[:, None] / (np.maximum(value, 0.0) + STRENGTHS[:, None])
-    score = (left**2 * power).mean(axis=1) / left.mean(axis=1) ** 2
-    return float(STRENGTHS[np.argmin(score)])
+    eigenvalues, eigenvectors = np.linalg.eigh(jacobian / (jacobian**2).sum(axis=0) @ jacobian.T)
+    power = ((change @ eigenvectors) ** 2).mean(axis=0)
+    residual_filter = STRENGTHS[:, None] / (np.maximum(eigenvalues, 0.0) + STRENGTHS[:, None])
+    scores = (residual_filter**2 * power).mean(axis=1) / residual_filter.mean(axis=1) ** 2
+    return float(STRENGTHS[np.argmin(scores)])

@@ -62,15 +62,16 @@ CHOICES = {
     "source_reference": ("floating", "sink-grounded"),
 }
 ABSOLUTE_ZERO_C = -273.15
-ONE_PLACE_MM = 1.0  # positions this near are one place
-ONE_PRESS_MM = 10.0  # as far as a robot that is told of one press may be off
-MOST_ELECTRODES = 1024
-CLOCK_ROUNDING = 1e-6
+ONE_PLACE_MM = 1.0  # positions within this are one place: a robot repeats to 0.1 mm
+ONE_PRESS_MM = 10.0  # largest scatter of the positions of one press
+MAX_ELECTRODES = 1024  # where a file does not state them: no EIT device has more
+CLOCK_ROUNDING = 1e-6  # relative, of times that were written as decimals
 
 
 @dataclass
 class Recording:
-    """N frames of M channels in order of capture, with what their owner believes of the skin.
+    """N frames of M channels in order of capture, with the skin's properties as its owner states
+    them.
 
     `frames` holds the scalar columns (units in their names; NaN where null) and any `note_`
     columns; `voltage` (N, M) is None for a query; `quadrature` (N, M) and `touches` (a list a frame
@@ -97,12 +98,12 @@ class Recording:
 
     @property
     def skin(self) -> Skin:
-        """What the owner believes of the skin."""
+        """The skin as its owner states it."""
         return Skin.from_metadata(self.metadata["skin"])
 
     @property
     def n_electrodes(self) -> int:
-        """Electrodes of the skin; where their angles are unknown, those that the channels name."""
+        """Number of electrodes: of the angles where known, else of those that channels name."""
         angles = self.metadata["skin"]["electrode_deg"]
         return len(angles) if angles is not None else int(self.channels.max()) + 1
 
@@ -118,40 +119,40 @@ def frames_table(
 ) -> pd.DataFrame:
     """The required scalar columns of N frames.
 
-    `time_s`, `touch` and the others are (N,) or one number for all; None: unknown. Untouched frames
-    get force 0 and no place, probe or depth, whatever stands there.
+    Arguments are (N,) or one number for all frames, None where unknown. Untouched frames get force
+    0 and NaN as place, probe and depth, whatever the arguments hold.
     """
     touch = np.asarray(touch, dtype=bool)
-    table = {
+    columns = {
         "frame": np.arange(len(touch), dtype=np.int64),
         "time_s": np.asarray(time_s, dtype=float),
         "touch": touch,
     }
-    given = {
+    label_values = {
         "x_mm": x_mm,
         "y_mm": y_mm,
         "force_N": force_N,
         "probe_mm": probe_mm,
         "depth_mm": depth_mm,
     }
-    for name, values in given.items():
+    for name, values in label_values.items():
         values = np.nan if values is None else np.asarray(values, dtype=float)
-        table[name] = np.where(touch, values, 0.0 if name == "force_N" else np.nan)
-    return pd.DataFrame(table)
+        columns[name] = np.where(touch, values, 0.0 if name == "force_N" else np.nan)
+    return pd.DataFrame(columns)
 
 
 def voltages(recording: Recording, name: str | Path) -> np.ndarray:
-    """(N, M): a recording's `voltage`. Raises InputError, with `name` as its place, for a query."""
+    """The `voltage` (N, M) of a recording; raises InputError naming `name` for a query."""
     if recording.voltage is None:
         raise InputError(name, "column voltage_V", "nothing", "voltages; this is a query")
     return recording.voltage
 
 
 def presses(recording: Recording) -> np.ndarray:
-    """(N,) int: the press that each touched frame belongs to, 0, 1, 2, ... ; -1 where untouched.
+    """(N,) int: number of the press that each touched frame belongs to, -1 where untouched.
 
-    The `contact` column (within a session) where there is one; else a run of touched frames at one
-    place.
+    By the `contact` column within a session where there is one, else by runs of touched frames at
+    one place. Numbered 0, 1, 2, ... in order of appearance.
     """
     frames = recording.frames
     touch = frames["touch"].to_numpy(dtype=bool)
@@ -169,7 +170,10 @@ def presses(recording: Recording) -> np.ndarray:
 
 
 def elapsed(frames: pd.DataFrame) -> np.ndarray:
-    """(N,): how much of the time of frames has gone, 0 to 1; by their number where none goes."""
+    """(N,): share of the recording's time elapsed at each frame, 0 to 1.
+
+    By the frames' order where all times are equal.
+    """
     time = frames["time_s"].to_numpy(float)
     if not np.ptp(time):
         time = np.arange(len(time), dtype=float)
@@ -184,7 +188,7 @@ def _changes(session: pd.Series) -> np.ndarray:
 def read(path: str | Path) -> Recording:
     """Read and validate a recording or a query.
 
-    Raises InputError naming file, column or key, row, what was found and what was expected.
+    Raises InputError naming file, column or key, row, the value and the expected one.
     """
     table = parquet.read(path)
     metadata = _read_metadata(path, table.schema.metadata or {})
@@ -215,7 +219,7 @@ def read(path: str | Path) -> Recording:
 
 
 def write(recording: Recording, path: str | Path) -> None:
-    """Validate and write a recording: whole or not at all, the same bytes for the same recording.
+    """Validate and write a recording atomically; equal recordings give equal bytes.
 
     Raises InputError as `read` does; then nothing is written.
     """
@@ -240,28 +244,29 @@ def metadata_of(
     skin: dict,
     source: str,
     voltage: str = "signed",
-    position_frame: str = "skin",
-    frame_s: float | None = None,
-    **others: str,
+    **settings: str | float | None,
 ) -> dict:
-    """The metadata of a recording of channels (M, 4); `skin` as `Skin.metadata`; frame_s: s;
-    `others`: values of keys of DEFAULTS, where they are not the default ones."""
+    """The metadata of a recording of channels (M, 4) of a skin as `Skin.metadata`.
+
+    `settings` are values of `position_frame` (by default "skin"), `frame_s` in seconds (None) and
+    of the keys of DEFAULTS.
+    """
     return {
         **DEFAULTS,
         "format": "eit-recording",
         "version": 1,
         "channels": np.asarray(channels).tolist(),
         "voltage": voltage,
-        "frame_s": frame_s,
-        "position_frame": position_frame,
+        "frame_s": None,
+        "position_frame": "skin",
         "source": source,
         "skin": skin,
-        **others,
+        **settings,
     }
 
 
 def validate(recording: Recording, file: str | Path) -> None:
-    """Raise InputError, with `file` as its place, unless the recording keeps every rule."""
+    """Raise InputError naming `file` where the recording breaks a rule of the format."""
     metadata = recording.metadata
     _check_metadata(file, metadata)
     frames = recording.frames
@@ -277,7 +282,7 @@ def validate(recording: Recording, file: str | Path) -> None:
             continue
         if values.shape != shape:
             raise InputError(file, f"column {name}", values.shape, f"{shape}: frames x channels")
-        _refuse_rows(file, name, values, np.isinf(values), "finite, or NaN if lost")
+        _check_rows(file, name, values, np.isinf(values), "finite, or NaN if lost")
     if recording.touches is not None:
         _check_touches(file, recording)
     _check_on_skin(file, recording)
@@ -290,7 +295,7 @@ def validate(recording: Recording, file: str | Path) -> None:
     if metadata["values"] == "absolute":
         if metadata["voltage"] == "magnitude":
             negative = recording.voltage < 0
-            _refuse_rows(file, "voltage_V", recording.voltage, negative, "magnitudes, 0 or more")
+            _check_rows(file, "voltage_V", recording.voltage, negative, "magnitudes, 0 or more")
         if frames["touch"].all():
             expected = "at least one untouched frame among absolute values"
             raise InputError(file, "column touch", f"true in all {len(frames)} rows", expected)
@@ -316,8 +321,8 @@ def _check_metadata(file: str | Path, metadata: dict) -> None:
             raise InputError(file, f"key {key}", "nothing", f"it among {list(REQUIRED_KEYS)}")
     for key in metadata:
         if key not in REQUIRED_KEYS and key not in DEFAULTS:
-            known = [*REQUIRED_KEYS, *DEFAULTS]
-            raise InputError(file, f"key {key}", "an unknown key", f"one of {known}")
+            known_keys = [*REQUIRED_KEYS, *DEFAULTS]
+            raise InputError(file, f"key {key}", "an unknown key", f"one of {known_keys}")
     check_reading(metadata, file)
     if type(metadata["version"]) is not int or metadata["version"] != 1:
         raise InputError(file, "key version", json.dumps(metadata["version"]), "1")
@@ -331,28 +336,30 @@ def _check_metadata(file: str | Path, metadata: dict) -> None:
 
 
 def check_reading(metadata: dict, file: str | Path) -> None:
-    """Raise InputError, with `file` as its place, for a value of `frame_s` or of a key of CHOICES,
-    as far as they are there, that the format does not know."""
+    """Raise InputError naming `file` for an invalid value of `frame_s` or of a key of CHOICES.
+
+    Keys may be missing.
+    """
     for key, choices in CHOICES.items():
         if key in metadata and metadata[key] not in choices:
             expected = " or ".join(f'"{choice}"' for choice in choices)
             raise InputError(file, f"key {key}", json.dumps(metadata[key], default=str), expected)
     frame_s = metadata.get("frame_s")
     if frame_s is not None and not (is_number(frame_s) and frame_s > 0):
-        found = json.dumps(frame_s, default=str)
-        raise InputError(file, "key frame_s", found, "more than 0 s, or null")
+        violation = json.dumps(frame_s, default=str)
+        raise InputError(file, "key frame_s", violation, "more than 0 s, or null")
 
 
 def _check_arcs(file: str | Path, skin: Skin) -> None:
-    """Refuse electrodes that overlap; for that, material and contacts do not matter."""
+    """Refuse electrodes that overlap; material and contacts of the skin are placeholders."""
     radius, angles, width = skin.radius_mm, skin.electrode_deg, skin.electrode_width_mm
     if radius is None or angles is None or width is None:
         return
     try:
         Geometry(radius, 1.0, 1.0, np.array(angles), np.array(width), np.array(1.0))
     except InputError as error:
-        found = f"{width} mm: {error.found}"
-        raise InputError(file, "skin.electrode_width_mm", found, error.expected) from error
+        violation = f"{width} mm: {error.actual}"
+        raise InputError(file, "skin.electrode_width_mm", violation, error.expected) from error
 
 
 def _check_channels(file: str | Path, channels: object, n_electrodes: int | None) -> None:
@@ -361,14 +368,16 @@ def _check_channels(file: str | Path, channels: object, n_electrodes: int | None
     expected = "[source, sink, plus, minus], whole numbers"
     for row, channel in enumerate(channels):
         place = f"key channels, row {row}"
-        whole = isinstance(channel, list) and all(type(electrode) is int for electrode in channel)
-        if not whole or len(channel) != 4:
+        is_integers = isinstance(channel, list) and all(
+            type(electrode) is int for electrode in channel
+        )
+        if not is_integers or len(channel) != 4:
             raise InputError(file, place, json.dumps(channel), expected)
         for electrode in channel:
-            most = n_electrodes or MOST_ELECTRODES
-            if not 0 <= electrode < most:
-                found = f"electrode {electrode} of {n_electrodes or 'an unknown number'}"
-                raise InputError(file, place, found, f"electrodes 0 to {most - 1}")
+            max_electrodes = n_electrodes or MAX_ELECTRODES
+            if not 0 <= electrode < max_electrodes:
+                violation = f"electrode {electrode} of {n_electrodes or 'an unknown number'}"
+                raise InputError(file, place, violation, f"electrodes 0 to {max_electrodes - 1}")
         source, sink, plus, minus = channel
         if source == sink or plus == minus:
             raise InputError(file, place, f"{channel}, a pair with itself", "two electrodes a pair")
@@ -393,19 +402,19 @@ def _check_columns(file: str | Path, schema: pa.Schema, width: int) -> None:
             raise InputError(file, f"column {field.name}", str(field.type), expected)
 
 
-def _same_type(found: pa.DataType, expected: pa.DataType) -> bool:
+def _same_type(stored: pa.DataType, expected: pa.DataType) -> bool:
     if pa.types.is_fixed_size_list(expected):
         return (
-            pa.types.is_fixed_size_list(found)
-            and found.list_size == expected.list_size
-            and found.value_type == expected.value_type
+            pa.types.is_fixed_size_list(stored)
+            and stored.list_size == expected.list_size
+            and stored.value_type == expected.value_type
         )
     if pa.types.is_list(expected):
-        if not pa.types.is_list(found) or not pa.types.is_struct(found.value_type):
+        if not pa.types.is_list(stored) or not pa.types.is_struct(stored.value_type):
             return False
-        fields = sorted((field.name, str(field.type)) for field in found.value_type)
+        fields = sorted((field.name, str(field.type)) for field in stored.value_type)
         return fields == sorted((field.name, str(field.type)) for field in expected.value_type)
-    return found == expected or (expected == pa.string() and found == pa.large_string())
+    return stored == expected or (expected == pa.string() and stored == pa.large_string())
 
 
 def _scalar_column(file: str | Path, name: str, column: pa.ChunkedArray) -> np.ndarray | pd.Series:
@@ -430,16 +439,16 @@ def _reading_column(file: str | Path, name: str, column: pa.ChunkedArray, width:
     raise InputError(file, f"column {name}, row {row}", "null", "a number, or NaN if lost")
 
 
-def _refuse_rows(
-    file: str | Path, name: str, values: np.ndarray, bad: np.ndarray, expected: str
+def _check_rows(
+    file: str | Path, name: str, values: np.ndarray, is_bad: np.ndarray, expected: str
 ) -> None:
-    """Refuse the first bad value of a column (N,) or of readings (N, M)."""
-    wrong = np.argwhere(bad)
-    if len(wrong):
-        row, *channel = wrong[0].tolist()
-        found = values[tuple(wrong[0])]
-        where = f" in channel {channel[0]}" if channel else ""
-        raise InputError(file, f"column {name}, row {row}", f"{found}{where}", expected)
+    """Raise InputError for the first bad value of a column (N,) or of readings (N, M)."""
+    bad_indices = np.argwhere(is_bad)
+    if len(bad_indices):
+        row, *channel = bad_indices[0].tolist()
+        bad_value = values[tuple(bad_indices[0])]
+        channel_text = f" in channel {channel[0]}" if channel else ""
+        raise InputError(file, f"column {name}, row {row}", f"{bad_value}{channel_text}", expected)
 
 
 def _check_frames(file: str | Path, frames: pd.DataFrame) -> None:
@@ -450,8 +459,8 @@ def _check_frames(file: str | Path, frames: pd.DataFrame) -> None:
         if name not in COLUMNS and name not in OPTIONAL_COLUMNS and not name.startswith(NOTE):
             raise InputError(file, f"column {name}", "an unknown column", f"or {NOTE}...")
 
-    def refuse(name: str, bad: np.ndarray, expected: str) -> None:
-        _refuse_rows(file, name, frames[name].to_numpy(), bad, expected)
+    def refuse(name: str, is_bad: np.ndarray, expected: str) -> None:
+        _check_rows(file, name, frames[name].to_numpy(), is_bad, expected)
 
     frame = frames["frame"].to_numpy()
     refuse("frame", frame != np.arange(len(frame)), "0, 1, 2, ... in order")
@@ -477,73 +486,81 @@ def _check_frames(file: str | Path, frames: pd.DataFrame) -> None:
     refuse("depth_mm", (depth < 0) | np.isinf(depth), "0 mm or more, or null")
     if "temperature_C" in frames:
         warm = frames["temperature_C"].to_numpy(dtype=float)
-        bad = (warm < ABSOLUTE_ZERO_C) | np.isinf(warm)
-        refuse("temperature_C", bad, f"more than {ABSOLUTE_ZERO_C} degrees, or null")
+        is_bad = (warm < ABSOLUTE_ZERO_C) | np.isinf(warm)
+        refuse("temperature_C", is_bad, f"more than {ABSOLUTE_ZERO_C} degrees, or null")
     if "contact" in frames:
         missing = frames["contact"].isna().to_numpy()
         refuse("contact", touch & missing, "the press where touch is true")
 
 
 def _check_clock(file: str | Path, recording: Recording) -> None:
-    """Refuse frames that last longer than the time to the next, by a measured clock."""
+    """Refuse a `frame_s` longer than the shortest interval of a measured clock."""
     frame_s, time = recording.metadata["frame_s"], recording.frames["time_s"].to_numpy(dtype=float)
     if frame_s is None or recording.metadata["clock"] != "measured" or len(time) < 2:
         return
     row = int(np.argmin(np.diff(time)))
-    least = time[row + 1] - time[row]
-    if frame_s > least * (1.0 + CLOCK_ROUNDING):
-        expected = f"at most {least:.6g} s, the time from row {row} to row {row + 1}"
+    min_interval_s = time[row + 1] - time[row]
+    if frame_s > min_interval_s * (1.0 + CLOCK_ROUNDING):
+        expected = f"at most {min_interval_s:.6g} s, the time from row {row} to row {row + 1}"
         raise InputError(file, "key frame_s", frame_s, expected)
 
 
 def _check_contacts(file: str | Path, frames: pd.DataFrame) -> None:
-    """Refuse one press, by its session and `contact`, at places that are no one's scatter."""
+    """Refuse a press, by session and `contact`, whose places scatter more than ONE_PRESS_MM."""
     if "contact" not in frames:
         return
     touched = frames[frames["touch"].to_numpy(dtype=bool)]
-    by = ["session", "contact"] if "session" in frames else ["contact"]
-    places = touched.groupby(by, sort=False, dropna=False)[["x_mm", "y_mm"]]
-    away = (touched[["x_mm", "y_mm"]] - places.transform("first")).to_numpy(dtype=float)
-    wrong = np.flatnonzero(np.hypot(*away.T) > ONE_PRESS_MM)
-    if len(wrong):
-        row = int(touched.index[wrong[0]])
-        found = f"{touched['contact'][row]} again, {np.hypot(*away[wrong[0]]):.3g} mm away"
+    press_keys = ["session", "contact"] if "session" in frames else ["contact"]
+    places = touched.groupby(press_keys, sort=False, dropna=False)[["x_mm", "y_mm"]]
+    offset_mm = (touched[["x_mm", "y_mm"]] - places.transform("first")).to_numpy(dtype=float)
+    bad_rows = np.flatnonzero(np.hypot(*offset_mm.T) > ONE_PRESS_MM)
+    if len(bad_rows):
+        row = int(touched.index[bad_rows[0]])
+        violation = (
+            f"{touched['contact'][row]} again, {np.hypot(*offset_mm[bad_rows[0]]):.3g} mm away"
+        )
         expected = f"one number a press, within {ONE_PRESS_MM:g} mm"
-        raise InputError(file, f"column contact, row {row}", found, expected)
+        raise InputError(file, f"column contact, row {row}", violation, expected)
 
 
 def _check_on_skin(file: str | Path, recording: Recording) -> None:
-    """Refuse touches that cannot meet the skin, where its size and frame are known.
+    """Refuse touches outside the skin where its radius and frame are known.
 
-    An unknown probe is taken for one as large as the skin.
+    An unknown probe is assumed to be as large as the skin.
     """
     radius = recording.skin.radius_mm
     if radius is None or recording.metadata["position_frame"] != "skin":
         return
     if recording.touches is None:
-        at = recording.frames[list(TOUCH_KEYS)].assign(row=recording.frames["frame"])
+        touch_table = recording.frames[list(TOUCH_KEYS)].assign(row=recording.frames["frame"])
     else:
         numbered = enumerate(recording.touches)
-        all_touches = [{**touch, "row": row} for row, some in numbered for touch in some or []]
-        at = pd.DataFrame(all_touches, columns=[*TOUCH_KEYS, "row"])
-    reach = radius + 0.5 * at["probe_mm"].astype(float).fillna(2.0 * radius).to_numpy()
-    distance = np.hypot(at["x_mm"].to_numpy(float), at["y_mm"].to_numpy(float))
-    wrong = np.flatnonzero(distance > reach)
-    if len(wrong):
-        place = f"columns x_mm, y_mm, row {int(at['row'].iloc[wrong[0]])}"
-        found = f"a touch {distance[wrong[0]]:.6g} mm from the centre"
-        expected = f"at most {reach[wrong[0]]:.6g} mm: probe and skin, radius {radius:g}, must meet"
-        raise InputError(file, place, found, expected)
+        all_touches = [
+            {**touch, "row": row}
+            for row, frame_touches in numbered
+            for touch in frame_touches or []
+        ]
+        touch_table = pd.DataFrame(all_touches, columns=[*TOUCH_KEYS, "row"])
+    reach = radius + 0.5 * touch_table["probe_mm"].astype(float).fillna(2.0 * radius).to_numpy()
+    distance = np.hypot(touch_table["x_mm"].to_numpy(float), touch_table["y_mm"].to_numpy(float))
+    bad_rows = np.flatnonzero(distance > reach)
+    if len(bad_rows):
+        place = f"columns x_mm, y_mm, row {int(touch_table['row'].iloc[bad_rows[0]])}"
+        violation = f"a touch {distance[bad_rows[0]]:.6g} mm from the centre"
+        expected = (
+            f"at most {reach[bad_rows[0]]:.6g} mm: probe and skin, radius {radius:g}, must meet"
+        )
+        raise InputError(file, place, violation, expected)
 
 
 def _check_touches(file: str | Path, recording: Recording) -> None:
     frames = recording.frames
     assert recording.touches is not None
     if len(recording.touches) != len(frames):
-        found = f"{len(recording.touches)} rows"
-        raise InputError(file, "column touches", found, f"{len(frames)}, one a frame")
+        row_count = f"{len(recording.touches)} rows"
+        raise InputError(file, "column touches", row_count, f"{len(frames)}, one a frame")
     touched = frames["touch"].to_numpy(dtype=bool)
-    plain = frames[list(TOUCH_KEYS)].to_numpy(dtype=float)
+    column_touches = frames[list(TOUCH_KEYS)].to_numpy(dtype=float)
     for row, touches in enumerate(recording.touches):
         place = f"column touches, row {row}"
         if not touched[row]:
@@ -554,8 +571,8 @@ def _check_touches(file: str | Path, recording: Recording) -> None:
             raise InputError(file, place, "none", "all touches: touch is true")
         for touch in touches:
             _check_touch(file, place, touch)
-        first = np.array([_number(touches[0][key]) for key in TOUCH_KEYS])
-        if not np.array_equal(first, plain[row], equal_nan=True):
+        first_touch = np.array([_number(touches[0][key]) for key in TOUCH_KEYS])
+        if not np.array_equal(first_touch, column_touches[row], equal_nan=True):
             raise InputError(file, place, touches[0], "first the touch of the plain columns")
 
 

@@ -13,17 +13,17 @@ from eitskin.errors import InputError
 
 GROUPS = {"random": "sample", "place": "place", "session": "session", "continuous": "session"}
 PARTS = ("train", "validation", "test")
-SHARE = 0.2  # tested, and of the rest validated on (§ III-A)
+SHARE = 0.2  # of the test part, and of the remaining samples for validation (§ III-A)
 
 
 def assign(table: pd.DataFrame, kind: str, seed: int) -> np.ndarray:
-    """The part (N,) of each row of a dataset's table: "train", "validation" or "test".
+    """The part (N,) of each row of a data set's table: "train", "validation" or "test".
 
-    Whole groups (frames, places or sessions) are drawn: those that come nearest to 20 % of the
-    samples are tested, and of what remains those nearest to 20 % are the validation part; no group
-    is in two parts. "continuous": sessions, of a set in which every sample has a place of its own.
-    Raises InputError for an unknown kind, for places pressed again where the kind is "continuous",
-    and for fewer than three groups.
+    Groups (frames, places or sessions) are drawn in random order and never split: the test part is
+    as near to SHARE of the samples as possible, the validation part to SHARE of the remaining ones.
+    "continuous" groups by session and demands that every sample has its own place. Raises
+    InputError for an unknown kind, for repeated places where the kind is "continuous", and for
+    fewer than three groups.
     """
     if kind not in GROUPS:
         raise InputError("split", "kind", repr(kind), f"one of {', '.join(GROUPS)}")
@@ -36,18 +36,21 @@ def assign(table: pd.DataFrame, kind: str, seed: int) -> np.ndarray:
         place = f"column {GROUPS[kind]}"
         raise InputError("split", place, f"{len(size)} group(s)", "at least 3, one for each part")
     drawn = np.random.default_rng(seed).permutation(len(size))
-    n_test = _nearest(size[drawn], keep=2)
-    n_validation = _nearest(size[drawn[n_test:]], keep=1)
+    n_test = _nearest(size[drawn], min_remaining=2)
+    n_validation = _nearest(size[drawn[n_test:]], min_remaining=1)
     part = np.full(len(size), "train", dtype="<U10")
     part[drawn[:n_test]] = "test"
     part[drawn[n_test : n_test + n_validation]] = "validation"
     return part[group]
 
 
-def _nearest(size: np.ndarray, keep: int) -> int:
-    """How many of the groups, taken in order, come nearest to SHARE; `keep` at least remain."""
-    taken = np.cumsum(size)[: len(size) - keep]
-    return int(np.abs(taken - SHARE * size.sum()).argmin()) + 1
+def _nearest(size: np.ndarray, min_remaining: int) -> int:
+    """Number of leading groups whose samples come nearest to SHARE of all.
+
+    At least `min_remaining` groups remain.
+    """
+    cumulative_size = np.cumsum(size)[: len(size) - min_remaining]
+    return int(np.abs(cumulative_size - SHARE * size.sum()).argmin()) + 1
 
 
 def write(path: str | Path, table: pd.DataFrame, part: np.ndarray) -> None:

@@ -1,8 +1,8 @@
-"""What the owner of a skin states of it and of its readings, beside what his file says.
+"""Properties of a skin and its readings that the owner states beside the recording's file.
 
-A mapping with keys of the recording format: those of `skin` (radius_mm, electrode_deg, ...), and of
-the others those that say how the readings were taken. What is stated replaces what the file says;
-null says that it is not known.
+A mapping with keys of the recording format: those of `skin` (radius_mm, electrode_deg, ...), and
+those that describe how the readings were taken. A stated value replaces the file's; null means
+unknown.
 """
 
 from dataclasses import fields, replace
@@ -22,49 +22,50 @@ KEYS = (*SKIN, *READING)
 
 
 def read(path: str | Path) -> dict:
-    """What a YAML file states. Raises InputError for what is no YAML, an unknown key or a value
-    that the recording format refuses."""
-    said = yaml_file.read(path)
-    refuse(said, path)
-    return said
+    """The statement in a YAML file.
+
+    Raises InputError for another file, an unknown key, and a value that the format refuses.
+    """
+    statement = yaml_file.read(path)
+    refuse(statement, path)
+    return statement
 
 
-def refuse(said: dict, file: str | Path = "skin") -> None:
-    """Raise InputError, with `file` as its place, for an unknown key or a value that the recording
-    format refuses."""
-    for key in said:
+def refuse(statement: dict, file: str | Path = "skin") -> None:
+    """Raise InputError naming `file` for an unknown key or a value that the format refuses."""
+    for key in statement:
         if key not in KEYS:
             raise InputError(file, str(key), "an unknown key", f"one of {', '.join(KEYS)}")
     try:
-        Skin.from_metadata(dict.fromkeys(SKIN) | _part(said, SKIN))
-        check_reading(_part(said, READING), file)
+        Skin.from_metadata(dict.fromkeys(SKIN) | _part(statement, SKIN))
+        check_reading(_part(statement, READING), file)
     except InputError as error:
         place = error.place.removeprefix("skin.").removeprefix("key ")
-        raise InputError(file, place, error.found, error.expected) from error
+        raise InputError(file, place, error.actual, error.expected) from error
 
 
-def apply(said: dict, recording: Recording, file: str | Path = "skin") -> Recording:
-    """The recording with what its owner states (`refuse`d before); `source` says which keys.
+def apply(statement: dict, recording: Recording, file: str | Path = "skin") -> Recording:
+    """The recording with a checked statement applied; its `source` lists the stated keys.
 
-    Raises InputError, with `file` as its place, where recording and statement do not fit together.
+    Raises InputError naming `file` where recording and statement contradict each other.
     """
-    if not said:
+    if not statement:
         return recording
     metadata = recording.metadata
-    angles = said.get("electrode_deg")
-    named = int(np.max(metadata["channels"])) + 1
-    if angles is not None and len(angles) < named:
-        expected = f"{named} or more: the channels name electrodes 0 to {named - 1}"
+    angles = statement.get("electrode_deg")
+    n_named = int(np.max(metadata["channels"])) + 1
+    if angles is not None and len(angles) < n_named:
+        expected = f"{n_named} or more: the channels name electrodes 0 to {n_named - 1}"
         raise InputError(file, "electrode_deg", f"{len(angles)} angles", expected)
-    source = f"{metadata['source']}; its owner states {', '.join(said)}"
-    skin = metadata["skin"] | _part(said, SKIN)
-    if said.get("electrode_xy_mm") and angles is None:
-        skin["electrode_deg"] = rim_angles(said["electrode_xy_mm"]).tolist()
-    changed = {**metadata, **_part(said, READING), "skin": skin, "source": source}
-    told = replace(recording, metadata=changed)
-    validate(told, file)
-    return told
+    source = f"{metadata['source']}; its owner states {', '.join(statement)}"
+    skin = metadata["skin"] | _part(statement, SKIN)
+    if statement.get("electrode_xy_mm") and angles is None:
+        skin["electrode_deg"] = rim_angles(statement["electrode_xy_mm"]).tolist()
+    stated_metadata = {**metadata, **_part(statement, READING), "skin": skin, "source": source}
+    stated_recording = replace(recording, metadata=stated_metadata)
+    validate(stated_recording, file)
+    return stated_recording
 
 
-def _part(said: dict, keys: tuple[str, ...]) -> dict:
-    return {key: value for key, value in said.items() if key in keys}
+def _part(statement: dict, keys: tuple[str, ...]) -> dict:
+    return {key: value for key, value in statement.items() if key in keys}

@@ -1,4 +1,4 @@
-"""Some of a recording's frames, as a recording."""
+"""Subsets of a recording's frames, as recordings."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,37 +10,36 @@ from eitskin.data.recording import Recording, presses, validate
 from eitskin.errors import InputError
 
 
-def of_frames(recorded: Recording, kept: np.ndarray) -> Recording:
-    """The frames of a recording that are kept (N,), with their times, sessions and numbers."""
+def of_frames(recorded: Recording, is_selected: np.ndarray) -> Recording:
+    """The selected frames (N,) bool of a recording, with their times, sessions and presses."""
     press = presses(recorded)
-    frames = recorded.frames[kept].reset_index(drop=True)
-    label = pd.Series(press[kept], dtype="Int64")
+    frames = recorded.frames[is_selected].reset_index(drop=True)
+    label = pd.Series(press[is_selected], dtype="Int64")
     frames["contact"] = label.where(label >= 0)
-    rows = np.flatnonzero(kept)
+    rows = np.flatnonzero(is_selected)
     return Recording(
         frames,
-        None if recorded.voltage is None else recorded.voltage[kept],
-        None if recorded.quadrature is None else recorded.quadrature[kept],
+        None if recorded.voltage is None else recorded.voltage[is_selected],
+        None if recorded.quadrature is None else recorded.quadrature[is_selected],
         None if recorded.touches is None else [recorded.touches[row] for row in rows],
         recorded.metadata,
     )
 
 
-def stretch(recorded: Recording, first: int, last: int, file: str | Path) -> Recording:
-    """Frames `first` to `last` of a recording as one of their own, which `source` says: numbered
-    from 0, at the times that they had.
+def stretch(recorded: Recording, first_frame: int, last_frame: int, file: str | Path) -> Recording:
+    """Frames `first_frame` to `last_frame` as a recording, numbered from 0, at their old times.
 
-    Raises InputError, with `file` as its place, where there are no such frames, or where they break
-    a rule of the format: no untouched one among absolute values.
+    Its `source` states the range. Raises InputError naming `file` where there are no such frames,
+    and where they break a rule of the format, as absolute values without an untouched frame do.
     """
     count = len(recorded.frames)
-    if not 0 <= first <= last < count:
+    if not 0 <= first_frame <= last_frame < count:
         expected = f"FIRST:LAST, of frames 0 to {count - 1}"
-        raise InputError(file, "frames", f"{first}:{last}", expected)
+        raise InputError(file, "frames", f"{first_frame}:{last_frame}", expected)
     rows = np.arange(count)
-    part = of_frames(recorded, (rows >= first) & (rows <= last))
-    frames = part.frames.assign(frame=np.arange(len(part.frames)))
-    source = f"{recorded.metadata['source']}; its frames {first} to {last}"
-    part = replace(part, frames=frames, metadata=recorded.metadata | {"source": source})
-    validate(part, file)
-    return part
+    selection = of_frames(recorded, (rows >= first_frame) & (rows <= last_frame))
+    frames = selection.frames.assign(frame=np.arange(len(selection.frames)))
+    source = f"{recorded.metadata['source']}; its frames {first_frame} to {last_frame}"
+    selection = replace(selection, frames=frames, metadata=recorded.metadata | {"source": source})
+    validate(selection, file)
+    return selection

@@ -1,4 +1,4 @@
-"""The catalogue of effects: one file of this package each, found by being there."""
+"""The catalogue of effects: every file of this package that defines an Effect is part of it."""
 
 import inspect
 import pkgutil
@@ -22,57 +22,62 @@ from eitskin.physics.geometry import even_angles
 from eitskin.physics.skin import Skin
 
 EFFECTS: dict[str, Effect] = {}
-# What every effect says of itself; `stage` comes from the class that it is of.
-SAID = "driver", "parameters", "source", "mend", "finding", "shown_by"
-DONE = "change", "admittance", "force_shift"  # methods of a stage; each class has one
-EXAMPLE = Skin(50.0, 3.0, 0.5, tuple(even_angles(8).tolist()), 5.0, 1e-3, 1e-3, 0.5)
+# Attributes that every effect must define; `stage` comes from its base class.
+REQUIRED_ATTRIBUTES = "driver", "parameters", "source", "mend", "finding", "shown_by"
+# One of these is the method of every stage's base class.
+STAGE_METHODS = "change", "admittance", "force_shift"
+EXAMPLE_SKIN = Skin(50.0, 3.0, 0.5, tuple(even_angles(8).tolist()), 5.0, 1e-3, 1e-3, 0.5)
 
 
 def discover() -> None:
     """Put the effects of every file in this package's `__path__` into EFFECTS, by name.
 
-    Called on import, and by whoever adds a folder to the path. Raises InputError for a file that is
-    no Python, for a name that two effects have, and for an effect that has none, that leaves out
-    what every one has to say or that says what none can.
+    Called on import, and again after a folder was added to the path. Raises InputError for a file
+    that is not Python, for a name that two effects have, and for an effect without a name, without
+    a required attribute or with contradictory ones.
     """
-    kinds = [kind for found in pkgutil.iter_modules(__path__) for kind in _kinds(found.name)]
-    named = [kind for kind in kinds if hasattr(kind, "name")]
-    names = {*EFFECTS, *(kind.name for kind in named)}
+    kinds = [kind for module in pkgutil.iter_modules(__path__) for kind in _kinds(module.name)]
+    named_kinds = [kind for kind in kinds if hasattr(kind, "name")]
+    names = {*EFFECTS, *(kind.name for kind in named_kinds)}
     for kind in kinds:
-        if kind not in named and not kind.__subclasses__():
+        if kind not in named_kinds and not kind.__subclasses__():
             raise InputError(kind.__module__, kind.__name__, "no name", "that of the effect")
-    for kind in named:
-        missing = [one for one in SAID if not hasattr(kind, one)]
+    for kind in named_kinds:
+        missing = [attribute for attribute in REQUIRED_ATTRIBUTES if not hasattr(kind, attribute)]
         if missing:
-            without = f"no {' and no '.join(missing)}"
-            raise InputError(kind.__module__, kind.name, without, ", ".join(SAID))
-        for place, wrong, expected in _wrong(kind, names):
-            raise InputError(kind.__module__, f"{kind.name}: {place}", wrong, expected)
-        known = EFFECTS.setdefault(kind.name, kind())
-        if type(known) is not kind:
-            there = f"that of {type(known).__module__} too"
-            raise InputError(kind.__module__, kind.name, there, "a name of its own")
+            actual = f"no {' and no '.join(missing)}"
+            raise InputError(kind.__module__, kind.name, actual, ", ".join(REQUIRED_ATTRIBUTES))
+        for place, actual, expected in _contradictions(kind, names):
+            raise InputError(kind.__module__, f"{kind.name}: {place}", actual, expected)
+        effect = EFFECTS.setdefault(kind.name, kind())
+        if type(effect) is not kind:
+            actual = f"that of {type(effect).__module__} too"
+            raise InputError(kind.__module__, kind.name, actual, "a name of its own")
 
 
 def _kinds(name: str) -> list[type[Effect]]:
-    """The classes of effects that a module of this package defines, without those of the stages."""
+    """The effect classes that a module of this package defines, without the base classes of
+    stages."""
     module = imported(f"{__name__}.{name}")
-    classes = [one for one in vars(module).values() if isinstance(one, type)]
-    own = [one for one in classes if one.__module__ == module.__name__ != Effect.__module__]
-    return [one for one in own if issubclass(one, Effect)]
+    classes = [value for value in vars(module).values() if isinstance(value, type)]
+    return [
+        kind
+        for kind in classes
+        if kind.__module__ == module.__name__ != Effect.__module__ and issubclass(kind, Effect)
+    ]
 
 
-def _wrong(kind: type[Effect], names: Collection[str]) -> Iterator[tuple[str, str, str]]:
-    """What an effect says that no effect can: the attribute, what it is, what is expected; the
-    first, as others may follow from it. names: of all effects."""
-    base = next(one for one in kind.__mro__ if one.__module__ == Effect.__module__)
+def _contradictions(kind: type[Effect], names: Collection[str]) -> Iterator[tuple[str, str, str]]:
+    """Attributes of an effect that no effect may have: the attribute, its value, the expected
+    one. Only the first counts, as others may follow from it. names: of all effects."""
+    base = next(ancestor for ancestor in kind.__mro__ if ancestor.__module__ == Effect.__module__)
     if base is Effect or kind.stage not in STAGES:
         yield "stage", repr(getattr(kind, "stage", None)), "a class of a stage, as WiringEffect"
     if not isinstance(kind.parameters, dict):
         yield "parameters", repr(kind.parameters), "a dict of a Parameter by name"
     for key, parameter in kind.parameters.items():
-        for what, found, expected in _wrong_parameter(parameter):
-            yield f"parameters: {key}{what}", found, expected
+        for attribute, actual, expected in _parameter_contradictions(parameter):
+            yield f"parameters: {key}{attribute}", actual, expected
     if kind.driver not in DRIVERS:
         yield "driver", repr(kind.driver), f"one of {', '.join(DRIVERS)}"
     orders = ORDER.get(kind.stage, (None,))
@@ -80,30 +85,30 @@ def _wrong(kind: type[Effect], names: Collection[str]) -> Iterator[tuple[str, st
         yield "order", repr(kind.order), f"one of {', '.join(map(str, orders))}"
     if not isinstance(kind.sites, tuple) or not set(kind.sites) <= set(SITES):
         yield "sites", repr(kind.sites), f"a tuple of {', '.join(SITES)}"
-    yield from _wrong_methods(kind, base)
+    yield from _method_contradictions(kind, base)
     if not isinstance(kind.apart, tuple) or not set(kind.apart) <= set(kind.parameters):
         yield "apart", repr(kind.apart), f"a tuple of {', '.join(kind.parameters)}"
     for method in ("amounts", "finding_together") if kind.apart else ():
         if getattr(kind, method) is getattr(Effect, method):
             yield "apart", f"no {method}", "what they come to, and a sentence of it"
-    known = ["site", *kind.parameters, *(f"{key}:%" for key in kind.parameters)]
-    for gap in re.findall(r"\{([^{}|]*)\}", kind.finding):
-        if gap not in known:
-            yield "finding", f"{{{gap}}}", f"one of {', '.join(known)}"
-    for other in kind.confusable:
-        if other not in names:
-            yield "confusable", repr(other), "names of effects"
+    placeholders = ["site", *kind.parameters, *(f"{key}:%" for key in kind.parameters)]
+    for placeholder in re.findall(r"\{([^{}|]*)\}", kind.finding):
+        if placeholder not in placeholders:
+            yield "finding", f"{{{placeholder}}}", f"one of {', '.join(placeholders)}"
+    for name in kind.confusable:
+        if name not in names:
+            yield "confusable", repr(name), "names of effects"
     effect = kind()
-    for start in effect.starts(EXAMPLE, np.ones((1, 1))):
+    for start in effect.starts(EXAMPLE_SKIN, np.ones((1, 1))):
         for key, parameter in kind.parameters.items():
-            given = key in start or effect.neutral(key, EXAMPLE) is not None
-            if not (given or parameter.optional or (kind.tone and key == "frequency_Hz")):
+            has_start = key in start or effect.neutral(key, EXAMPLE_SKIN) is not None
+            if not (has_start or parameter.optional or (kind.tone and key == "frequency_Hz")):
                 expected = "one that does nothing, optional=True, or a value in each of `starts`"
                 yield f"parameters: {key}", "neutral None", expected
 
 
-def _wrong_parameter(parameter: Parameter) -> Iterator[tuple[str, str, str]]:
-    """As `_wrong`; of the attribute what follows the parameter's name."""
+def _parameter_contradictions(parameter: Parameter) -> Iterator[tuple[str, str, str]]:
+    """The same of one parameter; the attribute is the suffix to the parameter's name."""
     if not isinstance(parameter, Parameter):
         yield "", repr(parameter), "a Parameter"
     if not isinstance(parameter.unit, str) or not parameter.unit:
@@ -120,23 +125,25 @@ def _wrong_parameter(parameter: Parameter) -> Iterator[tuple[str, str, str]]:
         yield ", unit", repr(parameter.unit), expected
 
 
-def _wrong_methods(kind: type[Effect], base: type[Effect]) -> Iterator[tuple[str, str, str]]:
-    """As `_wrong`, of what the class of its stage has an effect do."""
-    needed = [*DONE, "slope"] if "channels" in kind.sites else DONE
+def _method_contradictions(
+    kind: type[Effect], base: type[Effect]
+) -> Iterator[tuple[str, str, str]]:
+    """The same of the methods that the base class of a stage requires."""
+    required = [*STAGE_METHODS, "slope"] if "channels" in kind.sites else STAGE_METHODS
     methods = {**vars(Effect), **vars(base)}
     for name, method in methods.items():
-        own = getattr(kind, name)
-        if inspect.isfunction(method) and own is method and name in needed:
-            yield name, "nothing", f"{name}({_taken(method)})"
-        elif inspect.isfunction(method) and own is not method:
+        override = getattr(kind, name)
+        if inspect.isfunction(method) and override is method and name in required:
+            yield name, "nothing", f"{name}({_parameter_list(method)})"
+        elif inspect.isfunction(method) and override is not method:
             try:
-                inspect.signature(own).bind(*inspect.signature(method).parameters)
+                inspect.signature(override).bind(*inspect.signature(method).parameters)
             except TypeError:
-                found = f"{name}({_taken(own)})" if callable(own) else repr(own)
-                yield name, found, f"{name}({_taken(method)})"
+                signature = f"{name}({_parameter_list(override)})" if callable(override) else None
+                yield name, signature or repr(override), f"{name}({_parameter_list(method)})"
 
 
-def _taken(method: Callable) -> str:
+def _parameter_list(method: Callable) -> str:
     return ", ".join(inspect.signature(method).parameters)
 
 
@@ -144,17 +151,18 @@ discover()
 
 
 def catalogue_names() -> list[str]:
-    """Names that a diagnosis may give: of all effects but the composite."""
+    """Names that a diagnosis may report: all effects except composite ones."""
     return [name for name, effect in EFFECTS.items() if not effect.composite]
 
 
 def modules(names: Iterable[str]) -> list[str]:
-    """The modules that define the effects named, sorted, each once; KeyError for an unknown one."""
+    """The modules that define these effects, sorted and unique. Raises KeyError for an unknown
+    name."""
     return sorted({type(EFFECTS[name]).__module__ for name in names})
 
 
 def on_readings(name: str) -> bool:
-    """Whether the effect acts on readings alone; else it needs the forward solve.
+    """Whether the effect acts on readings alone; otherwise it needs the forward solve.
 
     Raises KeyError for an unknown name.
     """

@@ -27,11 +27,12 @@ class ConductivityGradient(SkinEffect):
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry with this gradient added to what it has."""
         values = (setting.values["relative_across"], setting.values["angle_deg"])
-        here, added = (
+        present, added = (
             across * np.exp(1j * np.radians(angle))
             for across, angle in ((geometry.gradient_across, geometry.gradient_deg), values)
         )
-        total = here + added
+        gradient = present + added
         return geometry.with_values(
-            gradient_across=float(np.abs(total)), gradient_deg=float(np.degrees(np.angle(total)))
+            gradient_across=float(np.abs(gradient)),
+            gradient_deg=float(np.degrees(np.angle(gradient))),
         )

@@ -57,11 +57,11 @@ class ConductivityPatch(SkinEffect):
 
     def finding_together(self, values: dict) -> str:
         """The place and its dipole: a small disc has no more to be told."""
-        how, what = (
+        comparison, equivalent = (
             ("worse", "hole") if values["contrast"] < 1.0 else ("better", "perfect conductor")
         )
         return (
-            f"The gel conducts {how} about the place x = {{x_mm}}, y = {{y_mm}} than elsewhere: it"
-            f" bends the current as a {what} of radius {{equivalent_radius_mm}} would. How"
-            " large the place is, and by how much it differs, cannot be told apart."
+            f"The gel conducts {comparison} about the place x = {{x_mm}}, y = {{y_mm}} than"
+            f" elsewhere: it bends the current as a {equivalent} of radius {{equivalent_radius_mm}}"
+            " would. How large the place is, and by how much it differs, cannot be told apart."
         )

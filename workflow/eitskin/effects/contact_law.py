@@ -20,5 +20,7 @@ class ContactLaw(TouchEffect):
 
     def change(self, touches: pd.DataFrame, setting: Setting, frames: Frames) -> pd.DataFrame:
         """Touches, the force felt raised to its power, its sign kept."""
-        felt = touches["felt_N"].to_numpy()
-        return touches.assign(felt_N=np.sign(felt) * np.abs(felt) ** setting.values["exponent"])
+        effective_N = touches["felt_N"].to_numpy()
+        return touches.assign(
+            felt_N=np.sign(effective_N) * np.abs(effective_N) ** setting.values["exponent"]
+        )

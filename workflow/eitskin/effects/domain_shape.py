@@ -6,9 +6,9 @@ from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.skin import Skin
 
-HARMONICS = 6
+HARMONICS = 6  # highest harmonic from which a fit starts
 RIM = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)
-NEWTON = 8  # steps, from the same angle
+NEWTON_STEPS = 8  # from the same angle; converges quadratically for rims near a disc
 
 
 class DomainShape(SkinEffect):
@@ -39,8 +39,8 @@ class DomainShape(SkinEffect):
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
         """The size and the harmonics that a rim is likely to have, drawn wrongly or pressed."""
-        drawn: list[dict[str, float]] = [{"harmonic": k} for k in range(HARMONICS + 1)]
-        return drawn + [{"harmonic": k, "carried": 1} for k in range(2, HARMONICS + 1)]
+        harmonics: list[dict[str, float]] = [{"harmonic": k} for k in range(HARMONICS + 1)]
+        return harmonics + [{"harmonic": k, "carried": 1} for k in range(2, HARMONICS + 1)]
 
     def finding_at(self, values: dict) -> str:
         """Harmonic 0 is no shape."""
@@ -63,24 +63,25 @@ class DomainShape(SkinEffect):
         return _carried(geometry, shaped) if setting.values.get("carried") else shaped
 
 
-def _carried(before: Geometry, shaped: Geometry) -> Geometry:
-    """`shaped` with electrode edges at the shares of the rim's length that they had before."""
-    half = before.electrode_width_mm / (2.0 * before.radius_mm)
-    edges = np.radians(before.electrode_deg) + np.array([-1.0, 1.0])[:, None] * half
-    share = _length(before, edges)[0]
-    first, last = edges.copy()
-    for _ in range(NEWTON):
-        there, rate = _length(shaped, np.array([first, last]))
-        first, last = np.array([first, last]) - (there - share) / rate
+def _carried(geometry: Geometry, shaped: Geometry) -> Geometry:
+    """`shaped` with electrode edges at the shares of the rim's length that they have in
+    `geometry`."""
+    half = geometry.electrode_width_mm / (2.0 * geometry.radius_mm)
+    edges = np.radians(geometry.electrode_deg) + np.array([-1.0, 1.0])[:, None] * half
+    target = _length(geometry, edges)[0]
+    lower_edge, upper_edge = edges.copy()
+    for _ in range(NEWTON_STEPS):
+        length, rate = _length(shaped, np.array([lower_edge, upper_edge]))
+        lower_edge, upper_edge = np.array([lower_edge, upper_edge]) - (length - target) / rate
     return shaped.with_values(
-        electrode_deg=np.degrees(0.5 * (first + last)),
-        electrode_width_mm=before.radius_mm * (last - first),
+        electrode_deg=np.degrees(0.5 * (lower_edge + upper_edge)),
+        electrode_width_mm=geometry.radius_mm * (upper_edge - lower_edge),
     )
 
 
 def _length(geometry: Geometry, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The rim's length up to angles phi (any shape), 2 pi in all, and its rate; it is phi itself in
-    the mean over the rim."""
+    """Length of the rim up to angles phi (any shape), scaled to 2 pi in all and equal to phi in
+    the mean over the rim, and its derivative by phi."""
     spectrum = np.fft.rfft(np.abs(geometry.rim(RIM, 1)))[: len(RIM) // 4] / len(RIM)
     k = np.arange(1, len(spectrum))
     wave = 2.0 * spectrum[1:] / spectrum[0].real * np.exp(1j * k * np.asarray(phi)[..., None])

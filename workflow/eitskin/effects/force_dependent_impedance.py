@@ -42,8 +42,8 @@ class ForceDependentImpedance(SkinEffect):
         weight = np.ones(len(setting.sites))
         if setting.values["range_mm"] is not None:
             centre = geometry.rim(np.radians(geometry.electrode_deg[setting.sites]))
-            apart = np.abs(centre - complex(moment.x_mm, moment.y_mm))
-            weight = np.exp(-((apart / setting.values["range_mm"]) ** 2))
+            distance_mm = np.abs(centre - complex(moment.x_mm, moment.y_mm))
+            weight = np.exp(-((distance_mm / setting.values["range_mm"]) ** 2))
         impedivity = geometry.contact_impedivity_ohm_m2.copy()
         impedivity[setting.sites] *= 1.0 + setting.values["per_N"] * moment.force_N * weight
         return geometry.with_values(contact_impedivity_ohm_m2=impedivity)

@@ -18,4 +18,4 @@ class ForceLag(ForceEffect):
 
     def change(self, history: ForceHistory, setting: Setting) -> ForceHistory:
         """The true force, of the force reported."""
-        return history.earlier(setting.values["lag_s"])
+        return history.advanced(setting.values["lag_s"])

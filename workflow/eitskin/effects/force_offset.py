@@ -21,4 +21,4 @@ class ForceOffset(ForceEffect):
 
     def change(self, history: ForceHistory, setting: Setting) -> ForceHistory:
         """The true force, of the force reported."""
-        return history.raised(setting.values["offset_N"])
+        return history.offset(setting.values["offset_N"])

@@ -31,6 +31,6 @@ class FrameSkew(ClockEffect):
         for rows in frames.history.rows:
             steps = np.diff(frames.force_N[rows])
             if len(steps):
-                before, after = np.append(steps[0], steps), np.append(steps, steps[-1])
-                step[rows] = 0.5 * (before + after)
+                backward, forward = np.append(steps[0], steps), np.append(steps, steps[-1])
+                step[rows] = 0.5 * (backward + forward)
         return setting.values["fraction"] * step

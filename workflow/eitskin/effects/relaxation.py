@@ -33,5 +33,5 @@ class Relaxation(TouchEffect):
     def change(self, touches: pd.DataFrame, setting: Setting, frames: Frames) -> pd.DataFrame:
         """Touches, the force felt less what has relaxed."""
         assert frames.history is not None
-        followed = frames.history.followed_N(setting.values["tau_s"])
-        return touches.assign(felt_N=touches["felt_N"] - setting.values["fraction"] * followed)
+        relaxed_N = frames.history.relaxed_N(setting.values["tau_s"])
+        return touches.assign(felt_N=touches["felt_N"] - setting.values["fraction"] * relaxed_N)

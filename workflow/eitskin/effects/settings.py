@@ -1,4 +1,4 @@
-"""From an effect as the configuration writes it to one at definite values."""
+"""Effects at definite values from the effects of a configuration."""
 
 import zlib
 from typing import Any
@@ -16,26 +16,27 @@ def site_counts(channels: np.ndarray) -> dict[str, int]:
     return {"electrodes": n, "drives": n, "measures": n, "channels": len(channels)}
 
 
-def settings(items: list[dict], counts: dict[str, int], draw: tuple[int, ...]) -> list[Setting]:
-    """Effects at definite values, drawn parameters by the seed sequence `draw` (seed, session ...).
+def settings(effects: list[dict], counts: dict[str, int], draw: tuple[int, ...]) -> list[Setting]:
+    """Effects at definite values; random parameters by the seed sequence `draw` (seed, session
+    ...).
 
-    items: {name, [electrodes, drives, measures or channels], parameters}; a parameter is a number,
-    a list with one number a site, {sd, [mean], [tie: mirror]}, or null: the neutral one. counts:
-    how many of each kind of site there are. Equal seeds give equal standard normals, whatever
-    their sd. Raises InputError for unknown names, sites or parameters and values out of bounds.
+    effects: blocks {name, [electrodes, drives, measures or channels], parameters}; a parameter is a
+    number, a list with one number a site, {sd, [mean], [tie: mirror]}, or null, the neutral value.
+    counts: number of sites of each kind. Equal seeds give equal standard normals, for any sd.
+    Raises InputError for unknown names, sites or parameters and values out of bounds.
     """
-    return [_setting(item, counts, (*draw, position)) for position, item in enumerate(items)]
+    return [_setting(block, counts, (*draw, position)) for position, block in enumerate(effects)]
 
 
-def _setting(item: dict, counts: dict[str, int], draw: tuple[int, ...]) -> Setting:
-    name = item["name"]
+def _setting(block: dict, counts: dict[str, int], draw: tuple[int, ...]) -> Setting:
+    name = block["name"]
     if name not in EFFECTS:
         raise InputError("effects", "name", repr(name), f"one of {sorted(EFFECTS)}")
     effect = EFFECTS[name]
     place = f"effect {name}"
-    kind, sites = _sites(item, effect, counts, place)
-    given = item.get("parameters", {})
-    for key in given:
+    kind, sites = _sites(block, effect, counts, place)
+    parameters = block.get("parameters", {})
+    for key in parameters:
         if key not in effect.parameters:
             expected = f"one of {sorted(effect.parameters)}"
             raise InputError(place, "parameters", repr(key), expected)
@@ -43,53 +44,53 @@ def _setting(item: dict, counts: dict[str, int], draw: tuple[int, ...]) -> Setti
     for key, parameter in effect.parameters.items():
         size = None if sites is None or not parameter.dense else len(sites)
         seed = (*draw, zlib.crc32(f"{name}.{key}".encode()))
-        value = parameter.neutral if given.get(key) is None else given[key]
+        value = parameter.neutral if parameters.get(key) is None else parameters[key]
         values[key] = _value(value, parameter, size, place, key, seed)
     return Setting(effect, sites, values, kind)
 
 
 def _sites(
-    item: dict, effect: Effect, counts: dict[str, int], place: str
+    block: dict, effect: Effect, counts: dict[str, int], place: str
 ) -> tuple[str | None, np.ndarray | None]:
-    """The kind of site and the indices; all of the effect's first kind where none are given."""
-    named = [kind for kind in SITES if item.get(kind)]
-    for kind in named:
-        if kind not in effect.sites or len(named) > 1:
+    """The kind of site and the indices; by default all sites of the effect's first kind."""
+    kinds = [kind for kind in SITES if block.get(kind)]
+    for kind in kinds:
+        if kind not in effect.sites or len(kinds) > 1:
             expected = " or ".join(effect.sites) or "no sites"
-            raise InputError(place, kind, item[kind], expected)
+            raise InputError(place, kind, block[kind], expected)
     if not effect.sites:
         return None, None
-    kind = named[0] if named else effect.sites[0]
+    kind = kinds[0] if kinds else effect.sites[0]
     count = counts[kind]
-    sites = np.array(item.get(kind) or range(count), dtype=int)
+    sites = np.array(block.get(kind) or range(count), dtype=int)
     if sites.min() < 0 or sites.max() >= count or len(set(sites.tolist())) < len(sites):
         raise InputError(place, kind, sites.tolist(), f"indices 0 to {count - 1}, once")
     if effect.site_number not in (None, len(sites)):
-        found = f"{len(sites)} of them"
-        raise InputError(place, kind, found, f"{effect.site_number}")
+        actual = f"{len(sites)} of them"
+        raise InputError(place, kind, actual, f"{effect.site_number}")
     return kind, sites
 
 
 def _value(
-    given: Any, parameter: Parameter, size: int | None, place: str, key: str, seed: tuple
+    stated: Any, parameter: Parameter, size: int | None, place: str, key: str, seed: tuple
 ) -> np.ndarray | float | None:
-    if given is None:
+    if stated is None:
         if not parameter.optional:
             raise InputError(place, key, "nothing", f"a value in {parameter.unit}")
         return None
-    if isinstance(given, dict):
-        mean = given.get("mean", parameter.neutral)
+    if isinstance(stated, dict):
+        mean = stated.get("mean", parameter.neutral)
         if mean is None:
-            raise InputError(place, key, given, "a mean beside the sd")
+            raise InputError(place, key, stated, "a mean beside the sd")
         normal = np.random.default_rng(seed).standard_normal(size)
-        if given.get("tie") == "mirror":
+        if stated.get("tie") == "mirror":
             if size is None:
                 raise InputError(place, key, "tie: mirror", "a parameter with sites")
             half = size // 2
             normal[size - half :] = normal[:half][::-1]
-        value = mean + given["sd"] * normal
+        value = mean + stated["sd"] * normal
     else:
-        value = np.asarray(given, dtype=float)
+        value = np.asarray(stated, dtype=float)
         if value.ndim and value.shape != (size,):
             raise InputError(place, key, f"{len(value)} values", f"one, or one a site ({size})")
         value = value if value.ndim else float(value)
@@ -97,6 +98,6 @@ def _value(
     if not (low >= parameter.low and high <= parameter.high):
         unit = "" if parameter.unit == "1" else f" {parameter.unit}"
         expected = f"{parameter.low:g} to {parameter.high:g}{unit}"
-        found = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-        raise InputError(place, key, found, expected)
+        actual = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+        raise InputError(place, key, actual, expected)
     return value

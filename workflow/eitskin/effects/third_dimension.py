@@ -6,13 +6,14 @@ from eitskin.effects.effect import Moment, Parameter, Setting, SkinEffect
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.skin import Skin
 
-DEPTHS_MM = 10.0, 30.0, 100.0  # from that of a skin to that of a tank
-CLEAR = 1.2  # times the electrodes' upper end, that a depth to start from has at least
-SHARES = 0.1, 0.3, 1.0  # of the radius: depths, where nobody knows the heights either
-HEIGHTS = 0.1, 0.3, 0.8  # of the depth, from a pad's to those of strips
-# Of the depth: where electrodes that have room there are in the middle. Not half of it: there up
-# and down are the same, and no slope would lead away.
-PLACES = 0.2, 0.35
+# Depths, heights and places from which fits start.
+DEPTHS_MM = 10.0, 30.0, 100.0  # from the depth of a skin to that of a tank
+DEPTH_FACTOR = 1.2  # least depth over the upper end of the electrodes
+RADIUS_SHARES = 0.1, 0.3, 1.0  # depths over the radius, for unknown heights
+HEIGHTS = 0.1, 0.3, 0.8  # heights over the depth, from a pad's to those of strips
+# Places of the electrodes' middle over the depth. Half of it is a symmetric point, at which the
+# slope is 0.
+PLACE_SHARES = 0.2, 0.35
 
 
 class ThirdDimension(SkinEffect):
@@ -47,27 +48,30 @@ class ThirdDimension(SkinEffect):
     confusable = ("electrode-width",)
 
     def starts(self, skin: Skin, recorded_V: np.ndarray) -> list[dict[str, float]]:
-        """The thickness given, else depths from that of a skin to that of a tank, in each of which
-        the electrodes have room; with each, the height given, else some shares of the depth; with
-        both, the place given, else some where such electrodes have room."""
+        """Starting values: the depth, unless the thickness is stated; with each the height,
+        unless it is stated, as shares of the depth; with both the place, unless it is stated,
+        where such electrodes fit."""
         height, z = skin.electrode_height_mm, skin.electrode_z_mm
         half = 0.5 * (height or 0.0)
         top = half + (half if z is None else z)
-        usual = DEPTHS_MM if height else [share * (skin.radius_mm or 1.0) for share in SHARES]
-        depths = [skin.thickness_mm] if skin.thickness_mm else {max(d, CLEAR * top) for d in usual}
-        found = []
-        for d in sorted(depths):
-            own = {} if skin.thickness_mm else {"depth_mm": d}
-            most = d if z is None else 2.0 * min(top, d - top)
-            for h in [height] if height else [share * most for share in HEIGHTS]:
-                tall = own if height else own | {"electrode_height_mm": h}
-                room = [] if z is not None else [p * d for p in PLACES if p * d >= 0.5 * h]
-                found += [tall | {"electrode_z_mm": place} for place in room] or [tall]
-        return found
+        typical = DEPTHS_MM if height else [s * (skin.radius_mm or 1.0) for s in RADIUS_SHARES]
+        depths = {max(depth, DEPTH_FACTOR * top) for depth in typical}
+        starts = []
+        for depth in [skin.thickness_mm] if skin.thickness_mm else sorted(depths):
+            start = {} if skin.thickness_mm else {"depth_mm": depth}
+            largest = depth if z is None else 2.0 * min(top, depth - top)
+            for h in [height] if height else [share * largest for share in HEIGHTS]:
+                height_start = start if height else start | {"electrode_height_mm": h}
+                places = [p * depth for p in PLACE_SHARES if z is None and p * depth >= 0.5 * h]
+                starts += [height_start | {"electrode_z_mm": place} for place in places] or [
+                    height_start
+                ]
+        return starts
 
     def change(self, geometry: Geometry, setting: Setting, moment: Moment) -> Geometry:
         """The geometry as a body."""
-        own = {"thickness_mm": setting.values.get("depth_mm")}
-        own |= {key: setting.values.get(key) for key in ("electrode_height_mm", "electrode_z_mm")}
-        known = {key: value for key, value in own.items() if value is not None}
-        return geometry.with_values(deep=True, **known)
+        keys = ("electrode_height_mm", "electrode_z_mm")
+        values = {"thickness_mm": setting.values.get("depth_mm")}
+        values |= {key: setting.values.get(key) for key in keys}
+        stated = {key: value for key, value in values.items() if value is not None}
+        return geometry.with_values(deep=True, **stated)

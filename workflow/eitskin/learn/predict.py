@@ -11,7 +11,7 @@ from torch import Tensor
 
 from eitskin.atomic import atomic_path
 from eitskin.data.baseline import changes
-from eitskin.data.dataset import TARGETS, Dataset, fits
+from eitskin.data.dataset import TARGETS, Dataset, check_compatibility
 from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 from eitskin.learn import gates, networks
@@ -97,7 +97,7 @@ def predict_recording(model: Trained, recording: Recording, name: str) -> pd.Dat
 
     Raises InputError where the recording's channels, unit or kind of voltage are not the model's.
     """
-    lost = fits(recording, model.header["dataset"], name)
+    lost = check_compatibility(recording, model.header["dataset"], name)
     delta_V = np.delete(changes(recording, name), lost, axis=1)
     clock = recording.frames[["frame", "time_s"]].reset_index(drop=True)
     return pd.concat([clock, predict(model, delta_V)], axis=1)

@@ -41,16 +41,11 @@ class UntouchedFrames:
 
 @dataclass(frozen=True)
 class Design:
-    """The simulated sets: the nominal `skin`, as `Skin.metadata`, the mesh's `force_N`, the
-    `accuracy` of the solver, the `seed`, the number of `sessions` and of `frames` in each; and the
-    number of `permutations` of a band."""
+    """The simulated sets: the nominal `skin`, as `Skin.metadata`, the `plan` of their frames, and
+    the number of `permutations` of a band."""
 
     skin: dict
-    force_N: np.ndarray
-    accuracy: str
-    seed: int
-    sessions: int
-    frames: int
+    plan: untouched_frames.Plan
     permutations: int
 
 
@@ -105,19 +100,19 @@ def compare(
     scale = 1.0
     if source.metadata["unit"] != "V":
         scale = float(np.median(np.abs(untouched.frames)) / np.median(np.abs(sets[QUIET])))
-    size = design.sessions * design.frames
+    size = design.plan.sessions * design.plan.session_frames
     pool = Pool(
         np.concatenate([untouched.frames, *(scale * voltage for voltage in sets.values())]),
         np.arange(len(untouched.frames)),
-        design.seed,
+        design.plan.seed,
     )
     rows = {
         label: len(untouched.frames)
         + k * size
-        + np.arange(size).reshape(design.sessions, design.frames)
+        + np.arange(size).reshape(design.plan.sessions, design.plan.session_frames)
         for k, label in enumerate(sets)
     }
-    table = _measured(pool, rows, design.permutations, design.seed)
+    table = _measured(pool, rows, design.permutations, design.plan.seed)
     source_name = source.metadata["source"]
     origin = "simulated" if source_name == "simulation" else source_name
     for column, value in enumerate((name, origin, configuration)):
@@ -141,12 +136,11 @@ def _simulated(
     effects, noise = block["effects"], block["noise"]
     skin_of_recording = Skin.from_metadata(design.skin, "config.yaml")
     skin_of_recording = replace(skin_of_recording, electrode_deg=source.skin.electrode_deg)
-    size = (design.sessions, design.frames, design.force_N, design.accuracy, design.seed)
     magnitude = source.metadata["voltage"] == "magnitude"
 
     def simulated(drawn_effects: list[dict], noise: float) -> np.ndarray:
         voltage = untouched_frames.frames(
-            skin_of_recording, source.channels, effects, drawn_effects, noise, *size
+            skin_of_recording, source.channels, effects, drawn_effects, noise, design.plan
         )
         return (np.abs(voltage) if magnitude else voltage)[:, untouched.channels]
 

@@ -14,19 +14,19 @@ from eitskin.physics.forward import Accuracy, Forward, channel_values
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.touch import TouchAccuracy
 
-MODES = (16, 32, 64)
+MODES = (16, 32, 64)  # doubled twice, for Richardson's extrapolation
 FINEST = Accuracy(MODES[-1], TouchAccuracy(40, 1e-11, 16, 2e-4), MODES[-1])
-CONTRASTS = (0.45, 9.0)
-KEPT = 4  # skins whose untouched error is known
+CONTRASTS = (0.45, 9.0)  # of touches, a weak and a strong one, at which the error is measured
+CACHE_SIZE = 4  # skins whose untouched error is kept
 
-_known: dict[tuple, np.ndarray] = {}
+_error_cache: dict[tuple, np.ndarray] = {}
 
 
 def electrode_limit(geometry: Geometry, channels: np.ndarray) -> tuple[np.ndarray, float]:
     """Untouched voltages (M,) V per A, extrapolated in electrode modes, and the order observed.
 
     Order q: the error falls as modes^-q. Point electrodes have a closed form,
-    order infinite; where rounding is all that is left of the error, the order is NaN.
+    order infinite; where the error is at rounding, the order is NaN.
     """
     if geometry.points:
         return Forward(geometry, FINEST).voltages(channels), np.inf
@@ -48,11 +48,11 @@ def electrode_limit(geometry: Geometry, channels: np.ndarray) -> tuple[np.ndarra
 def untouched_error(
     geometry: Geometry, channels: np.ndarray, accuracy: str | Accuracy
 ) -> np.ndarray:
-    """(M,) V per A, signed: what `accuracy` gives minus the limit, the same in every frame."""
+    """(M,) V per A, signed: voltages at `accuracy` minus their limit, the same in every frame."""
     key = (geometry.key(), np.asarray(channels).tobytes(), accuracy)
-    if key not in _known:
+    if key not in _error_cache:
         limit = electrode_limit(geometry, channels)[0]
-        while len(_known) >= KEPT:
-            _known.pop(next(iter(_known)))
-        _known[key] = Forward(geometry, accuracy).voltages(channels) - limit
-    return _known[key].copy()
+        while len(_error_cache) >= CACHE_SIZE:
+            _error_cache.pop(next(iter(_error_cache)))
+        _error_cache[key] = Forward(geometry, accuracy).voltages(channels) - limit
+    return _error_cache[key].copy()

@@ -1,10 +1,10 @@
-"""The library that an array is of: one formula for NumPy and for a device of PyTorch."""
+"""The library of an array, so that one formula serves NumPy and a device of PyTorch."""
 
 from typing import Any
 
 import numpy as np
 
-NUMPY = np.zeros(0)  # an array that others are to be like
+NUMPY = np.zeros(0)  # a template for arrays of NumPy
 
 
 def library(array: Any) -> Any:

@@ -11,11 +11,11 @@ def inner_steps(n_max: int, k: np.ndarray) -> np.ndarray:
     From the ratios' continued fraction, begun beyond n_max from k I_n' / I_n ~ 1 / q, q = 1 / rho +
     k^2 / (2 rho^4), rho^2 = n^2 + k^2 (Abramowitz & Stegun 9.7.7, 9.7.9).
     """
-    first = n_max + 40
-    rho2 = (first + 1.0) ** 2 + k**2
-    ratio = 1.0 / (1.0 / np.sqrt(rho2) + 0.5 * k**2 / rho2**2) - (first + 1.0)
+    top_order = n_max + 40
+    rho2 = (top_order + 1.0) ** 2 + k**2
+    ratio = 1.0 / (1.0 / np.sqrt(rho2) + 0.5 * k**2 / rho2**2) - (top_order + 1.0)
     steps = np.empty((n_max + 1, len(k)))
-    for n in range(first, -1, -1):
+    for n in range(top_order, -1, -1):
         ratio = k**2 / (2.0 * (n + 1) + ratio)
         if n <= n_max:
             steps[n] = ratio
@@ -33,8 +33,8 @@ def cylinder_response(n_max: int, k: np.ndarray) -> np.ndarray:
 
 def log_inner(k: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """(n_max + 1, K): ln I_n(k) of inner_steps, k (K,) above 0."""
-    first = np.log(ive(0, k)) + k
-    return first + np.vstack([np.zeros_like(k), np.cumsum(np.log(steps[:-1] / k), axis=0)])
+    log_order_0 = np.log(ive(0, k)) + k
+    return log_order_0 + np.vstack([np.zeros_like(k), np.cumsum(np.log(steps[:-1] / k), axis=0)])
 
 
 def outer_steps(n_max: int, k: np.ndarray) -> np.ndarray:

@@ -17,10 +17,12 @@ from scipy.linalg import solve_triangular
 
 from eitskin.physics.arrays import NUMPY, as_in, library
 
-DEGREE = 48
+DEGREE = 48  # of the series; a rim that it does not fit to 1e-7 is refused
 MOST_ORDER = 3  # of a derivative
-AT_ONCE, LEAST = 1 << 11, 1 << 5  # points, and of each of many maps
-ROUNDING = 3e-15  # what is under it in a coefficient is the rounding of its linear system
+# Points evaluated at once, so that a block stays in a core's cache; the least for each of many
+# maps.
+BLOCK_POINTS, LEAST_BLOCK_POINTS = 1 << 11, 1 << 5
+ROUNDING = 3e-15  # a smaller coefficient is the rounding of its linear system
 
 
 class DiscMap:
@@ -38,9 +40,9 @@ class DiscMap:
         self.scale = np.abs(rim).max()
         self._rim = rim
         self._directions, self._triangle = np.linalg.qr(_real_basis(rim / self.scale))
-        whole = self._fitted(-np.log(np.abs(rim)))
-        kept = np.flatnonzero(np.abs(whole[1:]) > ROUNDING)
-        coefficients = whole[: kept.max(initial=-1) + 2]
+        full_series = self._fitted(-np.log(np.abs(rim)))
+        significant = np.flatnonzero(np.abs(full_series[1:]) > ROUNDING)
+        coefficients = full_series[: significant.max(initial=-1) + 2]
         self.series = Series(coefficients, self.scale)
         self.defect = float(np.abs(np.abs(self(rim)) - 1.0).max())
         if not self.defect <= 1e-7:
@@ -55,14 +57,14 @@ class DiscMap:
         return _mapped(self.series, z, order)
 
     def velocity(self, rim_velocity: np.ndarray) -> "MapVelocity":
-        """How f changes when the rim points move with `rim_velocity` (P,) complex."""
+        """The derivative of f as the rim points move with `rim_velocity` (P,) complex."""
         slope = self.series(self._rim, 1)[1]
         change = -np.real(rim_velocity / self._rim) - np.real(slope * rim_velocity)
         return MapVelocity(self, self._fitted(change))
 
     def _fitted(self, rim_values: np.ndarray) -> np.ndarray:
-        """Coefficients (DEGREE + 1,) complex whose real part on the rim is nearest to values
-        (P,)."""
+        """Complex coefficients (DEGREE + 1,) whose real part on the rim fits values (P,) in
+        least squares."""
         along = self._directions.T @ rim_values
         return _to_complex(solve_triangular(self._triangle, along, check_finite=False))
 
@@ -84,23 +86,26 @@ class MapVelocity:
 
 
 class DiscMaps:
-    """The maps of several skins, each at its own places: what DiscMap has of one, at (S, points).
+    """The maps of several skins, each at its own places: the interface of DiscMap for points (S,
+    points).
 
-    Of arrays like `array`: its library and device.
+    `array`: its library and device are those of the coefficients.
     """
 
     def __init__(self, maps: Sequence[DiscMap], array: Any):
-        most = max(len(one.series.coefficients) for one in maps)
-        coefficients = np.zeros((len(maps), most), complex)
-        for row, one in zip(coefficients, maps, strict=True):
-            row[: len(one.series.coefficients)] = one.series.coefficients
-        self.series = Series(coefficients, np.array([one.scale for one in maps])[:, None], array)
+        terms = max(len(disc_map.series.coefficients) for disc_map in maps)
+        coefficients = np.zeros((len(maps), terms), complex)
+        for row, disc_map in zip(coefficients, maps, strict=True):
+            row[: len(disc_map.series.coefficients)] = disc_map.series.coefficients
+        self.series = Series(
+            coefficients, np.array([disc_map.scale for disc_map in maps])[:, None], array
+        )
 
-    def only(self, which: Any) -> "DiscMaps":
-        """The maps at indices (P,), which may repeat."""
-        some = copy.copy(self)
-        some.series = self.series.only(which)
-        return some
+    def select(self, indices: Any) -> "DiscMaps":
+        """The maps at `indices` (P,), which may repeat."""
+        selection = copy.copy(self)
+        selection.series = self.series.select(indices)
+        return selection
 
     def derivatives(self, z: np.ndarray, order: int) -> list[np.ndarray]:
         """[f, f', ... up to `order` <= 3] at z (S, points)."""
@@ -123,9 +128,9 @@ def _mapped(series: "Series", z: np.ndarray, order: int) -> list[np.ndarray]:
 class Series:
     """A polynomial of z / scale with complex coefficients, and its derivatives by z.
 
-    Horner's rule on blocks of about as many coefficients as there are blocks, and then on these: a
-    fifth of the calls, and each value is its point's alone to the bit. Of several, coefficients (S,
-    terms) and scale (S, 1), as arrays like `array`.
+    Horner's rule on blocks of about as many coefficients as there are blocks, and then on the
+    blocks: a fifth of the calls, and each value depends on its own point alone, to the bit. Of
+    several series, coefficients (S, terms) and scale (S, 1), as arrays like `array`.
     """
 
     def __init__(self, coefficients: np.ndarray, scale: Any, array: Any = NUMPY):
@@ -135,31 +140,35 @@ class Series:
         count = math.ceil(terms / size)
         blocks = np.zeros((MOST_ORDER + 1, *stack, count * size), complex)
         for k, row in enumerate(blocks):
-            own = polynomial.polyder(coefficients, k, axis=-1) / scale**k
-            row[..., : own.shape[-1]] = own
+            derivative = polynomial.polyder(coefficients, k, axis=-1) / scale**k
+            row[..., : derivative.shape[-1]] = derivative
         self._blocks = as_in(blocks.reshape(MOST_ORDER + 1, *stack, count, size), array)
         self.scale = as_in(scale, array) if stack else scale
 
-    def only(self, which: Any) -> "Series":
-        """Of several, those at indices (P,)."""
-        some = copy.copy(self)
-        some.coefficients = self.coefficients[which]
-        some._blocks, some.scale = self._blocks[:, which], self.scale[which]
-        return some
+    def select(self, indices: Any) -> "Series":
+        """Of several series, those at `indices` (P,)."""
+        selection = copy.copy(self)
+        selection.coefficients = self.coefficients[indices]
+        selection._blocks, selection.scale = self._blocks[:, indices], self.scale[indices]
+        return selection
 
     def __call__(self, z: np.ndarray, order: int) -> np.ndarray:
         """(order + 1, *z.shape): value and derivatives up to `order` <= 3."""
         xp, (_, *stack, _, _) = library(z), self._blocks.shape
         x = z.reshape(*stack, -1) / self.scale
-        found = xp.empty((order + 1, *x.shape), dtype=x.dtype, device=x.device)
+        values = xp.empty((order + 1, *x.shape), dtype=x.dtype, device=x.device)
         points = x.shape[-1]
-        step = max(AT_ONCE // math.prod(stack), LEAST) if xp is np else max(points, 1)
+        step = (
+            max(BLOCK_POINTS // math.prod(stack), LEAST_BLOCK_POINTS)
+            if xp is np
+            else max(points, 1)
+        )
         for start in range(0, points, step):
-            some = slice(start, start + step)
-            found[..., some] = self._at(x[..., some], self._blocks[: order + 1])
-        return found.reshape(order + 1, *z.shape)
+            block = slice(start, start + step)
+            values[..., block] = self._block_values(x[..., block], self._blocks[: order + 1])
+        return values.reshape(order + 1, *z.shape)
 
-    def _at(self, x: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+    def _block_values(self, x: np.ndarray, blocks: np.ndarray) -> np.ndarray:
         *stack, count, size = blocks.shape
         shape = (*stack, count, x.shape[-1])
         inner = library(x).empty(shape, dtype=x.dtype, device=x.device)
@@ -169,10 +178,10 @@ class Series:
             inner *= x[..., None, :]
             inner += blocks[..., k, None]
             power = power * x
-        found = inner[..., count - 1, :]
+        value = inner[..., count - 1, :]
         for k in reversed(range(count - 1)):
-            found = found * power + inner[..., k, :]
-        return found
+            value = value * power + inner[..., k, :]
+        return value
 
 
 def _real_basis(z: np.ndarray) -> np.ndarray:

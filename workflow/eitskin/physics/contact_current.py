@@ -14,21 +14,21 @@ from eitskin.errors import InputError
 from eitskin.physics import neumann
 from eitskin.physics.touch import TouchEdge
 
-FOCAL_POINTS = 16
+FOCAL_POINTS = 16  # of the segment between the foci; the smooth part of N needs few
 
 
 class EvenCurrent:
     """A unit current that enters evenly over a touch; sheet conductance 1.
 
-    zeta, weight (points,): the mean over the touch of what is harmonic there; power: its mean
-    potential in the even skin, of itself; inner_power: psi's share of it. Raises InputError for a
-    touch that the rim clips.
+    zeta, weight (points,): nodes and weights of the mean of a harmonic function over the touch;
+    power: mean over the touch of its own potential in a uniform skin; inner_power: power of psi.
+    Raises InputError for a touch that the rim clips.
     """
 
     def __init__(self, edge: TouchEdge):
         if edge.clipped:
-            where = f"({edge.touch.x_mm:g}, {edge.touch.y_mm:g}) mm, clipped by the rim"
-            raise InputError("touch", "leak at the touch", where, "a touch inside the skin")
+            place_text = f"({edge.touch.x_mm:g}, {edge.touch.y_mm:g}) mm, clipped by the rim"
+            raise InputError("touch", "leak at the touch", place_text, "a touch inside the skin")
         g = edge.geometry
         squeeze = g.anisotropy_ratio**-0.25
         a, b = edge.radius * squeeze, edge.radius / squeeze
@@ -39,26 +39,26 @@ class EvenCurrent:
         place = g.unfold(np.array([edge.centre]))
         place = place + axis * np.sqrt(abs(a**2 - b**2)) * np.cos(angle)
         self.zeta, slope = edge.disc.derivatives(place, 1)
-        own = np.eye(count, dtype=bool)
-        apart = np.abs(place[:, None] - place) + own
-        smooth = neumann.potential(self.zeta[:, None] + 2.0 * own, self.zeta)
-        smooth += np.log(apart) / (2.0 * np.pi)
+        diagonal = np.eye(count, dtype=bool)
+        distance = np.abs(place[:, None] - place) + diagonal
+        smooth = neumann.potential(self.zeta[:, None] + 2.0 * diagonal, self.zeta)
+        smooth += np.log(distance) / (2.0 * np.pi)
         image = np.log(np.abs(slope)) + np.log(1.0 - np.abs(self.zeta) ** 2)
-        smooth[own] = -image / (2.0 * np.pi)
+        smooth[diagonal] = -image / (2.0 * np.pi)
         direct = -(np.log(0.5 * (a + b)) - 0.25) / (2.0 * np.pi)
         self.power = float(direct + self.weight @ smooth @ self.weight)
         self.inner_power = a * b / (4.0 * np.pi * (a**2 + b**2))
 
-    def potential(self, at: np.ndarray) -> np.ndarray:
-        """(points,): its potential at points outside the touch, in the even skin."""
-        return neumann.potential(at[:, None], self.zeta) @ self.weight
+    def potential(self, zeta: np.ndarray) -> np.ndarray:
+        """(points,): its potential at points zeta outside the touch, in a uniform skin."""
+        return neumann.potential(zeta[:, None], self.zeta) @ self.weight
 
-    def flux(self, at: np.ndarray, line: np.ndarray) -> np.ndarray:
-        """(points,): the flux of that potential's gradient through line elements there."""
-        return self.weight @ neumann.flux_kernel(self.zeta[:, None], at, line)
+    def flux(self, zeta: np.ndarray, line: np.ndarray) -> np.ndarray:
+        """(points,): flux of the potential's gradient through line elements `line` at zeta."""
+        return self.weight @ neumann.flux_kernel(self.zeta[:, None], zeta, line)
 
     def mean_response(self, edge: TouchEdge) -> np.ndarray:
-        """(2 degree,): mean over the touch of what its multipoles' polarisation makes there."""
+        """(2 degree,): mean over the touch of the potential of its multipoles' polarisation."""
         dzeta = edge.tangent * edge.weight
         kernel = neumann.flux_kernel(self.zeta[:, None], edge.zeta, dzeta)
         return self.weight @ (kernel @ edge.values + edge.harmonics.values(self.zeta))

@@ -29,27 +29,27 @@ from eitskin.physics.column_touch import ColumnTouch
 from eitskin.physics.electrodes import Electrodes
 from eitskin.physics.forward import Accuracy, Forward
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.kept_touches import Coupled, Entered, Place
-from eitskin.physics.touch import Touch, TouchEdge, graded_panels
+from eitskin.physics.touch import PanelSizes, Touch, TouchEdge, graded_panels
+from eitskin.physics.touch_cache import ContactCoupling, Place, TouchCoupling
 
 PANEL_NODES = 10
-SHORTEST_PANEL = 1e-8
-MOST_TERMS = 10_000_000
+SHORTEST_PANEL = 1e-8  # over the electrode's half side: an integrable 1 / r leaves about as much
+MOST_TERMS = 10_000_000  # of the double series: 80 MB an array
 MOST_MODES = 6144  # of all electrodes together: matrices of 0.3 GB, of which a fit holds a dozen
-SHEET = 1e8  # operations of a body that take as long as a sheet that shares its outline
-TOUCHED_SHEET = 2.5e6  # elements of a body's matrix, that a touched place goes through in that time
+SHEET_OPERATIONS = 1e8  # of a body, in the time that solves a sheet of a known outline
+SHEET_ELEMENTS = 2.5e6  # of a body's matrix that a touched place reads in that time
 
 
 @dataclass(frozen=True)
 class DepthAccuracy:
-    """Modes up an electrode; where the split's two halves end.
+    """Modes up an electrode, and where the two halves of Ewald's split end.
 
-    height_order: modes where the contact's length z sigma is KNEE of the height or more; a better
-    contact crowds the current at the edges and gets sqrt(KNEE height / (z sigma)) times as many, up
-    to most_modes; with many electrodes as far as MOST_MODES go, which is less exact.
-    split: the near half ends at eta r = split, the series no sooner than at rho = 2 eta split.
-    cut: the series goes on to rho = cut over the smaller of half width and half height.
-    touch_tolerance: share of what a touch changes, below which a multipole in depth is left out.
+    height_order: modes where the contact length z sigma is CONTACT_KNEE of the height or more; a
+    better contact crowds the current at the edges and gets sqrt(CONTACT_KNEE height / (z sigma))
+    times as many, up to most_modes; with many electrodes up to MOST_MODES in all, less exactly.
+    split: the near half ends at eta r = split, the series at rho = 2 eta split or later.
+    cut: the series continues to rho = cut over the smaller of half width and half height.
+    touch_tolerance: share of a touch's signal, below which a multipole in depth is left out.
 
     Measured on 14 random bodies with 16 electrodes against 18 x 18 modes: voltages away from the
     drive to 2e-3 ("train") and 1e-5 ("diagnose") of the median one, in the median to 1e-5 and 3e-7.
@@ -63,15 +63,15 @@ class DepthAccuracy:
     touch_tolerance: float
 
     def modes(self, geometry: Geometry, heights: "Span", across: int) -> int:
-        """Modes up an electrode that has so many across: as many as its contact asks for, but for
-        MOST_MODES in all, and height_order at least."""
+        """Modes up an electrode with `across` modes across: as its contact asks for, MOST_MODES in
+        all at most, and height_order at least."""
         contact = float(geometry.contact_length_mm.min()) / heights.height_mm
-        wanted = self.height_order * max(1.0, np.sqrt(KNEE / contact))
+        modes = self.height_order * max(1.0, np.sqrt(CONTACT_KNEE / contact))
         room = MOST_MODES // (len(geometry.electrode_deg) * across)
-        return max(min(int(np.ceil(wanted)), self.most_modes, room), self.height_order)
+        return max(min(int(np.ceil(modes)), self.most_modes, room), self.height_order)
 
 
-KNEE = 0.15
+CONTACT_KNEE = 0.15  # z sigma / height at which the layer at an edge asks for more modes
 DEPTH_ACCURACIES = {
     "train": DepthAccuracy(4, 3.5, 8.0, 8, 2e-4),
     "diagnose": DepthAccuracy(8, 4.0, 20.0, 16, 1e-5),
@@ -87,7 +87,7 @@ class Span:
 
 
 def span(geometry: Geometry) -> Span | None:
-    """A deep geometry's; None: a sheet, or full height."""
+    """The Span of a deep geometry; None for a sheet or electrodes of full height."""
     if not geometry.deep or geometry.electrode_height_mm is None:
         return None
     z = geometry.electrode_z_mm
@@ -99,16 +99,19 @@ def legendre_overlap(order: int, lag: np.ndarray) -> np.ndarray:
     node, weight = np.polynomial.legendre.leggauss(order)
     half = 1.0 - 0.5 * np.abs(lag)[:, None]
     t = 0.5 * lag[:, None] + half * node
-    here = np.polynomial.legendre.legvander(t, order - 1)
-    there = np.polynomial.legendre.legvander(t - lag[:, None], order - 1)
-    return 0.25 * np.einsum("sqi,sqj,sq->ijs", here, there, half * weight, optimize=True)
+    legendre = np.polynomial.legendre.legvander(t, order - 1)
+    lagged_legendre = np.polynomial.legendre.legvander(t - lag[:, None], order - 1)
+    return 0.25 * np.einsum(
+        "sqi,sqj,sq->ijs", legendre, lagged_legendre, half * weight, optimize=True
+    )
 
 
 class BodyElectrodes:
-    """Electrodes of partial height; what Electrodes is to a sheet, with order = across x up modes.
+    """Electrodes of partial height, with the interface of Electrodes; order = across * up modes
+    each.
 
-    `across` counts modes across, the whole current is the first of an electrode's modes, and the
-    next ones go up. Raises InputError for what is no circular body with electrodes on it.
+    `across` counts modes across, the first of an electrode's modes is its whole current, and the
+    next ones go up. Raises InputError for a body that is not circular and for electrodes off it.
     """
 
     def __init__(self, sheet: Electrodes, heights: Span, accuracy: DepthAccuracy):
@@ -119,35 +122,36 @@ class BodyElectrodes:
         self.up = accuracy.modes(g, heights, self.across)
         size = self.n * self.across * self.up
         if size > MOST_MODES:
-            found = f"{g.contact_impedivity_ohm_m2.min():.1e}: {size} modes in all"
+            actual = f"{g.contact_impedivity_ohm_m2.min():.1e}: {size} modes in all"
             expected = f"poorer contacts, that {MOST_MODES} modes resolve"
-            raise InputError("skin", "contact_impedivity_ohm_m2", found, expected)
+            raise InputError("skin", "contact_impedivity_ohm_m2", actual, expected)
         self.order = self.across * self.up
         self.rim = sheet.rim
-        self._cut(accuracy)
+        self._choose_orders(accuracy)
         self._place()
         self.interaction = self._interaction()
 
     @property
     def matrix(self) -> np.ndarray:
-        """As of Electrodes; made anew each time, for one of a large body is some 0.3 GB."""
-        found = self.interaction.copy()
-        blocks = found.reshape(self.n, self.order, self.n, self.order)
+        """(n order, n order): power of the modes' currents. Computed on every call, as that of a
+        large body takes some 0.3 GB."""
+        matrix = self.interaction.copy()
+        blocks = matrix.reshape(self.n, self.order, self.n, self.order)
         blocks[range(self.n), :, range(self.n)] += self.contact_blocks()
-        return found
+        return matrix
 
-    def moved(self, sheet: Electrodes, heights: Span) -> "BodyElectrodes":
-        """The same expansion on a body that differs a little: what it shares with this one is kept,
-        and differences of matrices hold no change of expansion."""
-        other = copy.copy(self)
-        other.sheet, other.geometry, other.heights = sheet, sheet.geometry, heights
-        if not other.agrees(self.geometry, self.heights):
-            other._place()
-            other.interaction = other._interaction()
-        return other
+    def on_body(self, sheet: Electrodes, heights: Span) -> "BodyElectrodes":
+        """The same expansion on a slightly different body. Parts that agree are shared, and
+        differences of matrices contain no change of the expansion."""
+        body = copy.copy(self)
+        body.sheet, body.geometry, body.heights = sheet, sheet.geometry, heights
+        if not body.same_interaction(self.geometry, self.heights):
+            body._place()
+            body.interaction = body._interaction()
+        return body
 
-    def agrees(self, geometry: Geometry, heights: Span) -> bool:
-        """Whether a body's modes act on each other, but for the contacts, as they do here."""
+    def same_interaction(self, geometry: Geometry, heights: Span) -> bool:
+        """Whether a body's modes have the same interaction, contacts aside, as here."""
         return (
             self.heights == heights
             and self.geometry.same_outline(geometry)
@@ -162,13 +166,13 @@ class BodyElectrodes:
         self.z = self.heights.z_mm / g.radius_mm
         self.angular = self._angular()
 
-    def _cut(self, accuracy: DepthAccuracy) -> None:
-        """Where the near half gives way to the series, and the series' length."""
+    def _choose_orders(self, accuracy: DepthAccuracy) -> None:
+        """Choose the range of the near half and the length of the series."""
         g, half = self.geometry, self.sheet.half_width
         phi = np.radians(g.electrode_deg) % (2.0 * np.pi)
         turn = np.argsort(phi)
-        apart = np.diff(np.append(phi[turn], phi[turn[0]] + 2.0 * np.pi))
-        gap = (apart - half[turn] - np.roll(half[turn], -1)).min()
+        spacing = np.diff(np.append(phi[turn], phi[turn[0]] + 2.0 * np.pi))
+        gap = (spacing - half[turn] - np.roll(half[turn], -1)).min()
         depth = g.thickness_mm / g.radius_mm
         self.reach = min(gap, 4.0 * depth, 1.0)
         self.eta = accuracy.split / self.reach
@@ -176,12 +180,13 @@ class BodyElectrodes:
         end = max(2.0 * accuracy.split * self.eta, accuracy.cut / smallest)
         self.n_max, self.m_max = int(np.ceil(end)), int(np.ceil(end * depth / np.pi))
         if self.n_max * self.m_max > MOST_TERMS:
-            found = f"{gap:.1e} apart, {smallest:.1e} half a side, in radii"
+            actual = f"{gap:.1e} apart, {smallest:.1e} half a side, in radii"
             expected = f"larger ones further apart, for {MOST_TERMS:.0e} terms of a series"
-            raise InputError("skin", "electrodes", found, expected)
+            raise InputError("skin", "electrodes", actual, expected)
 
     def _series(self) -> np.ndarray:
-        """(n_max + 1, up, up): the depth modes' sum for every angular mode, near half left out."""
+        """(n_max + 1, up, up): sum over the depth modes for every angular order, without the
+        near half."""
         k = np.pi / self.depth * np.arange(self.m_max + 1)
         n = np.arange(self.n_max + 1)[:, None]
         rho = np.hypot(n, k)
@@ -194,13 +199,13 @@ class BodyElectrodes:
         return (kernel @ pairs.reshape(len(k), -1)).reshape(-1, self.up, self.up)
 
     def wave(self, k: np.ndarray) -> np.ndarray:
-        """(up, K): the modes up tested with cos(k z), k (K,)."""
+        """(up, K): projection of cos(k z), k (K,), on the modes up."""
         degree = np.arange(self.up)[:, None]
         bessel = spherical_jn(degree, k * self.half_height)
         return (np.exp(1j * k * self.z) * 1j**degree * bessel).real
 
     def distance(self, place: complex) -> float:
-        """From a place in the unit disc to the nearest electrode."""
+        """Distance from a place in the unit disc to the nearest electrode."""
         half, phi = self.sheet.half_width, np.radians(self.geometry.electrode_deg)
         turn = np.angle(place * np.exp(-1j * phi))
         nearest = np.exp(1j * (phi + np.clip(turn, -half, half)))
@@ -226,34 +231,37 @@ class BodyElectrodes:
                 block = (angular * np.tile(series[:, i, j], 2)) @ angular.T
                 matrix[:, :, i, :, :, j] = block.reshape(self.n, self.across, self.n, self.across)
                 matrix[:, :, j, :, :, i] = matrix[:, :, i, :, :, j]
-        widths, which = np.unique(self.sheet.half_width, return_inverse=True)
-        near = np.array([self._near(half_width) for half_width in widths])[which]
-        matrix[range(self.n), :, :, range(self.n)] += near
+        widths, width_index = np.unique(self.sheet.half_width, return_inverse=True)
+        near_half = np.array([self._near_part(half_width) for half_width in widths])[width_index]
+        matrix[range(self.n), :, :, range(self.n)] += near_half
         return matrix.reshape(self.n * self.order, -1)
 
-    def _near(self, half_width: float) -> np.ndarray:
-        """(across, up, across, up): the near half within one electrode and to its images."""
+    def _near_part(self, half_width: float) -> np.ndarray:
+        """(across, up, across, up): the near half within one electrode and to its images in
+        bottom and top."""
         total = np.zeros((self.across, self.up, self.across, self.up))
         images = int(np.ceil((self.reach + 2.0 * self.half_height) / (2.0 * self.depth))) + 1
         for fold in range(-images, images + 1):
             for place, mirrored in ((0.0, False), (2.0 * self.z, True)):
                 offset = place + 2.0 * self.depth * fold
                 if abs(offset) - 2.0 * self.half_height < self.reach:
-                    total += self._image(half_width, offset, mirrored)
+                    total += self._image_part(half_width, offset, mirrored)
         return self.depth / (2.0 * np.pi) * total
 
-    def _image(self, half_width: float, offset: float, mirrored: bool) -> np.ndarray:
-        """One image's part: mode pairs integrated over erfc(eta r) / r in the lags across and up,
-        in panels that shrink towards r = 0."""
-        apart = max(abs(offset) - 2.0 * self.half_height, 0.0)
+    def _image_part(self, half_width: float, offset: float, mirrored: bool) -> np.ndarray:
+        """One image's contribution: mode pairs integrated over erfc(eta r) / r in the lags
+        across and up, in panels that shrink towards r = 0."""
+        height_gap = max(abs(offset) - 2.0 * self.half_height, 0.0)
         touching = np.clip(-offset / self.half_height, -2.0, 2.0)
-        ends = np.unique([-2.0, 0.0, touching, 2.0])
+        panel_ends = np.unique([-2.0, 0.0, touching, 2.0])
         up = [
-            _panels(a, b, touching, self.eta * self.half_height, apart / self.half_height)
-            for a, b in pairwise(ends)
+            _panels(a, b, touching, self.eta * self.half_height, height_gap / self.half_height)
+            for a, b in pairwise(panel_ends)
         ]
         lag, weight = (np.concatenate(part) for part in zip(*up, strict=True))
-        across, across_weight = _panels(0.0, 2.0, 0.0, self.eta * half_width, apart / half_width)
+        across, across_weight = _panels(
+            0.0, 2.0, 0.0, self.eta * half_width, height_gap / half_width
+        )
         r = np.hypot(half_width * across[:, None], offset + self.half_height * lag)
         kernel = across_weight[:, None] * erfc(self.eta * r) / r * weight
         overlap = legendre_overlap(self.across, across)
@@ -272,8 +280,8 @@ class BodyElectrodes:
         return blocks.reshape(self.n, self.order, self.order)
 
     def project(self, potential: np.ndarray) -> np.ndarray:
-        """(n order, k): potentials at the sheet's nodes, the same at every height, tested with the
-        modes."""
+        """(n order, k): projection on the modes of potentials at the sheet's nodes that are the
+        same at every height."""
         per = np.zeros((self.n * self.across, self.up, potential.shape[1]))
         per[:, 0] = self.sheet.project(potential)
         return per.reshape(self.n * self.order, -1)
@@ -294,30 +302,29 @@ def _check(geometry: Geometry, heights: Span) -> None:
         raise InputError("skin", "electrode_height_mm", heights.height_mm, "more than 0")
     room = 1e-9 * g.thickness_mm
     if low < -room or low + heights.height_mm > g.thickness_mm + room:
-        found = f"{low:g} to {low + heights.height_mm:g} mm"
+        actual = f"{low:g} to {low + heights.height_mm:g} mm"
         expected = f"electrodes within 0 to {g.thickness_mm:g} mm"
-        raise InputError("skin", "electrode_z_mm", found, expected)
+        raise InputError("skin", "electrode_z_mm", actual, expected)
 
 
 def _panels(
-    start: float, stop: float, zero: float, rate: float, apart: float
+    start: float, stop: float, zero: float, rate: float, clearance: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights on [start, stop] for erfc(rate lag) / |lag - zero|, `apart` at least."""
+    """Nodes and weights on [start, stop] for erfc(rate lag) / |lag - zero|, where the distance
+    is at least `clearance`."""
     return graded_panels(
         start,
         stop,
-        lambda lag: 0.45 * np.hypot(lag - zero, apart),
-        min(1.0, 1.5 / rate),
-        SHORTEST_PANEL,
-        PANEL_NODES,
+        lambda lag: 0.45 * np.hypot(lag - zero, clearance),
+        PanelSizes(min(1.0, 1.5 / rate), SHORTEST_PANEL, PANEL_NODES),
     )
 
 
 class DepthForward(Forward):
     """A body `thickness_mm` deep with electrodes over a part of its height: a tank, a thick skin.
 
-    As Forward otherwise; with heights None it is Forward. A touch reaches through the whole depth;
-    one that the rim clips couples to the mean over the depth alone.
+    Otherwise like Forward; with heights None it is a Forward. A touch reaches through the whole
+    depth; one that the rim clips couples to the mean over the depth alone.
     """
 
     def __init__(
@@ -326,33 +333,35 @@ class DepthForward(Forward):
         heights: Span | None,
         accuracy: str | Accuracy = "diagnose",
         depth_accuracy: str | DepthAccuracy | None = None,
-        near: Forward | None = None,
+        donor: Forward | None = None,
     ):
-        """`depth_accuracy`: by default of the same name as `accuracy`; `near`: a solved skin, to
-        share with."""
+        """`depth_accuracy`: a name of DEPTH_ACCURACIES or a DepthAccuracy, by default the name
+        `accuracy`; `donor`: a solved skin, to share parts with."""
         super().__init__(geometry, accuracy)
-        named = accuracy if depth_accuracy is None else depth_accuracy
-        self.depth_accuracy = DEPTH_ACCURACIES[named] if isinstance(named, str) else named
+        depth_choice = accuracy if depth_accuracy is None else depth_accuracy
+        self.depth_accuracy = (
+            DEPTH_ACCURACIES[depth_choice] if isinstance(depth_choice, str) else depth_choice
+        )
         self.heights = heights
         if heights is not None:
-            self._expand(near)
+            self._expand(donor)
             self._relax_electrodes(self.electrodes.matrix)
 
-    def _expand(self, near: Forward | None) -> None:
-        """Modes on the faces, and what they take."""
+    def _expand(self, donor: Forward | None) -> None:
+        """Set the electrodes and the efforts of a body."""
         sheet, heights, accuracy = self.electrodes, self.heights, self.depth_accuracy
         assert heights is not None and isinstance(accuracy, DepthAccuracy)
         shared = (
-            isinstance(near, DepthForward)
-            and near.heights is not None
-            and near.depth_accuracy == accuracy
-            and near.electrodes.agrees(self.geometry, heights)
-            and near.electrodes.across == sheet.order
-            and near.electrodes.up == accuracy.modes(self.geometry, heights, sheet.order)
+            isinstance(donor, DepthForward)
+            and donor.heights is not None
+            and donor.depth_accuracy == accuracy
+            and donor.electrodes.same_interaction(self.geometry, heights)
+            and donor.electrodes.across == sheet.order
+            and donor.electrodes.up == accuracy.modes(self.geometry, heights, sheet.order)
         )
         if shared:
-            assert isinstance(near, DepthForward)
-            self.electrodes = near.electrodes.moved(sheet, heights)
+            assert isinstance(donor, DepthForward)
+            self.electrodes = donor.electrodes.on_body(sheet, heights)
         else:
             self.electrodes = BodyElectrodes(sheet, heights, accuracy)
         modes, unknowns = self.electrodes, sheet.n * self.electrodes.order
@@ -360,59 +369,61 @@ class DepthForward(Forward):
         if not shared:
             pairs = 0.5 * modes.up * (modes.up + 1)
             operations += 4.0 * pairs * (sheet.n * modes.across) ** 2 * modes.n_max
-        self.effort = operations / SHEET
-        self.touch_effort = type(self).touch_effort + unknowns**2 / TOUCHED_SHEET
+        self.effort = operations / SHEET_OPERATIONS
+        self.touch_effort = type(self).touch_effort + unknowns**2 / SHEET_ELEMENTS
 
     @property
     def nbytes(self) -> int:
-        """As Forward's, with a body's interaction of modes."""
-        own = 0 if self.heights is None else self.electrodes.interaction.nbytes
-        return super().nbytes + own
+        """Bytes of the modes' factor and, for a body, of their interaction."""
+        interaction_bytes = 0 if self.heights is None else self.electrodes.interaction.nbytes
+        return super().nbytes + interaction_bytes
 
     def matches(self, geometry: Geometry, accuracy: Accuracy, modes: int) -> bool:
-        """As Forward's; a body shares nothing with a sheet."""
+        """As for Forward; a body shares nothing with a sheet."""
         return self.heights is None and super().matches(geometry, accuracy, modes)
 
     def edge(  # type: ignore[override]  # what it makes of touches only it meets again
-        self, touch: Touch, apart: float = np.inf
+        self, touch: Touch, touch_clearance: float = np.inf
     ) -> TouchEdge | ColumnTouch:
-        """As Forward's, with the multipoles in depth."""
-        edge = super().edge(touch, apart)
+        """The touch, as for Forward, with its multipoles in depth."""
+        edge = super().edge(touch, touch_clearance)
         if self.heights is None:
             return edge
         assert isinstance(self.depth_accuracy, DepthAccuracy)
         coupling = super()._to_electrodes(edge)
         return ColumnTouch(edge, coupling, self, self.depth_accuracy.touch_tolerance)
 
-    def _even(self, places: list[Place]) -> dict[Place, Coupled]:
-        """As Forward's; none in a body, whose touches have multipoles in depth."""
-        return super()._even(places) if self.heights is None else {}
+    def _even_couplings(self, places: list[Place]) -> dict[Place, TouchCoupling]:
+        """As for Forward; empty for a body, whose touches have multipoles in depth."""
+        return super()._even_couplings(places) if self.heights is None else {}
 
     def _to_electrodes(self, edge: TouchEdge | ColumnTouch) -> np.ndarray:
         return edge.coupling if isinstance(edge, ColumnTouch) else super()._to_electrodes(edge)
 
-    def _between(self, a: TouchEdge | ColumnTouch, b: TouchEdge | ColumnTouch) -> np.ndarray:
+    def _mutual_response(
+        self, a: TouchEdge | ColumnTouch, b: TouchEdge | ColumnTouch
+    ) -> np.ndarray:
         if isinstance(a, ColumnTouch):
             assert isinstance(b, ColumnTouch)
-            return block_diag(super()._between(a.edge, b.edge), a.response_to(b))
+            return block_diag(super()._mutual_response(a.edge, b.edge), a.response_to(b))
         assert isinstance(b, TouchEdge)
-        return super()._between(a, b)
+        return super()._mutual_response(a, b)
 
-    def _even_current(self, edge: TouchEdge | ColumnTouch) -> Entered:
-        """As Forward's; even over the depth too, it drives no multipole in depth."""
+    def _even_current(self, edge: TouchEdge | ColumnTouch) -> ContactCoupling:
+        """As for Forward; a current that is even over the depth drives no multipole in depth."""
         if not isinstance(edge, ColumnTouch):
             return super()._even_current(edge)
         mean = super()._even_current(edge.edge)
-        further = np.zeros(len(edge.mass) - len(mean.to_touch))
-        return replace(mean, to_touch=np.append(mean.to_touch, further))
+        depth_multipoles = np.zeros(len(edge.mass) - len(mean.to_touch))
+        return replace(mean, to_touch=np.append(mean.to_touch, depth_multipoles))
 
     def parameters(self, touches: Sequence[Touch] = ()) -> list[str]:
-        """Names that `derivatives` knows; a body's `thickness_mm` is its depth."""
+        """Parameter names that `derivatives` accepts; a body's `thickness_mm` is its depth."""
         if self.heights is None:
             return super().parameters(touches)
         names = ["conductivity_S_per_m", "thickness_mm", "electrode_height_mm", "electrode_z_mm"]
-        each = ("electrode_deg", "electrode_width_mm", "contact_impedivity_ohm_m2")
-        return names + [f"{name}[{i}]" for name in each for i in range(self.electrodes.n)]
+        per_electrode = ("electrode_deg", "electrode_width_mm", "contact_impedivity_ohm_m2")
+        return names + [f"{name}[{i}]" for name in per_electrode for i in range(self.electrodes.n)]
 
     def derivatives(
         self, touches: Sequence[Touch] = (), parameters: list[str] | None = None
@@ -420,15 +431,16 @@ class DepthForward(Forward):
         """d impedance / d parameter, (n, n) ohm per unit, by name; all `parameters()` by default.
 
         X^T dS X with the currents X of this body and dS a central difference of the power's matrix
-        (exact for contacts). Where an electrode meets bottom or top, its height and place have none
-        and what is returned means nothing. Raises InputError for a touched body: none is known.
+        (exact for contacts). Where an electrode meets bottom or top, the power is not
+        differentiable by its height and place, and those values are meaningless. Raises InputError
+        for a touched body, for which derivatives are not implemented.
         """
         if self.heights is None:
             return super().derivatives(touches, parameters)
         if len(touches):
             raise InputError("touch", "derivatives", "a touched body", "an untouched one")
-        wanted = self.parameters() if parameters is None else parameters
-        return {name: self._slope(name) for name in wanted}
+        names = self.parameters() if parameters is None else parameters
+        return {name: self._slope(name) for name in names}
 
     def _slope(self, name: str) -> np.ndarray:
         assert self.heights is not None
@@ -438,14 +450,17 @@ class DepthForward(Forward):
         values["electrode_z_mm"] = self.heights.z_mm
         value: Any = np.asarray(values[kind], float)[int(index) if index else ()]
         step = self._step(kind, value)
-        above, below = (self._moved(kind, index, value + s * step).matrix for s in (1.0, -1.0))
+        above, below = (
+            self._electrodes_with(kind, index, value + s * step).matrix for s in (1.0, -1.0)
+        )
         slope = currents.T @ (above - below) @ currents / (2.0 * step)
         if kind in ("conductivity_S_per_m", "thickness_mm"):
             slope = slope - relative / value
         return self.sheet_resistance * 0.5 * (slope + slope.T)
 
     def _step(self, kind: str, value: float) -> float:
-        """Half the difference's width; the matrix is linear in what is moved by half of itself."""
+        """Half the width of the central difference. The matrix is linear in the parameters that
+        move by half their value."""
         if kind in ("contact_impedivity_ohm_m2", "conductivity_S_per_m"):
             return 0.5 * value
         if kind == "electrode_deg":
@@ -453,18 +468,18 @@ class DepthForward(Forward):
         assert self.heights is not None
         return 1e-3 * (self.heights.height_mm if kind == "electrode_z_mm" else value)
 
-    def _moved(self, kind: str, index: str, value: float) -> BodyElectrodes:
+    def _electrodes_with(self, kind: str, index: str, value: float) -> BodyElectrodes:
         sheet, heights = self.electrodes.sheet, self.heights
         assert heights is not None
         if kind == "electrode_height_mm":
-            return self.electrodes.moved(sheet, replace(heights, height_mm=value))
+            return self.electrodes.on_body(sheet, replace(heights, height_mm=value))
         if kind == "electrode_z_mm":
-            return self.electrodes.moved(sheet, replace(heights, z_mm=value))
+            return self.electrodes.on_body(sheet, replace(heights, z_mm=value))
         if index:
-            each = getattr(self.geometry, kind).copy()
-            each[int(index)] = value
-            value = each
+            electrode_values = getattr(self.geometry, kind).copy()
+            electrode_values[int(index)] = value
+            value = electrode_values
         geometry = self.geometry.with_values(**{kind: value})
         if geometry.same_outline(self.geometry):
-            return self.electrodes.moved(sheet.with_contacts(geometry), heights)
-        return self.electrodes.moved(Electrodes(geometry, self.disc, sheet.order), heights)
+            return self.electrodes.on_body(sheet.with_contacts(geometry), heights)
+        return self.electrodes.on_body(Electrodes(geometry, self.disc, sheet.order), heights)

@@ -23,7 +23,7 @@ class Electrodes:
     """Nodes, modes and Galerkin matrix of a skin's electrodes; `order` modes each (1 for points).
 
     Matrices are per unit sheet resistance 1 / (sigma h), mode-major within an electrode. The
-    singular ln|t - t'| of an electrode with itself is integrated in closed form; what is left is
+    singular ln|t - t'| of an electrode with itself is integrated in closed form; the rest is
     smooth.
     """
 
@@ -50,10 +50,10 @@ class Electrodes:
     def interaction(self) -> np.ndarray:
         """(n order, n order): `matrix` without the contacts' drop."""
         if self.geometry.points:
-            found = _between_points(self.theta.ravel(), self.factor.ravel())
+            matrix = _between_points(self.theta.ravel(), self.factor.ravel())
         else:
-            found = interaction(self.t, self.modes, self.theta, self.stretch, self.factor)
-        return found + self.spread @ self.bulk.matrix @ self.spread.T if self.bulk else found
+            matrix = interaction(self.t, self.modes, self.theta, self.stretch, self.factor)
+        return matrix + self.spread @ self.bulk.matrix @ self.spread.T if self.bulk else matrix
 
     @cached_property
     def matrix(self) -> np.ndarray:
@@ -71,22 +71,23 @@ class Electrodes:
         return self.arc_slope * self.half_width[:, None]
 
     def with_contacts(self, geometry: Geometry) -> "Electrodes":
-        """The same electrodes on a geometry of the same outline: other contacts, other material."""
-        other = copy.copy(self)
-        other.geometry = geometry
-        other.__dict__.pop("matrix", None)
-        return other
+        """The same electrodes on a geometry of the same outline, with other contacts or
+        material."""
+        electrodes = copy.copy(self)
+        electrodes.geometry = geometry
+        electrodes.__dict__.pop("matrix", None)
+        return electrodes
 
     def _angles(self) -> None:
         """Angles on the unit circle and their derivatives by phi; physical arc length by phi, m."""
         g = self.geometry
-        z, first, second = (g.unfold(g.rim(self.phi, k)) for k in range(3))
+        z, z_slope, z_bend = (g.unfold(g.rim(self.phi, k)) for k in range(3))
         self.f = self.disc.derivatives(z, 2)
-        self.z_slope, self.z_bend = first, second
+        self.z_slope, self.z_bend = z_slope, z_bend
         self.theta = np.angle(self.f[0])
-        spin = self.f[1] * first / self.f[0]
+        spin = self.f[1] * z_slope / self.f[0]
         self.theta_slope = spin.imag
-        bend = (self.f[2] * first**2 + self.f[1] * second) / self.f[0] - spin**2
+        bend = (self.f[2] * z_slope**2 + self.f[1] * z_bend) / self.f[0] - spin**2
         self.theta_bend = bend.imag
         self.arc_slope = 1e-3 * np.abs(g.rim(self.phi, 1))
 
@@ -109,8 +110,8 @@ class Electrodes:
         return np.einsum("iq,aid->aqd", self.modes, per).reshape(self.n * len(self.t), -1)
 
     def project(self, potential: np.ndarray) -> np.ndarray:
-        """(..., n order, k): potentials at the nodes (..., n q, k) tested with the modes; where the
-        conductivity rises across the skin, potentials as at its centre."""
+        """(..., n order, k): projection on the modes of potentials at the nodes (..., n q, k);
+        where the conductivity rises across the skin, of potentials as at its centre."""
         return tested(self.modes, potential * self.factor.reshape(-1, 1), self.n)
 
     def angle_motion(self, electrode: int) -> "ElectrodeMotion":
@@ -125,55 +126,57 @@ class Electrodes:
     def _along(
         self, electrode: int, phi_dot: np.ndarray, half_width_dot: float
     ) -> "ElectrodeMotion":
-        """Of one electrode along the rim, phi_dot (1, q)."""
-        g, one = self.geometry, slice(electrode, electrode + 1)
-        phi, half = self.phi[one], self.half_width[one, None]
-        first, second = g.rim(phi, 1), g.rim(phi, 2)
-        arc_bend = 1e-6 * (np.conj(first) * second).real / self.arc_slope[one]
-        slope = self.theta_slope[one]
+        """Motion of one electrode along the rim; phi_dot (1, q): velocity of the angles of its
+        nodes."""
+        g, selection = self.geometry, slice(electrode, electrode + 1)
+        phi, half = self.phi[selection], self.half_width[selection, None]
+        rim_slope, rim_bend = g.rim(phi, 1), g.rim(phi, 2)
+        arc_bend = 1e-6 * (np.conj(rim_slope) * rim_bend).real / self.arc_slope[selection]
+        slope = self.theta_slope[selection]
         return ElectrodeMotion(
-            one,
+            selection,
             theta=slope * phi_dot,
-            slope=self.theta_bend[one] * phi_dot * half + slope * half_width_dot,
-            arc=arc_bend * phi_dot * half + self.arc_slope[one] * half_width_dot,
+            slope=self.theta_bend[selection] * phi_dot * half + slope * half_width_dot,
+            arc=arc_bend * phi_dot * half + self.arc_slope[selection] * half_width_dot,
         )
 
     def skin_motion(self, motion: RimMotion, map_velocity: MapVelocity) -> "ElectrodeMotion":
         """Velocity when the rim or the unfolding moves under electrodes at fixed angles phi."""
         g, half = self.geometry, self.half_width[:, None]
         z_dot = g.unfold(motion.rim(self.phi)) + motion.unfolding(g.rim(self.phi))
-        first_dot = g.unfold(motion.rim(self.phi, 1)) + motion.unfolding(g.rim(self.phi, 1))
+        z_slope_dot = g.unfold(motion.rim(self.phi, 1)) + motion.unfolding(g.rim(self.phi, 1))
         z = g.unfold(g.rim(self.phi))
         v = map_velocity.derivatives(z, 1)
-        f, first = self.f, self.z_slope
-        moved = (f[1] * z_dot + v[0]) / f[0]
-        slope = (f[2] * first * z_dot + f[1] * first_dot + v[1] * first) / f[0]
-        slope = slope - moved * f[1] * first / f[0]
+        f, z_slope = self.f, self.z_slope
+        log_f_dot = (f[1] * z_dot + v[0]) / f[0]
+        slope = (f[2] * z_slope * z_dot + f[1] * z_slope_dot + v[1] * z_slope) / f[0]
+        slope = slope - log_f_dot * f[1] * z_slope / f[0]
         physical, physical_dot = g.rim(self.phi, 1), motion.rim(self.phi, 1)
         arc = 1e-6 * (np.conj(physical) * physical_dot).real / self.arc_slope
-        return ElectrodeMotion(slice(0, self.n), moved.imag, slope.imag * half, arc * half)
+        return ElectrodeMotion(slice(0, self.n), log_f_dot.imag, slope.imag * half, arc * half)
 
     def field(self, density: np.ndarray) -> np.ndarray:
-        """(n q, drives): d potential / d theta at the nodes, of other nodes' weighted currents."""
+        """(n q, drives): d potential / d theta at the nodes, of the other nodes' weighted
+        currents."""
         theta = self.theta.ravel()
-        apart = theta[:, None] - theta
-        np.fill_diagonal(apart, np.pi)
-        return neumann.rim_potential_slope(apart) @ density
+        angle = theta[:, None] - theta
+        np.fill_diagonal(angle, np.pi)
+        return neumann.rim_potential_slope(angle) @ density
 
     def power_slope(
         self, density: np.ndarray, field: np.ndarray, motion: "ElectrodeMotion"
     ) -> np.ndarray:
-        """(drives, drives): change of the electrodes' power with a motion, contact drop
+        """(drives, drives): derivative of the electrodes' power with a motion, contact drop
         included."""
-        density, field, some = density[motion.nodes], field[motion.nodes], motion.electrodes
-        moved = (motion.theta.ravel()[:, None] * density).T @ field
+        density, field, electrodes = density[motion.nodes], field[motion.nodes], motion.electrodes
+        work = (motion.theta.ravel()[:, None] * density).T @ field
         if self.geometry.points:
-            return moved + moved.T
-        stretch = motion.slope / self.stretch[some]
+            return work + work.T
+        stretch = motion.slope / self.stretch[electrodes]
         length = 1e-3 * self.geometry.contact_length_mm
-        drop = -length[some, None] * motion.arc / self.arc_m[some] ** 2 / self.weight
+        drop = -length[electrodes, None] * motion.arc / self.arc_m[electrodes] ** 2 / self.weight
         per_node = drop.ravel() - stretch.ravel() / np.pi
-        return moved + moved.T + (density * per_node[:, None]).T @ density
+        return work + work.T + (density * per_node[:, None]).T @ density
 
 
 @dataclass(frozen=True)
@@ -208,46 +211,49 @@ def interaction(
     """
     xp, (*stack, n, q) = library(theta), theta.shape
     angle = theta.reshape(*stack, n * q)
-    own = as_in(np.kron(np.eye(n, dtype=bool), np.ones((q, q), dtype=bool)), theta)
-    apart = xp.where(own, 1.0, angle[..., :, None] - angle[..., None, :])
-    kernel = neumann.rim_potential(apart).reshape(*stack, n, q, n, q)
-    each = xp.arange(n, device=theta.device)
-    kernel[..., each, :, each, :] = xp.moveaxis(_own_kernel(t, theta, slope, factor), -3, 0)
+    same_electrode = as_in(np.kron(np.eye(n, dtype=bool), np.ones((q, q), dtype=bool)), theta)
+    difference = xp.where(same_electrode, 1.0, angle[..., :, None] - angle[..., None, :])
+    kernel = neumann.rim_potential(difference).reshape(*stack, n, q, n, q)
+    diagonal = xp.arange(n, device=theta.device)
+    kernel[..., diagonal, :, diagonal, :] = xp.moveaxis(
+        _self_kernel(t, theta, slope, factor), -3, 0
+    )
     kernel *= factor[..., :, :, None, None] * factor[..., None, None, :, :]
     order = len(modes)
     matrix = modes @ kernel.reshape(*stack, n, q, n * q)
     matrix = matrix.reshape(*stack, n * order, n, q) @ modes.T
     matrix = matrix.reshape(*stack, n, order, n, order)
     singular = xp.mean(factor**2, axis=-1)[..., None, None] * as_in(legendre_log(order), theta)
-    matrix[..., each, :, each, :] -= xp.moveaxis(singular, -3, 0) / (4.0 * np.pi)
+    matrix[..., diagonal, :, diagonal, :] -= xp.moveaxis(singular, -3, 0) / (4.0 * np.pi)
     return matrix.reshape(*stack, n * order, n * order)
 
 
 def tested(modes: np.ndarray, potential: np.ndarray, n: int) -> np.ndarray:
-    """(..., n order, k): potentials at the nodes (..., n q, k) tested with modes (order, q)."""
+    """(..., n order, k): projection of potentials at the nodes (..., n q, k) on modes (order,
+    q)."""
     (*stack, _, k), (order, q) = potential.shape, modes.shape
     return (modes @ potential.reshape(*stack, n, q, k)).reshape(*stack, n * order, k)
 
 
-def _own_kernel(
+def _self_kernel(
     t: np.ndarray, theta: np.ndarray, slope: np.ndarray, factor: np.ndarray
 ) -> np.ndarray:
     """(..., n, q, q): the Neumann function on one electrode, without -ln|t - t'| / pi."""
     xp, diagonal = library(theta), as_in(np.eye(len(t), dtype=bool), theta)
-    apart = xp.where(diagonal, 1.0, theta[..., :, None] - theta[..., None, :])
-    t_apart = xp.where(diagonal, 1.0, abs(t[:, None] - t))
+    difference = xp.where(diagonal, 1.0, theta[..., :, None] - theta[..., None, :])
+    distance = xp.where(diagonal, 1.0, abs(t[:, None] - t))
     share = xp.mean(factor**2, axis=-1)[..., None, None]
     share = share / (factor[..., :, None] * factor[..., None, :])
-    kernel = neumann.rim_potential(apart) + share * xp.log(t_apart) / np.pi
+    kernel = neumann.rim_potential(difference) + share * xp.log(distance) / np.pi
     kernel[..., diagonal] = -xp.log(slope) / np.pi
     return kernel
 
 
 def _between_points(theta: np.ndarray, factor: np.ndarray) -> np.ndarray:
-    """(n, n): power of the currents of point electrodes, NaN with themselves."""
-    own = np.eye(len(theta), dtype=bool)
-    kernel = neumann.rim_potential(np.where(own, 1.0, theta[:, None] - theta))
-    return np.where(own, np.nan, factor[:, None] * kernel * factor)
+    """(n, n): power of the currents of point electrodes; NaN on the diagonal."""
+    diagonal = np.eye(len(theta), dtype=bool)
+    kernel = neumann.rim_potential(np.where(diagonal, 1.0, theta[:, None] - theta))
+    return np.where(diagonal, np.nan, factor[:, None] * kernel * factor)
 
 
 def contact_drop(

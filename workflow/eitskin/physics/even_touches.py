@@ -1,4 +1,4 @@
-"""Touches with even nodes, several at once: the same as one by one, without the overhead."""
+"""Touches with even nodes, several at once: as TouchEdge computes one, without the overhead."""
 
 from collections.abc import Iterator, Sequence
 
@@ -8,15 +8,15 @@ from eitskin.physics import neumann
 from eitskin.physics.arrays import as_in
 from eitskin.physics.conformal import DiscMap
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.harmonics import MORE, Harmonics, RimField, symmetric
-from eitskin.physics.kept_touches import Place
+from eitskin.physics.harmonics import EXTRA_MOMENTS, Harmonics, RimField, symmetric
 from eitskin.physics.touch import MOST_EVEN_NODES, Circle, TouchAccuracy, even_nodes
+from eitskin.physics.touch_cache import Place
 
-AT_ONCE_BYTES = 1 << 19  # of the largest array of touches found together
+BATCH_BYTES = 1 << 19  # of the largest array of one batch, so that it stays in a core's cache
 
 
 class EvenTouches:
-    """Several touches, of as many multipoles and even nodes each: as TouchEdge is one.
+    """Several touches with equally many multipoles and even nodes, as TouchEdge is one.
 
     mass, self_response (P, 2 degree, 2 degree).
     """
@@ -27,7 +27,7 @@ class EvenTouches:
         dzeta = tangent * weight
         harmonics = Harmonics.around(zeta, degree)
         values = harmonics.values(zeta)
-        kernel = neumann.own_flux_kernel(zeta, tangent, curvature, weight, jump=-0.5)
+        kernel = neumann.self_flux_kernel(zeta, tangent, curvature, weight, jump=-0.5)
         across = harmonics.flux(zeta, dzeta).mT
         self.mass = symmetric(across @ values)
         self.self_response = self.mass + symmetric(across @ (kernel @ values))
@@ -35,24 +35,25 @@ class EvenTouches:
 
     def rim_response(self, rim: np.ndarray) -> np.ndarray:
         """(P, points, 2 degree): as TouchEdge's; rim (points,), or each touch's own (P, points)."""
-        return self.field.at(rim)
+        return self.field.potential(rim)
 
 
-def alike(gaps: np.ndarray, accuracy: TouchAccuracy) -> dict[tuple[int, int], np.ndarray]:
-    """The touches (K,) of gaps (P,) to the rim that have even nodes, by multipoles and nodes."""
-    found: dict[tuple[int, int], list[int]] = {}
+def by_resolution(gaps: np.ndarray, accuracy: TouchAccuracy) -> dict[tuple[int, int], np.ndarray]:
+    """Indices (K,) of the touches that have even nodes, by multipoles and nodes (degree, count);
+    gaps (P,) to the rim, in radii."""
+    touches: dict[tuple[int, int], list[int]] = {}
     for i, gap in enumerate(gaps.tolist()):
         for_rim = accuracy.across(gap)
         if gap >= accuracy.rim_gap and for_rim <= MOST_EVEN_NODES:
-            found.setdefault(accuracy.resolution(for_rim), []).append(i)
-    return {resolution: np.array(own) for resolution, own in found.items()}
+            touches.setdefault(accuracy.resolution(for_rim), []).append(i)
+    return {resolution: np.array(indices) for resolution, indices in touches.items()}
 
 
-def together(nbytes: int, degree: int, count: int, rim_points: int) -> int:
-    """How many touches of so many multipoles and nodes are found together, their largest array of
-    at most so many bytes."""
-    each = max(16 * count**2, 16 * rim_points * (degree + MORE))
-    return max(nbytes // each, 1)
+def touches_per_batch(nbytes: int, degree: int, count: int, rim_points: int) -> int:
+    """How many touches with so many multipoles and nodes fit in one batch, whose largest array
+    has at most `nbytes`."""
+    touch_bytes = max(16 * count**2, 16 * rim_points * (degree + EXTRA_MOMENTS))
+    return max(nbytes // touch_bytes, 1)
 
 
 def even_touches(
@@ -62,15 +63,18 @@ def even_touches(
     accuracy: TouchAccuracy,
     rim_points: int,
 ) -> Iterator[tuple[list[Place], EvenTouches]]:
-    """Those of the places whose touches have even nodes, some at once: as many as a core's cache
-    holds, with so many rim points to act on."""
+    """Yield the places whose touches have even nodes, batch by batch, with their EvenTouches;
+    `rim_points`: how many rim points each acts on."""
     places = [place for place in places if place[2] > 0]
     if not places:
         return
     x, y, radius = np.array(places).T[:, :, None]
     circles = Circle(x + 1j * y, radius, geometry, disc)
-    for (degree, count), own in alike(circles.rim_gaps(), accuracy).items():
-        most = together(AT_ONCE_BYTES, degree, count, rim_points)
-        for start in range(0, len(own), most):
-            some = own[start : start + most]
-            yield [places[i] for i in some], EvenTouches(circles.only(some), degree, count)
+    for (degree, count), indices in by_resolution(circles.rim_gaps(), accuracy).items():
+        batch = touches_per_batch(BATCH_BYTES, degree, count, rim_points)
+        for start in range(0, len(indices), batch):
+            selection = indices[start : start + batch]
+            yield (
+                [places[i] for i in selection],
+                EvenTouches(circles.select(selection), degree, count),
+            )

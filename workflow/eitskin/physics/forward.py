@@ -27,26 +27,27 @@ from eitskin.physics.electrodes import ElectrodeMotion, Electrodes
 from eitskin.physics.even_touches import even_touches
 from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
-from eitskin.physics.kept_touches import Coupled, Entered, KeptTouches, Place
-from eitskin.physics.touch import EdgeMotion, Touch, TouchAccuracy, TouchEdge
+from eitskin.physics.touch import EdgeMotion, Surroundings, Touch, TouchAccuracy, TouchEdge
+from eitskin.physics.touch_cache import ContactCoupling, Place, TouchCache, TouchCoupling
 
+# Rim points of the conformal map: more than twice its degree, 48, with room for rough rims.
 RIM_PHI = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
-FEW_ROUND = np.exp(2j * np.pi * np.arange(64) / 64)
-NO_CONTRAST = 1e-12  # a touch of less is none
-AT_ONCE = 64  # places
-TOGETHER = 32  # new places whose touches are found by one process
-MANY = 16 * AT_ONCE  # places of which all is kept until they are solved
-SHARED_OUT = 100.0  # sheets solved, from which on new places have processes of their own
-NO_MASS = 1e-12  # beside the heaviest multipole's
+UNIT_CIRCLE = np.exp(2j * np.pi * np.arange(64) / 64)
+LEAST_CONTRAST = 1e-12  # below this, rounding: the touch is treated as absent
+PLACES_PER_SOLVE = 64  # places of one batched eigenproblem
+PLACES_PER_TASK = 32  # new places that one process computes at a time
+PLACES_PER_BATCH = 16 * PLACES_PER_SOLVE  # bounds the memory of couplings awaiting their solution
+PARALLEL_EFFORT = 100.0  # in solved sheets; below it, starting processes costs more than it saves
+LEAST_MASS = 1e-12  # of the heaviest multipole's mass; below it a multipole is rounding
 
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Size of the expansions: modes of the current on an electrode, and what a touch needs.
+    """Size of the expansions: modes of the current on an electrode, and the accuracy of a touch.
 
-    electrode_order: modes where the contact's length z sigma is KNEE of the width or more; a better
-    contact crowds the current at the edges and gets sqrt(KNEE width / (z sigma)) times as many, up
-    to most_modes.
+    electrode_order: modes where the contact length z sigma is CONTACT_KNEE of the electrode's width
+    or more; a better contact crowds the current at the edges and gets
+    sqrt(CONTACT_KNEE width / (z sigma)) times as many, up to most_modes.
     """
 
     electrode_order: int
@@ -54,21 +55,22 @@ class Accuracy:
     most_modes: int
 
     def modes(self, geometry: Geometry) -> int:
-        """Modes an electrode. Raises InputError for contacts too good to be resolved."""
+        """Modes of the current on one electrode. Raises InputError for contacts too good to be
+        resolved."""
         if geometry.points:
             return 1
-        contact = float((geometry.contact_length_mm / geometry.electrode_width_mm).min())
-        if contact < BEST_CONTACT:
-            found = f"{contact:.1e} for z sigma / width"
+        relative_length = float((geometry.contact_length_mm / geometry.electrode_width_mm).min())
+        if relative_length < BEST_CONTACT:
+            actual = f"{relative_length:.1e} for z sigma / width"
             raise InputError(
-                "skin", "contact_impedivity_ohm_m2", found, f"{BEST_CONTACT:g} or more"
+                "skin", "contact_impedivity_ohm_m2", actual, f"{BEST_CONTACT:g} or more"
             )
-        wanted = self.electrode_order * max(1.0, np.sqrt(KNEE / contact))
-        return min(int(np.ceil(wanted)), self.most_modes)
+        modes = self.electrode_order * max(1.0, np.sqrt(CONTACT_KNEE / relative_length))
+        return min(int(np.ceil(modes)), self.most_modes)
 
 
-KNEE = 0.02
-BEST_CONTACT = 2e-4
+CONTACT_KNEE = 0.02  # z sigma / width at which the current's layer at an edge asks for more modes
+BEST_CONTACT = 2e-4  # z sigma / width; below it most_modes do not resolve the layer at the edges
 ACCURACIES = {
     "train": Accuracy(8, TouchAccuracy(10, 1e-4, 6, 2e-3), 64),
     "diagnose": Accuracy(16, TouchAccuracy(24, 1e-8, 10, 5e-4), 64),
@@ -90,19 +92,19 @@ def channel_values(impedance: np.ndarray, channels: np.ndarray) -> np.ndarray:
 
 
 def measurable(values: np.ndarray) -> np.ndarray:
-    """`values` (..., M) as they are. Raises InputError where a channel has none, being that of a
-    point electrode that drives."""
+    """Return `values` (..., M) unchanged. Raises InputError where one is NaN, as it is for a
+    channel that measures a driven point electrode."""
     if np.isnan(values).any():
-        where = f"channel {np.argwhere(np.isnan(values))[0][-1]} of a driven point electrode"
-        raise InputError("skin", "electrode_width_mm", where, "a width above 0 for it")
+        channel = f"channel {np.argwhere(np.isnan(values))[0][-1]} of a driven point electrode"
+        raise InputError("skin", "electrode_width_mm", channel, "a width above 0 for it")
     return values
 
 
 @dataclass(frozen=True)
 class TouchModes:
-    """What one place does to the transfer impedance, for every contrast.
+    """Change of the transfer impedance by a touch at one place, for every contrast.
 
-    gains (n, K) ohm^(1/2), poles (K,): R(c) = R0 - sum_k gains_k gains_k^T c / (1 + c poles_k). Of
+    gains (n, K) ohm^(1/2), poles (K,): R(c) = R0 - sum_k gains_k gains_k^T c / (1 + c poles_k). For
     several places gains (..., n, K) and poles (..., K).
     """
 
@@ -110,12 +112,13 @@ class TouchModes:
     poles: np.ndarray
 
     def weights(self, contrast: ArrayLike) -> np.ndarray:
-        """(..., F, K): c / (1 + c d_k) for contrasts (F,). Raises InputError for -1 and less."""
-        each = np.asarray(contrast, float)[:, None]
-        if not (each > -1.0).all():
-            raise InputError("touch", "contrast", each.min(), "more than -1")
-        each = as_in(each, self.poles)
-        return each / (1.0 + each * self.poles[..., None, :])
+        """(..., F, K): c / (1 + c d_k) for contrasts c (F,). Raises InputError for a contrast of -1
+        or less."""
+        contrasts = np.asarray(contrast, float)[:, None]
+        if not (contrasts > -1.0).all():
+            raise InputError("touch", "contrast", contrasts.min(), "more than -1")
+        contrasts = as_in(contrasts, self.poles)
+        return contrasts / (1.0 + contrasts * self.poles[..., None, :])
 
     def impedance_change(self, contrast: ArrayLike) -> np.ndarray:
         """(..., F, n, n) ohm: R(c) - R0."""
@@ -134,51 +137,52 @@ class TouchModes:
 class ContactModes(TouchModes):
     """A touched place with the contact as one more terminal, the last: gains (n + 1, K).
 
-    own (n + 1, n + 1) ohm: its row, column and self term where the touch has no contrast; else 0.
+    contact_impedance (n + 1, n + 1) ohm: row, column and diagonal term of that terminal for a touch
+    without contrast; 0 elsewhere.
     """
 
-    own: np.ndarray
+    contact_impedance: np.ndarray
 
     def impedance_change(self, contrast: ArrayLike) -> np.ndarray:
-        """(F, n + 1, n + 1) ohm: R(c), less the untouched skin's R0 of the electrodes."""
-        return self.own + super().impedance_change(contrast)
+        """(F, n + 1, n + 1) ohm: R(c), less R0 of the untouched skin between the electrodes."""
+        return self.contact_impedance + super().impedance_change(contrast)
 
 
 class Forward:
-    """A skin of one geometry, ready to be touched. `accuracy`: a name of ACCURACIES, or an
-    Accuracy.
+    """A skin of one geometry, ready to be touched. accuracy: a name of ACCURACIES, or an Accuracy.
 
-    Transfer impedances are in ohm between electrodes, up to a constant that no pair sees: R[i, j]
-    is the potential of electrode i for a unit current that enters at j (currents sum to zero).
-    Raises InputError where the rim is too rough for the conformal map.
+    Transfer impedances are in ohm between electrodes, up to a constant that cancels in every
+    channel: R[i, j] is the potential of electrode i for a unit current that enters at j (currents
+    sum to zero). Raises InputError where the rim is too rough for the conformal map.
 
-    effort, touch_effort: what it takes to solve it and to touch it at one place, in sheets solved.
+    effort, touch_effort: cost of solving the skin and of one touched place, in units of one solved
+    sheet.
     """
 
     effort, touch_effort = 1.0, 0.3
     disc: DiscMap
     bulk: GradientBulk | None
     electrodes: Any  # Electrodes, of a body BodyElectrodes
-    _kept: KeptTouches
+    _touch_cache: TouchCache
 
     def __init__(
         self,
         geometry: Geometry,
         accuracy: str | Accuracy = "diagnose",
-        near: "Forward | None" = None,
+        donor: "Forward | None" = None,
     ):
-        """`near`: a solved skin; what only depends on rim and electrodes is shared where they
-        agree."""
+        """`donor`: a solved skin, whose parts that depend on rim and electrodes alone are shared
+        where they agree."""
         self.geometry = geometry
         self.accuracy = ACCURACIES[accuracy] if isinstance(accuracy, str) else accuracy
         modes = self.accuracy.modes(geometry)
-        if near and near.matches(geometry, self.accuracy, modes):
-            self.disc, self.bulk = near.disc, near.bulk
-            self._kept = near._kept
-            self.electrodes = near.electrodes.with_contacts(geometry)
+        if donor and donor.matches(geometry, self.accuracy, modes):
+            self.disc, self.bulk = donor.disc, donor.bulk
+            self._touch_cache = donor._touch_cache
+            self.electrodes = donor.electrodes.with_contacts(geometry)
         else:
             self.disc = disc_map(geometry)
-            self._kept = KeptTouches()
+            self._touch_cache = TouchCache()
             self.bulk = GradientBulk(geometry, self.disc) if geometry.gradient_across else None
             self.electrodes = Electrodes(geometry, self.disc, modes, self.bulk)
         self.sheet_resistance = geometry.sheet_resistance_ohm
@@ -186,16 +190,16 @@ class Forward:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of what it holds of its electrodes' modes, the factor of their matrix."""
+        """Bytes of the factor of the electrodes' inner modes."""
         return 8 * len(self._inner) ** 2
 
     def _relax_electrodes(self, matrix: np.ndarray) -> None:
-        """The electrodes' transfer impedance, their own modes at the least power, of the matrix
-        (n order, n order) of the modes."""
+        """Set the transfer impedance: the Schur complement of `matrix` (n order, n order) on the
+        electrodes' whole currents, which the inner modes take at least power."""
         n, order = self.electrodes.n, self.electrodes.order
-        whole = np.zeros(n * order, dtype=bool)
-        whole[::order] = True
-        self._whole, self._inner = np.flatnonzero(whole), np.flatnonzero(~whole)
+        is_whole = np.zeros(n * order, dtype=bool)
+        is_whole[::order] = True
+        self._whole, self._inner = np.flatnonzero(is_whole), np.flatnonzero(~is_whole)
         self._inner_factor: tuple[np.ndarray, bool] | None = None
         self._inner_currents = np.zeros((0, n))
         self._relative = matrix[np.ix_(self._whole, self._whole)]
@@ -207,16 +211,16 @@ class Forward:
                 self._inner_factor = cho_factor(inner, check_finite=False)
             except np.linalg.LinAlgError:
                 expected = "poorer contacts, or a finer accuracy than this"
-                found = self.geometry.contact_impedivity_ohm_m2.min()
-                raise InputError("skin", "contact_impedivity_ohm_m2", found, expected) from None
+                actual = self.geometry.contact_impedivity_ohm_m2.min()
+                raise InputError("skin", "contact_impedivity_ohm_m2", actual, expected) from None
             self._inner_currents = -cho_solve(self._inner_factor, coupling, check_finite=False)
             self._relative = self._relative + coupling.T @ self._inner_currents
             self._relative = 0.5 * (self._relative + self._relative.T)
 
     def matches(self, geometry: Geometry, accuracy: Accuracy, modes: int) -> bool:
         """Whether a skin of this geometry can share what depends on rim and electrodes alone."""
-        same = accuracy == self.accuracy and modes == self.electrodes.order
-        return same and geometry.same_outline(self.geometry)
+        same_expansion = accuracy == self.accuracy and modes == self.electrodes.order
+        return same_expansion and geometry.same_outline(self.geometry)
 
     def transfer_impedance(self, touches: Sequence[Touch] = ()) -> np.ndarray:
         """(n, n) ohm, with any number of touches that do not overlap."""
@@ -230,126 +234,151 @@ class Forward:
         """(P,) bool: whether discs at places (x_mm, y_mm, radius_mm) lie on the skin, at least in
         part."""
         x, y, radius = np.array(places, float).reshape(-1, 3).T[:, :, None]
-        edges = self.geometry.unfold(x + 1j * y + radius * FEW_ROUND)
-        near = np.abs(edges) <= self.disc.scale  # far outside the rim the map's series says nothing
-        return (near & (np.abs(self.disc(np.where(near, edges, 0.0))) < 1)).any(axis=1)
+        edge_points = self.geometry.unfold(x + 1j * y + radius * UNIT_CIRCLE)
+        # Far outside the rim the map's series does not converge.
+        in_range = np.abs(edge_points) <= self.disc.scale
+        mapped = self.disc(np.where(in_range, edge_points, 0.0))
+        return (in_range & (np.abs(mapped) < 1)).any(axis=1)
 
-    def edge(self, touch: Touch, apart: float = np.inf) -> TouchEdge:
-        """The touch's edge and multipoles at this accuracy; `apart` from others, in radii."""
-        return TouchEdge(
-            touch, self.geometry, self.disc, self.accuracy.touch, apart, bulk=self.bulk
-        )
+    def edge(self, touch: Touch, touch_clearance: float = np.inf) -> TouchEdge:
+        """The touch's edge and multipoles at this accuracy; touch_clearance: distance to the
+        nearest other touch, in radii."""
+        surroundings = Surroundings(touch_clearance)
+        accuracy = self.accuracy.touch
+        return TouchEdge(touch, self.geometry, self.disc, accuracy, surroundings, self.bulk)
 
     def place(self, x_mm: float, y_mm: float, radius_mm: float) -> TouchModes:
-        """The touch at one place, for every contrast at once."""
+        """The modes of a touch at one place, for every contrast at once."""
         return self.places([(x_mm, y_mm, radius_mm)])[0]
 
     def places(self, places: list[Place]) -> list[TouchModes]:
-        """As `place`, of each of several places (x_mm, y_mm, radius_mm); AT_ONCE, as far as they
-        have as many multipoles, are solved together."""
-        found: list[TouchModes] = []
-        for start in range(0, len(places), MANY):
-            many = places[start : start + MANY]
-            known = self._new(many)
-            for begin in range(0, len(many), AT_ONCE):
-                found += self._places(many[begin : begin + AT_ONCE], known)
-        return found
+        """The modes of touches at several places (x_mm, y_mm, radius_mm), one TouchModes each.
 
-    def _new(self, places: list[Place]) -> dict[Place, Coupled]:
-        """What touches at those of the places that are new are to the skin, found on several cores
-        where that is worth it."""
-        new = list(dict.fromkeys(place for place in places if place not in self._kept))
-        some = [new[start : start + TOGETHER] for start in range(0, len(new), TOGETHER)]
-        if cores.at_once() > 1 and len(new) * type(self).touch_effort >= SHARED_OUT:
-            # Where that fails they are found here, and the first that cannot be is told.
+        Up to PLACES_PER_SOLVE places with equally many multipoles share one batched eigenproblem.
+        """
+        modes: list[TouchModes] = []
+        for start in range(0, len(places), PLACES_PER_BATCH):
+            batch = places[start : start + PLACES_PER_BATCH]
+            couplings = self._new_couplings(batch)
+            for block_start in range(0, len(batch), PLACES_PER_SOLVE):
+                modes += self._place_modes(
+                    batch[block_start : block_start + PLACES_PER_SOLVE], couplings
+                )
+        return modes
+
+    def _new_couplings(self, places: list[Place]) -> dict[Place, TouchCoupling]:
+        """Couplings of touches at those places that are not cached, computed on several cores where
+        that is worth it."""
+        new_places = list(
+            dict.fromkeys(place for place in places if place not in self._touch_cache)
+        )
+        tasks = [
+            new_places[start : start + PLACES_PER_TASK]
+            for start in range(0, len(new_places), PLACES_PER_TASK)
+        ]
+        if cores.at_once() > 1 and len(new_places) * type(self).touch_effort >= PARALLEL_EFFORT:
+            # On failure they are computed again here, so that the error names the first bad place.
             with contextlib.suppress(InputError, MemoryError):
-                return dict(zip(new, chain(*cores.spread(self._coupled_of, some)), strict=True))
-        return dict(zip(new, chain(*map(self._coupled_of, some)), strict=True))
+                return dict(
+                    zip(new_places, chain(*cores.spread(self._couplings, tasks)), strict=True)
+                )
+        return dict(zip(new_places, chain(*map(self._couplings, tasks)), strict=True))
 
-    def _coupled_of(self, places: list[Place]) -> list[Coupled]:
-        """What touches at several places are to the skin."""
-        even = self._even(places)
-        return [even.get(place) or self._coupled(place) for place in places]
+    def _couplings(self, places: list[Place]) -> list[TouchCoupling]:
+        """Couplings of touches at several places."""
+        even = self._even_couplings(places)
+        return [even.get(place) or self._computed_coupling(place) for place in places]
 
-    def _even(self, places: list[Place]) -> dict[Place, Coupled]:
-        """What those touches are to the skin that have even nodes."""
-        found: dict[Place, Coupled] = {}
+    def _even_couplings(self, places: list[Place]) -> dict[Place, TouchCoupling]:
+        """Couplings of those touches whose edge has even nodes."""
+        couplings: dict[Place, TouchCoupling] = {}
         if self.bulk:
-            return found
+            return couplings
         accuracy, rim = self.accuracy.touch, self.electrodes.rim
-        for here, some in even_touches(places, self.geometry, self.disc, accuracy, len(rim)):
-            coupling = self.electrodes.project(some.rim_response(rim))
-            each = zip(some.mass, some.self_response, coupling, strict=True)
-            found.update(zip(here, starmap(Coupled, each), strict=True))
-        return found
+        for group, even_group in even_touches(places, self.geometry, self.disc, accuracy, len(rim)):
+            coupling = self.electrodes.project(even_group.rim_response(rim))
+            arrays = zip(even_group.mass, even_group.self_response, coupling, strict=True)
+            couplings.update(zip(group, starmap(TouchCoupling, arrays), strict=True))
+        return couplings
 
-    def _places(self, places: list[Place], known: dict[Place, Coupled]) -> list[TouchModes]:
-        touched = [self._coupling(place, known=known.get(place)) for place in places]
-        alike: dict[int, list[int]] = {}
-        for i, one in enumerate(touched):
-            alike.setdefault(len(one.mass), []).append(i)
-        found: dict[int, TouchModes] = {}
-        for indices in alike.values():
+    def _place_modes(
+        self, places: list[Place], couplings: dict[Place, TouchCoupling]
+    ) -> list[TouchModes]:
+        touches = [self._coupling(place, computed=couplings.get(place)) for place in places]
+        by_size: dict[int, list[int]] = {}
+        for i, touch in enumerate(touches):
+            by_size.setdefault(len(touch.mass), []).append(i)
+        modes: dict[int, TouchModes] = {}
+        for indices in by_size.values():
             mass, response, coupling = (
-                np.array([getattr(touched[i], name) for i in indices])
+                np.array([getattr(touches[i], name) for i in indices])
                 for name in ("mass", "response", "coupling")
             )
-            gains, response = self._relaxed(coupling, response)
-            turn, poles = separated(mass, response)
+            gains, response = self._relax(coupling, response)
+            turn, poles = separated_modes(mass, response)
             gains = np.sqrt(self.sheet_resistance) * gains @ turn
-            found.update(zip(indices, map(TouchModes, gains, poles), strict=True))
-        return [found[i] for i in range(len(places))]
+            modes.update(zip(indices, map(TouchModes, gains, poles), strict=True))
+        return [modes[i] for i in range(len(places))]
 
     def contact(self, x_mm: float, y_mm: float, radius_mm: float) -> ContactModes:
-        """The touch at one place as `place` has it, with current that enters evenly over it.
+        """The touch at one place with a current that enters evenly over its disc as a further
+        terminal.
 
-        Raises InputError for a touch that the rim clips and where the conductivity rises across
-        the skin.
+        Raises InputError for a touch that the rim clips and where the conductivity rises across the
+        skin.
         """
         place = x_mm, y_mm, radius_mm
         edge = cache(lambda: self.edge(Touch(*place)))
         touch = self._coupling(place, edge)
-        current = self._kept.get(Entered, place, lambda: self._even_current(edge()))
+        current = self._touch_cache.get(ContactCoupling, place, lambda: self._even_current(edge()))
         to_touch, power = current.to_touch, np.array([[current.power]])
-        gains, response = self._relaxed(
+        gains, response = self._relax(
             np.column_stack([touch.coupling, current.to_electrodes]),
             np.block([[touch.response, to_touch[:, None]], [to_touch, power]]),
         )
-        turn, poles = separated(touch.mass, response[:-1, :-1])
+        turn, poles = separated_modes(touch.mass, response[:-1, :-1])
         modes = np.vstack([gains[:, :-1], response[-1, :-1]]) @ turn
         inner = np.append(np.zeros(len(gains)), np.sqrt(current.inner_power))
-        own = np.zeros((len(gains) + 1, len(gains) + 1))
-        own[-1, :-1] = own[:-1, -1] = gains[:, -1]
-        own[-1, -1] = response[-1, -1]
+        contact_impedance = np.zeros((len(gains) + 1, len(gains) + 1))
+        contact_impedance[-1, :-1] = contact_impedance[:-1, -1] = gains[:, -1]
+        contact_impedance[-1, -1] = response[-1, -1]
         return ContactModes(
             np.sqrt(self.sheet_resistance) * np.column_stack([modes, inner]),
             np.append(poles, 1.0),
-            self.sheet_resistance * own,
+            self.sheet_resistance * contact_impedance,
         )
 
-    def _even_current(self, edge: TouchEdge) -> Entered:
-        """A current that enters evenly over a touch."""
+    def _even_current(self, edge: TouchEdge) -> ContactCoupling:
+        """Coupling of a unit current that enters evenly over a touch."""
         if self.bulk:
-            found = "a gradient of the conductivity"
-            raise InputError("skin", "leak at the touch", found, "none")
+            actual = "a gradient of the conductivity"
+            raise InputError("skin", "leak at the touch", actual, "none")
         current = EvenCurrent(edge)
         to_electrodes = self.electrodes.project(current.potential(self.electrodes.rim)[:, None])
         to_touch = current.mean_response(edge)
-        return Entered(to_electrodes[:, 0], to_touch, current.power, current.inner_power)
+        return ContactCoupling(to_electrodes[:, 0], to_touch, current.power, current.inner_power)
 
     def _coupling(
         self,
         place: Place,
-        edge: Callable[[], TouchEdge] | None = None,
-        known: Coupled | None = None,
-    ) -> Coupled:
-        """The touch's multipoles at a place, kept; edge: finds the touch's, where it is known
-        already; known: they themselves."""
-        return self._kept.get(Coupled, place, lambda: known or self._coupled(place, edge))
+        edge_of: Callable[[], TouchEdge] | None = None,
+        computed: TouchCoupling | None = None,
+    ) -> TouchCoupling:
+        """The cached coupling of a touch at a place; `computed`: its value where the cache has
+        none; `edge_of`: returns the touch's edge, if the caller has it."""
+        return self._touch_cache.get(
+            TouchCoupling, place, lambda: computed or self._computed_coupling(place, edge_of)
+        )
 
-    def _coupled(self, place: Place, edge: Callable[[], TouchEdge] | None = None) -> Coupled:
-        found = self.edge(Touch(*place)) if edge is None else edge()
-        return Coupled(found.mass, self._between(found, found), self._to_electrodes(found))
+    def _computed_coupling(
+        self, place: Place, edge_of: Callable[[], TouchEdge] | None = None
+    ) -> TouchCoupling:
+        touch_edge = self.edge(Touch(*place)) if edge_of is None else edge_of()
+        return TouchCoupling(
+            touch_edge.mass,
+            self._mutual_response(touch_edge, touch_edge),
+            self._to_electrodes(touch_edge),
+        )
 
     def _to_electrodes(self, edge: TouchEdge) -> np.ndarray:
         coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))
@@ -357,21 +386,22 @@ class Forward:
             coupling += self.electrodes.spread @ self.bulk.matrix @ edge.polar_spread.T
         return coupling
 
-    def _between(self, a: TouchEdge, b: TouchEdge) -> np.ndarray:
-        """(2 degree of a, 2 degree of b): response of one touch's multipoles to another's."""
-        if a is b:
-            response = a.self_response
+    def _mutual_response(self, edge: TouchEdge, source: TouchEdge) -> np.ndarray:
+        """(2 degree of edge, 2 degree of source): response of one touch's multipoles to
+        another's."""
+        if edge is source:
+            response = edge.self_response
         else:
-            response = 0.5 * (a.inner_response(b) + b.inner_response(a).T)
+            response = 0.5 * (edge.inner_response(source) + source.inner_response(edge).T)
         if self.bulk:
-            there = a.spread @ self.bulk.matrix @ b.polar_spread.T
-            back = b.spread @ self.bulk.matrix @ a.polar_spread.T
-            response = response + 0.5 * (there + back.T)
+            correction = edge.spread @ self.bulk.matrix @ source.polar_spread.T
+            reverse_correction = source.spread @ self.bulk.matrix @ edge.polar_spread.T
+            response = response + 0.5 * (correction + reverse_correction.T)
         return response
 
-    def _relaxed(self, coupling: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gains (..., n, k) and response (..., k, k) of what couples to the electrodes' modes by
-        `coupling` (..., n order, k), the electrodes' own modes relaxed."""
+    def _relax(self, coupling: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gains (..., n, k) and response (..., k, k) of sources that couple to the electrodes'
+        modes by `coupling` (..., n order, k), after the electrodes' inner modes have relaxed."""
         inner = coupling[..., self._inner, :]
         gains = coupling[..., self._whole, :] + self._inner_currents.T @ inner
         if self._inner_factor is not None:
@@ -387,7 +417,8 @@ class Forward:
         return gains, response
 
     def unit_currents(self) -> np.ndarray:
-        """(n order, n): currents in the electrodes' modes, each electrode driven by itself."""
+        """(n order, n): currents in the electrodes' modes for a unit current into each
+        electrode."""
         n = self.electrodes.n
         currents = np.zeros((n * self.electrodes.order, n))
         currents[self._whole, range(n)] = 1.0
@@ -395,19 +426,22 @@ class Forward:
         return currents
 
     def _solve(self, touches: Sequence[Touch]) -> tuple[np.ndarray, np.ndarray, list, list]:
-        """Relative impedance (n, n), electrode mode currents, edges and their multipoles (2 degree,
-        n)."""
-        touches = [t for t in touches if abs(t.contrast) > NO_CONTRAST]
+        """Relative impedance (n, n), currents in the electrodes' modes (n order, n), edges of the
+        touches and their multipoles (2 degree, n)."""
+        touches = [touch for touch in touches if abs(touch.contrast) > LEAST_CONTRAST]
         edges = [
-            self.edge(t, apart) for t, apart in zip(touches, _clearances(touches), strict=True)
+            self.edge(touch, clearance)
+            for touch, clearance in zip(touches, _clearances(touches), strict=True)
         ]
         currents = self.unit_currents()
         if not edges:
             return self._relative, currents, [], []
         coupling = np.hstack([self._to_electrodes(edge) for edge in edges])
         gains = coupling[self._whole] + self._inner_currents.T @ coupling[self._inner]
-        system = np.block([[self._between(a, b) for b in edges] for a in edges])
-        system += block_diag(*(e.mass / t.contrast for e, t in zip(edges, touches, strict=True)))
+        system = np.block([[self._mutual_response(a, b) for b in edges] for a in edges])
+        system += block_diag(
+            *(edge.mass / touch.contrast for edge, touch in zip(edges, touches, strict=True))
+        )
         relaxed = np.zeros((0, coupling.shape[1]))
         if len(self._inner):
             relaxed = cho_solve(self._inner_factor, coupling[self._inner])
@@ -419,7 +453,8 @@ class Forward:
         return self._relative + 0.5 * (change + change.T), currents, edges, split
 
     def parameters(self, touches: Sequence[Touch] = ()) -> list[str]:
-        """Names that `derivatives` knows; `[l]` counts electrodes, harmonics or touches."""
+        """Parameter names that `derivatives` accepts; `[l]` counts electrodes, harmonics or
+        touches."""
         g, n = self.geometry, self.electrodes.n
         names = ["conductivity_S_per_m", "thickness_mm"]
         names += [f"electrode_deg[{i}]" for i in range(n)]
@@ -436,17 +471,18 @@ class Forward:
     ) -> dict[str, np.ndarray]:
         """d impedance / d parameter, (n, n) ohm per unit, by name; all `parameters()` by default.
 
-        Touches of contrast 0, clipped ones and those held off the rim have none here: InputError.
+        Raises InputError for touches of contrast 0, clipped ones and those held off the rim, which
+        have no derivatives here.
         """
         if self.bulk:
-            found = f"{self.geometry.gradient_across:g}"
-            raise InputError("skin", "gradient_across", found, "0, to differentiate")
+            actual = f"{self.geometry.gradient_across:g}"
+            raise InputError("skin", "gradient_across", actual, "0, to differentiate")
         for touch in touches:
-            if abs(touch.contrast) <= NO_CONTRAST:
+            if abs(touch.contrast) <= LEAST_CONTRAST:
                 raise InputError("touch", "contrast", touch.contrast, "one to differentiate by")
         slope = _Slopes(self, *self._solve(touches))
-        wanted = self.parameters(touches) if parameters is None else parameters
-        return {name: self.sheet_resistance * slope.of(name) for name in wanted}
+        names = self.parameters(touches) if parameters is None else parameters
+        return {name: self.sheet_resistance * slope.derivative(name) for name in names}
 
 
 class _Slopes:
@@ -469,11 +505,11 @@ class _Slopes:
 
     @cached_property
     def contact_blocks(self) -> np.ndarray:
-        """(n, order, order): of the electrodes."""
+        """(n, order, order): contact drop of every electrode."""
         return self.electrodes.contact_blocks()
 
-    def of(self, name: str) -> np.ndarray:
-        kind, _, index = name.rstrip("]").partition("[")
+    def derivative(self, parameter: str) -> np.ndarray:
+        kind, _, index = parameter.rstrip("]").partition("[")
         number: Any = int(index) if index else None
         g = self.geometry
         if kind == "thickness_mm":
@@ -488,12 +524,12 @@ class _Slopes:
             return -(amplitude.T @ edge.mass @ amplitude) / edge.touch.contrast**2
         if kind in ("x_mm", "y_mm", "radius_mm"):
             motion = self.edges[number].place_motion(kind)
-            return self._moved(None, {number: motion})
+            return self._motion_slope(None, {number: motion})
         if kind == "electrode_deg":
-            return self._moved(self.electrodes.angle_motion(number), {})
+            return self._motion_slope(self.electrodes.angle_motion(number), {})
         if kind == "electrode_width_mm":
-            return self._moved(self.electrodes.width_motion(number), {})
-        return self._skin_moved(RimMotion(g, kind, number))
+            return self._motion_slope(self.electrodes.width_motion(number), {})
+        return self._skin_motion_slope(RimMotion(g, kind, number))
 
     def _contact_drop(self, electrode: int) -> np.ndarray:
         if self.geometry.points:
@@ -502,15 +538,15 @@ class _Slopes:
         amplitude = self.amplitude[electrode]
         return amplitude.T @ block @ amplitude
 
-    def _skin_moved(self, motion: RimMotion) -> np.ndarray:
+    def _skin_motion_slope(self, motion: RimMotion) -> np.ndarray:
         forward, g = self.forward, self.geometry
         rim = g.rim(RIM_PHI)
         velocity = g.unfold(motion.rim(RIM_PHI)) + motion.unfolding(rim)
         map_velocity = forward.disc.velocity(velocity)
-        moved = {i: e.skin_motion(motion, map_velocity) for i, e in enumerate(self.edges)}
-        return self._moved(self.electrodes.skin_motion(motion, map_velocity), moved)
+        edge_motions = {i: e.skin_motion(motion, map_velocity) for i, e in enumerate(self.edges)}
+        return self._motion_slope(self.electrodes.skin_motion(motion, map_velocity), edge_motions)
 
-    def _moved(
+    def _motion_slope(
         self, electrode_motion: ElectrodeMotion | None, edge_motions: dict[int, EdgeMotion]
     ) -> np.ndarray:
         rim, density = self.electrodes.rim, self.density
@@ -530,34 +566,37 @@ class _Slopes:
                 contrast = edge.touch.contrast
                 change += 0.5 * edge.response_slope(amplitude, contrast, motion)
             for j in range(i):
-                other, other_motion = self.edges[j], edge_motions.get(j)
-                if motion is None and other_motion is None:
+                source, source_motion = self.edges[j], edge_motions.get(j)
+                if motion is None and source_motion is None:
                     continue
-                there = edge.inner_response_slope(
-                    other, amplitude, self.multipoles[j], motion, other_motion
+                response = edge.inner_response_slope(
+                    source, amplitude, self.multipoles[j], motion, source_motion
                 )
-                back = other.inner_response_slope(
-                    edge, self.multipoles[j], amplitude, other_motion, motion
+                reverse_response = source.inner_response_slope(
+                    edge, self.multipoles[j], amplitude, source_motion, motion
                 )
-                change += 0.5 * (there + back.T)
+                change += 0.5 * (response + reverse_response.T)
             total += change + change.T
         return total
 
 
-def separated(mass: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Turn (..., 2 degree, 2 degree) to multipoles of unit mass that respond to themselves alone,
-    and how much: poles (..., 2 degree). What has no mass takes no part in them."""
+def separated_modes(mass: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Basis (..., 2 degree, K) of multipoles with unit mass and diagonal response, and the poles
+    (..., K) on that diagonal: V^T mass V = 1, V^T response V = diag(poles).
+
+    Multipoles without mass, by LEAST_MASS, have zero columns."""
     xp = library(mass)
     weight, vectors = xp.linalg.eigh(mass)
-    kept = weight > NO_MASS * weight[..., -1:]
-    scale = xp.where(kept, 1.0 / xp.sqrt(xp.where(kept, weight, 1.0)), 0.0)
+    has_mass = weight > LEAST_MASS * weight[..., -1:]
+    scale = xp.where(has_mass, 1.0 / xp.sqrt(xp.where(has_mass, weight, 1.0)), 0.0)
     basis = vectors * scale[..., None, :]
     poles, turn = xp.linalg.eigh(basis.mT @ response @ basis)
     return basis @ turn, poles
 
 
 def disc_map(geometry: Geometry) -> DiscMap:
-    """The map of a skin onto the unit disc. Raises InputError where its rim is too rough."""
+    """The conformal map of a skin onto the unit disc. Raises InputError where its rim is too
+    rough."""
     try:
         return DiscMap(geometry.unfold(geometry.rim(RIM_PHI)))
     except ValueError as error:
@@ -565,7 +604,8 @@ def disc_map(geometry: Geometry) -> DiscMap:
 
 
 def _clearances(touches: list[Touch]) -> list[float]:
-    """Distance from each touch to the nearest other edge, in its radii; InputError on overlap."""
+    """Distance from each touch to the nearest other edge, in its radii. Raises InputError on
+    overlap."""
     clearances = []
     for a in touches:
         gaps = [
@@ -574,7 +614,7 @@ def _clearances(touches: list[Touch]) -> list[float]:
             if b is not a
         ]
         if gaps and min(gaps) <= 0:
-            found = f"two that overlap by {-min(gaps):g} mm"
-            raise InputError("touch", "touches", found, "touches apart")
+            actual = f"two that overlap by {-min(gaps):g} mm"
+            raise InputError("touch", "touches", actual, "touches apart")
         clearances.append(min(gaps, default=np.inf) / a.radius_mm)
     return clearances

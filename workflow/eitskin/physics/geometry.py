@@ -94,14 +94,14 @@ class Geometry:
 
     @classmethod
     def from_skin(cls, skin: Skin) -> "Geometry":
-        """The ideal geometry that a Skin describes; raises InputError where a needed key is null,
-        and for what is no disc."""
+        """The ideal geometry of a Skin. Raises InputError where a required key is null, and for
+        a shape other than a disc."""
         outline.refuse(skin)
-        needed = ["radius_mm", "thickness_mm", "conductivity_S_per_m", "electrode_deg"]
-        needed += ["electrode_width_mm"]
+        required = ["radius_mm", "thickness_mm", "conductivity_S_per_m", "electrode_deg"]
+        required += ["electrode_width_mm"]
         if skin.electrode_width_mm:
-            needed.append("contact_impedivity_ohm_m2")
-        for key in needed:
+            required.append("contact_impedivity_ohm_m2")
+        for key in required:
             if getattr(skin, key) is None:
                 raise InputError("skin", key, "null", "a value, to simulate with")
         assert skin.radius_mm is not None and skin.thickness_mm is not None
@@ -121,9 +121,9 @@ class Geometry:
         """A copy with some fields replaced."""
         return replace(self, **values)
 
-    def key(self, but: Collection[str] = ()) -> tuple:
-        """What is equal of equal geometries, and hashable; `but`: fields that it leaves out."""
-        values = (getattr(self, f.name) for f in fields(self) if f.name not in but)
+    def key(self, excluded: Collection[str] = ()) -> tuple:
+        """A hashable key, equal for equal geometries; `excluded`: fields that it ignores."""
+        values = (getattr(self, f.name) for f in fields(self) if f.name not in excluded)
         return tuple(
             value.tobytes()
             if isinstance(value, np.ndarray)
@@ -133,9 +133,10 @@ class Geometry:
             for value in values
         )
 
-    def same_outline(self, other: "Geometry") -> bool:
-        """Whether rim, electrodes' places and direction agree; material and contacts may differ."""
-        return self.key(MATERIAL) == other.key(MATERIAL)
+    def same_outline(self, geometry: "Geometry") -> bool:
+        """Whether rim, places of the electrodes and direction of the conductivity agree;
+        material and contacts may differ."""
+        return self.key(MATERIAL) == geometry.key(MATERIAL)
 
     @property
     def points(self) -> bool:
@@ -149,7 +150,8 @@ class Geometry:
 
     @property
     def contact_length_mm(self) -> np.ndarray:
-        """(n,): z sigma of every electrode, over which its contact spreads the current."""
+        """(n,): z sigma of every electrode, the length over which its contact spreads the
+        current."""
         return 1e3 * self.contact_impedivity_ohm_m2 * self.conductivity_S_per_m
 
     def stretch(self, z: np.ndarray) -> np.ndarray:
@@ -157,7 +159,7 @@ class Geometry:
         return _axis_stretch(z, self.stretch_x, self.stretch_y)
 
     def unfold(self, z: np.ndarray) -> np.ndarray:
-        """Coordinates, equal in area, in which the conductivity is the same in all directions."""
+        """Coordinates, equal in area, in which the conductivity is isotropic."""
         if self.anisotropy_ratio == 1.0:
             return np.asarray(z, complex)
         squeeze = self.anisotropy_ratio**-0.25
@@ -179,21 +181,21 @@ class Geometry:
 
 
 class Unfoldings:
-    """The unfolding of several skins, each of its own places: a z + b conj(z), as it is linear in
-    (x, y). Of arrays like `array`: its library and device."""
+    """The unfoldings of several skins, each of its own places: a z + b conj(z), as they are
+    linear in (x, y). `array`: its library and device are those of the coefficients."""
 
     def __init__(self, geometries: Sequence[Geometry], array: Any):
-        one, up = (np.array([g.unfold(np.array(z)) for g in geometries]) for z in (1.0, 1j))
-        self.a, self.b = (as_in(0.5 * (one + sign * 1j * up), array) for sign in (-1.0, 1.0))
+        unit_x, unit_y = (np.array([g.unfold(np.array(z)) for g in geometries]) for z in (1.0, 1j))
+        self.a, self.b = (as_in(0.5 * (unit_x + sign * 1j * unit_y), array) for sign in (-1.0, 1.0))
 
-    def only(self, which: Any) -> "Unfoldings":
-        """Those of the skins at indices (P,), which may repeat."""
-        some = copy.copy(self)
-        some.a, some.b = self.a[which], self.b[which]
-        return some
+    def select(self, indices: Any) -> "Unfoldings":
+        """Those of the skins at `indices` (P,), which may repeat."""
+        selection = copy.copy(self)
+        selection.a, selection.b = self.a[indices], self.b[indices]
+        return selection
 
     def unfold(self, z: Any) -> Any:
-        """Unfolded places of the skins' own (S, ...)."""
+        """Unfolded places of each skin's own places (S, ...)."""
         a, b = (v.reshape(-1, *[1] * (z.ndim - 1)) for v in (self.a, self.b))
         return a * z + b * z.conj()
 

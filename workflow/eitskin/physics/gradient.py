@@ -1,15 +1,15 @@
 """A conductivity that rises across the skin: sigma (1 + relative_across (r . n) / 2R).
 
-With s = sigma / sigma_0, unfolded coordinates and w = sqrt(s) u, div(s grad u) = 0 turns into
-Delta w + k^2 w = 0, k^2 = |grad s|^2 / 4 s^2, with dw/dn = b w on the rim, b = n . grad s / 2 s:
-both small and smooth. The Neumann function keeps its singularity and gains a correction,
+With s = sigma / sigma_0, unfolded coordinates and w = sqrt(s) u, div(s grad u) = 0 turns into Delta
+w + k^2 w = 0, k^2 = |grad s|^2 / 4 s^2, with dw/dn = b w on the rim, b = n . grad s / 2 s: both
+small and smooth. The Neumann function keeps its singularity and gains a correction,
 
     N(x, y) -> (N(x, y) + psi(x)^T C psi(y)) / sqrt(s(x) s(y)),
 
-C Galerkin's in harmonics and in bubbles, which vanish on the rim and bend the harmonics inside as
-k^2 does. A current of u through a line is sqrt(s) (dw/dn - b w): so touches meet it (`touch`).
-Their multipoles are harmonic, which is off by (k a)^2 / 4 within a touch of radius a: with 0.3
-across, 2e-5 of its change for an eighth of the skin's radius, 9e-5 for a quarter.
+C Galerkin's in harmonics and in bubbles, which vanish on the rim and correct the harmonics inside
+for k^2. A current of u through a line is sqrt(s) (dw/dn - b w), which `touch` uses. The
+multipoles of touches are harmonic, off by (k a)^2 / 4 within a touch of radius a: with 0.3 across,
+2e-5 of its change for an eighth of the skin's radius, 9e-5 for a quarter.
 """
 
 from dataclasses import dataclass
@@ -22,10 +22,11 @@ from eitskin.errors import InputError
 from eitskin.physics.conformal import DiscMap
 from eitskin.physics.geometry import Geometry
 
-HARMONICS = 96
-LOW = 31  # harmonics of which more than the rim is counted
-WAVES, RADIAL = 12, 3  # of the bubbles, round and outwards
-RADII, ANGLES = 24, 128
+HARMONICS = 96  # twice the degree of the conformal map
+# harmonics whose energy inside the disc is corrected; higher ones stay at the rim
+LOW_HARMONICS = 31
+WAVES, RADIAL = 12, 3  # orders of the bubbles, along angle and radius
+RADII, ANGLES = 24, 128  # of the quadrature in the disc
 
 
 class GradientBulk:
@@ -41,8 +42,8 @@ class GradientBulk:
         zeta = np.exp(1j * theta)
         place = self.unmapped(zeta)
         if not (self._relative(place) > 0).all():
-            found = f"{geometry.gradient_across:g}"
-            raise InputError("skin", "gradient_across", found, "a conductivity above 0 everywhere")
+            actual = f"{geometry.gradient_across:g}"
+            raise InputError("skin", "gradient_across", actual, "a conductivity above 0 everywhere")
         line = 1j * zeta / self.disc.derivatives(place, 1)[1] * 2.0 * np.pi / len(theta)
         self.matrix = self._correction(_harmonics(zeta, HARMONICS), self.bend(place, line))
 
@@ -59,7 +60,8 @@ class GradientBulk:
         return 1.0 + (np.conj(self._slope) * unfolded).real
 
     def unmapped(self, zeta: np.ndarray) -> np.ndarray:
-        """The unfolded place, mm, of points of the unit disc: Newton on the conformal map."""
+        """Unfolded places, mm, of points of the unit disc, by Newton's method on the conformal
+        map."""
         place = zeta * self.disc.scale
         for _ in range(50):
             f, slope = self.disc.derivatives(place, 1)
@@ -70,22 +72,29 @@ class GradientBulk:
         return place
 
     def _correction(self, on_rim: np.ndarray, bend: np.ndarray) -> np.ndarray:
-        """C: the inverse of the energy of the terms, less that of an even skin."""
+        """(terms, terms): C, the inverse of the energy of the terms, minus that of a uniform
+        skin."""
         order = np.arange(1, HARMONICS + 1)
         stiffness = np.concatenate([[1.0], np.pi * order, np.pi * order])
-        inside = _inside()
-        size = len(stiffness) + len(inside.energy)
+        quadrature = _disc_quadrature()
+        size = len(stiffness) + len(quadrature.energy)
         change = np.zeros((size, size))
         change[: len(stiffness), : len(stiffness)] = -on_rim.T @ (bend[:, None] * on_rim)
-        place = self.unmapped(inside.zeta)
+        place = self.unmapped(quadrature.zeta)
         stretch = 1.0 / np.abs(self.disc.derivatives(place, 1)[1]) ** 2
         square = 0.25 * np.abs(self._slope) ** 2 / self._relative(place) ** 2
-        weight = square * stretch * inside.area
-        kept = np.r_[0 : LOW + 1, HARMONICS + 1 : HARMONICS + 1 + LOW, len(stiffness) : size]
-        change[np.ix_(kept, kept)] -= inside.terms.T @ (weight[:, None] * inside.terms)
-        even = block_diag(np.diag(stiffness), inside.energy)
-        known = block_diag(np.diag([0.0, *(1.0 / stiffness[1:])]), inside.inverse)
-        return np.linalg.inv(even + 0.5 * (change + change.T)) - known
+        weight = square * stretch * quadrature.area
+        low_terms = np.r_[
+            0 : LOW_HARMONICS + 1,
+            HARMONICS + 1 : HARMONICS + 1 + LOW_HARMONICS,
+            len(stiffness) : size,
+        ]
+        change[np.ix_(low_terms, low_terms)] -= quadrature.terms.T @ (
+            weight[:, None] * quadrature.terms
+        )
+        even_energy = block_diag(np.diag(stiffness), quadrature.energy)
+        even_inverse = block_diag(np.diag([0.0, *(1.0 / stiffness[1:])]), quadrature.inverse)
+        return np.linalg.inv(even_energy + 0.5 * (change + change.T)) - even_inverse
 
     def terms(self, zeta: np.ndarray) -> np.ndarray:
         """psi (points, terms): 1, Re zeta^m, Im zeta^m, then the bubbles, in the unit disc."""
@@ -108,9 +117,9 @@ class GradientBulk:
 
 
 @dataclass(frozen=True)
-class _Inside:
-    """Nodes of the unit disc and their areas (points,), the low terms there, and the energy of the
-    bubbles (that of bubbles and harmonics is 0) with its inverse."""
+class _DiscQuadrature:
+    """Nodes of the unit disc and their areas (points,), the low terms there, and the energy of
+    the bubbles with its inverse; bubbles and harmonics are orthogonal."""
 
     zeta: np.ndarray
     area: np.ndarray
@@ -120,7 +129,7 @@ class _Inside:
 
 
 @cache
-def _inside() -> _Inside:
+def _disc_quadrature() -> _DiscQuadrature:
     node, weight = np.polynomial.legendre.leggauss(RADII)
     radius, radius_weight = 0.5 * (1.0 + node), 0.5 * weight
     theta = 2.0 * np.pi * np.arange(ANGLES) / ANGLES
@@ -128,8 +137,8 @@ def _inside() -> _Inside:
     area = np.repeat(radius * radius_weight, ANGLES) * 2.0 * np.pi / ANGLES
     slope = _bubble_slopes(zeta)
     energy = ((np.conj(slope) * area[:, None]).T @ slope).real
-    terms = np.hstack([_harmonics(zeta, LOW), _bubbles(zeta)])
-    return _Inside(zeta, area, terms, energy, np.linalg.inv(energy))
+    terms = np.hstack([_harmonics(zeta, LOW_HARMONICS), _bubbles(zeta)])
+    return _DiscQuadrature(zeta, area, terms, energy, np.linalg.inv(energy))
 
 
 def _harmonics(zeta: np.ndarray, degree: int) -> np.ndarray:
@@ -156,10 +165,10 @@ def _bubbles(zeta: np.ndarray) -> np.ndarray:
 def _bubble_slopes(zeta: np.ndarray) -> np.ndarray:
     """(points, bubbles): their gradients, d/dx + i d/dy."""
     (value, slope), m = _radial(zeta), np.arange(WAVES)[:, None]
-    at, power = zeta[:, None, None], np.vander(zeta, WAVES, increasing=True)[:, :, None]
-    by_zeta = m * np.roll(power, 1, axis=1) * value + power * np.conj(at) * slope
-    by_conj = power * at * slope
-    by_zeta, by_conj = (
-        part.reshape(len(zeta), WAVES * RADIAL) for part in (np.conj(by_zeta), by_conj)
+    place, power = zeta[:, None, None], np.vander(zeta, WAVES, increasing=True)[:, :, None]
+    zeta_slope = m * np.roll(power, 1, axis=1) * value + power * np.conj(place) * slope
+    conj_slope = power * place * slope
+    zeta_slope, conj_slope = (
+        part.reshape(len(zeta), WAVES * RADIAL) for part in (np.conj(zeta_slope), conj_slope)
     )
-    return np.hstack([by_conj + by_zeta, 1j * (by_zeta - by_conj)[:, RADIAL:]])
+    return np.hstack([conj_slope + zeta_slope, 1j * (zeta_slope - conj_slope)[:, RADIAL:]])

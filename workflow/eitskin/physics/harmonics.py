@@ -8,8 +8,8 @@ import numpy as np
 from eitskin.physics import neumann
 from eitskin.physics.arrays import as_in, library
 
-MORE = 4  # moments than degrees
-MOST_OVAL = 0.2  # foci of an edge whose moments are taken, over its centre's distance to the rim
+EXTRA_MOMENTS = 4  # beyond the degree, as an oval edge mixes orders
+LARGEST_FOCUS = 0.2  # of foci over the centre's distance to the rim: above, moments converge slowly
 
 
 @dataclass(frozen=True)
@@ -68,9 +68,9 @@ class RimField:
     a closed curve, a touch's edge: int dN(x, y)/dn_y v(y) ds_y.
 
     It is (1 / pi) Im sum_j m_j (x - centre)^-j with the moments m_j = int v(y) (y - centre)^(j - 1)
-    dy: on the rim both logarithms of N agree. MORE moments are taken than degrees, or as many as
-    the nodes tell. They converge beyond the foci of an oval edge; where these are not well within
-    the distance to the rim, the integral is taken as it stands.
+    dy, as both logarithms of N agree on the rim. The degree plus EXTRA_MOMENTS moments are taken,
+    or as many as the nodes resolve. They converge beyond the foci of an oval edge; where the foci
+    are not well within the distance to the rim, the integral is evaluated directly.
     """
 
     def __init__(
@@ -81,30 +81,31 @@ class RimField:
         self.zeta, self.dzeta, self.values = zeta, dzeta, values
         step = (zeta - self.centre[..., None]).conj() / self.radius[..., None]
         foci = xp.sqrt(abs(1.0 - xp.min(abs(step), axis=-1) ** 2)) * self.radius
-        self.oval = foci > MOST_OVAL * (1.0 - abs(self.centre))
-        count = min(harmonics.degree + MORE, zeta.shape[-1] - harmonics.degree - 2)
+        self.oval = foci > LARGEST_FOCUS * (1.0 - abs(self.centre))
+        count = min(harmonics.degree + EXTRA_MOMENTS, zeta.shape[-1] - harmonics.degree - 2)
         line = dzeta.conj() / (np.pi * self.radius[..., None])
         # (..., 2 J, columns): real and imaginary parts of conj(m_j) / pi, lengths over the radius.
         self.moments = _powers(line, step, count) @ values
 
-    def at(self, rim: np.ndarray) -> np.ndarray:
-        """(..., points, columns): at rim points (points,), or (..., points)."""
+    def potential(self, rim: np.ndarray) -> np.ndarray:
+        """(..., points, columns): potential at rim points (points,) or (..., points)."""
         step = self.radius[..., None] / (rim - self.centre[..., None])
-        found = _powers(-1j * step, step, self.moments.shape[-2] // 2).mT @ self.moments
+        potential = _powers(-1j * step, step, self.moments.shape[-2] // 2).mT @ self.moments
         rim = library(rim).broadcast_to(rim, step.shape)
-        for one in map(tuple, np.argwhere(self.oval.tolist())):
-            kernel = neumann.rim_flux_kernel(rim[one], self.zeta[one], self.dzeta[one])
-            found[one] = kernel @ self.values[one]
-        return found
+        for index in map(tuple, np.argwhere(self.oval.tolist())):
+            kernel = neumann.rim_flux_kernel(rim[index], self.zeta[index], self.dzeta[index])
+            potential[index] = kernel @ self.values[index]
+        return potential
 
 
-def _powers(first: np.ndarray, step: np.ndarray, count: int) -> np.ndarray:
-    """(..., 2 count, points): first step^j for j = 0 and up, real parts, then imaginary ones."""
+def _powers(power: np.ndarray, step: np.ndarray, count: int) -> np.ndarray:
+    """(..., 2 count, points): power * step^j for j = 0 ... count - 1, real parts, then imaginary
+    parts."""
     xp, (*stack, points) = library(step), step.shape
     powers = xp.empty((*stack, 2 * count, points), dtype=step.real.dtype, device=step.device)
     for j in range(count):
-        powers[..., j, :], powers[..., count + j, :] = first.real, first.imag
-        first = first * step
+        powers[..., j, :], powers[..., count + j, :] = power.real, power.imag
+        power = power * step
     return powers
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from eitskin.physics.arrays import library
 
-CACHED_BYTES = 1 << 17  # of an array that is made of many others of its size
+CACHED_BYTES = 1 << 17  # of a block of rows, so that its intermediate arrays stay in the cache
 
 
 def rim_potential(angle: np.ndarray) -> np.ndarray:
@@ -26,16 +26,16 @@ def rim_potential_slope(angle: np.ndarray) -> np.ndarray:
 
 
 def potential(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """N(x, y); x and y apart."""
+    """N(x, y) for x != y."""
     product = (x - y) * (1.0 - x * np.conj(y))
     return -np.log(product.real**2 + product.imag**2) / (4.0 * np.pi)
 
 
 def flux_kernel(x: np.ndarray, y: np.ndarray, dy: np.ndarray) -> np.ndarray:
-    """dN(x, y)/dn_y ds_y for y inside or on the rim; x and y apart."""
+    """dN(x, y)/dn_y ds_y for y inside or on the rim and x != y."""
     conj = x.conj()
-    apart, below = y - x, 1.0 - conj * y
-    return ((below - conj * apart) / (apart * below) * (dy / (-2.0 * np.pi))).imag
+    difference, below = y - x, 1.0 - conj * y
+    return ((below - conj * difference) / (difference * below) * (dy / (-2.0 * np.pi))).imag
 
 
 def flux_kernel_diagonal(y: np.ndarray, dy: np.ndarray, turn: np.ndarray) -> np.ndarray:
@@ -48,13 +48,13 @@ def flux_kernel_diagonal(y: np.ndarray, dy: np.ndarray, turn: np.ndarray) -> np.
     return -(0.5 * turn - image.imag) / (2.0 * np.pi)
 
 
-def own_flux_kernel(
+def self_flux_kernel(
     y: np.ndarray, slope: np.ndarray, bend: np.ndarray, weight: np.ndarray, jump: float = 0.0
 ) -> np.ndarray:
     """(..., N, N): `flux_kernel` between the nodes of one smooth curve.
 
     y, slope, bend (..., N): nodes, first and second derivatives by the parameter; weight (N,) or
-    (..., N); jump: what a node has of itself besides, -1/2 from inside a closed curve.
+    (..., N); jump: added on the diagonal, -1/2 for the limit from inside a closed curve.
     """
     xp, (*stack, count) = library(y), y.shape
     dy = slope * weight
@@ -62,13 +62,13 @@ def own_flux_kernel(
     rows = max(CACHED_BYTES // (16 * y.size), 1) if xp is np else count
     with np.errstate(divide="ignore", invalid="ignore"):  # on the diagonal, which has a limit
         for start in range(0, count, rows):
-            some = slice(start, start + rows)
-            kernel[..., some, :] = flux_kernel(
-                y[..., some, None], y[..., None, :], dy[..., None, :]
+            block = slice(start, start + rows)
+            kernel[..., block, :] = flux_kernel(
+                y[..., block, None], y[..., None, :], dy[..., None, :]
             )
-    own = flux_kernel_diagonal(y, dy, (bend / slope).imag * weight)
-    each = xp.arange(count, device=y.device)
-    kernel[..., each, each] = own + jump
+    diagonal = flux_kernel_diagonal(y, dy, (bend / slope).imag * weight)
+    index = xp.arange(count, device=y.device)
+    kernel[..., index, index] = diagonal + jump
     return kernel
 
 
@@ -79,6 +79,6 @@ def rim_flux_kernel(rim: np.ndarray, y: np.ndarray, dy: np.ndarray) -> np.ndarra
     rows = max(CACHED_BYTES // (16 * max(len(y), 1)), 1) if xp is np else max(len(rim), 1)
     line = dy / -np.pi
     for start in range(0, len(rim), rows):
-        some = slice(start, start + rows)
-        kernel[some] = (line / (y - rim[some, None])).imag
+        block = slice(start, start + rows)
+        kernel[block] = (line / (y - rim[block, None])).imag
     return kernel

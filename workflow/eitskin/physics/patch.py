@@ -22,29 +22,31 @@ from eitskin.physics.contact_current import EvenCurrent
 from eitskin.physics.electrodes import Electrodes
 from eitskin.physics.forward import Forward
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.kept_touches import Coupled, Entered, KeptTouches, Place
 from eitskin.physics.touch import (
+    EDGE_ANGLES,
     NODE_COUNTS,
-    ROUND,
     Circle,
+    PanelSizes,
+    Surroundings,
     Touch,
     TouchAccuracy,
     TouchEdge,
     even_nodes,
 )
+from eitskin.physics.touch_cache import ContactCoupling, Place, TouchCache, TouchCoupling
 
-LEAST_GAP = 0.03  # of a patch to the rim, in its radii
-LEAST_NODES = 48
-LONGEST_PANEL = 0.6
-PATCHED = 3.0  # times what a new touched place takes on a skin without a patch
-SAME_CIRCLE = 0.01  # a touch closer to the patch's own disc, in its radii, is taken for it: to 2 %
+LEAST_GAP = 0.03  # of a patch to the rim, in its radii: closer, it needs more nodes than there are
+LEAST_NODES = 48  # resolve a patch far from the rim
+LONGEST_PANEL = 0.6  # radians
+PATCHED_EFFORT = 3.0  # of a new touched place, relative to one on a skin without a patch
+SAME_CIRCLE = 0.01  # of the patch's radius; a touch this close to the patch is its disc, to 2 %
 
 
 class PatchEdge(Circle):
-    """A patch's edge on even nodes, and the charge that any field leaves on it.
+    """A patch's edge on even nodes, and the charge that an external field induces on it.
 
-    Charges are per node, their weights included. Raises InputError for a patch that the rim clips
-    or nearly touches.
+    Charges are per node, quadrature weights included. Raises InputError for a patch that the rim
+    clips or nearly touches.
     """
 
     def __init__(self, geometry: Geometry, disc: DiscMap, accuracy: TouchAccuracy):
@@ -55,46 +57,47 @@ class PatchEdge(Circle):
         self.reflection = 2.0 * (self.factor - 1.0) / (self.factor + 1.0)
         self.digits = -np.log(accuracy.tolerance)
         gap = self.rim_gap()
-        on_skin = np.abs(self.place(ROUND)).max() < np.abs(geometry.rim(ROUND)).max()
+        on_skin = np.abs(self.place(EDGE_ANGLES)).max() < np.abs(geometry.rim(EDGE_ANGLES)).max()
         if not (on_skin and gap > LEAST_GAP):
             place = f"({patch.x_mm:g}, {patch.y_mm:g}) mm, radius {patch.radius_mm:g} mm"
             expected = f"a disc within the skin, off its rim by {LEAST_GAP:g} of its radius"
             raise InputError("skin", "patch", place, expected)
-        wanted = max(self.digits / np.log1p(gap), LEAST_NODES)
-        count = next((n for n in NODE_COUNTS if n >= wanted), NODE_COUNTS[-1])
+        needed_nodes = max(self.digits / np.log1p(gap), LEAST_NODES)
+        count = next((n for n in NODE_COUNTS if n >= needed_nodes), NODE_COUNTS[-1])
         self.t, self.weight = even_nodes(count)
         self.zeta, self.tangent, curvature = self.mapped(self.t, 2)
         self.dzeta = self.tangent * self.weight
-        kernel = neumann.own_flux_kernel(self.zeta, self.tangent, curvature, self.weight)
+        kernel = neumann.self_flux_kernel(self.zeta, self.tangent, curvature, self.weight)
         self.kernel = kernel.T
         self._factors = lu_factor(np.eye(count) + self.reflection * self.kernel)
 
     def charge(self, flux: np.ndarray) -> np.ndarray:
-        """(nodes, k): charge that fields of this flux (nodes, k) through the edge leave on it."""
+        """(nodes, k): charge on the edge induced by fields with this flux (nodes, k) through it."""
         return lu_solve(self._factors, -self.reflection * flux)
 
-    def near(self, other: Circle) -> "PatchNodes":
-        """Nodes that resolve what another circle near this one does; the even ones where far."""
-        apart = self.gap(other) / self.radius
-        if apart > 0 and self.digits / np.log1p(apart) <= len(self.t):
+    def nodes_beside(self, circle: Circle) -> "PatchNodes":
+        """Nodes that resolve the field of another circle close to this one; the even ones where
+        it is far."""
+        gap = self.gap(circle) / self.radius
+        if gap > 0 and self.digits / np.log1p(gap) <= len(self.t):
             return PatchNodes(self, self.t, self.zeta, self.dzeta, None)
-        start = np.angle(other.centre - self.centre)
-        panels = (LONGEST_PANEL, self.accuracy.rim_gap, self.accuracy.panel_nodes)
+        start = np.angle(circle.centre - self.centre)
+        panels = PanelSizes(LONGEST_PANEL, self.accuracy.rim_gap, self.accuracy.panel_nodes)
         stop = start + 2.0 * np.pi
-        t, weight = self.panels(start, stop, other, lambda t: np.inf, panels)
+        t, weight = self.panels(start, stop, circle, lambda t: np.inf, panels)
         zeta, tangent = self.mapped(t, 1)
-        half = 0.5 * (t[:, None] - self.t)
+        half_angle = 0.5 * (t[:, None] - self.t)
         count = len(self.t)
         with np.errstate(divide="ignore", invalid="ignore"):
-            dirichlet = np.sin(count * half) / (count * np.tan(half))
-        spread = np.where(np.abs(np.sin(half)) < 1e-14, 1.0, dirichlet)
+            dirichlet = np.sin(count * half_angle) / (count * np.tan(half_angle))
+        spread = np.where(np.abs(np.sin(half_angle)) < 1e-14, 1.0, dirichlet)
         return PatchNodes(self, t, zeta, tangent * weight, spread, weight)
 
 
 @dataclass(frozen=True)
 class PatchNodes:
-    """Nodes of a patch's edge for one touch; `spread` (nodes, even nodes) is the trigonometric
-    interpolation from the even ones, None where these are they."""
+    """Nodes of a patch's edge for one touch. spread (nodes, even nodes): trigonometric
+    interpolation from the even nodes; None where the nodes are the even ones."""
 
     edge: PatchEdge
     t: np.ndarray
@@ -104,40 +107,42 @@ class PatchNodes:
     weight: np.ndarray | None = None
 
     def even(self, charge: np.ndarray) -> np.ndarray:
-        """(even nodes, k): the charges that act alike on whatever is smooth along the edge."""
+        """(even nodes, k): charges on the even nodes with the same action on any smooth function
+        of the edge."""
         return charge if self.spread is None else self.spread.T @ charge
 
     def charge(self, flux: np.ndarray) -> np.ndarray:
-        """(nodes, k): charge that fields of this flux (nodes, k) through the edge leave on it."""
+        """(nodes, k): charge on the edge induced by fields with this flux (nodes, k) through it."""
         even = self.edge.charge(self.even(flux))
         if self.spread is None:
             return even
-        return -self.edge.reflection * (flux + self._own_flux(even))
+        return -self.edge.reflection * (flux + self._self_flux(even))
 
-    def _own_flux(self, even: np.ndarray) -> np.ndarray:
+    def _self_flux(self, even: np.ndarray) -> np.ndarray:
         assert self.spread is not None and self.weight is not None
         per_angle = (self.edge.kernel @ even) / self.edge.weight[:, None]
         return self.weight[:, None] * (self.spread @ per_angle)
 
     def charge_within(self, flux: np.ndarray, within: np.ndarray) -> np.ndarray:
-        """(nodes, k): charge on the nodes `within` alone, at which it answers the flux there."""
+        """(nodes, k): induced charge on the nodes of the mask `within` alone, where it balances
+        the flux."""
         charge = np.zeros_like(flux)
         if within.all():
             return self.charge(flux)
         assert self.spread is not None and self.weight is not None  # even ones are all within
-        part = self.spread[within]
+        part_spread = self.spread[within]
         kernel = self.edge.kernel / self.edge.weight[:, None]
-        own = self.weight[within, None] * (part @ kernel @ part.T)
-        system = np.eye(len(part)) + self.edge.reflection * own
+        self_flux = self.weight[within, None] * (part_spread @ kernel @ part_spread.T)
+        system = np.eye(len(part_spread)) + self.edge.reflection * self_flux
         charge[within] = np.linalg.solve(system, -self.edge.reflection * flux[within])
         return charge
 
 
 @dataclass(frozen=True)
 class BareTouch:
-    """A touch as it is on the skin without its patch: its edge, with the nodes that it has beside
-    the patch, and what its multipoles are to the electrodes' modes (n order, 2 degree), before the
-    electrodes' own modes relax."""
+    """A touch on the skin without its patch: its edge, with the nodes that it has beside the
+    patch, and its multipoles' coupling (n order, 2 degree) to the electrodes' modes before those
+    relax."""
 
     edge: TouchEdge
     coupling: np.ndarray
@@ -146,17 +151,17 @@ class BareTouch:
     def nbytes(self) -> int:
         """Bytes of its arrays."""
         arrays = [v for v in vars(self.edge).values() if isinstance(v, np.ndarray)]
-        return self.coupling.nbytes + sum(one.nbytes for one in arrays)
+        return self.coupling.nbytes + sum(array.nbytes for array in arrays)
 
 
 @dataclass(frozen=True)
 class PatchedTouch:
-    """A touch on a patched skin: what TouchEdge and its coupling are to an even one.
+    """A touch on a patched skin, with the interface of a TouchEdge and its coupling.
 
-    mass, self_response (2 degree, 2 degree) of multipoles of the patched skin; coupling (n order,
-    2 degree) to the electrodes' modes, before the electrodes' own modes relax. factor: the skin's
-    in the touch, None where the patch's edge goes through it; nodes: of the patch's edge; charge
-    (nodes, 2 degree): what the multipoles leave on them.
+    mass, self_response (2 degree, 2 degree): of the multipoles of the patched skin; coupling (n
+    order, 2 degree): to the electrodes' modes before those relax; factor: of the skin's
+    conductivity within the touch, None where the patch's edge crosses it; nodes: of the patch's
+    edge; charge (nodes, 2 degree): induced on them by the multipoles.
     """
 
     touch: Touch
@@ -169,27 +174,31 @@ class PatchedTouch:
     charge: np.ndarray | None = None
 
     @classmethod
-    def on_patch(cls, touch: Touch, patch: PatchEdge, forward: "PatchForward") -> "PatchedTouch":
-        """A touch that covers the patch and no more: its factor and the patch's are of one disc."""
+    def covering_patch(
+        cls, touch: Touch, patch: PatchEdge, forward: "PatchForward"
+    ) -> "PatchedTouch":
+        """A touch that covers exactly the patch: both factors apply to one disc."""
         edge = TouchEdge(touch, patch.geometry, patch.disc, forward.accuracy.touch)
-        factor, response = patch.factor, edge.self_response
-        patched = factor * np.linalg.solve(edge.mass + (factor - 1.0) * response, edge.mass)
+        factor, self_response = patch.factor, edge.self_response
+        patched = factor * np.linalg.solve(edge.mass + (factor - 1.0) * self_response, edge.mass)
         coupling = forward.electrodes.project(edge.rim_response(forward.electrodes.rim)) @ patched
-        own = factor * response @ patched
-        return cls(touch, edge, factor * edge.mass, 0.5 * (own + own.T), coupling, None)
+        response = factor * self_response @ patched
+        return cls(touch, edge, factor * edge.mass, 0.5 * (response + response.T), coupling, None)
 
     @classmethod
-    def by_patch(cls, touch: Touch, patch: PatchEdge, forward: "PatchForward") -> "PatchedTouch":
-        """A touch beside the patch, in it, round it or across its edge."""
+    def beside_patch(
+        cls, touch: Touch, patch: PatchEdge, forward: "PatchForward"
+    ) -> "PatchedTouch":
+        """A touch beside the patch, within it, around it or across its edge."""
         bare = forward.bare_touch(touch)
-        edge, nodes = bare.edge, patch.near(bare.edge)
+        edge, nodes = bare.edge, patch.nodes_beside(bare.edge)
         within = np.abs(patch.place(nodes.t) - edge.centre) < edge.radius
         inside = np.abs(edge.place(edge.t) - patch.centre) < patch.radius
         if not len(edge.crossings(patch)):
             within[:], inside[:] = within.mean() > 0.5, inside.mean() > 0.5
             if not within.any():
                 factor = patch.factor if inside.any() else 1.0
-                return cls._whole(touch, bare, nodes, factor, forward)
+                return cls._uncrossed(touch, bare, nodes, factor, forward)
         rim = np.exp(1j * edge.rim_theta)
         boundary = np.concatenate([edge.zeta, rim])
         dzeta = np.concatenate([edge.tangent * edge.weight, 1j * rim * edge.rim_weight])
@@ -213,9 +222,9 @@ class PatchedTouch:
         potential = kernel @ values[:on_edge]
         if edge.clipped:
             covered = edge.covers(electrodes.rim)
-            there = electrodes.rim[covered]
-            potential[covered] += edge.harmonics.values(there)
-            potential[covered] += neumann.potential(there[:, None], nodes.zeta) @ bend
+            covered_rim = electrodes.rim[covered]
+            potential[covered] += edge.harmonics.values(covered_rim)
+            potential[covered] += neumann.potential(covered_rim[:, None], nodes.zeta) @ bend
         return cls(
             touch,
             edge,
@@ -228,7 +237,7 @@ class PatchedTouch:
         )
 
     @classmethod
-    def _whole(
+    def _uncrossed(
         cls,
         touch: Touch,
         bare: BareTouch,
@@ -236,52 +245,52 @@ class PatchedTouch:
         factor: float,
         forward: "PatchForward",
     ) -> "PatchedTouch":
-        """A touch that no edge of the patch goes through, where the skin's factor is this one: what
-        it is on the bare skin, and what the patch's charge adds."""
+        """A touch that the patch's edge does not cross, where the skin's factor is `factor`: its
+        response on the bare skin plus that of the patch's induced charge."""
         edge = bare.edge
         rim = np.exp(1j * edge.rim_theta)
         boundary = np.concatenate([edge.zeta, rim])
         flux = np.concatenate([edge.flux, edge.rim_flux])
         into_patch = neumann.flux_kernel(boundary[:, None], nodes.zeta, nodes.dzeta)
         charge = nodes.charge(into_patch.T @ flux)
-        met = flux.T @ (neumann.potential(boundary[:, None], nodes.zeta) @ charge)
-        response = factor * (edge.self_response + 0.5 * (met + met.T))
+        patch_response = flux.T @ (neumann.potential(boundary[:, None], nodes.zeta) @ charge)
+        response = factor * (edge.self_response + 0.5 * (patch_response + patch_response.T))
         coupling = bare.coupling + forward.at_patch.T @ nodes.even(charge)
         mass = factor * edge.mass
         return cls(touch, edge, mass, response, coupling, factor, nodes, charge)
 
 
 class PatchForward(Forward):
-    """A skin with a patch, ready to be touched at one place; as Forward otherwise.
+    """A skin with a patch, ready to be touched at one place; otherwise like Forward.
 
     Raises InputError for a patch at the rim, and for one on a skin whose conductivity rises across
-    it. In a body, a patch reaches through the whole depth, and it and touches beside it couple to
-    the mean over the depth alone.
+    it. In a body, a patch reaches through the whole depth; it and touches beside it couple to the
+    mean over the depth alone.
     """
 
-    touch_effort = PATCHED * Forward.touch_effort
+    touch_effort = PATCHED_EFFORT * Forward.touch_effort
     patch: PatchEdge
     at_patch: np.ndarray
     change: np.ndarray
 
-    def __init__(self, bare: Forward, geometry: Geometry, near: Forward | None = None):
-        """`bare`: the same skin without its patch; `near`: a solved skin, to share with."""
+    def __init__(self, bare: Forward, geometry: Geometry, donor: Forward | None = None):
+        """`bare`: the same skin without its patch; `donor`: a solved skin, to share parts with."""
         vars(self).update(vars(bare))
         self.bare, self.geometry = bare, geometry
-        self.effort, self.touch_effort = bare.effort, PATCHED * bare.touch_effort
+        self.effort, self.touch_effort = bare.effort, PATCHED_EFFORT * bare.touch_effort
         if bare.bulk:
             raise InputError("skin", "patch", "a gradient of the conductivity", "none")
         if (
-            isinstance(near, PatchForward)
-            and near.geometry.patch == geometry.patch
-            and near.bare.matches(bare.geometry, bare.accuracy, bare.electrodes.order)
+            isinstance(donor, PatchForward)
+            and donor.geometry.patch == geometry.patch
+            and donor.bare.matches(bare.geometry, bare.accuracy, bare.electrodes.order)
         ):
-            self.patch, self.at_patch = near.patch, near.at_patch
-            self._kept = near._kept
-            change = near.change
+            self.patch, self.at_patch = donor.patch, donor.at_patch
+            self._touch_cache = donor._touch_cache
+            change = donor.change
         else:
             self.patch = PatchEdge(geometry, bare.disc, bare.accuracy.touch)
-            self._kept = KeptTouches()
+            self._touch_cache = TouchCache()
             self.at_patch = self._at_patch(bare.electrodes)
             change = self._change(bare.electrodes)
         self.change = change
@@ -289,27 +298,28 @@ class PatchForward(Forward):
 
     @property
     def nbytes(self) -> int:
-        """As Forward's, with the skin without its patch and what the patch changes."""
+        """Bytes of the modes' matrices with and without the patch."""
         return super().nbytes + self.bare.nbytes + self.change.nbytes
 
     def bare_touch(self, touch: Touch) -> BareTouch:
-        """A touch as it is without the patch, but for its nodes; kept with the bare skin where
-        these are even: graded ones serve this patch alone."""
+        """The touch on the skin without the patch. It is cached with the bare skin where its
+        nodes are even: graded nodes suit this patch alone."""
         geometry, accuracy = self.geometry, self.accuracy.touch
 
-        def found() -> BareTouch:
-            edge = TouchEdge(touch, geometry, self.patch.disc, accuracy, beside=self.patch)
+        def compute() -> BareTouch:
+            surroundings = Surroundings(circle=self.patch)
+            edge = TouchEdge(touch, geometry, self.patch.disc, accuracy, surroundings)
             coupling = self.electrodes.project(edge.rim_response(self.electrodes.rim))
             return BareTouch(edge, coupling)
 
-        def serves(kept: BareTouch) -> bool:
-            return kept.edge.serves_beside(self.patch)
+        def serves(touch: BareTouch) -> bool:
+            return touch.edge.serves_beside(self.patch)
 
         place = touch.x_mm, touch.y_mm, touch.radius_mm
-        return self.bare._kept.get(BareTouch, place, found, serves)
+        return self.bare._touch_cache.get(BareTouch, place, compute, serves)
 
-    def _new(self, places: list[Place]) -> dict[Place, Coupled]:
-        """None: touches as they are without the patch are kept, and found one by one."""
+    def _new_couplings(self, places: list[Place]) -> dict[Place, TouchCoupling]:
+        """Empty: bare touches are cached and computed one by one."""
         return {}
 
     def _at_patch(self, electrodes: Electrodes) -> np.ndarray:
@@ -317,27 +327,28 @@ class PatchForward(Forward):
         return electrodes.project(neumann.potential(electrodes.rim[:, None], self.patch.zeta)).T
 
     def _change(self, electrodes: Electrodes) -> np.ndarray:
-        """(n order, n order): what the patch changes of the power of the electrodes' modes."""
+        """(n order, n order): change of the power of the electrodes' modes by the patch."""
         flux = neumann.rim_flux_kernel(electrodes.rim, self.patch.zeta, self.patch.dzeta)
         change = self.at_patch.T @ self.patch.charge(electrodes.project(flux).T)
         return 0.5 * (change + change.T)
 
     def edge(  # type: ignore[override]  # what it makes of touches only it meets again
-        self, touch: Touch, apart: float = np.inf
+        self, touch: Touch, touch_clearance: float = np.inf
     ) -> PatchedTouch:
         """The touch's multipoles in the patched skin. Raises InputError for several touches."""
-        if np.isfinite(apart):
+        if np.isfinite(touch_clearance):
             raise InputError("touch", "touches", "several on a patched skin", "one")
         offset = abs(touch.x_mm + 1j * touch.y_mm - self.patch.centre)
         if offset + abs(touch.radius_mm - self.patch.radius) < SAME_CIRCLE * self.patch.radius:
-            return PatchedTouch.on_patch(touch, self.patch, self)
-        return PatchedTouch.by_patch(touch, self.patch, self)
+            return PatchedTouch.covering_patch(touch, self.patch, self)
+        return PatchedTouch.beside_patch(touch, self.patch, self)
 
     def _to_electrodes(self, edge: PatchedTouch) -> np.ndarray:  # type: ignore[override]
         return edge.coupling
 
-    def _even_current(self, edge: PatchedTouch) -> Entered:  # type: ignore[override]
-        """As Forward's. Raises InputError for a touch that covers a part of the patch's edge."""
+    def _even_current(self, edge: PatchedTouch) -> ContactCoupling:  # type: ignore[override]
+        """The coupling, as for Forward. Raises InputError for a touch that covers a part of the
+        patch's edge."""
         if edge.factor is None:
             place = f"({edge.touch.x_mm:g}, {edge.touch.y_mm:g}) mm, across a patch's edge"
             raise InputError("touch", "leak at the touch", place, "a touch on either side of it")
@@ -350,10 +361,10 @@ class PatchForward(Forward):
         to_touch = current.mean_response(edge.edge) + at_nodes @ edge.charge
         power = current.power / edge.factor + float(at_nodes @ charge[:, 0])
         inner_power = current.inner_power / edge.factor
-        return Entered(to_electrodes[:, 0], to_touch, power, inner_power)
+        return ContactCoupling(to_electrodes[:, 0], to_touch, power, inner_power)
 
     def derivatives(
         self, touches: Sequence[Touch] = (), parameters: list[str] | None = None
     ) -> NoReturn:
-        """None is known: raises InputError."""
+        """Raises InputError: derivatives of a patched skin are not implemented."""
         raise InputError("skin", "patch", "one", "none, to differentiate")

@@ -45,16 +45,16 @@ def channel_table(
     n = n_electrodes
     if channels is not None:
         for k, (source, sink, plus, minus) in enumerate(channels):
-            there = all(0 <= electrode < n for electrode in channels[k])
-            if not there or source == sink or plus == minus:
+            in_range = all(0 <= electrode < n for electrode in channels[k])
+            if not in_range or source == sink or plus == minus:
                 expected = f"two pairs of different electrodes, 0 to {n - 1}"
                 raise InputError("protocol", f"channels[{k}]", channels[k], expected)
         return np.array(channels, dtype=int)
     rows = every_channel(n, drive, measure)
     rows = rows[undriven(rows)]
     if not len(rows):
-        found = f"no channel is left with {drive} drive and {measure} measurement"
-        raise InputError("protocol", "drive, measure", found, f"other pairs of {n} electrodes")
+        actual = f"no channel is left with {drive} drive and {measure} measurement"
+        raise InputError("protocol", "drive, measure", actual, f"other pairs of {n} electrodes")
     return rows
 
 
@@ -78,7 +78,7 @@ def reciprocal_channels(channels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of channels with drive and measurement exchanged.
 
     Returns (P, 2) int, first < second, and (P,) sign: v[second] = sign * v[first] for a passive,
-    linear skin (sign -1 where one pair's polarity is turned round).
+    linear skin (sign -1 where the polarity of one pair is reversed).
     """
     index = {tuple(row): k for k, row in enumerate(channels.tolist())}
     pairs, signs = [], []
@@ -90,22 +90,22 @@ def reciprocal_channels(channels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             (minus, plus, source, sink): -1,
         }
         for row, sign in candidates.items():
-            other = index.get(row)
-            if other is not None and other > k:
-                pairs.append((k, other))
+            partner = index.get(row)
+            if partner is not None and partner > k:
+                pairs.append((k, partner))
                 signs.append(sign)
                 break
     return np.array(pairs, dtype=int).reshape(-1, 2), np.array(signs, dtype=float)
 
 
 def tied_channels(channels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(M,) each, of channels (M, 4): one label for all that reciprocity ties to one value, through
-    others too, and the sign with which each has it."""
+    """(M,) each, of channels (M, 4): a label shared by all channels that reciprocity ties to one
+    value, directly or through others, and the sign with which each has that value."""
     pairs, signs = reciprocal_channels(channels)
     label, sign = np.arange(len(channels)), np.ones(len(channels))
-    for (first, second), turned in zip(pairs, signs, strict=True):
-        if label[first] != label[second]:
-            members = label == label[second]
-            sign[members] *= turned * sign[first] * sign[second]
-            label[members] = label[first]
+    for (channel, partner), pair_sign in zip(pairs, signs, strict=True):
+        if label[channel] != label[partner]:
+            members = label == label[partner]
+            sign[members] *= pair_sign * sign[channel] * sign[partner]
+            label[members] = label[channel]
     return label, sign

@@ -16,7 +16,7 @@ from eitskin.physics.arrays import NUMPY, as_in, library
 from eitskin.physics.conformal import DiscMaps
 from eitskin.physics.depth import span
 from eitskin.physics.electrodes import Electrodes, contact_drop, interaction, tested
-from eitskin.physics.even_touches import EvenTouches, alike, together
+from eitskin.physics.even_touches import EvenTouches, by_resolution, touches_per_batch
 from eitskin.physics.forward import (
     ACCURACIES,
     Accuracy,
@@ -24,11 +24,11 @@ from eitskin.physics.forward import (
     TouchModes,
     channel_values,
     disc_map,
-    separated,
+    separated_modes,
 )
 from eitskin.physics.geometry import Geometry, Unfoldings
 from eitskin.physics.harmonics import symmetric
-from eitskin.physics.touch import ROUND, Circle
+from eitskin.physics.touch import EDGE_ANGLES, Circle
 
 CORE_BYTES, DEVICE_BYTES = 1 << 22, 1 << 30  # of an array of touches that are found together
 INSIDE_MM = 1.0  # radius of a touch in the middle, which stands for one that Forward finds
@@ -51,24 +51,24 @@ class Sheets:
         _check(geometries)
         self.geometries = geometries
         self.accuracy = ACCURACIES[accuracy] if isinstance(accuracy, str) else accuracy
-        self._array: Any = NUMPY if device is None else _on(device)
+        self._array: Any = NUMPY if device is None else _device_array(device)
         nbytes = CORE_BYTES if device in (None, "cpu") else DEVICE_BYTES
         self._most_bytes = nbytes // len(geometries)
         discs = [disc_map(geometry) for geometry in geometries]
         order = max(self.accuracy.modes(geometry) for geometry in geometries)
-        each = list(map(Electrodes, geometries, discs, [order] * len(discs)))
+        electrodes = list(map(Electrodes, geometries, discs, [order] * len(discs)))
         self.maps = DiscMaps(discs, self._array)
         self.unfoldings = Unfoldings(geometries, self._array)
-        self.n, self.order = each[0].n, order
-        self.modes = self._stacked([each[0].modes])[0]
+        self.n, self.order = electrodes[0].n, order
+        self.modes = self._stacked([electrodes[0].modes])[0]
         theta, stretch, factor, arc = (
-            self._stacked([getattr(one, name) for one in each])
+            self._stacked([getattr(skin_electrodes, name) for skin_electrodes in electrodes])
             for name in ("theta", "stretch", "factor", "arc_m")
         )
-        self.rim = library(theta).exp(1j * theta.reshape(len(each), -1))
+        self.rim = library(theta).exp(1j * theta.reshape(len(electrodes), -1))
         self.sheet_resistance = self._stacked([g.sheet_resistance_ohm for g in geometries])
         length = [1e-3 * g.contact_length_mm for g in geometries]
-        t, weight = self._stacked([each[0].t])[0], self._stacked([each[0].weight])[0]
+        t, weight = self._stacked([electrodes[0].t])[0], self._stacked([electrodes[0].weight])[0]
         matrix = interaction(t, self.modes, theta, stretch, factor)
         drop = contact_drop(self.modes, weight, self._stacked(length), arc)
         self._relax(matrix, drop)
@@ -80,11 +80,12 @@ class Sheets:
         """The electrodes' own modes at the least power, as Forward's: the Schur complement."""
         xp, skins = library(matrix), len(self.geometries)
         mode = np.arange(self.n * self.order)
-        own = xp.arange(self.n, device=matrix.device)
+        electrode = xp.arange(self.n, device=matrix.device)
         split = matrix.reshape(skins, self.n, self.order, self.n, self.order)
-        split[:, own, :, own, :] += xp.moveaxis(drop, 1, 0)
+        split[:, electrode, :, electrode, :] += xp.moveaxis(drop, 1, 0)
         self._whole, self._inner = (
-            as_in(mode[which], matrix) for which in (mode % self.order == 0, mode % self.order > 0)
+            as_in(mode[is_selected], matrix)
+            for is_selected in (mode % self.order == 0, mode % self.order > 0)
         )
         rows = matrix[:, self._inner]
         self._white = xp.linalg.inv(xp.linalg.cholesky(symmetric(rows[:, :, self._inner])))
@@ -110,16 +111,18 @@ class Sheets:
         even, resolutions = self._resolved(self._gaps(circles))
         circles.move_inside(as_in(~even[..., None], x))
         shape = (*even.shape, np.size(contrast), len(channels))
-        found = library(x).empty(shape, dtype=x.dtype, device=x.device)
-        for (degree, count), here in self._groups(resolutions):
-            modes = self._touched(circles.at(as_in(here, x)), degree, count)
-            found[:, here] = modes.channel_change(channels, contrast)
+        change = library(x).empty(shape, dtype=x.dtype, device=x.device)
+        for (degree, count), group in self._groups(resolutions):
+            modes = self._touched(circles.at_places(as_in(group, x)), degree, count)
+            change[:, group] = modes.channel_change(channels, contrast)
         for skin in np.flatnonzero(~even.all(axis=1)).tolist():
-            alone = np.flatnonzero(~even[skin])
-            graded = self._graded(skin, placed[skin, alone])
-            each = np.array([modes.channel_change(channels, contrast) for modes in graded])
-            found[skin, alone] = as_in(each, x)
-        return found
+            graded_places = np.flatnonzero(~even[skin])
+            touches = self._graded(skin, placed[skin, graded_places])
+            graded_changes = np.array(
+                [modes.channel_change(channels, contrast) for modes in touches]
+            )
+            change[skin, graded_places] = as_in(graded_changes, x)
+        return change
 
     def _graded(self, skin: int, places: np.ndarray) -> list[TouchModes]:
         """Of touches at places (K, 3) on one skin, on the processor."""
@@ -128,22 +131,22 @@ class Sheets:
 
     def _placed(self, places: ArrayLike) -> np.ndarray:
         """(S, P, 3). Raises InputError."""
-        given, skins = np.asarray(places, float), len(self.geometries)
-        if given.ndim < 2 or given.shape[-1] != 3 or given.shape[:-2] not in ((), (skins,)):
+        array, skins = np.asarray(places, float), len(self.geometries)
+        if array.ndim < 2 or array.shape[-1] != 3 or array.shape[:-2] not in ((), (skins,)):
             expected = f"(P, 3) or ({skins}, P, 3)"
-            raise InputError("touch", "shape of the places", given.shape, expected)
-        if not (given[..., 2] > 0).all():
-            raise InputError("touch", "radius_mm", given[..., 2].min(), "more than 0")
-        return np.broadcast_to(given, (skins, *given.shape[-2:]))
+            raise InputError("touch", "shape of the places", array.shape, expected)
+        if not (array[..., 2] > 0).all():
+            raise InputError("touch", "radius_mm", array[..., 2].min(), "more than 0")
+        return np.broadcast_to(array, (skins, *array.shape[-2:]))
 
     def _gaps(self, circles: "_Circles") -> np.ndarray:
         """(S, P): as Circle.rim_gaps, as many places at once as others are found."""
         count = circles.radius.shape[1]
-        most = max(self._most_bytes // (16 * len(ROUND)), 1)
+        batch = max(self._most_bytes // (16 * len(EDGE_ANGLES)), 1)
         parts = [np.zeros((len(self.geometries), 0))]
-        for start in range(0, count, most):
-            some = slice(start, start + most)
-            parts.append(np.array(circles.at(some).rim_gaps().tolist()))
+        for start in range(0, count, batch):
+            selection = slice(start, start + batch)
+            parts.append(np.array(circles.at_places(selection).rim_gaps().tolist()))
         return np.concatenate(parts, axis=1)
 
     def _resolved(self, gaps: np.ndarray) -> tuple[np.ndarray, dict[int, tuple[int, int]]]:
@@ -151,11 +154,11 @@ class Sheets:
         skins."""
         even = np.zeros(gaps.shape, bool)
         finest: dict[int, tuple[int, int]] = {}
-        for (degree, count), own in alike(gaps.ravel(), self.accuracy.touch).items():
-            even.ravel()[own] = True
-            for place in np.unique(own % gaps.shape[1]).tolist():
-                before = finest.get(place, (0, 0))
-                finest[place] = max(degree, before[0]), max(count, before[1])
+        for (degree, count), touches in by_resolution(gaps.ravel(), self.accuracy.touch).items():
+            even.ravel()[touches] = True
+            for place in np.unique(touches % gaps.shape[1]).tolist():
+                coarser = finest.get(place, (0, 0))
+                finest[place] = max(degree, coarser[0]), max(count, coarser[1])
         return even, finest
 
     def _groups(
@@ -163,10 +166,16 @@ class Sheets:
     ) -> Iterator[tuple[tuple[int, int], np.ndarray]]:
         """Places of one resolution, as many as are found together."""
         for resolution in sorted(set(resolutions.values())):
-            most = together(self._most_bytes, *resolution, self.rim.shape[-1])
-            own = np.array([place for place, one in resolutions.items() if one == resolution])
-            for start in range(0, len(own), most):
-                yield resolution, own[start : start + most]
+            batch = touches_per_batch(self._most_bytes, *resolution, self.rim.shape[-1])
+            group = np.array(
+                [
+                    place
+                    for place, place_resolution in resolutions.items()
+                    if place_resolution == resolution
+                ]
+            )
+            for start in range(0, len(group), batch):
+                yield resolution, group[start : start + batch]
 
     def _touched(self, circles: Circle, degree: int, count: int) -> TouchModes:
         """Of touches (S, P) with even nodes."""
@@ -182,32 +191,32 @@ class Sheets:
 
         gains = coupling[:, :, self._whole] + per_place(self._currents @ inner)
         white = per_place(self._white @ inner)
-        turn, poles = separated(touches.mass, touches.self_response - white.mT @ white)
+        turn, poles = separated_modes(touches.mass, touches.self_response - white.mT @ white)
         return TouchModes(self.sheet_resistance[:, None, None, None] ** 0.5 * gains @ turn, poles)
 
 
 class _Circles(Circle):
     """Circles (S, P, 1) on several skins."""
 
-    def move_inside(self, which: Any) -> None:
+    def move_inside(self, mask: Any) -> None:
         """Those at a mask (S, P, 1) to where nothing is near them."""
         where = library(self.radius).where
-        self.centre = where(which, 0.0, self.centre)
-        self.radius = where(which, INSIDE_MM, self.radius)
+        self.centre = where(mask, 0.0, self.centre)
+        self.radius = where(mask, INSIDE_MM, self.radius)
 
-    def at(self, places: Any) -> "_Circles":
+    def at_places(self, places: Any) -> "_Circles":
         """Those at places, indices (K,) or a slice, on every skin."""
         return _Circles(self.centre[:, places], self.radius[:, places], self.geometry, self.disc)
 
-    def only(self, which: Any) -> Circle:
+    def select(self, mask: Any) -> Circle:
         """Those at a mask (S, P), as circles (K, 1) each on its skin."""
-        skin = which.nonzero()[0] if library(which) is np else which.nonzero(as_tuple=True)[0]
+        skin = mask.nonzero()[0] if library(mask) is np else mask.nonzero(as_tuple=True)[0]
         return Circle(
-            self.centre[which], self.radius[which], self.geometry.only(skin), self.disc.only(skin)
+            self.centre[mask], self.radius[mask], self.geometry.select(skin), self.disc.select(skin)
         )
 
 
-def _on(device: str) -> Any:
+def _device_array(device: str) -> Any:
     import torch  # here, as NumPy alone needs none
 
     return torch.zeros(0, dtype=torch.float64, device=device)
@@ -215,13 +224,13 @@ def _on(device: str) -> Any:
 
 def _check(geometries: Sequence[Geometry]) -> None:
     for geometry in geometries:
-        for key, found in (
+        for key, value in (
             ("gradient_across", geometry.gradient_across),
             ("patch", geometry.patch),
             ("deep", span(geometry)),
         ):
-            if found:
-                raise InputError("skin", key, found, "none, for several sheets at once")
+            if value:
+                raise InputError("skin", key, value, "none, for several sheets at once")
         if geometry.points:
             raise InputError("skin", "electrode_width_mm", 0, "more than 0, for several at once")
     counts = sorted({len(geometry.electrode_deg) for geometry in geometries})

@@ -1,4 +1,4 @@
-"""What the owner of a skin believes of it: the recording's `skin` metadata."""
+"""The properties of a skin as its owner states them: the recording's `skin` metadata."""
 
 import math
 from dataclasses import asdict, dataclass, fields
@@ -23,8 +23,8 @@ class Skin:
     """A disc of gel with electrodes on its rim; None: unknown, to be calibrated.
 
     Units stand in the names; `electrode_width_mm` is an arc length, 0 for point electrodes.
-    outline: where it is no disc, a word for what it is, or its corners (x, y) in mm, one after the
-    other; electrode_xy_mm: (x, y) of every electrode.
+    outline: of a skin that is no disc, a word for its shape, or its corners (x, y) in mm, in order;
+    electrode_xy_mm: (x, y) of every electrode.
     """
 
     radius_mm: float | None
@@ -45,12 +45,12 @@ class Skin:
         """Read the `skin` object; raises InputError naming the key."""
         if not isinstance(metadata, dict):
             raise InputError(file, "skin", repr(metadata), "an object")
-        known = [field.name for field in fields(cls)]
+        keys = [field.name for field in fields(cls)]
         for key in metadata:
-            if key not in known:
-                raise InputError(file, f"skin.{key}", "an unknown key", f"one of {known}")
+            if key not in keys:
+                raise InputError(file, f"skin.{key}", "an unknown key", f"one of {keys}")
         values: dict = {}
-        for key in known:
+        for key in keys:
             if key not in metadata:
                 if key not in OPTIONAL:
                     raise InputError(file, f"skin.{key}", "nothing", "a number or null")
@@ -80,20 +80,20 @@ class Skin:
 def _checked_shape(file: str, key: str, value: Any) -> str | tuple[tuple[float, float], ...]:
     if key == "outline" and isinstance(value, str) and value.strip():
         return value
-    least = 3 if key == "outline" else 1
-    places = isinstance(value, list | tuple) and all(
-        isinstance(one, list | tuple) and len(one) == 2 and all(map(is_number, one))
-        for one in value
+    least_places = 3 if key == "outline" else 1
+    is_places = isinstance(value, list | tuple) and all(
+        isinstance(place, list | tuple) and len(place) == 2 and all(map(is_number, place))
+        for place in value
     )
-    if not places or len(value) < least:
+    if not is_places or len(value) < least_places:
         word = "a word for the shape, or " if key == "outline" else ""
-        expected = f"{word}places [x, y] in mm, {least} or more"
+        expected = f"{word}places [x, y] in mm, {least_places} or more"
         raise InputError(file, f"skin.{key}", repr(value)[:80], expected)
     return tuple((float(x), float(y)) for x, y in value)
 
 
 def _listed(value: object) -> object:
-    return [_listed(one) for one in value] if isinstance(value, tuple) else value
+    return [_listed(element) for element in value] if isinstance(value, tuple) else value
 
 
 def is_number(value: object) -> TypeGuard[int | float]:

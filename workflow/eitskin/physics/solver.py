@@ -1,5 +1,5 @@
-"""Which forward model a skin asks for, and solved skins that others share with: what depends on
-rim and electrodes is computed once."""
+"""The forward model of a geometry, and solved skins whose parts later ones share: what depends on
+rim and electrodes alone is computed once."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -12,82 +12,87 @@ from eitskin.physics.forward import Accuracy, Forward
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.patch import PatchForward
 
-KEPT, KEPT_BYTES = 4, 5 << 28  # of skins; of large bodies fewer are kept
+MAX_SKINS, MAX_BYTES = 4, 5 << 28  # 1.25 GiB: of large bodies fewer than MAX_SKINS are kept
 
 Part = TypeVar("Part")
 Result = TypeVar("Result")
 
 
 def forward_model(
-    geometry: Geometry, accuracy: str | Accuracy = "diagnose", near: Forward | None = None
+    geometry: Geometry, accuracy: str | Accuracy = "diagnose", donor: Forward | None = None
 ) -> Forward:
-    """The forward model that a geometry asks for: a sheet's, a patched one's, or a body's, sharing
-    with `near` what they have alike."""
+    """The forward model of a geometry: of a sheet, of a patched sheet or of a body. It shares
+    with `donor`, a solved skin, the parts in which they agree."""
     if geometry.patch is not None and geometry.patch.contrast != 1.0:
-        bare = near.bare if isinstance(near, PatchForward) else near
+        bare = donor.bare if isinstance(donor, PatchForward) else donor
         bare = forward_model(geometry.with_values(patch=None), accuracy, bare)
-        return PatchForward(bare, geometry, near)
-    if isinstance(near, PatchForward):
-        near = near.bare
+        return PatchForward(bare, geometry, donor)
+    if isinstance(donor, PatchForward):
+        donor = donor.bare
     heights = span(geometry)
     if heights is None:
-        return Forward(geometry, accuracy, near)
-    return DepthForward(geometry, heights, accuracy, near=near)
+        return Forward(geometry, accuracy, donor)
+    return DepthForward(geometry, heights, accuracy, donor=donor)
 
 
-def kept(nbytes: int) -> int:
-    """How many solved skins of so many bytes are kept at once."""
-    return max(min(KEPT, KEPT_BYTES // max(nbytes, 1)), 1)
+def skin_capacity(nbytes: int) -> int:
+    """How many solved skins of this size are kept at once."""
+    return max(min(MAX_SKINS, MAX_BYTES // max(nbytes, 1)), 1)
 
 
-class Spent(Exception):
-    """More skins were asked for than may be solved."""
+class EffortExceeded(Exception):
+    """The effort of the skins solved so far exceeds its limit."""
 
 
 class SolvedSkins:
-    """The latest skin solved of each of a few outlines, the one used last at the end; `spent`: how
-    many sheets could have been solved so far, by skins and by places touched on them.
+    """The latest solved skin of each of a few outlines, in order of use.
 
-    It counts operations, not seconds: whoever stops by it stops at the same point everywhere."""
+    effort: cost of all skins solved and places touched so far, in units of one solved sheet. It
+    counts operations, not seconds, so that a search with a limit stops at the same point on every
+    machine.
+    """
 
     def __init__(self, *solved: Forward):
         self._solved = list(solved)
-        self.spent, self.most = 0.0, math.inf
+        self.effort, self.effort_limit = 0.0, math.inf
 
     @contextmanager
-    def within(self, most: float) -> Iterator[None]:
-        """Where `solve` raises Spent once `spent` is beyond `most`, or beyond what there is round
-        about."""
-        around, self.most = self.most, min(most, self.most)
+    def within(self, limit: float) -> Iterator[None]:
+        """A context in which `solve` raises EffortExceeded once `effort` is above `limit`, or
+        above the limit of an outer context."""
+        outer_limit, self.effort_limit = self.effort_limit, min(limit, self.effort_limit)
         try:
             yield
         finally:
-            self.most = around
+            self.effort_limit = outer_limit
 
     def forked(
-        self, of: Callable[[Part], Result], parts: Iterable[Part], shared: Sequence[Any] = ()
+        self, solve: Callable[[Part], Result], parts: Iterable[Part], shared: Sequence[Any] = ()
     ) -> list[Result]:
-        """As `cores.forked`; what each part solves counts as spent here."""
-        begun = self.spent
+        """The results of `solve` for each part, by cores.forked; the effort of every part is
+        added to `effort`."""
+        effort_before = self.effort
 
         def counted(part: Part) -> tuple[Result, float]:
-            self.spent = begun
-            return of(part), self.spent - begun
+            self.effort = effort_before
+            return solve(part), self.effort - effort_before
 
-        found = cores.forked(counted, parts, shared)
-        self.spent = begun + sum(cost for _, cost in found)
-        return [result for result, _ in found]
+        costed = cores.forked(counted, parts, shared)
+        self.effort = effort_before + sum(cost for _, cost in costed)
+        return [value for value, _ in costed]
 
     def solve(self, geometry: Geometry, accuracy: str) -> Forward:
-        """The forward model of a geometry, sharing with one of the same outline, or with the
-        latest. Raises Spent."""
-        if self.spent > self.most:
-            raise Spent
-        like = next((f for f in self._solved if f.geometry.same_outline(geometry)), None)
-        latest = self._solved[-1] if self._solved else None
-        found = forward_model(geometry, accuracy, like or latest)
-        self.spent += found.effort
-        if like is not None:
-            self._solved.remove(like)
-        self._solved = [*self._solved, found][-kept(found.nbytes) :]
-        return found
+        """The forward model of a geometry, sharing with the solved skin of the same outline, or
+        with the latest. Raises EffortExceeded."""
+        if self.effort > self.effort_limit:
+            raise EffortExceeded
+        same_outline = next(
+            (skin for skin in self._solved if skin.geometry.same_outline(geometry)), None
+        )
+        latest_skin = self._solved[-1] if self._solved else None
+        forward = forward_model(geometry, accuracy, same_outline or latest_skin)
+        self.effort += forward.effort
+        if same_outline is not None:
+            self._solved.remove(same_outline)
+        self._solved = [*self._solved, forward][-skin_capacity(forward.nbytes) :]
+        return forward

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,22 +21,33 @@ from eitskin.physics.geometry import Geometry, RimMotion
 from eitskin.physics.gradient import GradientBulk
 from eitskin.physics.harmonics import Harmonics, RimField, symmetric
 
+# Nodes of a touch's edge: sizes with fast, even steps of about sqrt(2), as many as a touch may
+# have.
 NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
-MOST_EVEN_NODES = 128  # against the rim; nearer to it, nodes are graded
+MOST_EVEN_NODES = 128  # an edge that would need more, near the rim, has graded nodes
 # At a crossing at right angles the shortest panel, in radians, and the nodes of all panels.
 CROSSED_PANEL = 0.03
 CROSSED_NODES = 6
-FLATTEST = 1e-6  # shortest panel, however flat the crossing
-TOUCHING = 1e-5  # squared sine of a crossing so flat that the circles touch
-MOST_STEPS, LAST_STEP = 60, 1e-11  # to a crossing, in radians
-MOST_PANELS = 150  # from one crossing to the next
-ROUND = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)  # where an edge is looked for the rim
+SHORTEST_CROSSED_PANEL = 1e-6  # radians; bounds the number of panels at a flat crossing
+TANGENT_SINE2 = 1e-5  # squared sine of the crossing angle below which circles count as tangent
+MOST_NEWTON_STEPS, LAST_NEWTON_STEP = 60, 1e-11  # of the search for a crossing; radians
+MOST_PANELS = 150  # between two crossings: bounds the cost of circles that nearly coincide
+# Angles at which the distance of an edge to the rim is evaluated.
+EDGE_ANGLES = np.linspace(0.0, 2.0 * np.pi, 512, endpoint=False)
 OFF_SKIN: dict[str, Any] = {"over": "ignore", "invalid": "ignore"}  # where the map says nothing
-FEW = 4  # times fewer points tell how far the rim is
-NEAR = 0.1  # radii off the rim, within which they do not
+ROUGH_STRIDE = 4  # every fourth of EDGE_ANGLES gives the distance to the rim of a touch far from it
+ROUGH_MARGIN = 0.1  # radii; a touch nearer to the rim is measured at all EDGE_ANGLES
 
 Clearance = Callable[[np.ndarray], np.ndarray | float]
-Panels = tuple[float, float, int]  # longest, shortest, nodes
+
+
+class PanelSizes(NamedTuple):
+    """Lengths of the longest and the shortest panel, nodes of each, and the most panels."""
+
+    longest: float
+    shortest: float
+    nodes: int
+    most_panels: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -74,15 +85,15 @@ class TouchAccuracy:
     rim_gap: float
 
     def across(self, gap: float) -> float:
-        """Nodes that resolve what is across a gap, in radii; infinitely many where there is
-        none."""
+        """Number of nodes that resolve a field whose source is `gap` radii away: ln(1 /
+        tolerance) / ln(1 + gap); infinite for a gap of 0 or less."""
         return float(-np.log(self.tolerance) / np.log1p(gap)) if gap > 0 else np.inf
 
-    def resolution(self, wanted: float) -> tuple[int, int]:
-        """Multipoles, and nodes where they are even, for so many nodes wanted."""
-        degree = int(min(self.degree, max(np.ceil(0.5 * wanted), 3)))
-        most = max(wanted, 2 * degree + 4)
-        return degree, next((n for n in NODE_COUNTS if n >= most), NODE_COUNTS[-1])
+    def resolution(self, needed_nodes: float) -> tuple[int, int]:
+        """Highest multipole and number of even nodes of an edge that needs so many nodes."""
+        degree = int(min(self.degree, max(np.ceil(0.5 * needed_nodes), 3)))
+        least_nodes = max(needed_nodes, 2 * degree + 4)
+        return degree, next((n for n in NODE_COUNTS if n >= least_nodes), NODE_COUNTS[-1])
 
 
 @dataclass(frozen=True)
@@ -114,96 +125,117 @@ class Circle:
         """Points of the unit disc at angles t and their derivatives by t up to `order` <= 2."""
         ray = self.radius * library(t).exp(1j * t)
         f = self.disc.derivatives(self.geometry.unfold(self.centre + ray), order)
-        first = self.geometry.unfold(1j * ray)
+        place_slope = self.geometry.unfold(1j * ray)
         mapped = [f[0]]
         if order >= 1:
-            mapped.append(f[1] * first)
+            mapped.append(f[1] * place_slope)
         if order >= 2:
-            mapped.append(f[2] * first**2 + f[1] * self.geometry.unfold(-ray))
+            mapped.append(f[2] * place_slope**2 + f[1] * self.geometry.unfold(-ray))
         return mapped
 
-    def only(self, which: np.ndarray) -> "Circle":
-        """Of several, those at `which`, indices or a mask."""
-        return Circle(self.centre[which], self.radius[which], self.geometry, self.disc)
+    def select(self, indices: np.ndarray) -> "Circle":
+        """The circles at `indices`, integers or a mask."""
+        return Circle(self.centre[indices], self.radius[indices], self.geometry, self.disc)
 
     def rim_gaps(self) -> np.ndarray:
         """(P,): distance to the rim of several, as mapped onto the unit disc and in their radii
         there; below 0 for one that crosses it."""
         with np.errstate(**OFF_SKIN):
-            found = _gaps(self.mapped(as_in(ROUND[::FEW], self.radius), 0)[0])
-            near = ~(found >= NEAR)
-            if near.any():
-                found[near] = _gaps(self.only(near).mapped(as_in(ROUND, self.radius), 0)[0])
-        return found
+            gaps = _gaps(self.mapped(as_in(EDGE_ANGLES[::ROUGH_STRIDE], self.radius), 0)[0])
+            uncertain = ~(gaps >= ROUGH_MARGIN)
+            if uncertain.any():
+                gaps[uncertain] = _gaps(
+                    self.select(uncertain).mapped(as_in(EDGE_ANGLES, self.radius), 0)[0]
+                )
+        return gaps
 
     def rim_gap(self) -> float:
-        """As rim_gaps, of one."""
+        """The rim_gaps of a single circle."""
         centre, radius = np.array([[self.centre]]), np.array([[self.radius]])
         return float(Circle(centre, radius, self.geometry, self.disc).rim_gaps()[0])
 
-    def gap(self, other: "Circle") -> float:
+    def gap(self, circle: "Circle") -> float:
         """Least distance between the two circles, mm; 0 where they cross."""
-        apart = abs(self.centre - other.centre)
-        gap = max(apart - self.radius - other.radius, abs(self.radius - other.radius) - apart)
+        distance = abs(self.centre - circle.centre)
+        gap = max(
+            distance - self.radius - circle.radius, abs(self.radius - circle.radius) - distance
+        )
         return max(gap, 0.0)
 
-    def angle_sine2(self, other: "Circle") -> float:
-        """Squared sine of the angle at which another circle crosses this one; 0 where none does."""
-        a, b, d = self.radius, other.radius, abs(self.centre - other.centre)
+    def angle_sine2(self, circle: "Circle") -> float:
+        """Squared sine of the angle at which another circle crosses this one; 0 without a
+        crossing."""
+        a, b, d = self.radius, circle.radius, abs(self.centre - circle.centre)
         return max(1.0 - ((a**2 + b**2 - d**2) / (2.0 * a * b)) ** 2, 0.0)
 
-    def crossings(self, other: "Circle") -> np.ndarray:
-        """The two angles t at which another circle crosses this one; none where they only touch."""
-        if self.angle_sine2(other) < TOUCHING:
+    def crossings(self, circle: "Circle") -> np.ndarray:
+        """The two angles t at which another circle crosses this one; empty where the circles do
+        not cross or are tangent."""
+        if self.angle_sine2(circle) < TANGENT_SINE2:
             return np.zeros(0)
-        apart = other.centre - self.centre
-        d = abs(apart)
-        cosine = (d**2 + self.radius**2 - other.radius**2) / (2.0 * d * self.radius)
+        step = circle.centre - self.centre
+        distance = abs(step)
+        cosine = (distance**2 + self.radius**2 - circle.radius**2) / (2.0 * distance * self.radius)
         turn = np.arccos(np.clip(cosine, -1.0, 1.0))
-        return (np.angle(apart) + np.array([-turn, turn])) % (2.0 * np.pi)
+        return (np.angle(step) + np.array([-turn, turn])) % (2.0 * np.pi)
 
     def panels(
         self,
         start: float,
         stop: float,
-        other: "Circle | None",
+        neighbour: "Circle | None",
         clearance: Clearance,
-        panels: Panels,
+        panels: PanelSizes,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Nodes and weights from start to stop by graded_panels with `clearance` and `panels`.
 
-        Panels also keep clear of another circle; where it crosses this one they end, and shrink
-        towards it, the further the flatter it crosses.
+        Panels also shrink towards a neighbouring circle. Where it crosses this one panels end, and
+        they shrink the more the flatter the crossing.
         """
-        if other is None:
-            return graded_panels(start, stop, clearance, *panels)
-        crossings = self.crossings(other)
+        if neighbour is None:
+            return graded_panels(start, stop, clearance, panels)
+        crossings = self.crossings(neighbour)
         if len(crossings):
-            size = min(other.radius / self.radius, 1.0)
-            shortest = max(CROSSED_PANEL * size * self.angle_sine2(other), FLATTEST)
-            panels = (panels[0] * CROSSED_NODES / panels[2], shortest, CROSSED_NODES)
+            size = min(neighbour.radius / self.radius, 1.0)
+            shortest = max(
+                CROSSED_PANEL * size * self.angle_sine2(neighbour), SHORTEST_CROSSED_PANEL
+            )
+            longest = panels.longest * CROSSED_NODES / panels.nodes
+            panels = PanelSizes(longest, shortest, CROSSED_NODES)
 
-        def clear(t: np.ndarray) -> np.ndarray:
-            gap = np.abs(np.abs(self.place(t) - other.centre) - other.radius) / self.radius
+        def joint_clearance(t: np.ndarray) -> np.ndarray:
+            gap = np.abs(np.abs(self.place(t) - neighbour.centre) - neighbour.radius) / self.radius
             for crossing in crossings:
                 gap = np.minimum(gap, np.abs(np.sin(0.5 * (t - crossing))))
             return np.minimum(clearance(t), gap)
 
         between = start + (crossings - start) % (2.0 * np.pi)
-        ends = np.unique([start, *between[between < stop], stop])
-        parts = [graded_panels(a, b, clear, *panels, MOST_PANELS) for a, b in pairwise(ends)]
+        panel_ends = np.unique([start, *between[between < stop], stop])
+        panels = panels._replace(most_panels=MOST_PANELS)
+        parts = [graded_panels(a, b, joint_clearance, panels) for a, b in pairwise(panel_ends)]
         node, weight = zip(*parts, strict=True)
         return np.concatenate(node), np.concatenate(weight)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a touch must resolve besides the rim: the distance to the nearest other touch, in its
+    radii, and a circle at which the conductivity jumps."""
+
+    touch_clearance: float = np.inf
+    circle: Circle | None = None
+
+
+ALONE = Surroundings()
 
 
 class TouchEdge(Circle):
     """The boundary of a touch in the unit disc, its multipoles, and how they interact with it.
 
-    Nodes on the edge are evenly spaced, or graded towards the rim, and towards the circle `beside`
-    (an edge of the conductivity), where the touch comes near it; a part of the rim closes a
-    clipped touch. `apart`: distance to the nearest other touch, in radii; `bulk`: where the
-    conductivity rises across the skin. Raises InputError for a touch outside the skin or one that
-    the rim cuts more than twice.
+    Nodes on the edge are evenly spaced, or graded towards the rim and towards the circle of its
+    `surroundings` where the touch comes near them; a part of the rim closes a clipped touch. bulk:
+    the correction for a conductivity that rises across the skin. Raises InputError for a touch
+    outside the skin or one that the rim cuts more than twice.
     """
 
     def __init__(
@@ -212,80 +244,82 @@ class TouchEdge(Circle):
         geometry: Geometry,
         disc: DiscMap,
         accuracy: TouchAccuracy,
-        apart: float = np.inf,
-        beside: Circle | None = None,
+        surroundings: Surroundings = ALONE,
         bulk: GradientBulk | None = None,
     ):
         super().__init__(touch.x_mm + 1j * touch.y_mm, touch.radius_mm, geometry, disc)
         self.touch, self.bulk, self.accuracy = touch, bulk, accuracy
-        degree = self._place_nodes(apart, beside)
+        degree = self._place_nodes(surroundings.touch_clearance, surroundings.circle)
         boundary = np.concatenate([self.zeta, np.exp(1j * self.rim_theta)])
         self.harmonics = Harmonics.around(boundary, degree)
         self._build_modes()
 
-    def _place_nodes(self, apart: float, beside: Circle | None) -> int:
-        """Choose the nodes; returns the multipoles needed."""
+    def _place_nodes(self, touch_clearance: float, neighbour: Circle | None) -> int:
+        """Place the nodes on the edge; returns the highest multipole needed."""
         accuracy = self.accuracy
         gap = self.rim_gap()
-        if not (gap >= 0 or (np.isfinite(gap) and self._meets())):
+        if not (gap >= 0 or (np.isfinite(gap) and self._lies_on_skin())):
             place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm"
             raise InputError("touch", "place", place, "a place on the skin")
         self.held_off = bool(abs(gap) < accuracy.rim_gap)
         if self.held_off:
             self.radius *= 1.0 + gap - accuracy.rim_gap
             gap = accuracy.rim_gap
-        self.for_rim = self.accuracy.across(gap)
-        for_touch = min(self.accuracy.across(apart), NODE_COUNTS[-1])
-        longest, self.even = 2.0 * apart, self.for_rim <= MOST_EVEN_NODES
-        if beside:
-            for_touch = self._for_circle(beside)
-            self.even = self.even and for_touch <= MOST_EVEN_NODES
-        degree, count = self.accuracy.resolution(max(self.for_rim, for_touch))
+        self.rim_nodes = self.accuracy.across(gap)
+        touch_nodes = min(self.accuracy.across(touch_clearance), NODE_COUNTS[-1])
+        longest, self.even = 2.0 * touch_clearance, self.rim_nodes <= MOST_EVEN_NODES
+        if neighbour:
+            touch_nodes = self._neighbour_nodes(neighbour)
+            self.even = self.even and touch_nodes <= MOST_EVEN_NODES
+        degree, count = self.accuracy.resolution(max(self.rim_nodes, touch_nodes))
         longest = min(0.5 * accuracy.panel_nodes / degree, longest)
-        panels = (longest, accuracy.rim_gap, accuracy.panel_nodes)
+        panels = PanelSizes(longest, accuracy.rim_gap, accuracy.panel_nodes)
         self.rim_theta = self.rim_weight = np.zeros(0)
         self.clipped = gap < 0
         if self.clipped:
-            self._clip(panels, beside)
+            self._clip(panels, neighbour)
         elif self.even:
             self.t, self.weight = even_nodes(count)
         else:
-            off = self._off_rim()
-            nearest = ROUND[off.argmin()]
+            rim_distance = self._rim_distance()
+            nearest = EDGE_ANGLES[rim_distance.argmin()]
             end = nearest + 2.0 * np.pi
-            self.t, self.weight = self.panels(nearest, end, beside, _clearance(off), panels)
+            self.t, self.weight = self.panels(
+                nearest, end, neighbour, _clearance(rim_distance), panels
+            )
         self.zeta, self.tangent, self.curvature = self.mapped(self.t, 2)
         return degree
 
-    def _for_circle(self, beside: Circle) -> float:
-        """Nodes that resolve what is between the edge and a circle beside it."""
-        gap = max(self.gap(beside) / self.radius, self.accuracy.rim_gap)
+    def _neighbour_nodes(self, circle: Circle) -> float:
+        """Number of nodes that resolve the gap between the edge and a neighbouring circle."""
+        gap = max(self.gap(circle) / self.radius, self.accuracy.rim_gap)
         return min(self.accuracy.across(gap), NODE_COUNTS[-1])
 
     def serves_beside(self, circle: Circle) -> bool:
-        """Whether nodes and multipoles are those that the touch has beside another circle."""
-        for_touch = self._for_circle(circle)
-        if self.clipped or not self.even or for_touch > MOST_EVEN_NODES:
+        """Whether the touch would have the same nodes and multipoles with this circle as its
+        neighbour."""
+        touch_nodes = self._neighbour_nodes(circle)
+        if self.clipped or not self.even or touch_nodes > MOST_EVEN_NODES:
             return False
-        return self.accuracy.resolution(max(self.for_rim, for_touch)) == (
+        return self.accuracy.resolution(max(self.rim_nodes, touch_nodes)) == (
             self.harmonics.degree,
             len(self.t),
         )
 
-    def _meets(self) -> bool:
+    def _lies_on_skin(self) -> bool:
         """Whether a part of the edge lies on the skin."""
-        near = np.abs(self.geometry.unfold(self.place(ROUND))) <= self.disc.scale
-        return bool((near & (self._off_rim() > 0)).any())
+        in_range = np.abs(self.geometry.unfold(self.place(EDGE_ANGLES))) <= self.disc.scale
+        return bool((in_range & (self._rim_distance() > 0)).any())
 
-    def _off_rim(self) -> np.ndarray:
-        """Distance to the rim, in radians of the edge, at the points of ROUND; below 0 outside."""
+    def _rim_distance(self) -> np.ndarray:
+        """(512,): distance to the rim at EDGE_ANGLES, in radians of the edge; below 0 outside."""
         with np.errstate(**OFF_SKIN):
-            zeta, tangent = self.mapped(ROUND, 1)
+            zeta, tangent = self.mapped(EDGE_ANGLES, 1)
             return (1.0 - np.abs(zeta)) / np.abs(tangent)
 
-    def _clip(self, panels: Panels, beside: Circle | None) -> None:
-        off = self._off_rim()
-        outside = off < 0
+    def _clip(self, panels: PanelSizes, neighbour: Circle | None) -> None:
+        rim_distance = self._rim_distance()
+        outside = rim_distance < 0
         leaves = np.flatnonzero(~outside & np.roll(outside, -1))
         enters = np.flatnonzero(outside & np.roll(~outside, -1))
         if len(leaves) != 1 or self.radius > 0.5 * self.geometry.radius_mm:
@@ -293,7 +327,7 @@ class TouchEdge(Circle):
             raise InputError("touch", "edge", f"{place} cut by the rim", "cut twice at most")
         leave, enter = self._crossings(np.array([leaves[0], enters[0]]))
         end = leave if leave > enter else leave + 2.0 * np.pi
-        self.t, self.weight = self.panels(enter, end, beside, _clearance(off), panels)
+        self.t, self.weight = self.panels(enter, end, neighbour, _clearance(rim_distance), panels)
         arc = self.mapped(np.concatenate([[enter, end], self.t]), 0)[0]
         start = np.angle(arc[1])
         stop = start + (np.angle(arc[0]) - start) % (2.0 * np.pi)
@@ -303,26 +337,29 @@ class TouchEdge(Circle):
 
         scale = np.abs(arc - arc.mean()).max()
         self.rim_theta, self.rim_weight = graded_panels(
-            start, stop, clearance, panels[0] * scale, panels[1] * scale, panels[2]
+            start,
+            stop,
+            clearance,
+            PanelSizes(panels.longest * scale, panels.shortest * scale, panels.nodes),
         )
 
-    def _crossings(self, first: np.ndarray) -> np.ndarray:
-        """Angles (2,) at which the edge crosses the rim, each between a point of ROUND, `first`,
-        and the next: Newton's rule, halving where it leaves the bracket."""
-        low = ROUND[first]
-        high, t = low + ROUND[1], low + 0.5 * ROUND[1]
+    def _crossings(self, bracket: np.ndarray) -> np.ndarray:
+        """Angles (2,) at which the edge crosses the rim. bracket (2,): indices of the EDGE_ANGLES
+        before them. Newton's method, with bisection where it leaves the bracket."""
+        low = EDGE_ANGLES[bracket]
+        high, t = low + EDGE_ANGLES[1], low + 0.5 * EDGE_ANGLES[1]
         sign = np.where(np.abs(self.mapped(low, 0)[0]) <= 1.0, 1.0, -1.0)
-        for _ in range(MOST_STEPS):
+        for _ in range(MOST_NEWTON_STEPS):
             zeta, tangent = self.mapped(t, 1)
             size = np.abs(zeta)
             beyond = size - 1.0
-            before = sign * beyond < 0.0
-            low, high = np.where(before, t, low), np.where(before, high, t)
+            short = sign * beyond < 0.0
+            low, high = np.where(short, t, low), np.where(short, high, t)
             step = beyond * size / (zeta.conj() * tangent).real
             ahead = t - step
             inside = (low <= ahead) & (ahead <= high)
             t = np.where(inside, ahead, 0.5 * (low + high))
-            if (inside & (np.abs(step) < LAST_STEP)).all():
+            if (inside & (np.abs(step) < LAST_NEWTON_STEP)).all():
                 break
         return t
 
@@ -334,7 +371,7 @@ class TouchEdge(Circle):
         self.flux = self.harmonics.flux(self.zeta, dzeta)
         self.rim_flux = self.harmonics.flux(rim, drim)
         edge = self.zeta, self.tangent, self.curvature, self.weight
-        self.kernel = neumann.own_flux_kernel(*edge, jump=-0.5)
+        self.kernel = neumann.self_flux_kernel(*edge, jump=-0.5)
         self.rim_kernel = neumann.rim_flux_kernel(rim, self.zeta, dzeta)
         rim_values = self.harmonics.values(rim)
         if self.bulk:
@@ -350,12 +387,13 @@ class TouchEdge(Circle):
         self.self_response = self.mass + symmetric(response)
 
     def _tilt(self, rim: np.ndarray, drim: np.ndarray, rim_values: np.ndarray) -> None:
-        """Where s of `bulk` is not even: what it changes of fluxes, and the shares of `bulk`.
+        """Correct the fluxes for a conductivity that rises across the skin, and set the terms that
+        couple to `bulk`.
 
-        The multipoles are those of w = sqrt(s) u, and flux is the current over sqrt(s), dw/dn - b
-        w; bent is b w. spread (2 degree, terms): the multipoles' response to psi; polar_spread:
-        psi's share of what their polarisation makes. On the rim no current of it enters but the
-        even one of N, whose whole is return_share (2 degree,).
+        The multipoles are those of w = sqrt(s) u; flux is the current over sqrt(s), dw/dn - b w,
+        and bent is b w. spread (2 degree, terms): the multipoles' response to psi; polar_spread:
+        psi's coefficients in the field of their polarisation. On the rim that field has only the
+        even return current of N, whose integral is return_share (2 degree,).
         """
         assert self.bulk is not None
         bulk, place, dzeta = self.bulk, self.place(self.t), self.tangent * self.weight
@@ -373,23 +411,23 @@ class TouchEdge(Circle):
         self.polar_spread[:, 0] += self.return_share
 
     def _tilted_response(self, rim: np.ndarray) -> np.ndarray:
-        """(2 degree, 2 degree): what the charge -b w on the edge adds to the response.
+        """(2 degree, 2 degree): contribution of the charge -b w on the edge to the response.
 
-        Its own logarithm, of second order in b, takes a node for an even line of its length.
+        A node's potential at itself, of second order in b, is that of an even line of its length.
         """
         log = neumann.potential(self.zeta[:, None] + _eye(self.zeta), self.zeta)
         length = np.abs(self.tangent) * self.weight / (2.0 * np.pi)
-        own = np.log(length * (1.0 - np.abs(self.zeta) ** 2))
-        np.fill_diagonal(log, -own / (2.0 * np.pi))
-        met = self.values + self.kernel @ self.values + self.return_share - log @ self.bent
+        self_log = np.log(length * (1.0 - np.abs(self.zeta) ** 2))
+        np.fill_diagonal(log, -self_log / (2.0 * np.pi))
+        potential = self.values + self.kernel @ self.values + self.return_share - log @ self.bent
         on_rim = neumann.potential(rim[:, None], self.zeta) @ self.bent
-        return self.rim_bent.T @ on_rim - met.T @ self.bent
+        return self.rim_bent.T @ on_rim - potential.T @ self.bent
 
     def rim_response(self, rim: np.ndarray) -> np.ndarray:
         """(points, 2 degree): potential at rim points that the multipoles' polarisation makes."""
         dzeta = self.tangent * self.weight
         if self.even:
-            response = RimField(self.harmonics, self.zeta, dzeta, self.values).at(rim)
+            response = RimField(self.harmonics, self.zeta, dzeta, self.values).potential(rim)
         else:
             response = neumann.rim_flux_kernel(rim, self.zeta, dzeta) @ self.values
         if self.bulk:
@@ -400,23 +438,24 @@ class TouchEdge(Circle):
         return response
 
     def covers(self, rim: np.ndarray) -> np.ndarray:
-        """(points,): whether the touch, clipped, covers these rim points."""
+        """(points,) bool: rim points within a clipped touch."""
         start = self.rim_theta[0]
         return (np.angle(rim) - start) % (2.0 * np.pi) < self.rim_theta[-1] - start
 
-    def inner_response(self, other: "TouchEdge") -> np.ndarray:
-        """(2 degree, 2 degree of other): response of these multipoles to those of another touch."""
-        dzeta = other.tangent * other.weight
-        kernel = neumann.flux_kernel(self.zeta[:, None], other.zeta, dzeta)
-        response = self.flux.T @ (kernel @ other.values)
+    def inner_response(self, source: "TouchEdge") -> np.ndarray:
+        """(2 degree, 2 degree of source): response of these multipoles to those of another touch,
+        `source`."""
+        dzeta = source.tangent * source.weight
+        kernel = neumann.flux_kernel(self.zeta[:, None], source.zeta, dzeta)
+        response = self.flux.T @ (kernel @ source.values)
         rim = np.exp(1j * self.rim_theta)
-        kernel = neumann.rim_flux_kernel(rim, other.zeta, dzeta)
-        response += self.rim_flux.T @ (kernel @ other.values)
+        kernel = neumann.rim_flux_kernel(rim, source.zeta, dzeta)
+        response += self.rim_flux.T @ (kernel @ source.values)
         if self.bulk:
-            log = neumann.potential(self.zeta[:, None], other.zeta)
-            response -= self.flux.T @ (log @ other.bent)
-            log = neumann.potential(rim[:, None], other.zeta)
-            response -= self.rim_flux.T @ (log @ other.bent)
+            log = neumann.potential(self.zeta[:, None], source.zeta)
+            response -= self.flux.T @ (log @ source.bent)
+            log = neumann.potential(rim[:, None], source.zeta)
+            response -= self.rim_flux.T @ (log @ source.bent)
         return response
 
     def place_motion(self, parameter: str) -> EdgeMotion:
@@ -427,32 +466,32 @@ class TouchEdge(Circle):
             "y_mm": (1j * np.ones(len(ray)), 0.0 * ray, 0.0 * ray),
             "radius_mm": tuple(np.exp(1j * self.t) * 1j**n for n in range(3)),
         }[parameter]
-        return self._moved([self.geometry.unfold(s) for s in speed])
+        return self._edge_motion([self.geometry.unfold(s) for s in speed])
 
     def skin_motion(self, motion: RimMotion, map_velocity: MapVelocity) -> EdgeMotion:
         """Node velocities when the skin changes its shape or direction under the touch."""
         ray = self.radius * np.exp(1j * self.t)
         places = (self.centre + ray, 1j * ray, -ray)
-        moved = self._moved([motion.unfolding(place) for place in places])
+        place_motion = self._edge_motion([motion.unfolding(place) for place in places])
         z = self.geometry.unfold(places[0])
-        first, second = self.geometry.unfold(places[1]), self.geometry.unfold(places[2])
+        place_slope, place_bend = self.geometry.unfold(places[1]), self.geometry.unfold(places[2])
         g = map_velocity.derivatives(z, 2)
         return EdgeMotion(
-            moved.zeta + g[0],
-            moved.tangent + g[1] * first,
-            moved.curvature + g[2] * first**2 + g[1] * second,
+            place_motion.zeta + g[0],
+            place_motion.tangent + g[1] * place_slope,
+            place_motion.curvature + g[2] * place_slope**2 + g[1] * place_bend,
         )
 
-    def _moved(self, speed: list[np.ndarray]) -> EdgeMotion:
+    def _edge_motion(self, speed: list[np.ndarray]) -> EdgeMotion:
         ray = self.radius * np.exp(1j * self.t)
         f = self.disc.derivatives(self.geometry.unfold(self.centre + ray), 3)
-        first, second = self.geometry.unfold(1j * ray), self.geometry.unfold(-ray)
+        place_slope, place_bend = self.geometry.unfold(1j * ray), self.geometry.unfold(-ray)
         return EdgeMotion(
             f[1] * speed[0],
-            f[2] * speed[0] * first + f[1] * speed[1],
-            f[3] * speed[0] * first**2
-            + 2.0 * f[2] * speed[1] * first
-            + f[2] * speed[0] * second
+            f[2] * speed[0] * place_slope + f[1] * speed[1],
+            f[3] * speed[0] * place_slope**2
+            + 2.0 * f[2] * speed[1] * place_slope
+            + f[2] * speed[0] * place_bend
             + f[1] * speed[2],
         )
 
@@ -481,8 +520,8 @@ class TouchEdge(Circle):
 
     def _refuse_at_rim(self) -> None:
         if self.clipped or self.held_off:
-            where = "clipped by the rim" if self.clipped else "at the rim"
-            place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm, {where}"
+            state = "clipped by the rim" if self.clipped else "at the rim"
+            place = f"({self.touch.x_mm:g}, {self.touch.y_mm:g}) mm, {state}"
             raise InputError("touch", "derivatives", place, "a touch inside the skin")
 
     def _combine(self, powers: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
@@ -515,11 +554,11 @@ class TouchEdge(Circle):
         self._refuse_at_rim()
         y, dy = self.zeta, self.tangent * self.weight
         value = self.values @ amplitude
-        apart = y - rim[:, None]
-        kernel_dot = dy * rim_dot[:, None] / apart**2
+        step = y - rim[:, None]
+        kernel_dot = dy * rim_dot[:, None] / step**2
         if motion is None:
             return -(kernel_dot.imag / np.pi) @ value
-        kernel_dot = kernel_dot + motion.tangent * self.weight / apart - dy * motion.zeta / apart**2
+        kernel_dot = kernel_dot + motion.tangent * self.weight / step - dy * motion.zeta / step**2
         slope = self._combine(self.harmonics.powers(y, 1), amplitude)
         value_dot = (slope * motion.zeta[:, None]).real
         kernel = neumann.rim_flux_kernel(rim, y, dy)
@@ -527,33 +566,33 @@ class TouchEdge(Circle):
 
     def inner_response_slope(
         self,
-        other: "TouchEdge",
+        source: "TouchEdge",
         amplitude: np.ndarray,
-        other_amplitude: np.ndarray,
+        source_amplitude: np.ndarray,
         motion: EdgeMotion | None,
-        other_motion: EdgeMotion | None,
+        source_motion: EdgeMotion | None,
     ) -> np.ndarray:
-        """(n, n): change of amplitude^T inner_response(other) other_amplitude; motions may be
-        None."""
+        """(n, n): change of amplitude^T inner_response(source) source_amplitude with the motions of
+        both edges; None: an edge at rest."""
         self._refuse_at_rim()
-        other._refuse_at_rim()
-        still = EdgeMotion(*3 * [np.zeros(1, complex)])
-        a, b = motion or still, other_motion or still
-        x, y = self.zeta[:, None], other.zeta
-        dx, dy = self.tangent * self.weight, other.tangent * other.weight
-        dx_dot, dy_dot = a.tangent * self.weight, b.tangent * other.weight
+        source._refuse_at_rim()
+        rest_motion = EdgeMotion(*3 * [np.zeros(1, complex)])
+        a, b = motion or rest_motion, source_motion or rest_motion
+        x, y = self.zeta[:, None], source.zeta
+        dx, dy = self.tangent * self.weight, source.tangent * source.weight
+        dx_dot, dy_dot = a.tangent * self.weight, b.tangent * source.weight
         conj, conj_dot = np.conj(x), np.conj(a.zeta[:, None])
         below, below_dot = 1.0 - conj * y, -conj_dot * y - conj * b.zeta
         kernel_dot = dy_dot / (y - x) - dy * (b.zeta - a.zeta[:, None]) / (y - x) ** 2
         kernel_dot = kernel_dot - (conj_dot * dy + conj * dy_dot) / below
         kernel_dot = kernel_dot + conj * dy * below_dot / below**2
         kernel = neumann.flux_kernel(x, y, dy)
-        value, flux = other.values @ other_amplitude, self.flux @ amplitude
-        slope = other._combine(other.harmonics.powers(other.zeta, 1), other_amplitude)
+        value, flux = source.values @ source_amplitude, self.flux @ amplitude
+        slope = source._combine(source.harmonics.powers(source.zeta, 1), source_amplitude)
         value_dot = (slope * (b.zeta + 0.0 * y)[:, None]).real
-        own = self._combine(self.harmonics.powers(self.zeta, 1), amplitude)
+        field_slope = self._combine(self.harmonics.powers(self.zeta, 1), amplitude)
         bend = self._combine(self.harmonics.powers(self.zeta, 2), amplitude)
-        flux_dot = (bend * (a.zeta * dx)[:, None] + own * (dx_dot + 0.0 * dx)[:, None]).imag
+        flux_dot = (bend * (a.zeta * dx)[:, None] + field_slope * (dx_dot + 0.0 * dx)[:, None]).imag
         slope_of_kernel = -(kernel_dot.imag / (2.0 * np.pi)) @ value
         return flux_dot.T @ (kernel @ value) + flux.T @ (slope_of_kernel + kernel @ value_dot)
 
@@ -564,14 +603,14 @@ def _gaps(zeta: np.ndarray) -> np.ndarray:
     return (1.0 - xp.max(abs(zeta), axis=-1)) / within
 
 
-def _clearance(off: np.ndarray) -> Clearance:
-    """The distance at any angle, from signed ones at the points of ROUND."""
-    angle, signed = np.append(ROUND, 2.0 * np.pi), np.append(off, off[0])
+def _clearance(rim_distance: np.ndarray) -> Clearance:
+    """Distance to the rim as a function of the angle, interpolated from values at EDGE_ANGLES."""
+    angle, signed = np.append(EDGE_ANGLES, 2.0 * np.pi), np.append(rim_distance, rim_distance[0])
     return lambda t: np.abs(np.interp(t % (2.0 * np.pi), angle, signed))
 
 
 def even_nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Angles of as many nodes evenly round a circle, and their weights."""
+    """Angles (count,) of evenly spaced nodes on a circle, and their quadrature weights (count,)."""
     return np.linspace(0.0, 2.0 * np.pi, count, endpoint=False), np.full(count, 2.0 * np.pi / count)
 
 
@@ -579,25 +618,22 @@ def graded_panels(
     start: float,
     stop: float,
     clearance: Clearance,
-    longest: float,
-    shortest: float,
-    panel_nodes: int,
-    most: float = np.inf,
+    panels: PanelSizes,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Gauss-Legendre nodes and weights on [start, stop], in panels halved until they fit.
 
-    A panel fits when it is no longer than `longest` and than twice clearance(its middle), the
-    distance (in units of the parameter) to what its points interact with, or when it is below
-    `shortest`. Beyond `most` panels none is halved any more.
+    A panel fits when it is no longer than the longest and no longer than twice clearance(its
+    middle), the distance (in units of the parameter) to the sources that its points interact with,
+    or when it is below `shortest`. Halving stops beyond `most_panels` panels.
     """
-    edges = np.linspace(start, stop, int(np.ceil((stop - start) / longest)) + 1)
+    edges = np.linspace(start, stop, int(np.ceil((stop - start) / panels.longest)) + 1)
     while True:
         middle, length = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
-        coarse = (length > 2.0 * clearance(middle)) & (length > shortest)
-        if not coarse.any() or len(edges) > most:
+        coarse = (length > 2.0 * clearance(middle)) & (length > panels.shortest)
+        if not coarse.any() or len(edges) > panels.most_panels:
             break
         edges = np.sort(np.concatenate([edges, middle[coarse]]))
-    node, weight = _gauss(panel_nodes)
+    node, weight = _gauss(panels.nodes)
     half = 0.5 * np.diff(edges)[:, None]
     return (edges[:-1, None] + half * (1.0 + node)).ravel(), (half * weight).ravel()
 
@@ -608,5 +644,5 @@ def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _eye(zeta: np.ndarray) -> np.ndarray:
-    """Ones on the diagonal keep coincident nodes apart until their limit is filled in."""
+    """Ones on the diagonal, added to differences of nodes to avoid a division by zero there."""
     return np.eye(len(zeta))

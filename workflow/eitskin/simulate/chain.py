@@ -16,9 +16,11 @@ def skin_effects(effects: list[dict]) -> list[dict]:
 
 def instrument_effects(effects: list[dict]) -> dict[str, dict]:
     """The effects that act on readings alone, by link, in the order of the instrument."""
-    chosen = [effect for effect in effects if on_readings(effect["name"])]
-    chosen.sort(key=lambda effect: ORDER["instrument"].index(EFFECTS[effect["name"]].order))
-    return {f"{k}-{effect['name']}": effect for k, effect in enumerate(chosen, start=1)}
+    on_readings_alone = [effect for effect in effects if on_readings(effect["name"])]
+    on_readings_alone.sort(
+        key=lambda effect: ORDER["instrument"].index(EFFECTS[effect["name"]].order)
+    )
+    return {f"{k}-{effect['name']}": effect for k, effect in enumerate(on_readings_alone, start=1)}
 
 
 def last_link(effects: list[dict]) -> str:

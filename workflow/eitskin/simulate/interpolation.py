@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 TOLERANCE = 1e-9  # of the function's largest value
-FIRST = 10.0  # times the error that a line leaves is what the fall of errors begins with
+FIRST_ERROR = 0.1  # relative error assumed at 0 nodes, for the first rate of decay
 
 
 def lobatto(low: float, high: float, count: int) -> np.ndarray:
@@ -14,41 +14,42 @@ def lobatto(low: float, high: float, count: int) -> np.ndarray:
     return 0.5 * (low + high) + 0.5 * (high - low) * unit
 
 
-def lagrange(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """(N, K): weights of the values at nodes (K,) in their polynomial at places (N,)."""
-    weights = np.ones((len(at), len(nodes)))
+def lagrange(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(N, K): weights of the values at nodes (K,) in their interpolating polynomial at places
+    (N,)."""
+    weights = np.ones((len(places), len(nodes)))
     for k, node in enumerate(nodes):
-        others = np.delete(nodes, k)
-        weights[:, k] = ((at[:, None] - others) / (node - others)).prod(axis=1)
+        other_nodes = np.delete(nodes, k)
+        weights[:, k] = ((places[:, None] - other_nodes) / (node - other_nodes)).prod(axis=1)
     return weights
 
 
 def enough_nodes(
-    value: Callable[[float], np.ndarray], low: float, high: float, most: int
+    value: Callable[[float], np.ndarray], low: float, high: float, most_values: int
 ) -> np.ndarray | None:
-    """Nodes (K,) from low to high, K even, whose polynomial is good to TOLERANCE; None where that
-    takes more than `most` values.
+    """Nodes (K,) from low to high, K even, whose interpolating polynomial meets TOLERANCE; None
+    where that takes more than `most_values` evaluations.
 
     Errors fall geometrically with K (Trefethen 2013, Approximation Theory and Approximation
-    Practice, ch. 8): two tell how many nodes are enough. They are measured in the middle, which an
-    even K leaves out.
+    Practice, ch. 8), so that two of them tell the K needed. They are measured in the middle, which
+    is no node for even K.
     """
     middle = 0.5 * (low + high)
-    there = value(middle)
-    size = np.nanmax(np.abs(there))
-    count, spent = 2, 3
-    latest = 0, 1.0 / FIRST
-    while spent <= most:
+    middle_value = value(middle)
+    size = np.nanmax(np.abs(middle_value))
+    count, values_used = 2, 3
+    previous = 0, FIRST_ERROR
+    while values_used <= most_values:
         nodes = lobatto(low, high, count)
         weights = lagrange(nodes, np.array([middle]))[0]
-        between = sum(w * value(t) for w, t in zip(weights, nodes, strict=True))
-        error = np.nanmax(np.abs(between - there)) / size
+        interpolated = sum(w * value(t) for w, t in zip(weights, nodes, strict=True))
+        error = np.nanmax(np.abs(interpolated - middle_value)) / size
         if error < TOLERANCE:
             return nodes
-        rate = np.log(error / latest[1]) / (count - latest[0])
+        rate = np.log(error / previous[1]) / (count - previous[0])
         if rate >= 0.0:
             return None
-        latest = count, error
+        previous = count, error
         count += 2 * max(1, int(np.ceil(0.5 * np.log(TOLERANCE / error) / rate)))
-        spent += count
+        values_used += count
     return None

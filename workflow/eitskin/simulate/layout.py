@@ -1,6 +1,6 @@
-"""What a simulation is laid out on: nodes on the electrodes, places to touch, forces to press
-with."""
+"""The layout of a simulated set: electrode nodes, touched places and force levels."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +35,7 @@ def polar_grid(
 def force_levels(
     seed: int, mean_N: float, sd_N: float, max_N: float, levels: int, decimals: int
 ) -> np.ndarray:
-    """(levels,) N, ascending: normal, clipped to 0 ... max_N, rounded, no level twice.
+    """(levels,) N, ascending: normal, clipped to 0 ... max_N, rounded, all different.
 
     Raises InputError where rounding leaves too few different levels.
     """
@@ -44,41 +44,43 @@ def force_levels(
     if levels > max_N / step + 1.0:
         expected = f"at most {int(max_N / step) + 1} at {decimals} decimals up to {max_N:g} N"
         raise InputError("config", "forces.levels", levels, expected)
-    found: np.ndarray = np.zeros(0)
+    levels_N: np.ndarray = np.zeros(0)
     for _ in range(1000):
-        drawn = force_N(rng.standard_normal(levels), mean_N, sd_N, max_N)
-        unique = np.unique(np.round(np.concatenate([found, drawn]) / step).astype(int) * step)
+        sample_N = force_N(rng.standard_normal(levels), mean_N, sd_N, max_N)
+        unique = np.unique(np.round(np.concatenate([levels_N, sample_N]) / step).astype(int) * step)
         if len(unique) >= levels:
-            chosen = rng.choice(len(unique), levels, replace=False)
-            return np.round(unique[np.sort(chosen)], decimals)
-        found = unique
+            selection = rng.choice(len(unique), levels, replace=False)
+            return np.round(unique[np.sort(selection)], decimals)
+        levels_N = unique
     raise InputError(
-        "config", "forces.levels", levels, f"at most {len(found)} at {decimals} decimals"
+        "config", "forces.levels", levels, f"at most {len(levels_N)} at {decimals} decimals"
     )
 
 
-def write(
-    mesh: str | Path,
-    places: str | Path,
-    seed: int,
-    skin: dict,
-    protocol: dict,
-    touch_grid: dict,
-    forces: dict,
-    accuracy: str,
-) -> None:
+@dataclass(frozen=True)
+class Layout:
+    """Blocks of the configuration that a simulated set is laid out by."""
+
+    seed: int
+    skin: dict
+    protocol: dict
+    touch_grid: dict
+    forces: dict
+    accuracy: str
+
+
+def write(mesh: str | Path, places: str | Path, layout: Layout) -> None:
     """Write `mesh` (npz: channels, force_N, electrode node angles and weights) and `places` (CSV).
 
-    The blocks are the configuration's. Raises InputError where they make no skin that can be
-    measured.
+    Raises InputError where the blocks make no skin that can be measured.
     """
-    believed = Skin.from_metadata(skin, "config.yaml")
+    believed = Skin.from_metadata(layout.skin, "config.yaml")
     geometry = Geometry.from_skin(believed)
-    channels = channel_table(len(geometry.electrode_deg), **protocol)
-    forward = Forward(geometry, accuracy)
+    channels = channel_table(len(geometry.electrode_deg), **layout.protocol)
+    forward = Forward(geometry, layout.accuracy)
     forward.voltages(channels)
-    grid = polar_grid(geometry.radius_mm, **touch_grid)
-    levels = force_levels(seed, **forces)
+    grid = polar_grid(geometry.radius_mm, **layout.touch_grid)
+    levels = force_levels(layout.seed, **layout.forces)
     with atomic_path(places) as temporary:
         grid.to_csv(temporary, index=False, float_format="%.17g")
     with atomic_path(mesh) as temporary, open(temporary, "wb") as file:

@@ -10,21 +10,21 @@ import numpy as np
 from eitskin.errors import InputError
 
 
-def leaking(
+def leaking_potential(
     potential: np.ndarray,
     admittance: np.ndarray,
     impedance: np.ndarray,
     drives: np.ndarray,
     sink_grounded: bool,
 ) -> np.ndarray:
-    """Potentials (N, D, n) V per A of the terminals, with what their leaks carry.
+    """Potentials (N, D, n) V per A of the terminals, including the currents of their leaks.
 
     potential (N, D, n) without leaks; admittance (N, n) S; impedance (N, n, n) ohm; drives (D, 2):
-    source and sink. Raises InputError for point electrodes, whose own potential has no bound.
+    source and sink. Raises InputError for point electrodes, whose own potential is unbounded.
     """
     if np.isnan(impedance).any():
-        where = "points, with a leak to ground"
-        raise InputError("skin", "electrode_width_mm", where, "a width above 0")
+        actual = "points, with a leak to ground"
+        raise InputError("skin", "electrode_width_mm", actual, "a width above 0")
     sites = np.flatnonzero((admittance > 0).any(axis=0))
     if not len(sites):
         return potential
@@ -40,10 +40,10 @@ def leaking(
             response = response - impedance[:, :, [sink]]
             mean = np.broadcast_to(np.eye(potential.shape[2])[sink], mean.shape)
         zero = np.einsum("fdi,fi->fd", potential[:, rows], mean)
-        above = potential[:, rows][:, :, sites] - zero[:, :, None]
-        felt = response[:, sites] - np.einsum("fi,fij->fj", mean, response)[:, None]
-        system = np.eye(len(sites)) + admittance[:, :, None] * felt
-        driven = np.swapaxes(admittance[:, None] * above, 1, 2)
-        current = -np.linalg.solve(system, driven)
+        height = potential[:, rows][:, :, sites] - zero[:, :, None]
+        leak_response = response[:, sites] - np.einsum("fi,fij->fj", mean, response)[:, None]
+        system = np.eye(len(sites)) + admittance[:, :, None] * leak_response
+        leak_potential = np.swapaxes(admittance[:, None] * height, 1, 2)
+        current = -np.linalg.solve(system, leak_potential)
         changed[:, rows] = potential[:, rows] + np.swapaxes(response @ current, 1, 2)
     return changed

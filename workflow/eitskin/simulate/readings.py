@@ -35,121 +35,127 @@ from eitskin.physics.skin import Skin
 from eitskin.physics.solver import SolvedSkins
 from eitskin.progress import patient
 from eitskin.simulate.interpolation import enough_nodes, lagrange
-from eitskin.simulate.leaks import leaking
+from eitskin.simulate.leaks import leaking_potential
 
 Kind = TypeVar("Kind", bound=Effect)
-Made = TypeVar("Made")
+Value = TypeVar("Value")
 
-LEAST_CONDUCTIVITY = 1e-3  # of the background's, inside a touch
-KEPT_SKINS = 16
-KEPT_BYTES = 1 << 30  # of these, of which the largest bodies are fewer
-MOST_SKINS = 32  # spent on finding out between which others are interpolated
-FEW_SKINS = 4  # that are solved one by one
-# Where between the forces of its first and last channel, -1 to 1, a frame is solved.
+LEAST_CONDUCTIVITY = 1e-3  # inside a touch, over the background's: keeps contrasts above -1
+MAX_SKINS, MAX_SKIN_BYTES = 16, 1 << 30  # solved skins kept at once; of large bodies fewer
+MOST_NODE_SKINS = 32  # solved to find the nodes of an interpolation between skins
+FEW_SKINS = 4  # up to so many skins are solved one by one, not interpolated
+# Chebyshev nodes between the forces of a frame's first and last channel, at which it is solved.
 SKEW_NODES = np.cos(np.pi * np.arange(5) / 4)
 
 
-def of_stage(chosen: list[Setting], stage: str) -> list[Setting]:
+def stage_settings(settings: list[Setting], stage: str) -> list[Setting]:
     """The settings of one stage, in the order in which they apply."""
     order = ORDER.get(stage, (None,))
-    found = [setting for setting in chosen if setting.effect.stage == stage]
-    return sorted(found, key=lambda setting: order.index(setting.effect.order))
+    selection = [setting for setting in settings if setting.effect.stage == stage]
+    return sorted(selection, key=lambda setting: order.index(setting.effect.order))
 
 
-def of_kind(chosen: list[Setting], kind: type[Kind]) -> list[tuple[Kind, Setting]]:
+def effects_of_class(settings: list[Setting], kind: type[Kind]) -> list[tuple[Kind, Setting]]:
     """The effects of one class with their settings, in the order in which they apply."""
-    return [(s.effect, s) for s in of_stage(chosen, kind.stage) if isinstance(s.effect, kind)]
+    return [
+        (setting.effect, setting)
+        for setting in stage_settings(settings, kind.stage)
+        if isinstance(setting.effect, kind)
+    ]
 
 
-def made(effect: Effect, value: Made, like: Made) -> Made:
-    """What an effect makes, which is of the type and shape of `like`; InputError for anything
-    else."""
-    of_value, of_like = (getattr(one, "shape", "") for one in (value, like))
-    if not isinstance(value, type(like)) or of_value != of_like:
-        found, expected = f"{type(value).__name__}{of_value}", f"{type(like).__name__}{of_like}"
-        raise InputError(f"effect {effect.name}", "what it returns", found, expected)
+def checked_change(effect: Effect, value: Value, template: Value) -> Value:
+    """`value`, the result of an effect. Raises InputError unless its type and shape are those of
+    `template`."""
+    shape, template_shape = (getattr(array, "shape", "") for array in (value, template))
+    if not isinstance(value, type(template)) or shape != template_shape:
+        actual = f"{type(value).__name__}{shape}"
+        expected = f"{type(template).__name__}{template_shape}"
+        raise InputError(f"effect {effect.name}", "what it returns", actual, expected)
     return value
 
 
-def apply_force(frames: Frames, chosen: list[Setting]) -> Frames:
-    """`frames` with the true force, by every effect on the force reported."""
-    effects = of_kind(chosen, ForceEffect)
+def apply_force(frames: Frames, settings: list[Setting]) -> Frames:
+    """`frames` with the true force, after every effect on the reported force."""
+    effects = effects_of_class(settings, ForceEffect)
     if not effects:
         return frames
     assert frames.history is not None
     history = frames.history
     for effect, setting in effects:
-        history = made(effect, effect.change(history, setting), history)
+        history = checked_change(effect, effect.change(history, setting), history)
     return replace(frames, force_N=history.force_N(), history=history)
 
 
-def apply_touch(touches: pd.DataFrame, chosen: list[Setting], frames: Frames) -> pd.DataFrame:
-    """Touches with every effect of `chosen` on what a touch is, once the true force is known."""
-    for effect, setting in of_kind(chosen, TouchEffect):
-        touches = made(effect, effect.change(touches, setting, frames), touches)
+def apply_touch(touches: pd.DataFrame, settings: list[Setting], frames: Frames) -> pd.DataFrame:
+    """Touches after every touch effect of `settings`; the true force is known."""
+    for effect, setting in effects_of_class(settings, TouchEffect):
+        touches = checked_change(effect, effect.change(touches, setting, frames), touches)
     return touches
 
 
-def apply_skin(geometry: Geometry, chosen: list[Setting], moment: Moment) -> Geometry:
-    """The geometry at a moment, with every skin effect of `chosen`.
+def apply_skin(geometry: Geometry, settings: list[Setting], moment: Moment) -> Geometry:
+    """The geometry at a moment, after every skin effect of `settings`.
 
     Raises InputError for an effect on the contacts of point electrodes.
     """
-    for effect, setting in of_kind(chosen, SkinEffect):
+    for effect, setting in effects_of_class(settings, SkinEffect):
         if effect.on_contacts and geometry.points:
             place = f"effect {effect.name}"
             raise InputError(place, "name", "point electrodes", "electrodes with a width")
-        geometry = made(effect, effect.change(geometry, setting, moment), geometry)
+        geometry = checked_change(effect, effect.change(geometry, setting, moment), geometry)
     return geometry
 
 
-def on_contact(chosen: list[Setting]) -> bool:
-    """Whether one of `chosen` needs the touch as one more terminal."""
-    return any(effect.on_contact for effect, _ in of_kind(chosen, LeakEffect))
+def on_contact(settings: list[Setting]) -> bool:
+    """Whether an effect of `settings` needs the touch as a further terminal."""
+    return any(effect.on_contact for effect, _ in effects_of_class(settings, LeakEffect))
 
 
 def apply_wiring(
     impedance: np.ndarray,
-    chosen: list[Setting],
+    settings: list[Setting],
     drives: np.ndarray,
     sink_grounded: bool = False,
     force_N: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Potentials (N, D, n) V per A at the board of a skin `impedance` (N, n, n) ohm.
+    """Potentials (N, D, n) V per A at the board of a skin with `impedance` (N, n, n) ohm.
 
-    drives (D, 2): source and sink as the board names them. Where `on_contact(chosen)`, the
-    impedance is (N, n + 1, n + 1), the last terminal the contact, 0 where there is none, and
-    force_N (N,) is the true force.
+    drives (D, 2): source and sink as the board names them. Where `on_contact(settings)`, the
+    impedance is (N, n + 1, n + 1) with the contact as its last terminal, 0 where the skin is
+    untouched, and force_N (N,) is the true force.
     """
-    leaks, wires = of_kind(chosen, LeakEffect), of_kind(chosen, WiringEffect)
+    leaks, wires = effects_of_class(settings, LeakEffect), effects_of_class(settings, WiringEffect)
     for effect, setting in reversed(wires):
         drives = effect.driven(drives, setting)
     potential = np.swapaxes(impedance[:, :, drives[:, 0]] - impedance[:, :, drives[:, 1]], 1, 2)
     if leaks:
         frames, terminals = impedance.shape[:2]
         force_N = np.zeros(frames) if force_N is None else force_N
-        electrodes = terminals - on_contact(chosen)
+        electrodes = terminals - on_contact(settings)
         admittance = np.zeros((frames, terminals))
         for leak, setting in leaks:
-            own = electrodes + leak.on_contact
-            taken = leak.admittance(setting, force_N, own)
-            admittance[:, :own] += made(leak, taken, admittance[:, :own])
-        if on_contact(chosen):
+            leak_terminals = electrodes + leak.on_contact
+            leak_admittance = leak.admittance(setting, force_N, leak_terminals)
+            admittance[:, :leak_terminals] += checked_change(
+                leak, leak_admittance, admittance[:, :leak_terminals]
+            )
+        if on_contact(settings):
             admittance[impedance[:, -1, -1] == 0.0, -1] = 0.0
         sink_grounded = sink_grounded or any(leak.grounds_sink for leak, _ in leaks)
-        potential = leaking(potential, admittance, impedance, drives, sink_grounded)
-    if on_contact(chosen):
+        potential = leaking_potential(potential, admittance, impedance, drives, sink_grounded)
+    if on_contact(settings):
         potential, impedance = potential[:, :, :-1], impedance[:, :-1, :-1]
     for effect, setting in wires:
-        seen = effect.change(potential, setting, drives, impedance, sink_grounded)
-        potential = made(effect, seen, potential)
+        changed = effect.change(potential, setting, drives, impedance, sink_grounded)
+        potential = checked_change(effect, changed, potential)
     return potential
 
 
-def apply_instrument(voltage: np.ndarray, chosen: list[Setting], frames: Frames) -> np.ndarray:
-    """Readings (N, M) V of `voltage` (N, M) V with every instrument effect of `chosen`."""
-    for effect, setting in of_kind(chosen, InstrumentEffect):
-        voltage = made(effect, effect.change(voltage, setting, frames), voltage)
+def apply_instrument(voltage: np.ndarray, settings: list[Setting], frames: Frames) -> np.ndarray:
+    """Readings (N, M) V from `voltage` (N, M) V after every instrument effect of `settings`."""
+    for effect, setting in effects_of_class(settings, InstrumentEffect):
+        voltage = checked_change(effect, effect.change(voltage, setting, frames), voltage)
     return voltage
 
 
@@ -158,36 +164,46 @@ def simulate(
     press: np.ndarray,
     skin: Skin,
     channels: np.ndarray,
-    chosen: list[Setting],
+    settings: list[Setting],
     accuracy: str = "diagnose",
     frame_s: float | None = None,
     sink_grounded: bool = False,
     force_max_N: float | None = None,
-    near: Forward | None = None,
+    solved_skin: Forward | None = None,
     progress: bool = False,
 ) -> np.ndarray:
     """Noise-free, signed readings (N, M) V of frames with effects at definite values.
 
     states: time_s, touch, x_mm, y_mm, force_N, probe_mm, one row a frame; press (N,) as
     `recording.presses`; force_max_N: the recording's largest force where the states are a query.
-    Frames that share a skin share its solve; where an effect of the skin follows time or force,
-    frames have skins of their own. `near`: a solved skin, to share with. Raises InputError where
-    `skin` or a touched state lacks a value that a simulation needs, and where a channel has none.
+    Frames on the same skin share its solution; where a skin effect follows time or force, every
+    frame has its own skin. solved_skin: shares its parts with the skins to be solved. Raises
+    InputError where `skin` or a touched state lacks a value that a simulation needs, and where a
+    channel has no value.
     """
-    shared = SolvedSkins(*[near] if near else [])
+    solved_skins = SolvedSkins(*[solved_skin] if solved_skin else [])
     sensed = sense(
-        states, press, skin, channels, chosen, accuracy, frame_s, force_max_N, shared, progress
+        states,
+        press,
+        skin,
+        channels,
+        settings,
+        accuracy,
+        frame_s,
+        force_max_N,
+        solved_skins,
+        progress,
     )
     assert skin.current_A is not None
-    return read(sensed, skin.current_A, chosen, sink_grounded)
+    return read(sensed, skin.current_A, settings, sink_grounded)
 
 
 @dataclass(frozen=True)
 class Sensed:
-    """What a skin answers before the board has it, of N frames at K forces of each, `nodes`.
+    """The answer of a skin to N frames before the board, at K forces of each frame, `nodes`.
 
-    nodes (K,), and within (N, M), the force each channel sees: from that of the frame's first
-    channel, -1, to that of its last, 1.
+    nodes (K,) and within (N, M): the force that each channel sees, from -1, that of the frame's
+    first channel, to 1, that of its last.
     """
 
     solve: "_Solver"
@@ -202,7 +218,8 @@ class Sensed:
 
     @cached_property
     def with_contact(self) -> np.ndarray:
-        """(K N, n + 1, n + 1) ohm: the contact is the last terminal, 0 where there is none."""
+        """(K N, n + 1, n + 1) ohm: with the contact as the last terminal, 0 where the skin is
+        untouched."""
         return self.solve(contact=True)
 
     @cached_property
@@ -213,7 +230,7 @@ class Sensed:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of its transfer impedances, its readings and the force that each of them sees."""
+        """Bytes of the transfer impedances, the readings and the force that each channel sees."""
         terminals = len(self.solve.base.electrode_deg)
         return 8 * (len(self.solve.touches) * terminals**2 + 3 * self.within.size)
 
@@ -236,90 +253,92 @@ def sense(
     press: np.ndarray,
     skin: Skin,
     channels: np.ndarray,
-    chosen: list[Setting],
+    settings: list[Setting],
     accuracy: str = "diagnose",
     frame_s: float | None = None,
     force_max_N: float | None = None,
-    near: SolvedSkins | None = None,
+    solved_skins: SolvedSkins | None = None,
     progress: bool = False,
     history: ForceHistory | None = None,
 ) -> Sensed:
-    """The stages of touch, skin and clock of `simulate`; arguments and errors as there, but for
-    those of the skin's solve, which waits until it is asked for. `history`: the force in each
-    press, where it is known better than from the frames."""
+    """The stages of touch, skin and clock of `simulate`, with its arguments and errors, except
+    that the skin is solved on first use. history: the force in each press, where it is known
+    better than from the frames."""
     for key in ("current_A", "contrast_per_N"):
         if getattr(skin, key) is None:
             raise InputError("skin", key, "null", "a value, to simulate with")
     touched = states["touch"].to_numpy(bool)
     for key in ("x_mm", "y_mm", "force_N", "probe_mm"):
-        unknown = touched & states[key].isna().to_numpy()
-        if unknown.any():
-            place = f"column {key}, row {np.flatnonzero(unknown)[0]}"
+        is_missing = touched & states[key].isna().to_numpy()
+        if is_missing.any():
+            place = f"column {key}, row {np.flatnonzero(is_missing)[0]}"
             raise InputError("states", place, "null", "a number where touched, to simulate with")
     time_s = states["time_s"].to_numpy(float)
     force_N = np.where(touched, states["force_N"].to_numpy(float), 0.0)
     largest = force_N.max(initial=0.0) if force_max_N is None else force_max_N
     history = history or ForceHistory.of_frames(time_s, force_N, press)
     frames = Frames(time_s, force_N, channels, history, frame_s, float(largest))
-    frames = apply_force(frames, chosen)
-    frames, middle, half = _skewed(frames, chosen)
+    frames = apply_force(frames, settings)
+    frames, middle, half = _skewed(frames, settings)
     nodes = SKEW_NODES if half.any() else np.zeros(1)
-    tables = [_touches(states, middle + node * half, skin, chosen, frames) for node in nodes]
+    tables = [_touches(states, middle + node * half, skin, settings, frames) for node in nodes]
     solve = _Solver(
         pd.concat(tables, ignore_index=True),
         np.tile(touched, len(nodes)),
         np.tile(time_s / 60.0, len(nodes)),
         Geometry.from_skin(skin),
-        chosen,
+        settings,
         accuracy,
-        near or SolvedSkins(),
+        solved_skins or SolvedSkins(),
         progress,
     )
     within = (frames.seen_N - middle[:, None]) / np.where(half != 0.0, half, 1.0)[:, None]
     return Sensed(solve, nodes, within, frames)
 
 
-def _skewed(frames: Frames, chosen: list[Setting]) -> tuple[Frames, np.ndarray, np.ndarray]:
-    """`frames` with the force that each channel sees, its middle and half its range (N,) N.
+def _skewed(frames: Frames, settings: list[Setting]) -> tuple[Frames, np.ndarray, np.ndarray]:
+    """`frames` with the force that each channel sees, its middle (N,) and half its range (N,) N.
 
-    Before a press and after it there is no force: what a frame sees there is 0.
+    Outside a press the force is 0, and so is what a channel sees there.
     """
-    moment = np.linspace(-0.5, 0.5, len(frames.channels))
-    seen = np.repeat(frames.force_N[:, None], len(moment), axis=1)
-    for effect, setting in of_kind(chosen, ClockEffect):
-        shift = made(effect, effect.force_shift(setting, frames), frames.force_N)
-        seen += shift[:, None] * moment
-    seen = np.maximum(seen, 0.0)
-    first, last = seen[:, 0], seen[:, -1]
-    return replace(frames, seen_N=seen), 0.5 * (first + last), 0.5 * (last - first)
+    channel_time = np.linspace(-0.5, 0.5, len(frames.channels))
+    channel_force = np.repeat(frames.force_N[:, None], len(channel_time), axis=1)
+    for effect, setting in effects_of_class(settings, ClockEffect):
+        shift = checked_change(effect, effect.force_shift(setting, frames), frames.force_N)
+        channel_force += shift[:, None] * channel_time
+    channel_force = np.maximum(channel_force, 0.0)
+    start, end = channel_force[:, 0], channel_force[:, -1]
+    return replace(frames, seen_N=channel_force), 0.5 * (start + end), 0.5 * (end - start)
 
 
 def read(
-    sensed: Sensed, current_A: float, chosen: list[Setting], sink_grounded: bool = False
+    sensed: Sensed, current_A: float, settings: list[Setting], sink_grounded: bool = False
 ) -> np.ndarray:
     """The stages of wiring and instrument of `simulate`: readings (N, M) V."""
     frames = sensed.frames
     channels = frames.channels
-    asked = any(not effect.on_readings for effect, _ in of_kind(chosen, InstrumentEffect))
+    needs_potential = any(
+        not effect.on_readings for effect, _ in effects_of_class(settings, InstrumentEffect)
+    )
     above_sink = None
-    if asked or of_stage(chosen, "wiring"):
+    if needs_potential or stage_settings(settings, "wiring"):
         drives, drive = _drives(channels)
-        impedance = sensed.with_contact if on_contact(chosen) else sensed.transfer_impedance
-        potential = apply_wiring(impedance, chosen, drives, sink_grounded, sensed.force_N)
+        impedance = sensed.with_contact if on_contact(settings) else sensed.transfer_impedance
+        potential = apply_wiring(impedance, settings, drives, sink_grounded, sensed.force_N)
         plus, minus = (potential[:, drive, channels[:, k]] for k in (2, 3))
         voltage = current_A * _over_frame(measurable(plus - minus), sensed)
-        if asked:
+        if needs_potential:
             mean = measurable(0.5 * (plus + minus) - potential[:, drive, channels[:, 1]])
             above_sink = current_A * _over_frame(mean, sensed)
     else:
         voltage = current_A * sensed.plain
-    return apply_instrument(voltage, chosen, replace(frames, above_sink_V=above_sink))
+    return apply_instrument(voltage, settings, replace(frames, above_sink_V=above_sink))
 
 
 def _touches(
-    states: pd.DataFrame, force_N: np.ndarray, skin: Skin, chosen: list[Setting], frames: Frames
+    states: pd.DataFrame, force_N: np.ndarray, skin: Skin, settings: list[Setting], frames: Frames
 ) -> pd.DataFrame:
-    """What each frame's touch is to the skin at forces (N,); `contrast` among its columns."""
+    """Touches of the frames at forces (N,), with their `contrast`, after the touch effects."""
     force_N = np.maximum(force_N, 0.0)
     table = pd.DataFrame(
         {
@@ -331,22 +350,22 @@ def _touches(
             "contrast_per_N": skin.contrast_per_N,
         }
     )
-    table = apply_touch(table, chosen, frames)
+    table = apply_touch(table, settings, frames)
     contrast = table["contrast_per_N"] * table["felt_N"]
     return table.assign(contrast=np.maximum(contrast, LEAST_CONDUCTIVITY - 1.0))
 
 
 @dataclass(frozen=True)
 class _Solver:
-    """Every row of `touches` on the skin that it finds at its minutes and force."""
+    """Solves every row of `touches` on the skin of its minutes and force."""
 
     touches: pd.DataFrame
     touched: np.ndarray
     minutes: np.ndarray
     base: Geometry
-    chosen: list[Setting]
+    settings: list[Setting]
     accuracy: str
-    near: SolvedSkins
+    solved_skins: SolvedSkins
     progress: bool
 
     @property
@@ -356,92 +375,100 @@ class _Solver:
 
     @property
     def xy_mm(self) -> np.ndarray:
-        """(N, 2): where each row is touched."""
+        """(N, 2): place of the touch of each row."""
         return self.touches[["x_mm", "y_mm"]].to_numpy(float)
 
     def __call__(self, contact: bool = False) -> np.ndarray:
         """(N, n, n) ohm: transfer impedance of every row; with `contact`, (N, n + 1, n + 1)."""
         terminals = len(self.base.electrode_deg) + int(contact)
-        result = np.zeros((len(self.touches), terminals, terminals))
-        places = self.touches[["x_mm", "y_mm", "radius_mm"]].to_numpy()
+        impedance = np.zeros((len(self.touches), terminals, terminals))
+        row_places = self.touches[["x_mm", "y_mm", "radius_mm"]].to_numpy()
         contrast = self.touches["contrast"].to_numpy()
         for forward, rows, weight in patient(self._skins(), "skins", self.progress):
-            value = np.pad(forward.transfer_impedance(), (0, int(contact)))
-            result[rows] += weight[:, None, None] * value
-            found = [
-                (place, at)
-                for place, at in _places(places[rows], self.touched[rows])
-                if contact or contrast[rows[at]].any()
+            untouched = np.pad(forward.transfer_impedance(), (0, int(contact)))
+            impedance[rows] += weight[:, None, None] * untouched
+            touched_places = [
+                (place, place_rows)
+                for place, place_rows in _places(row_places[rows], self.touched[rows])
+                if contact or contrast[rows[place_rows]].any()
             ]
-            found = list(compress(found, forward.meets([place for place, _ in found])))
-            here = [place for place, _ in found]
-            self.near.spent += len(here) * forward.touch_effort
-            modes = [forward.contact(*p) for p in here] if contact else forward.places(here)
-            for one, (_, at) in zip(modes, found, strict=True):
-                change = one.impedance_change(contrast[rows[at]])
-                result[rows[at]] += weight[at, None, None] * change
-        return result
+            touched_places = list(
+                compress(touched_places, forward.meets([place for place, _ in touched_places]))
+            )
+            places = [place for place, _ in touched_places]
+            self.solved_skins.effort += len(places) * forward.touch_effort
+            modes = [forward.contact(*p) for p in places] if contact else forward.places(places)
+            for place_modes, (_, place_rows) in zip(modes, touched_places, strict=True):
+                change = place_modes.impedance_change(contrast[rows[place_rows]])
+                impedance[rows[place_rows]] += weight[place_rows, None, None] * change
+        return impedance
 
     def _skins(self) -> Iterator[tuple[Forward, np.ndarray, np.ndarray]]:
-        """Skins, the rows (R,) that they are part of, and with what weight (R,).
+        """Yield skins, the rows (R,) to which they contribute, and their weights (R,).
 
-        Where an effect follows time or force, a row's skin is interpolated between a few, smooth
-        as the laws are; where few rows are alike but for time and force, each has its own.
+        Where an effect follows time or force, the skin of a row is interpolated between a few
+        skins, as the laws are smooth; where only few rows differ in nothing but time and force,
+        each has its own.
         """
         force, xy = self.force_N, self.xy_mm
-        skins = _Skins(self.base, self.chosen, self.accuracy, self.near)
-        groups, follows = _alike(skins, np.column_stack([self.minutes, force]), xy)
+        skins = _Skins(self.base, self.settings, self.accuracy, self.solved_skins)
+        groups, follows = _groups_of_skins(skins, np.column_stack([self.minutes, force]), xy)
         for rows in groups:
-            own = np.column_stack([self.minutes[rows], force[rows]])
-            own[:, ~follows] = own[0, ~follows]
+            moments = np.column_stack([self.minutes[rows], force[rows]])
+            moments[:, ~follows] = moments[0, ~follows]
             place = xy[rows[0]]
-            moments, which = np.unique(own, axis=0, return_inverse=True)
-            weights = np.eye(len(moments))[which.ravel()]
-            few = skins.few(moments, place)
-            if few is not None:
-                moments = np.array(list(product(*few)))
-                by_time, by_force = (lagrange(n, own[:, k]) for k, n in enumerate(few))
+            unique_moments, moment_index = np.unique(moments, axis=0, return_inverse=True)
+            weights = np.eye(len(unique_moments))[moment_index.ravel()]
+            nodes = skins.nodes(unique_moments, place)
+            if nodes is not None:
+                unique_moments = np.array(list(product(*nodes)))
+                by_time, by_force = (
+                    lagrange(axis_nodes, moments[:, k]) for k, axis_nodes in enumerate(nodes)
+                )
                 weights = (by_time[:, :, None] * by_force[:, None, :]).reshape(len(rows), -1)
-            for (minutes, force_N), weight in zip(moments, weights.T, strict=True):
-                some = np.flatnonzero(weight)
-                yield skins.at(minutes, force_N, place), rows[some], weight[some]
+            for (minutes, force_N), weight in zip(unique_moments, weights.T, strict=True):
+                used_rows = np.flatnonzero(weight)
+                yield skins.solved(minutes, force_N, place), rows[used_rows], weight[used_rows]
 
 
 class _Skins:
-    """Solved skins by the moment at which they are asked for; the latest are kept."""
+    """Solved skins by moment; the latest are kept."""
 
-    def __init__(self, base: Geometry, chosen: list[Setting], accuracy: str, near: SolvedSkins):
-        self.base, self.chosen, self.accuracy, self.near = base, chosen, accuracy, near
+    def __init__(
+        self, base: Geometry, settings: list[Setting], accuracy: str, solved_skins: SolvedSkins
+    ):
+        self.base, self.settings = base, settings
+        self.accuracy, self.solved_skins = accuracy, solved_skins
         self._solved: dict[tuple, Forward] = {}
 
     def geometry(self, minutes: float, force_N: float, place: np.ndarray) -> Geometry:
-        """The skin's at a moment; place (x, y) mm, NaN where untouched."""
-        return apply_skin(self.base, self.chosen, Moment(minutes, force_N, *place))
+        """The geometry of the skin at a moment; place (x, y) mm, NaN where untouched."""
+        return apply_skin(self.base, self.settings, Moment(minutes, force_N, *place))
 
-    def at(self, minutes: float, force_N: float, place: np.ndarray) -> Forward:
-        """The skin at a moment, solved."""
+    def solved(self, minutes: float, force_N: float, place: np.ndarray) -> Forward:
+        """The solved skin at a moment."""
         key = (minutes, force_N, *place)
         if key not in self._solved:
             geometry = self.geometry(minutes, force_N, place)
-            solved = self.near.solve(geometry, self.accuracy)
-            room = KEPT_BYTES // max(solved.nbytes, 1)
-            while len(self._solved) >= max(min(KEPT_SKINS, room), 1):
+            solved = self.solved_skins.solve(geometry, self.accuracy)
+            room = MAX_SKIN_BYTES // max(solved.nbytes, 1)
+            while len(self._solved) >= max(min(MAX_SKINS, room), 1):
                 self._solved.pop(next(iter(self._solved)))
             self._solved[key] = solved
         return self._solved[key]
 
-    def few(self, moments: np.ndarray, place: np.ndarray) -> list[np.ndarray] | None:
-        """Minutes and forces between all of which skins at moments (K, 2) are interpolated; None
-        where that takes as many as there are."""
+    def nodes(self, moments: np.ndarray, place: np.ndarray) -> list[np.ndarray] | None:
+        """Minutes and forces between which skins at moments (K, 2) are interpolated; None where
+        that needs as many skins as there are moments."""
         if len(moments) <= FEW_SKINS:
             return None
-        found = []
+        nodes = []
         for axis in (0, 1):
-            nodes = self._nodes(moments, axis, place)
-            if nodes is None:
+            axis_nodes = self._nodes(moments, axis, place)
+            if axis_nodes is None:
                 return None
-            found.append(nodes)
-        return found if len(found[0]) * len(found[1]) < len(moments) else None
+            nodes.append(axis_nodes)
+        return nodes if len(nodes[0]) * len(nodes[1]) < len(moments) else None
 
     def _nodes(self, moments: np.ndarray, axis: int, place: np.ndarray) -> np.ndarray | None:
         low, high = moments.min(axis=0), moments.max(axis=0)
@@ -452,19 +479,20 @@ class _Skins:
             moment = 0.5 * (low + high)
             moment[axis] = t
             minutes, force_N = moment
-            return self.at(minutes, force_N, place).transfer_impedance()
+            return self.solved(minutes, force_N, place).transfer_impedance()
 
-        most = min(len(np.unique(moments[:, axis])) - 1, MOST_SKINS)
-        return enough_nodes(impedance, low[axis], high[axis], most)
+        most_nodes = min(len(np.unique(moments[:, axis])) - 1, MOST_NODE_SKINS)
+        return enough_nodes(impedance, low[axis], high[axis], most_nodes)
 
 
-def _alike(
+def _groups_of_skins(
     skins: _Skins, moments: np.ndarray, xy: np.ndarray
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Groups of rows whose skins are the same wherever their moments (N, 2), minutes and force,
-    are: those without a force, and those at places (N, 2) that no effect makes a difference
-    between; and whether skins follow time and force (2,), as their geometries show."""
-    drivers = {s.effect.driver for s in of_stage(skins.chosen, "skin")} - {"static"}
+    """Groups of rows whose skins agree whenever their moments (N, 2), minutes and force, do:
+    rows without a force, and rows at places (N, 2) that the skin effects do not distinguish; and
+    whether skins follow time and force (2,), by comparison of their geometries."""
+    skin_settings = stage_settings(skins.settings, "skin")
+    drivers = {setting.effect.driver for setting in skin_settings} - {"static"}
     follows = np.array([name in drivers for name in ("time", "force")])
     if not drivers:
         return [np.arange(len(moments))], follows
@@ -478,17 +506,18 @@ def _alike(
                 tuple(skins.geometry(t, f, place).key() for t in minutes)
                 for f in (forces if touch else (0.0,))
             )
-    by_time = {through for skin in skin_at.values() for through in skin}
-    follows |= [any(len(set(s)) > 1 for s in some) for some in (by_time, skin_at.values())]
-    found: dict[tuple, list[int]] = {}
+    over_time = {keys for skin in skin_at.values() for keys in skin}
+    over_force = skin_at.values()
+    follows |= [any(len(set(keys)) > 1 for keys in series) for series in (over_time, over_force)]
+    groups: dict[tuple, list[int]] = {}
     for row, place in enumerate(places):
         skin = skin_at[place]
-        found.setdefault((place[0], skin) if follows[1] else skin[0], []).append(row)
-    return [np.array(rows) for rows in found.values()], follows
+        groups.setdefault((place[0], skin) if follows[1] else skin[0], []).append(row)
+    return [np.array(rows) for rows in groups.values()], follows
 
 
 def _spread(values: np.ndarray) -> np.ndarray:
-    """The least, the middle and the largest of values, each once."""
+    """The least, the middle and the largest of values, without repetition."""
     if not len(values):
         return values
     low, high = values.min(), values.max()
@@ -497,10 +526,10 @@ def _spread(values: np.ndarray) -> np.ndarray:
 
 def _places(places: np.ndarray, touched: np.ndarray) -> list[tuple[tuple, list[int]]]:
     """Places (x, y, radius) of touched rows, in order of appearance, with the rows of each."""
-    found: dict[tuple, list[int]] = {}
+    rows_at: dict[tuple, list[int]] = {}
     for row in np.flatnonzero(touched).tolist():
-        found.setdefault(tuple(places[row].tolist()), []).append(row)
-    return list(found.items())
+        rows_at.setdefault(tuple(places[row].tolist()), []).append(row)
+    return list(rows_at.items())
 
 
 def _drives(channels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -510,10 +539,8 @@ def _drives(channels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _over_frame(values: np.ndarray, sensed: Sensed) -> np.ndarray:
-    """(N, M): `values` (K N, M) at the nodes of each frame, each channel's at the force it sees.
-
-    The polynomial through the nodes, by Lagrange's formula.
-    """
+    """(N, M): `values` (K N, M) at the nodes of each frame, interpolated to the force that each
+    channel sees, by Lagrange's polynomial."""
     nodes, within = sensed.nodes, sensed.within
     if len(nodes) == 1:
         return values

@@ -20,7 +20,7 @@ from eitskin.errors import InputError
 
 KEY = b"eitskin-stage"
 READINGS = ("untouched_V", "touched_V")
-ROWS = 8192  # of a group, or as many more as the last session has
+ROWS = 8192  # of a row group, filled up with whole sessions
 
 
 class Part(NamedTuple):
@@ -33,8 +33,8 @@ class Part(NamedTuple):
 
 
 class Stage:
-    """A stage that lies in a file: channels (M, 4), the largest force_N of all its samples, and its
-    parts, a row group each, which are read when they are asked for.
+    """A stage in a file: channels (M, 4), the largest force_N of all its samples, and its parts,
+    one per row group, which are read on iteration.
 
     Raises InputError for a file that is no stage.
     """
@@ -45,8 +45,8 @@ class Stage:
         header = (schema.metadata or {}).get(KEY)
         if header is None:
             raise InputError(path, "schema", f"no key {KEY.decode()}", "a stage's metadata")
-        told = json.loads(header)
-        self.channels, self.force_max_N = np.array(told["channels"]), told["force_max_N"]
+        values = json.loads(header)
+        self.channels, self.force_max_N = np.array(values["channels"]), values["force_max_N"]
 
     def __len__(self) -> int:
         return self._groups
@@ -54,8 +54,8 @@ class Stage:
     def __iter__(self) -> Iterator[Part]:
         return map(_part, parquet.groups(self._path))
 
-    def whole(self) -> Part:
-        """All samples at once."""
+    def joined(self) -> Part:
+        """All samples as one part."""
         return _part(parquet.read(self._path))
 
 
@@ -70,22 +70,22 @@ def write(
 
 
 def sessions(table: pd.DataFrame) -> Iterator[tuple[int, slice]]:
-    """Each session of a table whose sessions lie one after another, and its rows."""
-    own = table["session"].to_numpy()
-    edges = [0, *(np.flatnonzero(np.diff(own)) + 1).tolist(), len(own)]
-    for first, after in pairwise(edges):
-        yield int(own[first]), slice(first, after)
+    """Yield every session of a table sorted by session, and its rows."""
+    session = table["session"].to_numpy()
+    edges = [0, *(np.flatnonzero(np.diff(session)) + 1).tolist(), len(session)]
+    for start, stop in pairwise(edges):
+        yield int(session[start]), slice(start, stop)
 
 
 def _grouped(parts: Iterable[Part]) -> Iterator[Part]:
-    held: list[Part] = []
+    group: list[Part] = []
     for part in parts:
-        held.append(part)
-        if sum(len(one.table) for one in held) >= ROWS:
-            yield _joined(held)
-            held = []
-    if held:
-        yield _joined(held)
+        group.append(part)
+        if sum(len(member.table) for member in group) >= ROWS:
+            yield _joined(group)
+            group = []
+    if group:
+        yield _joined(group)
 
 
 def _joined(parts: list[Part]) -> Part:

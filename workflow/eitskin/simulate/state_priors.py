@@ -1,21 +1,19 @@
-"""Contact states drawn everywhere: places evenly over a disc, forces from a clipped normal.
+"""Priors of contact states: places uniform over a disc, forces from a clipped normal.
 
-Both are functions of standard normal numbers, smooth but where a force is clipped: the generator
-draws with them, and whoever infers a state has them as its prior, the clipped forces' weight
-included.
+Both are functions of standard normal numbers, smooth except where a force is clipped. The generator
+draws from them and an inference uses them as its prior, including the weight of clipped forces.
 """
 
 import numpy as np
 
-FLAT = 1e-4  # squared length below which a series stands for the closed form
+SERIES_SQUARE = 1e-4  # squared length below which a series replaces the closed form
 
 
 def place_mm(normal: np.ndarray, reach_mm: float) -> np.ndarray:
-    """(..., 2) x, y mm of standard normal (..., 2): even over the area of a disc of radius
-    `reach_mm`.
+    """(..., 2) x, y mm of standard normal (..., 2): uniform over a disc of radius `reach_mm`.
 
-    The squared length t of the pair is exponential, so 1 - exp(-t / 2), uniform, is the share of
-    the area within.
+    The squared length t of the pair is exponential, so 1 - exp(-t / 2) is uniform: the share of the
+    area within.
     """
     square = (normal**2).sum(axis=-1, keepdims=True)
     return reach_mm * normal * _shrink(square)[0]
@@ -35,12 +33,12 @@ def place_normal(xy_mm: np.ndarray, reach_mm: float) -> np.ndarray:
 
 def _shrink(square: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
     """h = sqrt((1 - exp(-t/2)) / t) and its derivative, of t = `square`; 1 - t/4 + t²/24 at 0."""
-    near = np.asarray(square) < FLAT
-    t = np.where(near, 1.0, square)
-    ratio = np.where(near, 0.5 - square / 8.0 + square**2 / 48.0, -np.expm1(-0.5 * t) / t)
-    by_t = (0.5 * np.exp(-0.5 * t) + np.expm1(-0.5 * t) / t) / t
+    is_small = np.asarray(square) < SERIES_SQUARE
+    t = np.where(is_small, 1.0, square)
+    ratio = np.where(is_small, 0.5 - square / 8.0 + square**2 / 48.0, -np.expm1(-0.5 * t) / t)
+    slope = (0.5 * np.exp(-0.5 * t) + np.expm1(-0.5 * t) / t) / t
     shrink = np.sqrt(ratio)
-    return shrink, 0.5 * np.where(near, -0.125 + square / 24.0, by_t) / shrink
+    return shrink, 0.5 * np.where(is_small, -0.125 + square / 24.0, slope) / shrink
 
 
 def force_N(normal: np.ndarray, mean_N: float, sd_N: float, max_N: float) -> np.ndarray:

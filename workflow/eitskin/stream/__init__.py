@@ -1,1 +1,1 @@
-"""Frames as they come, and what each says of the touch."""
+"""Frames judged one by one as they arrive: touch, no touch, or not decidable."""

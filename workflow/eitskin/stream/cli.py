@@ -7,8 +7,8 @@ from types import FrameType
 
 from eitskin.errors import InputError, named
 
-FAULT = 4
-BAUD = 115200
+FAULT = 4  # exit code, as of a capture's fault
+BAUD = 115200  # of the authors' board
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -23,48 +23,49 @@ def stream(arguments: argparse.Namespace) -> int:
     from eitskin.exported import predictor as exported
     from eitskin.stream import sources
     from eitskin.stream.judge import Judge
-    from eitskin.stream.kept import Keeper
-    from eitskin.stream.run import Told, run
+    from eitskin.stream.recorder import Recorder
+    from eitskin.stream.run import Tally, run
     from eitskin.stream.view import View
 
     predictor, stop = exported.read(arguments.model), sources.Stop()
     trained_on = predictor.header["dataset"]
-    if sources.is_port(arguments.source):
+    if sources.is_device(arguments.source):
         with named(arguments.model):
-            source = sources.board(arguments.source, arguments.baud, trained_on, stop)
+            source = sources.board_source(arguments.source, arguments.baud, trained_on, stop)
     else:
-        source = sources.recorded(arguments.source, trained_on, arguments.fast, stop)
-    judge = Judge(predictor, source.difference, source.opening)
-    keeper = None
+        source = sources.recording_source(arguments.source, trained_on, arguments.fast, stop)
+    judge = Judge(predictor, source.is_difference, source.n_opening_frames)
+    recorder = None
     if arguments.out is not None:
-        about = predictor.header, source.difference, source.about, arguments.source
-        keeper = Keeper(arguments.out, *about)
-    view, told, code = View(predictor.targets, arguments.json), Told(), 0
+        description = predictor.header, source.is_difference, source.description, arguments.source
+        recorder = Recorder(arguments.out, *description)
+    view, tally, exit_code = View(predictor.targets, arguments.json), Tally(), 0
 
-    def ask(number: int, frame: FrameType | None) -> None:
-        """A signal ends a stream after the frame that is being judged and written; a second one
-        at once, where nobody reads what is printed."""
-        if stop.asked:
+    def request_stop(number: int, frame: FrameType | None) -> None:
+        """End the stream after the present frame; at a second signal at once."""
+        if stop.is_requested:
             raise KeyboardInterrupt
-        stop.asked = True
+        stop.is_requested = True
 
-    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    previous_handlers = {
+        number: signal.signal(number, request_stop) for number in (signal.SIGINT, signal.SIGTERM)
+    }
     try:
         with named(arguments.source):
-            run(source, judge, view, keeper, told)
+            run(source, judge, view, recorder, tally)
     except InputError:
-        if keeper is not None:
-            keeper.discard()
-            keeper = None
+        if recorder is not None:
+            recorder.discard()
+            recorder = None
         raise
-    except sources.Gone as gone:
-        print(gone, file=sys.stderr)
-        code = FAULT
+    except sources.PortLost as error:
+        print(error, file=sys.stderr)
+        exit_code = FAULT
     finally:
-        for number, handler in before.items():
+        for number, handler in previous_handlers.items():
             signal.signal(number, handler)
         view.close()
-        if keeper is not None:
-            keeper.close()
-    print(told.sentence(), file=sys.stderr)
-    return code
+        if recorder is not None:
+            recorder.close()
+    print(tally.sentence(), file=sys.stderr)
+    return exit_code

@@ -1,4 +1,4 @@
-"""What comes from a source: frames, and what stands in their place."""
+"""The events of a source: frames, and troubles in their place."""
 
 from dataclasses import dataclass
 
@@ -7,8 +7,11 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Frame:
-    """reading (M,) in the model's unit, of its channels; time_s from the first one on; ready_s:
-    when it was whole, by `time.perf_counter`; saturated (M,) bool."""
+    """One frame: `reading` (M,) of the model's channels in its unit.
+
+    `time_s` is counted from the first frame; `ready_s` is when the frame was complete, by
+    `time.perf_counter`; `saturated` (M,) bool marks readings at the converter's limit.
+    """
 
     time_s: float
     ready_s: float
@@ -18,10 +21,10 @@ class Frame:
 
 @dataclass(frozen=True)
 class Trouble:
-    """What came in place of a frame."""
+    """A message about what came in place of a frame."""
 
     time_s: float
-    words: str
+    message: str
 
 
 Event = Frame | Trouble

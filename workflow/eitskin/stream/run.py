@@ -1,4 +1,4 @@
-"""The loop: frame, verdict, and only then whatever is shown or kept of it."""
+"""The loop of a stream: each frame is judged before it is shown and recorded."""
 
 import gc
 import time
@@ -9,44 +9,50 @@ import numpy as np
 
 from eitskin.stream.frames import Trouble
 from eitskin.stream.judge import Judge
-from eitskin.stream.kept import Keeper
+from eitskin.stream.recorder import Recorder
 from eitskin.stream.sources import Source
 from eitskin.stream.view import View
 
-KEPT = 100_000  # latencies
+MAX_LATENCIES = 100_000  # 1 MB; a stream may run for days
 
 
 @dataclass
-class Told:
-    """How many frames had which verdict, how many lines were no frames, and seconds (n,) from a
-    frame's end to its verdict, of the latest KEPT."""
+class Tally:
+    """Counts of verdicts and troubles, and the latest MAX_LATENCIES latencies.
 
-    kinds: Counter = field(default_factory=Counter)
-    troubles: int = 0
-    latency_s: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT))
+    `latency_s` is the time from a frame's end to its verdict in seconds.
+    """
+
+    verdict_counts: Counter = field(default_factory=Counter)
+    n_troubles: int = 0
+    latency_s: deque[float] = field(default_factory=lambda: deque(maxlen=MAX_LATENCIES))
 
     def sentence(self) -> str:
-        """All of it in a line."""
-        kinds = ", ".join(f"{count} {kind}" for kind, count in self.kinds.items()) or "none"
-        words = f"frames: {kinds}; {self.troubles} times something else"
+        """The tally in one line."""
+        counts = (
+            ", ".join(f"{count} {kind}" for kind, count in self.verdict_counts.items()) or "none"
+        )
+        text = f"frames: {counts}; {self.n_troubles} times something else"
         if self.latency_s:
-            half, most = 1e3 * np.quantile(self.latency_s, [0.5, 0.99])
-            words += f"; from frame to verdict {half:.2f} ms, 99 % within {most:.2f} ms"
-        return words
+            median_ms, percentile_99_ms = 1e3 * np.quantile(self.latency_s, [0.5, 0.99])
+            text += (
+                f"; from frame to verdict {median_ms:.2f} ms, 99 % within {percentile_99_ms:.2f} ms"
+            )
+        return text
 
 
-def run(source: Source, judge: Judge, view: View, keeper: Keeper | None, told: Told) -> None:
-    """Judge all frames of a source; `told` is filled as they come."""
+def run(source: Source, judge: Judge, view: View, recorder: Recorder | None, tally: Tally) -> None:
+    """Judge all frames of a source; `tally` is updated with each."""
     gc.collect()
-    gc.freeze()  # what is there stays: no frame waits for it to be searched
+    gc.freeze()  # no frame waits for a collection that searches the model
     for event in source.events:
         if isinstance(event, Trouble):
-            told.troubles += 1
+            tally.n_troubles += 1
             view.trouble(event)
             continue
         verdict = judge(event.reading, event.time_s, event.saturated)
-        told.latency_s.append(time.perf_counter() - event.ready_s)
-        told.kinds[verdict.kind] += 1
+        tally.latency_s.append(time.perf_counter() - event.ready_s)
+        tally.verdict_counts[verdict.kind] += 1
         view.frame(event, verdict)
-        if keeper is not None:
-            keeper(event, verdict)
+        if recorder is not None:
+            recorder(event, verdict)

@@ -8,177 +8,198 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eitskin.capture.wire import BOARDS, Board, Reject, measured
+from eitskin.capture.wire import BOARDS, Board, Reject, measured_mask
 from eitskin.data import importers
-from eitskin.data.dataset import fits
+from eitskin.data.dataset import check_compatibility
 from eitskin.data.recording import Recording, voltages
 from eitskin.errors import InputError
 from eitskin.physics.protocol import channel_table
+from eitskin.stream.baseline import OPENING_FRAMES
 from eitskin.stream.frames import Event, Frame, Trouble
-from eitskin.stream.kept import as_recording, is_kept
-from eitskin.stream.untouched import OPENING
+from eitskin.stream.recorder import as_recording, is_journal
 
 if TYPE_CHECKING:
     from eitskin.capture.lines import Port
 
-WRONG_LINES = 5  # of the first lines; then the board is not what the model knows
-SILENT_S = 3.0  # without a line
-LEAST_S = 1e-4  # between two frames
-LOOK_S = 0.1  # for a wish to end
-GONE_S = 10.0  # without the port, until the stream gives up
+MAX_WRONG_LINES = 5  # before the first frame: one may be cut short, five are another board's
+SILENCE_LIMIT_S = 3.0  # without a line: some ten periods of the slowest board
+MIN_INTERVAL_S = 1e-4  # between two frames: a recording's time must increase
+POLL_S = 0.1  # from one look at the stop flag to the next: below what a person notices
+RECONNECT_LIMIT_S = 10.0  # without the port: enough to plug it in again
 
 
 @dataclass
 class Stop:
-    """Whether a stream is to end: `asked` is set by a signal, and seen between two frames."""
+    """A request to end the stream, set by a signal and read between two frames."""
 
-    asked: bool = False
+    is_requested: bool = False
 
     def sleep(self, seconds: float) -> None:
-        """Wait, until it is asked."""
+        """Wait, at most until a stop is requested."""
         end = time.perf_counter() + seconds
-        while not self.asked and (left := end - time.perf_counter()) > 0.0:
-            time.sleep(min(left, LOOK_S))
+        while not self.is_requested and (remaining_s := end - time.perf_counter()) > 0.0:
+            time.sleep(min(remaining_s, POLL_S))
 
 
-class Gone(Exception):
+class PortLost(Exception):
     """The board's port has vanished for good."""
 
 
-def is_port(path: str | Path) -> bool:
+def is_device(path: str | Path) -> bool:
     """Whether a path is a device's, not a file's."""
     return Path(path).is_char_device()
 
 
 @dataclass
 class Source:
-    """Frames of a predictor's channels; `opening`: how many of the first nobody touches;
-    difference: they are changes; about: what a recording of them says of its source."""
+    """Frames of a predictor's channels.
+
+    The first `n_opening_frames` are untouched; with `is_difference` readings are changes;
+    `description` is what a recording of them states as its source.
+    """
 
     events: Iterator[Event]
-    opening: int
-    difference: bool
-    about: str
+    n_opening_frames: int
+    is_difference: bool
+    description: str
 
 
-def board(device: str, baud: int, trained_on: dict, stop: Stop) -> Source:
-    """A board whose channels and kind of voltage are those of a predictor's data.
+def board_source(device: str, baud: int, trained_on: dict, stop: Stop) -> Source:
+    """The board at `device` whose channels are those of the data set `trained_on`.
 
-    Raises InputError where no known board has them, and for a port that cannot be opened.
+    Raises InputError where no known board has its channels and kind of voltage, and for a port that
+    cannot be opened.
     """
-    name = next((name for name, one in BOARDS.items() if _reads(one, trained_on)), None)
-    if name is None:
-        found = f"{len(trained_on['channels'])} channels of {trained_on['name']}"
-        raise InputError("recording", "channels", found, f"those of a board: {', '.join(BOARDS)}")
-    if trained_on.get("voltage") != "magnitude" or trained_on["unit"] != "V":
-        found = f"{trained_on.get('voltage')} {trained_on['unit']} of {trained_on['name']}"
-        raise InputError("recording", "voltage", found, f"magnitudes in V, as {name} reads")
-    lost = np.array(trained_on.get("lost_channels", []), dtype=int)
-    events = _lines(device, baud, BOARDS[name], lost, stop)
-    return Source(events, OPENING, False, f"{name} at {device}")
-
-
-def _reads(known: Board, trained_on: dict) -> bool:
-    """Whether a board's channels are those trained on."""
-    table = np.delete(
-        channel_table(known.n_electrodes), trained_on.get("lost_channels", []), axis=0
+    profile_name = next(
+        (name for name, profile in BOARDS.items() if _has_channels(profile, trained_on)), None
     )
-    return table.tolist() == trained_on["channels"]
+    if profile_name is None:
+        channels = f"{len(trained_on['channels'])} channels of {trained_on['name']}"
+        raise InputError(
+            "recording", "channels", channels, f"those of a board: {', '.join(BOARDS)}"
+        )
+    if trained_on.get("voltage") != "magnitude" or trained_on["unit"] != "V":
+        voltage = f"{trained_on.get('voltage')} {trained_on['unit']} of {trained_on['name']}"
+        expected = f"magnitudes in V, as {profile_name} reads"
+        raise InputError("recording", "voltage", voltage, expected)
+    lost_channels = np.array(trained_on.get("lost_channels", []), dtype=int)
+    events = _board_events(device, baud, BOARDS[profile_name], lost_channels, stop)
+    return Source(events, OPENING_FRAMES, False, f"{profile_name} at {device}")
 
 
-def _lines(device: str, baud: int, known: Board, lost: np.ndarray, stop: Stop) -> Iterator[Event]:
-    """A board's frames, and what is wrong with its lines. Raises Gone, and InputError for lines
-    that are not this board's from the first on."""
+def _has_channels(profile: Board, trained_on: dict) -> bool:
+    """Whether a board's channels are those trained on."""
+    channels = np.delete(
+        channel_table(profile.n_electrodes), trained_on.get("lost_channels", []), axis=0
+    )
+    return channels.tolist() == trained_on["channels"]
+
+
+def _board_events(
+    device: str, baud: int, profile: Board, lost_channels: np.ndarray, stop: Stop
+) -> Iterator[Event]:
+    """Frames and troubles of a board's lines.
+
+    Raises PortLost, and InputError where none of the first lines is a frame of this board.
+    """
     from eitskin.capture.lines import Port  # pyserial, which recordings do without
 
-    chosen = measured(known.n_electrodes)
+    measured_pairs = measured_mask(profile.n_electrodes)
     try:
-        port = Port(device, baud, known.parse, known.start, time.perf_counter)
+        port = Port(device, baud, profile.parse, profile.start, time.perf_counter)
     except OSError as error:
         raise InputError(device, "port", error, "a board that nobody else has open") from None
-    start = last = time.perf_counter()
-    number = refused = frames = 0
-    latest = -LEAST_S
+    start_s = last_line_s = time.perf_counter()
+    line_number = n_rejects = n_frames = 0
+    latest_s = -MIN_INTERVAL_S
     try:
-        while not stop.asked:
-            port.wait(number, LOOK_S)
-            now = time.perf_counter()
-            for line in port.since(number):
-                if stop.asked:
+        while not stop.is_requested:
+            port.wait(line_number, POLL_S)
+            now_s = time.perf_counter()
+            for line in port.since(line_number):
+                if stop.is_requested:
                     return
-                number, last = line.number, line.end_s
+                line_number, last_line_s = line.number, line.end_s
                 if isinstance(line.value, Reject):
-                    refused += 1
-                    said = f"{line.value.reason}: {line.value.detail}"
-                    if not frames and refused == WRONG_LINES:
-                        expected = f"a frame of {known.n_electrodes} electrodes"
-                        raise InputError(device, f"{refused} lines", said, expected)
-                    yield Trouble(line.end_s - start, f"a line refused, {said}")
+                    n_rejects += 1
+                    message = f"{line.value.reason}: {line.value.detail}"
+                    if not n_frames and n_rejects == MAX_WRONG_LINES:
+                        expected = f"a frame of {profile.n_electrodes} electrodes"
+                        raise InputError(device, f"{n_rejects} lines", message, expected)
+                    yield Trouble(line.end_s - start_s, f"a line refused, {message}")
                     continue
-                frames += 1
+                n_frames += 1
                 # lines that waited in a buffer have the host's time, one for all of them
-                latest = max(line.end_s - start, latest + LEAST_S)
-                reading = np.delete(line.value[chosen], lost)
-                yield Frame(latest, line.end_s, reading, reading > known.linear_V)
-            if port.lost is not None:
-                yield Trouble(now - start, f"{device} is gone")
+                latest_s = max(line.end_s - start_s, latest_s + MIN_INTERVAL_S)
+                reading = np.delete(line.value[measured_pairs], lost_channels)
+                yield Frame(latest_s, line.end_s, reading, reading > profile.linear_V)
+            if port.failure is not None:
+                yield Trouble(now_s - start_s, f"{device} is gone")
                 port.close()
-                again = _again(device, baud, known, stop)
-                if again is None:
+                reopened_port = _reopen(device, baud, profile, stop)
+                if reopened_port is None:
                     return
-                port = again
-                number, last = 0, time.perf_counter()
-            elif now - last > SILENT_S:
-                yield Trouble(now - start, f"no line for {now - last:.0f} s")
-                last = now
+                port = reopened_port
+                line_number, last_line_s = 0, time.perf_counter()
+            elif now_s - last_line_s > SILENCE_LIMIT_S:
+                yield Trouble(now_s - start_s, f"no line for {now_s - last_line_s:.0f} s")
+                last_line_s = now_s
     finally:
         port.close()
 
 
-def _again(device: str, baud: int, known: Board, stop: Stop) -> "Port | None":
-    """The port once it is back, None where the stream is to end. Raises Gone after GONE_S."""
+def _reopen(device: str, baud: int, profile: Board, stop: Stop) -> "Port | None":
+    """The port once it is back; None where a stop is requested.
+
+    Raises PortLost after RECONNECT_LIMIT_S.
+    """
     from eitskin.capture.lines import Port
 
-    give_up = time.perf_counter() + GONE_S
-    while time.perf_counter() < give_up and not stop.asked:
+    deadline_s = time.perf_counter() + RECONNECT_LIMIT_S
+    while time.perf_counter() < deadline_s and not stop.is_requested:
         time.sleep(0.1)
         try:
-            return Port(device, baud, known.parse, known.start, time.perf_counter)
+            return Port(device, baud, profile.parse, profile.start, time.perf_counter)
         except OSError:
             continue
-    if stop.asked:
+    if stop.is_requested:
         return None
-    raise Gone(f"{device} is gone for {GONE_S:g} s")
+    raise PortLost(f"{device} is gone for {RECONNECT_LIMIT_S:g} s")
 
 
-def recorded(path: str, trained_on: dict, fast: bool, stop: Stop) -> Source:
-    """A recording's frames at its own time stamps, or as fast as they are judged; also of the
-    journal that a stream has left.
+def recording_source(path: str, trained_on: dict, fast: bool, stop: Stop) -> Source:
+    """A recording or a stream's journal, replayed at its time stamps, or with `fast` at once.
 
     Raises InputError where its channels, unit or kind of voltage are not those trained on, and
     where its first frame is touched.
     """
-    found = as_recording(path, whole=True) if is_kept(path) else importers.load(path)
-    lost = fits(found, trained_on, path)
-    voltages(found, path)
-    difference = found.metadata["values"] == "difference"
-    touched = found.frames["touch"].to_numpy(bool)
-    first = int(touched.argmax()) if touched.any() else len(touched)
-    if not difference and not first:
+    recording = (
+        as_recording(path, with_undecided=True) if is_journal(path) else importers.load(path)
+    )
+    lost_channels = check_compatibility(recording, trained_on, path)
+    voltages(recording, path)
+    is_difference = recording.metadata["values"] == "difference"
+    touched_mask = recording.frames["touch"].to_numpy(bool)
+    n_untouched = int(touched_mask.argmax()) if touched_mask.any() else len(touched_mask)
+    if not is_difference and not n_untouched:
         raise InputError(path, "column touch, row 0", "true", "an untouched frame first")
-    events = _replayed(found, np.array(lost, dtype=int), fast, stop)
-    return Source(events, min(first, OPENING), difference, found.metadata["source"])
+    events = _recording_events(recording, np.array(lost_channels, dtype=int), fast, stop)
+    return Source(
+        events, min(n_untouched, OPENING_FRAMES), is_difference, recording.metadata["source"]
+    )
 
 
-def _replayed(found: Recording, lost: np.ndarray, fast: bool, stop: Stop) -> Iterator[Event]:
-    times = found.frames["time_s"].to_numpy(float)
-    times = times - times[0]
-    fast = fast or found.metadata["clock"] == "index"
-    start = time.perf_counter()
-    for time_s, reading in zip(times.tolist(), found.readings, strict=True):
-        wait = start + time_s - time.perf_counter()
+def _recording_events(
+    recording: Recording, lost_channels: np.ndarray, fast: bool, stop: Stop
+) -> Iterator[Event]:
+    times_s = recording.frames["time_s"].to_numpy(float)
+    times_s = times_s - times_s[0]
+    fast = fast or recording.metadata["clock"] == "index"
+    start_s = time.perf_counter()
+    for time_s, reading in zip(times_s.tolist(), recording.readings, strict=True):
+        delay_s = start_s + time_s - time.perf_counter()
         if not fast:
-            stop.sleep(wait)
-        if stop.asked:
+            stop.sleep(delay_s)
+        if stop.is_requested:
             return
-        yield Frame(time_s, time.perf_counter(), np.delete(reading, lost))
+        yield Frame(time_s, time.perf_counter(), np.delete(reading, lost_channels))

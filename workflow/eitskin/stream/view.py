@@ -1,4 +1,4 @@
-"""What a person or a program sees of a stream."""
+"""The output of a stream, for a person or a program."""
 
 import json
 import sys
@@ -9,43 +9,45 @@ from eitskin.quantities import plain
 from eitskin.stream.frames import Frame, Trouble
 from eitskin.stream.judge import Verdict
 
-FEWEST = {"x": 1, "y": 1, "F": 2, "depth": 1}  # decimals
+DECIMALS = {"x": 1, "y": 1, "F": 2, "depth": 1}  # below the intervals of the best models
 
 
 class View:
     """One line that is written over at a terminal; elsewhere a line a frame, JSON where asked."""
 
-    def __init__(self, targets: list[str], as_json: bool = False, out: TextIO | None = None):
+    def __init__(self, targets: list[str], as_json: bool = False, stream: TextIO | None = None):
         self._targets, self._json = targets, as_json
-        self._out = sys.stdout if out is None else out
-        self._terminal = self._out.isatty() and not as_json
+        self._stream = sys.stdout if stream is None else stream
+        self._terminal = self._stream.isatty() and not as_json
         self._width = 0
 
     def frame(self, frame: Frame, verdict: Verdict) -> None:
-        """Show a frame's verdict, above it what is new."""
+        """Show a frame's verdict, and above it its notices."""
         if self._json:
             self._print(json.dumps(as_json(self._targets, frame, verdict)))
             return
-        for news in verdict.news:
-            self.say(f"{frame.time_s:.2f} s: {news}")
+        for notice in verdict.notices:
+            self.print_line(f"{frame.time_s:.2f} s: {notice}")
         self._line(text(self._targets, frame, verdict))
 
     def trouble(self, trouble: Trouble) -> None:
         """Show what came in place of a frame."""
         if self._json:
-            self._print(json.dumps({"time_s": round(trouble.time_s, 4), "trouble": trouble.words}))
+            self._print(
+                json.dumps({"time_s": round(trouble.time_s, 4), "trouble": trouble.message})
+            )
         else:
-            self.say(f"{trouble.time_s:.2f} s: {trouble.words}")
+            self.print_line(f"{trouble.time_s:.2f} s: {trouble.message}")
 
-    def say(self, words: str) -> None:
-        """A line that stays."""
+    def print_line(self, text: str) -> None:
+        """Print a line that is not written over."""
         if self._terminal and self._width:
-            self._out.write("\r" + " " * self._width + "\r")
+            self._stream.write("\r" + " " * self._width + "\r")
             self._width = 0
-        self._print(words)
+        self._print(text)
 
     def close(self) -> None:
-        """End the line."""
+        """End the line that is being written over."""
         if self._terminal and self._width:
             self._print("")
 
@@ -53,47 +55,46 @@ class View:
         if not self._terminal:
             self._print(line)
             return
-        self._out.write("\r" + line.ljust(self._width))
-        self._out.flush()
+        self._stream.write("\r" + line.ljust(self._width))
+        self._stream.flush()
         self._width = len(line)
 
-    def _print(self, line: str) -> None:
-        self._out.write(line + "\n")
-        self._out.flush()
+    def _print(self, text: str) -> None:
+        self._stream.write(text + "\n")
+        self._stream.flush()
 
 
 def text(targets: list[str], frame: Frame, verdict: Verdict) -> str:
-    """A frame in words: time, verdict, each target with its interval, what the estimate does
-    without."""
+    """A frame in words: time, verdict, each target with its interval, missing readings."""
     parts = [f"{frame.time_s:9.2f} s", verdict.kind]
-    if verdict.why:
-        parts.append(verdict.why)
+    if verdict.reason:
+        parts.append(verdict.reason)
     elif verdict.estimate is not None:
         values = zip(targets, verdict.estimate.state, verdict.estimate.half, strict=True)
-        for target, value, half in values:
-            digits = FEWEST[target]
-            parts.append(f"{target} {value:.{digits}f} ± {half:.{digits}f} {UNITS[target]}")
-    if verdict.lost:
-        parts.append(f"without electrode {' and '.join(map(str, verdict.lost))}")
-    if verdict.left_out and not verdict.why:
-        parts.append(f"{verdict.left_out} readings left out")
+        for target, value, half_width in values:
+            digits = DECIMALS[target]
+            parts.append(f"{target} {value:.{digits}f} ± {half_width:.{digits}f} {UNITS[target]}")
+    if verdict.lost_electrodes:
+        parts.append(f"without electrode {' and '.join(map(str, verdict.lost_electrodes))}")
+    if verdict.n_missing and not verdict.reason:
+        parts.append(f"{verdict.n_missing} readings left out")
     return plain(" · ".join(parts))
 
 
 def as_json(targets: list[str], frame: Frame, verdict: Verdict) -> dict:
     """A frame as one JSON object; `low` and `high` are the interval's ends."""
-    said: dict = {"time_s": round(frame.time_s, 4), "verdict": verdict.kind}
-    if verdict.estimate is not None and not verdict.why:
+    fields: dict = {"time_s": round(frame.time_s, 4), "verdict": verdict.kind}
+    if verdict.estimate is not None and not verdict.reason:
         values = zip(targets, verdict.estimate.state, verdict.estimate.half, strict=True)
-        for target, value, half in values:
-            said[TARGETS[target]] = {
+        for target, value, half_width in values:
+            fields[TARGETS[target]] = {
                 "value": round(float(value), 4),
-                "low": round(float(value - half), 4),
-                "high": round(float(value + half), 4),
+                "low": round(float(value - half_width), 4),
+                "high": round(float(value + half_width), 4),
             }
-    said |= {"lost": list(verdict.lost), "left_out": verdict.left_out}
-    if verdict.why:
-        said["why"] = verdict.why
-    if verdict.news:
-        said["news"] = list(verdict.news)
-    return said
+    fields |= {"lost": list(verdict.lost_electrodes), "left_out": verdict.n_missing}
+    if verdict.reason:
+        fields["why"] = verdict.reason
+    if verdict.notices:
+        fields["news"] = list(verdict.notices)
+    return fields

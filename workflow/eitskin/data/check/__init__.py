@@ -1,9 +1,9 @@
-"""What a recording holds, how good it is, and what it cannot tell; in plain words.
+"""Checks of a recording: its contents, its quality and what it cannot show, in plain words.
 
-`measures`, `wiring`, `missing`, `plausibility`, `response`, `clipping`, `compliance`, `exchanged`
-and `steps` hold what is measured and how grave it is; `sentences` what is said of it, `suspicions`
-what is said only where something looks wrong. Errors are what makes a recording useless as it
-stands: a wrong channel order, readings that no passive skin gives, readings that never change.
+`measures`, `wiring`, `missing`, `plausibility`, `response`, `clipping`, `compliance`, `exchange`
+and `steps` measure and grade; `sentences` puts it into words, `suspicions` only where something
+looks wrong. Errors make a recording unusable as it is: a wrong channel order, readings that no
+passive skin gives, readings that never change.
 """
 
 from pathlib import Path
@@ -18,11 +18,11 @@ from eitskin.quantities import plain
 
 __all__ = ["ERROR", "FACT", "UNOBSERVABLE", "WARNING", "Check", "check", "text", "write"]
 
-EXAMINED = (  # of a recording with readings
-    suspicions.constant,
-    suspicions.unseen,
-    sentences.lost,
-    sentences.clipped,
+EXAMINATIONS = (  # of a recording with readings
+    suspicions.constant_frames,
+    suspicions.unseen_touches,
+    sentences.lost_readings,
+    sentences.clipped_channels,
     sentences.noise,
     sentences.drift,
     suspicions.steps_in_time,
@@ -37,22 +37,21 @@ EXAMINED = (  # of a recording with readings
 
 
 def check(recording: Recording, progress: bool = False) -> Check:
-    """Every finding about a recording or query (`recording.validate`d); progress: a bar on stderr
-    where it takes long."""
+    """All findings about a valid recording or query; `progress` shows a bar on stderr."""
     findings = sentences.contents(recording) + sentences.skin(recording)
-    findings += sentences.outline(recording) + sentences.repeated(recording)
+    findings += sentences.outline(recording) + sentences.repeated_channels(recording)
     findings += suspicions.units(recording)
     if recording.voltage is not None:
-        nothing = sentences.dead(recording)
-        if nothing:
-            return Check((*findings, *nothing))
-        for examine in patient(EXAMINED, "checking", progress):
+        dead_findings = sentences.dead_channels(recording)
+        if dead_findings:
+            return Check((*findings, *dead_findings))
+        for examine in patient(EXAMINATIONS, "checking", progress):
             findings += examine(recording)
     return Check(tuple(findings))
 
 
-def text(result: Check) -> str:
-    """The check as plain words, a sentence a line, ending with a verdict."""
+def text(report: Check) -> str:
+    """The report in plain words, one sentence a line, ending with a verdict."""
     sections = {
         FACT: "What it holds",
         WARNING: "What to look at",
@@ -61,26 +60,26 @@ def text(result: Check) -> str:
     }
     lines = []
     for severity, title in sections.items():
-        found = result.of(severity)
-        if found:
+        severe_findings = report.of_severity(severity)
+        if severe_findings:
             lines.append(f"{title}:")
-        for finding in found:
+        for finding in severe_findings:
             remedy = f" Add: {finding.remedy}." if finding.remedy else ""
             lines.append(f"  {finding.topic}: {finding.sentence}{remedy}")
-    lines.append("Usable." if result.ok else "Not usable as it stands.")
+    lines.append("Usable." if report.ok else "Not usable as it stands.")
     return plain("\n".join(lines) + "\n")
 
 
-def write(result: Check, path: str | Path, file: str | Path) -> None:
-    """Write the check of the recording `file` as plain words.
+def write(report: Check, path: str | Path, file: str | Path) -> None:
+    """Write the report of the recording `file` to `path` in plain words.
 
-    Raises InputError naming the first error, with those words as its note, where the recording is
-    unusable; then nothing is written, so that nothing can be learned from it.
+    Raises InputError naming the first error, with the text as its note, where the recording is
+    unusable; then nothing is written, so that no later rule uses it.
     """
-    for finding in result.of(ERROR):
-        expected = "a usable recording"
-        refusal = InputError(file, f"check, {finding.topic}", finding.sentence[:-1], expected)
-        refusal.add_note(text(result))
+    for finding in report.of_severity(ERROR):
+        expectation = "a usable recording"
+        refusal = InputError(file, f"check, {finding.topic}", finding.sentence[:-1], expectation)
+        refusal.add_note(text(report))
         raise refusal
     with atomic_path(path) as temporary:
-        temporary.write_text(text(result), encoding="utf-8")
+        temporary.write_text(text(report), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""One statement about a recording, how grave it is, and all of them together."""
+"""Findings about a recording, and the check that collects them."""
 
 from dataclasses import dataclass
 
@@ -7,9 +7,10 @@ FACT, WARNING, ERROR, UNOBSERVABLE = "fact", "warning", "error", "unobservable"
 
 @dataclass(frozen=True)
 class Finding:
-    """One statement: its topic, how grave it is, a sentence, a number where there is one (relative
-    unless the topic's function says otherwise), for what cannot be told the frames to add, and of
-    what happens at one frame that.
+    """One finding: topic, severity and sentence.
+
+    `value` is its number, relative unless the topic's function says otherwise; `remedy` are the
+    frames to add for what cannot be observed; `frame` is set for a finding at one frame.
     """
 
     topic: str
@@ -31,10 +32,10 @@ class Check:
         """Whether no finding is an error."""
         return not any(finding.severity == ERROR for finding in self.findings)
 
-    def about(self, topic: str) -> list[Finding]:
-        """The findings of one topic."""
+    def of_topic(self, topic: str) -> list[Finding]:
+        """The findings of a topic."""
         return [finding for finding in self.findings if finding.topic == topic]
 
-    def of(self, severity: str) -> list[Finding]:
-        """The findings that are as grave as `severity`."""
+    def of_severity(self, severity: str) -> list[Finding]:
+        """The findings of a severity."""
         return [finding for finding in self.findings if finding.severity == severity]

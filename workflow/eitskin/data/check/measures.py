@@ -1,6 +1,4 @@
-"""What is measured of a recording's frames and readings: counts, faults of channels, noise, drift
-and reciprocity.
-"""
+"""Measures of a recording: counts, faults of channels, noise, drift and reciprocity."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,19 +10,18 @@ from eitskin.data.check.finding import ERROR, WARNING
 from eitskin.data.recording import Recording, presses
 from eitskin.physics.protocol import reciprocal_channels
 
-NORMAL = 1.4826  # standard deviation of a normal variable over its median distance from its median
-MOST_FRAMES = 500
-CLIPPED_FRAMES = 3
-MOST_REPEATED = 0.5
-QUIET = 0.3  # of the median channel's noise; no channel is taken for quieter
+NORMAL = 1.4826  # standard deviation of a normal variable over its median absolute deviation
+MAX_FRAMES = 500  # of differences: enough for an rms, and quick
+CLIPPED_FRAMES = 3  # at the ceiling: fewer may be equal by chance
+MAX_REPEATED_SHARE = 0.5  # of the table's rows: beyond, it is no table of a measurement
+MIN_NOISE_SHARE = 0.3  # of the median channel's noise: a floor for quantised channels
 UNKNOWNS = 3  # x, y and F of a touch
 
 
 @dataclass(frozen=True)
 class Contents:
-    """How many frames of each kind there are; `presses` and `places` None where nobody touches,
-    `seconds` where times were not measured.
-    """
+    """Numbers of frames of each kind; `presses` and `places` are None without touches, `seconds`
+    without a measured clock."""
 
     frames: int
     untouched: int
@@ -35,32 +32,32 @@ class Contents:
 
 
 def contents(recording: Recording) -> Contents:
-    """What a recording or query holds."""
+    """Counts of a recording or query."""
     frames = recording.frames
     touch = frames["touch"].to_numpy(dtype=bool)
-    timed = recording.metadata["clock"] == "measured" and len(frames) > 1
+    is_timed = recording.metadata["clock"] == "measured" and len(frames) > 1
     return Contents(
         frames=len(frames),
         untouched=int((~touch).sum()),
         touched=int(touch.sum()),
         presses=int(presses(recording).max()) + 1 if touch.any() else None,
         places=len(frames.loc[touch, ["x_mm", "y_mm"]].drop_duplicates()) if touch.any() else None,
-        seconds=float(np.ptp(frames["time_s"])) if timed else None,
+        seconds=float(np.ptp(frames["time_s"])) if is_timed else None,
     )
 
 
 def levels(recording: Recording, column: str) -> tuple[float, float, int] | None:
-    """The least and the largest value of a column where the skin is touched, and how many differ;
-    None where none is known.
-    """
+    """Smallest and largest value of a column in touched frames, and the number of distinct values;
+    None where none is known."""
     values = recording.frames.loc[recording.frames["touch"].to_numpy(dtype=bool), column].dropna()
     return (values.min(), values.max(), values.nunique()) if len(values) else None
 
 
-def pattern(recording: Recording, first: int) -> str:
-    """The pattern of the drives (first = 0) or measurements (2), as `protocol` names it."""
+def pattern(recording: Recording, column: int) -> str:
+    """The pattern of the pairs in columns `column`, `column` + 1 of the channel table (0: drives,
+    2: measurements), as `protocol` names it."""
     n = recording.n_electrodes
-    pair = recording.channels[:, first : first + 2]
+    pair = recording.channels[:, column : column + 2]
     steps = {min(step, n - step) for step in ((pair[:, 1] - pair[:, 0]) % n).tolist()}
     if len(steps) > 1:
         return "mixed"
@@ -69,130 +66,143 @@ def pattern(recording: Recording, first: int) -> str:
     return names.get(step, f"skip-{step - 1}")
 
 
-def turned_pairs(recording: Recording) -> str | None:
-    """The name, for the setting `measure`, of the measured pairs with plus and minus exchanged;
-    None where they have no one pattern."""
+def measure_setting(recording: Recording) -> str | None:
+    """The value of the setting `measure` for pairs with plus and minus exchanged; None where the
+    pairs have no common pattern."""
     name = pattern(recording, 2)
     plus, minus = recording.channels[:, 2:].T
-    backwards = (minus - plus) % recording.n_electrodes > recording.n_electrodes / 2
-    if name == "mixed" or backwards.any() != backwards.all():
+    is_reversed = (minus - plus) % recording.n_electrodes > recording.n_electrodes / 2
+    if name == "mixed" or is_reversed.any() != is_reversed.all():
         return None
-    return name if backwards.all() else f"{name}-reversed"
+    return name if is_reversed.all() else f"{name}-reversed"
 
 
 @dataclass(frozen=True)
-class Repeated:
-    """Rows of the channel table that repeat an earlier one, and their share of all."""
+class RepeatedChannels:
+    """Rows of the channel table that repeat an earlier row, and their share of all rows."""
 
     rows: np.ndarray
     share: float
 
     @property
     def severity(self) -> str:
-        """Most of them make a table that no skin was read by."""
-        return ERROR if self.share > MOST_REPEATED else WARNING
+        """An error where most rows are repeats: that is no table of a measurement."""
+        return ERROR if self.share > MAX_REPEATED_SHARE else WARNING
 
 
-def repeated(recording: Recording) -> Repeated | None:
-    """Channels that stand in the table more than once; None without any."""
-    _, first = np.unique(recording.channels, axis=0, return_index=True)
-    again = np.setdiff1d(np.arange(len(recording.channels)), first)
-    return Repeated(again, len(again) / len(recording.channels)) if len(again) else None
-
-
-@dataclass(frozen=True)
-class Dead:
-    """How many of the channels ever read a number other than 0 in each state of the skin, how many
-    are needed, and whether there were two states, untouched and touched.
-    """
-
-    live: int
-    channels: int
-    needed: int
-    both_states: bool
-
-
-def dead(recording: Recording) -> Dead | None:
-    """The channels that read, where they are too few to tell where and how hard a skin is touched;
-    else None.
-    """
-    touch = recording.frames["touch"].to_numpy(dtype=bool)
-    reads = np.nan_to_num(recording.readings) != 0
-    difference = recording.metadata["values"] == "difference"
-    states = [touch] if difference and touch.any() else [~touch, touch]
-    live = np.logical_and.reduce([reads[state].any(axis=0) for state in states if state.any()])
-    needed = min(UNKNOWNS, len(live))
-    if live.sum() >= needed:
-        return None
-    return Dead(int(live.sum()), len(live), needed, bool(len(states) > 1 and touch.any()))
-
-
-@dataclass(frozen=True)
-class Lost:
-    """Channels without a reading in every frame and in some, those that never change where others
-    do, and the share of readings lost: of all, and of the channels lost in some frames.
-    """
-
-    always: np.ndarray
-    sometimes: np.ndarray
-    stuck: np.ndarray
-    channels: int
-    share: float
-    share_of_sometimes: float
-
-
-def lost(recording: Recording) -> Lost:
-    """Channels with lost readings and channels that never change."""
-    values, missing = recording.readings, np.isnan(recording.readings)
-    partly = missing.any(axis=0) & ~missing.all(axis=0)
-    still = ~missing.any(axis=0) & (values == values[:1]).all(axis=0)
-    stuck = still & (len(values) > 2 and not still.all())
-    return Lost(
-        always=np.flatnonzero(missing.all(axis=0)),
-        sometimes=np.flatnonzero(partly),
-        stuck=np.flatnonzero(stuck),
-        channels=missing.shape[1],
-        share=float(missing.mean()),
-        share_of_sometimes=float(missing[:, partly].mean()) if partly.any() else 0.0,
+def repeated_channels(recording: Recording) -> RepeatedChannels | None:
+    """Channels repeated in the table; None without any."""
+    _, first_rows = np.unique(recording.channels, axis=0, return_index=True)
+    repeated_rows = np.setdiff1d(np.arange(len(recording.channels)), first_rows)
+    return (
+        RepeatedChannels(repeated_rows, len(repeated_rows) / len(recording.channels))
+        if len(repeated_rows)
+        else None
     )
 
 
 @dataclass(frozen=True)
-class Clipped:
-    """The channels that stop at a ceiling, that ceiling, and their share of all channels."""
+class DeadChannels:
+    """Numbers of channels with readings other than 0 in every state of the skin, of all channels,
+    and of those needed; and whether there are two states, untouched and touched."""
+
+    n_live: int
+    channels: int
+    n_needed: int
+    has_both_states: bool
+
+
+def dead_channels(recording: Recording) -> DeadChannels | None:
+    """Counts of live channels where they are fewer than the unknowns of a touch, else None."""
+    touch = recording.frames["touch"].to_numpy(dtype=bool)
+    is_nonzero = np.nan_to_num(recording.readings) != 0
+    difference = recording.metadata["values"] == "difference"
+    states = [touch] if difference and touch.any() else [~touch, touch]
+    is_live = np.logical_and.reduce(
+        [is_nonzero[state].any(axis=0) for state in states if state.any()]
+    )
+    needed = min(UNKNOWNS, len(is_live))
+    if is_live.sum() >= needed:
+        return None
+    return DeadChannels(
+        int(is_live.sum()), len(is_live), needed, bool(len(states) > 1 and touch.any())
+    )
+
+
+@dataclass(frozen=True)
+class LostReadings:
+    """Channels lost in every frame, lost in some frames, and stuck at one value while others vary.
+
+    `share` is the share of all readings lost, `share_of_partly_lost` that of the partly lost
+    channels.
+    """
+
+    always_lost: np.ndarray
+    partly_lost: np.ndarray
+    stuck: np.ndarray
+    channels: int
+    share: float
+    share_of_partly_lost: float
+
+
+def lost_readings(recording: Recording) -> LostReadings:
+    """Channels with lost readings and channels that never change."""
+    values, is_lost = recording.readings, np.isnan(recording.readings)
+    is_partly_lost = is_lost.any(axis=0) & ~is_lost.all(axis=0)
+    is_constant = ~is_lost.any(axis=0) & (values == values[:1]).all(axis=0)
+    is_stuck = is_constant & (len(values) > 2 and not is_constant.all())
+    return LostReadings(
+        always_lost=np.flatnonzero(is_lost.all(axis=0)),
+        partly_lost=np.flatnonzero(is_partly_lost),
+        stuck=np.flatnonzero(is_stuck),
+        channels=is_lost.shape[1],
+        share=float(is_lost.mean()),
+        share_of_partly_lost=float(is_lost[:, is_partly_lost].mean())
+        if is_partly_lost.any()
+        else 0.0,
+    )
+
+
+@dataclass(frozen=True)
+class ClippedChannels:
+    """Channels clipped at a ceiling, the ceiling, and their share of all channels."""
 
     channels: np.ndarray
     ceiling: float
     share: float
 
 
-def clipped(recording: Recording) -> Clipped | None:
-    """Channels at a ceiling: the largest |reading| comes back exactly, in several different frames,
-    and more than twice as often as any other large reading. None for differences.
+def clipped_channels(recording: Recording) -> ClippedChannels | None:
+    """Channels clipped at a ceiling.
+
+    The largest |reading| must recur exactly in CLIPPED_FRAMES different frames, and more than twice
+    as often as any other reading above 90 % of it. None for recordings of differences.
     """
     if recording.metadata["values"] == "difference":
         return None
-    size = np.unique(np.abs(recording.readings), axis=0)
-    if not np.isfinite(size).any():
+    sizes = np.unique(np.abs(recording.readings), axis=0)
+    if not np.isfinite(sizes).any():
         return None
-    ceiling = np.nanmax(size)
-    at_ceiling = size == ceiling
+    ceiling = np.nanmax(sizes)
+    at_ceiling = sizes == ceiling
     channels = np.flatnonzero(at_ceiling.any(axis=0))
-    near = size[:, channels]
-    others, counts = np.unique(near[(near < ceiling) & (near > 0.9 * ceiling)], return_counts=True)
-    commonest = counts.max() if len(others) else 0
-    varies = (near < ceiling).any() or len(channels) > 1
-    enough = at_ceiling.any(axis=1).sum() >= CLIPPED_FRAMES
-    if not (enough and varies and at_ceiling.sum() > 2 * commonest):
+    channel_sizes = sizes[:, channels]
+    large_sizes, counts = np.unique(
+        channel_sizes[(channel_sizes < ceiling) & (channel_sizes > 0.9 * ceiling)],
+        return_counts=True,
+    )
+    max_repeats = counts.max() if len(large_sizes) else 0
+    is_varying = (channel_sizes < ceiling).any() or len(channels) > 1
+    is_frequent = at_ceiling.any(axis=1).sum() >= CLIPPED_FRAMES
+    if not (is_frequent and is_varying and at_ceiling.sum() > 2 * max_repeats):
         channels = channels[:0]
-    return Clipped(channels, float(ceiling), len(channels) / size.shape[1])
+    return ClippedChannels(channels, float(ceiling), len(channels) / sizes.shape[1])
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviation of the median channel's noise, from how many untouched frames, and whether
-    presses lie between them.
-    """
+    """Standard deviation of the median channel's noise, the number of untouched frames used, and
+    whether presses lie between them."""
 
     sigma: float
     frames: int
@@ -200,45 +210,52 @@ class Noise:
 
 
 def noise(recording: Recording) -> Noise | None:
-    """Noise from one untouched frame to the next: the median absolute successive difference / sqrt
-    2, scaled to a standard deviation; drift hardly enters it. None without repeats.
+    """Noise by successive untouched frames, None without any.
+
+    The median absolute difference of successive frames / sqrt(2), scaled to a standard deviation,
+    is hardly affected by drift.
     """
     rows = np.flatnonzero(~recording.frames["touch"].to_numpy(dtype=bool))
-    follow = np.diff(rows) == 1
-    steps = np.diff(recording.readings[rows], axis=0)
-    if follow.any():
-        steps = steps[follow]
-    if not np.isfinite(steps).any():
+    is_consecutive = np.diff(rows) == 1
+    differences = np.diff(recording.readings[rows], axis=0)
+    if is_consecutive.any():
+        differences = differences[is_consecutive]
+    if not np.isfinite(differences).any():
         return None
-    spread = successive_noise(steps)
-    return Noise(float(np.nanmedian(spread)), len(steps) + 1, not follow.any())
+    channel_sd = successive_noise(differences)
+    return Noise(float(np.nanmedian(channel_sd)), len(differences) + 1, not is_consecutive.any())
 
 
-def successive_noise(steps: np.ndarray) -> np.ndarray:
-    """(M,): sd of each channel's noise that successive differences (K, M) show, as of `noise`; NaN
-    where there are none."""
-    return NORMAL * _columns(np.nanmedian, np.abs(steps)) / np.sqrt(2.0)
+def successive_noise(differences: np.ndarray) -> np.ndarray:
+    """(M,): sd of each channel's noise from successive differences (K, M), as in `noise`; NaN
+    without any."""
+    return NORMAL * _column_statistic(np.nanmedian, np.abs(differences)) / np.sqrt(2.0)
 
 
 def channel_noise(values: np.ndarray) -> np.ndarray:
-    """(M,): sd of each channel's noise, from the successive differences of untouched frames (U, M);
-    at the least QUIET of the median channel's, and 1 where nothing ever changes.
+    """(M,): sd of each channel's noise from successive untouched frames (U, M).
+
+    At least MIN_NOISE_SHARE of the median channel's; 1 where no reading ever changes.
     """
-    change = np.diff(values, axis=0)
-    change[:, ~np.isfinite(change).any(axis=0)] = 0.0
-    spread = successive_noise(change)
-    if not spread.any():
-        spread[:] = np.sqrt(np.nanmean(change**2) / 2.0)
-    middle = np.median(spread[spread > 0]) if spread.any() else 1.0
-    return np.maximum(spread, QUIET * middle)
+    differences = np.diff(values, axis=0)
+    differences[:, ~np.isfinite(differences).any(axis=0)] = 0.0
+    channel_sd = successive_noise(differences)
+    if not channel_sd.any():
+        channel_sd[:] = np.sqrt(np.nanmean(differences**2) / 2.0)
+    median_sd = np.median(channel_sd[channel_sd > 0]) if channel_sd.any() else 1.0
+    return np.maximum(channel_sd, MIN_NOISE_SHARE * median_sd)
 
 
 def noise_bound(recording: Recording) -> float | None:
-    """The odd half of reciprocity, which bounds the noise from above; None without pairs."""
+    """Upper bound of the noise by the odd half of reciprocal pairs; None without pairs."""
     pairs, signs = reciprocal_channels(recording.channels)
     values, signs = identity_readings(recording, signs)
-    odd = np.abs(values[:, pairs[:, 1]] - signs * values[:, pairs[:, 0]])
-    return float(NORMAL * np.nanmedian(odd) / np.sqrt(2.0)) if np.isfinite(odd).any() else None
+    odd_half = np.abs(values[:, pairs[:, 1]] - signs * values[:, pairs[:, 0]])
+    return (
+        float(NORMAL * np.nanmedian(odd_half) / np.sqrt(2.0))
+        if np.isfinite(odd_half).any()
+        else None
+    )
 
 
 def median_reading(recording: Recording) -> float:
@@ -249,36 +266,41 @@ def median_reading(recording: Recording) -> float:
 
 @dataclass(frozen=True)
 class Drift:
-    """Median relative change of a channel, and the share of all change that is left when one common
-    factor is taken out (None where nothing changes).
-    """
+    """Median relative change of a channel, and the share of the change that one common factor does
+    not explain (None without change)."""
 
     change: float
-    uncommon: float | None
+    residual_share: float | None
 
 
 def drift(recording: Recording) -> Drift | None:
-    """How the untouched readings change from their first tenth to their last."""
-    untouched = recording.readings[~recording.frames["touch"].to_numpy(dtype=bool)]
-    if len(untouched) < 2:
+    """Change of the untouched readings from their first tenth to their last; None for fewer than
+    two frames."""
+    untouched_readings = recording.readings[~recording.frames["touch"].to_numpy(dtype=bool)]
+    if len(untouched_readings) < 2:
         return None
-    tenth = max(1, len(untouched) // 10)
-    first = _columns(np.nanmean, untouched[:tenth])
-    last = _columns(np.nanmean, untouched[-tenth:])
-    kept = np.isfinite(first) & np.isfinite(last) & (first != 0)
-    first, last = first[kept], last[kept]
-    if not len(first):
+    n_frames = max(1, len(untouched_readings) // 10)
+    early_level = _column_statistic(np.nanmean, untouched_readings[:n_frames])
+    late_level = _column_statistic(np.nanmean, untouched_readings[-n_frames:])
+    is_usable = np.isfinite(early_level) & np.isfinite(late_level) & (early_level != 0)
+    early_level, late_level = early_level[is_usable], late_level[is_usable]
+    if not len(early_level):
         return None
-    uncommon = None
-    if np.any(last != first):
-        factor = first @ last / (first @ first)
-        uncommon = float(np.linalg.norm(last - factor * first) / np.linalg.norm(last - first))
-    return Drift(float(np.median(np.abs(last - first) / np.abs(first))), uncommon)
+    residual_share = None
+    if np.any(late_level != early_level):
+        factor = early_level @ late_level / (early_level @ early_level)
+        residual_share = float(
+            np.linalg.norm(late_level - factor * early_level)
+            / np.linalg.norm(late_level - early_level)
+        )
+    return Drift(
+        float(np.median(np.abs(late_level - early_level) / np.abs(early_level))), residual_share
+    )
 
 
 @dataclass(frozen=True)
 class Reciprocity:
-    """Relative difference of reciprocal pairs: its median, its rms, how many pairs there are."""
+    """Relative difference of reciprocal pairs: median, rms and number of pairs."""
 
     median: float
     rms: float
@@ -286,26 +308,27 @@ class Reciprocity:
 
 
 def reciprocity(recording: Recording) -> Reciprocity | None:
-    """How well the untouched readings, or their modulus where there is a quadrature, stay the same
-    when drive and measurement are exchanged; None without pairs and where their squares vanish.
-    """
+    """Differences of untouched readings (their modulus where there is a quadrature) with drive and
+    measurement exchanged; None without pairs and where all are 0."""
     pairs, signs = reciprocal_channels(recording.channels)
     if not len(pairs):
         return None
     values, signs = identity_readings(recording, signs)
-    first, second = signs * values[:, pairs[:, 0]], values[:, pairs[:, 1]]
-    size = (np.abs(first) + np.abs(second)) / 2.0
-    kept = np.isfinite(size) & (size > 0)
-    if not kept.any():
+    forward, reciprocal = signs * values[:, pairs[:, 0]], values[:, pairs[:, 1]]
+    mean_size = (np.abs(forward) + np.abs(reciprocal)) / 2.0
+    is_usable = np.isfinite(mean_size) & (mean_size > 0)
+    if not is_usable.any():
         return None
-    error = float(np.median(np.abs(first - second)[kept] / size[kept]))
+    median_error = float(np.median(np.abs(forward - reciprocal)[is_usable] / mean_size[is_usable]))
     rms = relative_change(values, pairs, signs)
-    return None if rms is None else Reciprocity(error, rms, len(pairs))
+    return None if rms is None else Reciprocity(median_error, rms, len(pairs))
 
 
 def identity_readings(recording: Recording, signs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Readings (K, M) on which a channel table's identities should hold, and the signs to use: the
-    mean untouched frame, or some frames of differences; the modulus where there is a quadrature.
+    """Readings (K, M) for which the channel table's identities should hold, and the signs to use.
+
+    The mean untouched frame, or some frames of differences; the modulus, with signs 1, where there
+    is a quadrature; signs 1 for magnitudes.
     """
     values = recording.readings
     if recording.quadrature is not None:
@@ -318,15 +341,15 @@ def identity_readings(recording: Recording, signs: np.ndarray) -> tuple[np.ndarr
 def untouched_readings(values: np.ndarray, recording: Recording) -> np.ndarray:
     """(K, M): the mean over untouched frames, or some frames of a recording of differences."""
     if recording.metadata["values"] == "difference":
-        rows = np.linspace(0, len(values) - 1, min(len(values), MOST_FRAMES)).astype(int)
+        rows = np.linspace(0, len(values) - 1, min(len(values), MAX_FRAMES)).astype(int)
         return values[rows]
     untouched = ~recording.frames["touch"].to_numpy(dtype=bool)
-    return _columns(np.nanmean, values[untouched])[None]
+    return _column_statistic(np.nanmean, values[untouched])[None]
 
 
-def _columns(statistic: Callable, values: np.ndarray) -> np.ndarray:
-    """A statistic of each column (M,); NaN for a column without any reading."""
-    result = np.full(values.shape[1], np.nan)
-    some = np.isfinite(values).any(axis=0)
-    result[some] = statistic(values[:, some], axis=0)
-    return result
+def _column_statistic(statistic: Callable, values: np.ndarray) -> np.ndarray:
+    """A statistic of each column (M,), NaN for a column without readings."""
+    column_values = np.full(values.shape[1], np.nan)
+    has_readings = np.isfinite(values).any(axis=0)
+    column_values[has_readings] = statistic(values[:, has_readings], axis=0)
+    return column_values

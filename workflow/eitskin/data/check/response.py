@@ -9,51 +9,50 @@ from eitskin.data.check.finding import ERROR, WARNING
 from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 
-LEAST_FRAMES = 3
-LEAST_EACH = 8  # untouched and touched frames, to compare them
-UNLIKELY = 0.01
+MIN_FRAMES = 3  # two may be equal within a converter's step
+MIN_FRAMES_EACH = 8  # untouched and touched, for a rank test at MAX_P_VALUE
+MAX_P_VALUE = 0.01  # of the rank test: below, touches are seen
 
 
 @dataclass(frozen=True)
-class Constant:
-    """How many frames are all alike, and how many of them are touched."""
+class ConstantFrames:
+    """Number of equal frames, and of the touched ones among them."""
 
     frames: int
     touched: int
 
     @property
     def severity(self) -> str:
-        """Of a skin that nobody touches, one frame is still worth something."""
+        """A warning only where the skin is untouched: one frame still has information."""
         return ERROR if self.touched else WARNING
 
 
-def constant(recording: Recording) -> Constant | None:
-    """Frames without a change of any reading; None where some changes, or frames are few."""
+def constant_frames(recording: Recording) -> ConstantFrames | None:
+    """Frames in which no reading ever changes; None where one does, or frames are too few."""
     values = recording.readings
-    if len(values) < LEAST_FRAMES:
+    if len(values) < MIN_FRAMES:
         return None
-    known = np.isfinite(values)
-    lowest = np.where(known, values, np.inf).min(axis=0)
-    highest = np.where(known, values, -np.inf).max(axis=0)
-    again = known.sum(axis=0) > 1
-    if not again.any() or (highest > lowest).any():
+    is_read = np.isfinite(values)
+    lowest = np.where(is_read, values, np.inf).min(axis=0)
+    highest = np.where(is_read, values, -np.inf).max(axis=0)
+    is_repeated = is_read.sum(axis=0) > 1
+    if not is_repeated.any() or (highest > lowest).any():
         return None
-    return Constant(len(values), int(recording.frames["touch"].sum()))
+    return ConstantFrames(len(values), int(recording.frames["touch"].sum()))
 
 
 @dataclass(frozen=True)
-class Unseen:
-    """How many touched frames change no more than untouched ones do, and the chance of a
-    difference like theirs without any touch (Mann-Whitney, one-sided).
-    """
+class UnseenTouches:
+    """Numbers of touched and untouched frames with changes of the same size, and the one-sided
+    p-value of their difference (Mann-Whitney)."""
 
     touched: int
     untouched: int
     p_value: float
 
 
-def unseen(recording: Recording) -> Unseen | None:
-    """Touches that no reading shows; None where they show, or frames are too few to say so."""
+def unseen_touches(recording: Recording) -> UnseenTouches | None:
+    """Touches that change no reading; None where they do, or frames are too few to decide."""
     if recording.metadata["values"] == "difference":
         return None
     try:
@@ -61,20 +60,27 @@ def unseen(recording: Recording) -> Unseen | None:
     except InputError:  # a session without an untouched frame
         return None
     touch = recording.frames["touch"].to_numpy(dtype=bool)
-    known = np.isfinite(change)
-    enough = known[~touch].sum(axis=0) >= LEAST_EACH
-    change, known = np.where(known, change, 0.0)[:, enough], known[:, enough]
-    power = (change[~touch] ** 2).sum(axis=0) / np.maximum(known[~touch].sum(axis=0), 1)
-    live = power > 0
-    if not live.any():
+    is_read = np.isfinite(change)
+    is_measured = is_read[~touch].sum(axis=0) >= MIN_FRAMES_EACH
+    change, is_read = np.where(is_read, change, 0.0)[:, is_measured], is_read[:, is_measured]
+    power = (change[~touch] ** 2).sum(axis=0) / np.maximum(is_read[~touch].sum(axis=0), 1)
+    is_live = power > 0
+    if not is_live.any():
         return None
-    share = (change[:, live] ** 2 / power[live]).sum(axis=1)
-    size = share / np.maximum(known[:, live].sum(axis=1), 1)
-    some = known[:, live].any(axis=1)
-    free, pressed = size[~touch & some], size[touch & some]
-    if min(len(free), len(pressed)) < LEAST_EACH:
+    scaled_power = (change[:, is_live] ** 2 / power[is_live]).sum(axis=1)
+    mean_power = scaled_power / np.maximum(is_read[:, is_live].sum(axis=1), 1)
+    has_readings = is_read[:, is_live].any(axis=1)
+    untouched_power, touched_power = (
+        mean_power[~touch & has_readings],
+        mean_power[touch & has_readings],
+    )
+    if min(len(untouched_power), len(touched_power)) < MIN_FRAMES_EACH:
         return None
     from scipy.stats import mannwhitneyu  # here, as every start of the workflow would load it
 
-    p_value = float(mannwhitneyu(pressed, free, alternative="greater").pvalue)
-    return Unseen(len(pressed), len(free), p_value) if p_value > UNLIKELY else None
+    p_value = float(mannwhitneyu(touched_power, untouched_power, alternative="greater").pvalue)
+    return (
+        UnseenTouches(len(touched_power), len(untouched_power), p_value)
+        if p_value > MAX_P_VALUE
+        else None
+    )

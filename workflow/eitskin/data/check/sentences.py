@@ -1,13 +1,11 @@
-"""What is said of each measure of a recording: one function a topic, from a recording to its
-findings.
-"""
+"""Findings in words: one function for each topic, from a recording to its findings."""
 
 import numpy as np
 
 from eitskin.data.channel_order import ORDERS, Misfit
-from eitskin.data.check import clipping, measures, named, wiring
+from eitskin.data.check import clipping, measures, naming, wiring
 from eitskin.data.check.finding import ERROR, FACT, UNOBSERVABLE, WARNING, Finding
-from eitskin.data.check.missing import HOLD_S, missing
+from eitskin.data.check.missing import HOLD_S, missing_information
 from eitskin.data.recording import Recording
 from eitskin.physics.outline import EXPECTED, no_disc
 from eitskin.physics.skin import OPTIONAL
@@ -24,7 +22,7 @@ SKIN = {  # key: its name, its unit
     "current_A": ("current", "A"),
     "contrast_per_N": ("contrast", "1/N"),
 }
-MISSING = {  # what cannot be told: its topic, the sentence, the frames to add
+MISSING = {  # key of `missing_information`: topic, sentence, frames to add
     "absolute": (
         "absolute",
         "only differences: nothing of contacts, widths, shape or offsets that the untouched skin "
@@ -116,20 +114,19 @@ CEILING_SIGNS = {
 
 
 def contents(recording: Recording) -> list[Finding]:
-    """Frames, touches, channels and where they come from."""
-    held, metadata = measures.contents(recording), recording.metadata
+    """Numbers of frames, touches and channels, and their source."""
+    counts, metadata = measures.contents(recording), recording.metadata
     kind = "query" if recording.voltage is None else "recording"
-    sentence = (
-        f"a {kind} of {held.frames} frames: {held.untouched} untouched, {held.touched} touched"
-    )
-    if held.touched:
-        sentence += f" in {_counted(held.presses, 'press', 'presses')}"
-        sentence += f" at {_counted(held.places, 'place', 'places')}"
-    if held.seconds is not None:
-        sentence += f"; {held.seconds:.3g} s long"
-    found = [_fact("frames", f"{sentence}. Source: {metadata['source']}.")]
+    sentence = f"a {kind} of {counts.frames} frames: {counts.untouched} untouched"
+    sentence += f", {counts.touched} touched"
+    if counts.touched:
+        sentence += f" in {_count_text(counts.presses, 'press', 'presses')}"
+        sentence += f" at {_count_text(counts.places, 'place', 'places')}"
+    if counts.seconds is not None:
+        sentence += f"; {counts.seconds:.3g} s long"
+    findings = [_fact("frames", f"{sentence}. Source: {metadata['source']}.")]
     drive, measure = measures.pattern(recording, 0), measures.pattern(recording, 2)
-    found.append(
+    findings.append(
         _fact(
             "channels",
             f"{len(recording.channels)} of {recording.n_electrodes} electrodes, {drive} drive, "
@@ -140,54 +137,56 @@ def contents(recording: Recording) -> list[Finding]:
     for name, unit in (("force_N", "N"), ("depth_mm", "mm"), ("probe_mm", "mm")):
         levels = measures.levels(recording, name)
         if levels is not None:
-            least, largest, different = levels
-            span = f"{least:.3g} {unit} always"
-            if different > 1:
-                span = f"{least:.3g} to {largest:.3g} {unit}, {different} different"
-            found.append(_fact(name.rsplit("_", 1)[0], f"{span}."))
-    return found
+            smallest, largest, n_values = levels
+            span = f"{smallest:.3g} {unit} always"
+            if n_values > 1:
+                span = f"{smallest:.3g} to {largest:.3g} {unit}, {n_values} different"
+            findings.append(_fact(name.rsplit("_", 1)[0], f"{span}."))
+    return findings
 
 
-def _counted(count: int | None, one: str, several: str) -> str:
-    return f"{count} {one if count == 1 else several}"
+def _count_text(count: int | None, singular: str, plural: str) -> str:
+    return f"{count} {singular if count == 1 else plural}"
 
 
 def skin(recording: Recording) -> list[Finding]:
-    """What is believed of the skin and its wiring, and what is not known."""
-    believed = recording.skin
-    known, unknown = [], []
+    """The stated and the unknown properties of the skin and its wiring."""
+    stated_skin = recording.skin
+    stated_parts, unknown_parts = [], []
     for key, (name, unit) in SKIN.items():
-        value = getattr(believed, key)
+        value = getattr(stated_skin, key)
         if value is not None:
-            known.append(f"{name} {quantity(value, unit)}")
+            stated_parts.append(f"{name} {quantity(value, unit)}")
         elif key not in OPTIONAL:
-            unknown.append(name)
-    if believed.electrode_deg is None:
-        unknown.append("the electrodes' angles")
+            unknown_parts.append(name)
+    if stated_skin.electrode_deg is None:
+        unknown_parts.append("the electrodes' angles")
     else:
-        known.append(f"{len(believed.electrode_deg)} electrodes {_angles(believed.electrode_deg)}")
-    ends = []
-    if known:
-        ends.append(f"believed: {', '.join(known)}")
-    if unknown:
-        ends.append(f"not known, so calibrated: {', '.join(unknown)}")
+        stated_parts.append(
+            f"{len(stated_skin.electrode_deg)} electrodes {_angles(stated_skin.electrode_deg)}"
+        )
+    clauses = []
+    if stated_parts:
+        clauses.append(f"believed: {', '.join(stated_parts)}")
+    if unknown_parts:
+        clauses.append(f"not known, so calibrated: {', '.join(unknown_parts)}")
     source = recording.metadata["source_reference"]
-    ends.append(f"the current source is taken as {source}")
-    return [_fact("skin", f"{'; '.join(ends)}.")]
+    clauses.append(f"the current source is taken as {source}")
+    return [_fact("skin", f"{'; '.join(clauses)}.")]
 
 
 def outline(recording: Recording) -> list[Finding]:
-    """A skin that is no disc with electrodes on its rim, which nothing here simulates."""
-    other = no_disc(recording.skin)
-    if other is None:
+    """A skin that is no disc with electrodes on its rim, which cannot be simulated."""
+    shape_fault = no_disc(recording.skin)
+    if shape_fault is None:
         return []
-    place, found = other
-    sentence = f"{place} says: {found}. It is no skin to be diagnosed; that takes {EXPECTED}."
+    place, description = shape_fault
+    sentence = f"{place} says: {description}. It is no skin to be diagnosed; that takes {EXPECTED}."
     return [Finding("outline", WARNING, sentence)]
 
 
 def _angles(degrees: tuple[float, ...]) -> str:
-    """Where electrodes lie: in even steps from the first, or from the first to the last."""
+    """The electrodes' angles in words: even steps from the first electrode, or a list."""
     pitch = 360.0 / len(degrees)
     steps = np.diff(degrees) % 360.0
     for step, way in ((pitch, "counter-clockwise"), (360.0 - pitch, "clockwise")):
@@ -196,89 +195,92 @@ def _angles(degrees: tuple[float, ...]) -> str:
     return f"at {', '.join(f'{angle:g}°' for angle in degrees)}"
 
 
-def repeated(recording: Recording) -> list[Finding]:
-    """Channels that stand in the table more than once (value: the share of rows that repeat an
-    earlier one).
-    """
-    again = measures.repeated(recording)
-    if again is None:
+def repeated_channels(recording: Recording) -> list[Finding]:
+    """Channels repeated in the table (value: the share of rows that repeat an earlier one)."""
+    repeats = measures.repeated_channels(recording)
+    if repeats is None:
         return []
-    rows = named.channels(recording, again.rows)
+    rows = naming.channels(recording, repeats.rows)
     sentence = f"a channel appears twice: {rows} stood in the table before."
-    return [Finding("repeated", again.severity, sentence, again.share)]
+    return [Finding("repeated", repeats.severity, sentence, repeats.share)]
 
 
-def dead(recording: Recording) -> list[Finding]:
-    """Whether too few channels read anything (value: how many do); then nothing can be examined."""
-    few = measures.dead(recording)
-    if few is None:
+def dead_channels(recording: Recording) -> list[Finding]:
+    """Too few channels with readings for any further check (value: their number)."""
+    dead = measures.dead_channels(recording)
+    if dead is None:
         return []
-    in_both = ", untouched as well as touched" if few.both_states else ""
+    states_text = ", untouched as well as touched" if dead.has_both_states else ""
     sentence = (
-        f"{few.live} of {few.channels} channels have a reading other than 0{in_both}; "
-        f"{few.needed} at least are needed."
+        f"{dead.n_live} of {dead.channels} channels have a reading other than 0{states_text}; "
+        f"{dead.n_needed} at least are needed."
     )
-    return [Finding("dead", ERROR, sentence, float(few.live))]
+    return [Finding("dead", ERROR, sentence, float(dead.n_live))]
 
 
-def lost(recording: Recording) -> list[Finding]:
+def lost_readings(recording: Recording) -> list[Finding]:
     """Channels with lost readings (value: the share lost) and channels that never change."""
-    gone = measures.lost(recording)
-    found = []
-    if len(gone.always):
-        sentence = f"{named.channels(recording, gone.always)} lost in every frame."
-        found.append(Finding("lost", WARNING, sentence, len(gone.always) / gone.channels))
-    if len(gone.sometimes):
-        rows, share = named.channels(recording, gone.sometimes), gone.share_of_sometimes
-        sentence = f"{rows} lost in some frames ({percent(share, 1)} of them)."
-        found.append(Finding("lost", WARNING, sentence, gone.share))
-    if not found:
-        found.append(_fact("lost", "no reading is lost.", 0.0))
-    if len(gone.stuck):
-        sentence = f"{named.channels(recording, gone.stuck)} never change: stuck or dead."
-        found.append(Finding("stuck", WARNING, sentence, len(gone.stuck) / gone.channels))
-    return found
-
-
-def clipped(recording: Recording) -> list[Finding]:
-    """Channels that stop at a ceiling (value: their share)."""
-    stop = measures.clipped(recording)
-    if stop is None:
-        return []
-    if len(stop.channels):
-        rows = named.channels(recording, stop.channels)
-        sentence = f"{rows} stop at {stop.ceiling:.4g}: the range is too small."
-        return [Finding("clipped", WARNING, sentence, stop.share)]
-    found = []
-    for one in clipping.ceilings(recording):
-        rows, at = named.channels(recording, one.channels), named.frames(one.frames)
-        sentence = (
-            f"{rows} seem to stop at {one.ceiling:.4g}: {CEILING_SIGNS[one.sign]}. They are there "
-            f"in {at}; the range may be too small."
+    losses = measures.lost_readings(recording)
+    findings = []
+    if len(losses.always_lost):
+        sentence = f"{naming.channels(recording, losses.always_lost)} lost in every frame."
+        findings.append(
+            Finding("lost", WARNING, sentence, len(losses.always_lost) / losses.channels)
         )
-        share = len(one.channels) / len(recording.channels)
-        found.append(Finding("clipped", WARNING, sentence, share))
-    return found or [_fact("clipped", "no channel stops at a ceiling.", 0.0)]
+    if len(losses.partly_lost):
+        rows, share = naming.channels(recording, losses.partly_lost), losses.share_of_partly_lost
+        sentence = f"{rows} lost in some frames ({percent(share, 1)} of them)."
+        findings.append(Finding("lost", WARNING, sentence, losses.share))
+    if not findings:
+        findings.append(_fact("lost", "no reading is lost.", 0.0))
+    if len(losses.stuck):
+        sentence = f"{naming.channels(recording, losses.stuck)} never change: stuck or dead."
+        findings.append(Finding("stuck", WARNING, sentence, len(losses.stuck) / losses.channels))
+    return findings
+
+
+def clipped_channels(recording: Recording) -> list[Finding]:
+    """Channels that stop at a ceiling (value: their share)."""
+    clipping_limit = measures.clipped_channels(recording)
+    if clipping_limit is None:
+        return []
+    if len(clipping_limit.channels):
+        rows = naming.channels(recording, clipping_limit.channels)
+        sentence = f"{rows} stop at {clipping_limit.ceiling:.4g}: the range is too small."
+        return [Finding("clipped", WARNING, sentence, clipping_limit.share)]
+    findings = []
+    for channel_ceiling in clipping.ceilings(recording):
+        rows, frames_text = (
+            naming.channels(recording, channel_ceiling.channels),
+            naming.frames(channel_ceiling.frames),
+        )
+        sentence = (
+            f"{rows} seem to stop at {channel_ceiling.ceiling:.4g}: "
+            f"{CEILING_SIGNS[channel_ceiling.sign]}. They are there in {frames_text}; the range "
+            "may be too small."
+        )
+        share = len(channel_ceiling.channels) / len(recording.channels)
+        findings.append(Finding("clipped", WARNING, sentence, share))
+    return findings or [_fact("clipped", "no channel stops at a ceiling.", 0.0)]
 
 
 def noise(recording: Recording) -> list[Finding]:
-    """Noise of the median channel, in the recording's unit (value), or without repeats what
-    reciprocity bounds it by.
-    """
+    """Noise of the median channel in the recording's unit (value); without repeated frames its
+    upper bound by reciprocity."""
     if recording.metadata["values"] == "difference":
         return []
     unit = recording.metadata["unit"]
     unit = "arbitrary units" if unit == "arbitrary" else unit
     level = measures.median_reading(recording)
-    measured = measures.noise(recording)
-    if measured is not None:
+    estimate = measures.noise(recording)
+    if estimate is not None:
         sentence = (
-            f"{measured.sigma:.3g} {unit} in the median channel{_share(measured.sigma, level)}, "
-            f"from {measured.frames} untouched frames"
+            f"{estimate.sigma:.3g} {unit} in the median channel{_share(estimate.sigma, level)}, "
+            f"from {estimate.frames} untouched frames"
         )
-        if measured.between_presses:
+        if estimate.between_presses:
             sentence += " with presses between them, so recovery after a press is in it"
-        return [_fact("noise", sentence + ".", measured.sigma)]
+        return [_fact("noise", sentence + ".", estimate.sigma)]
     bound = measures.noise_bound(recording)
     if bound is None:
         return []
@@ -293,126 +295,128 @@ def drift(recording: Recording) -> list[Finding]:
     """Median relative change of the untouched readings from first to last (value)."""
     if recording.metadata["values"] == "difference":
         return []
-    measured = measures.drift(recording)
-    if measured is None:
+    untouched_drift = measures.drift(recording)
+    if untouched_drift is None:
         return []
-    change, rest = measured.change, measured.uncommon
-    changed = f"{percent(change, 2)} (median channel)"
-    sentence = f"the untouched readings change by {changed} from first to last"
-    if rest is not None:
-        sentence += f"; {percent(rest)} of it is left when one common factor is taken out"
+    change, residual_share = untouched_drift.change, untouched_drift.residual_share
+    change_text = f"{percent(change, 2)} (median channel)"
+    sentence = f"the untouched readings change by {change_text} from first to last"
+    if residual_share is not None:
+        sentence += f"; {percent(residual_share)} of it is left when one common factor is taken out"
     return [_fact("drift", sentence + ".", change)]
 
 
 def reciprocity(recording: Recording) -> list[Finding]:
     """Median over reciprocal pairs of their relative difference (value)."""
-    measured = measures.reciprocity(recording)
-    if measured is None:
+    pair_error = measures.reciprocity(recording)
+    if pair_error is None:
         return []
     sentence = (
-        f"exchanging drive and measurement changes a reading by {percent(measured.median, 2)} "
-        f"(median of {measured.pairs} pairs; rms {percent(measured.rms, 2)})."
+        f"exchanging drive and measurement changes a reading by {percent(pair_error.median, 2)} "
+        f"(median of {pair_error.pairs} pairs; rms {percent(pair_error.rms, 2)})."
     )
-    return [_fact("reciprocity", sentence, measured.median)]
+    return [_fact("reciprocity", sentence, pair_error.median)]
 
 
 def channel_order(recording: Recording) -> list[Finding]:
-    """Whether the readings stand in the table's order (value: the rms misfit of its identities), or
-    far better in another known one.
-    """
+    """Whether the readings are in the table's order (value: the rms misfit of its identities), or
+    fit another known order far better."""
     order = wiring.order(recording)
-    overall, best, names = order.own.overall, order.best, order.names
+    overall, best, names = (
+        order.misfit.overall,
+        order.best_misfit,
+        order.best_names,
+    )
     if overall is None:
         sentence = "the channels repeat nothing, so their order cannot be checked."
         return [Finding("order", UNOBSERVABLE, sentence, remedy="reciprocal or reversed channels")]
     if order.is_wrong:
-        others = f" ({len(names) - 1} more orders fit alike)" if len(names) > 1 else ""
+        ties = f" ({len(names) - 1} more orders fit alike)" if len(names) > 1 else ""
         sentence = (
-            f"wrong channel order: {_in_words(order.own)}; read as '{ORDERS[names[0]].sentence}' "
-            f"the misfit is {best:.2g} instead of {overall:.2f}{others}. To read it so: --order "
-            f"{names[0]} (in config.yaml order: {names[0]})."
+            f"wrong channel order: {_in_words(order.misfit)}; read as "
+            f"'{ORDERS[names[0]].sentence}' the misfit is {best:.2g} instead of "
+            f"{overall:.2f}{ties}. To read it so: --order {names[0]} (in config.yaml order: "
+            f"{names[0]})."
         )
     elif order.severity == FACT:
-        sentence = f"as the table says: {_in_words(order.own)}."
-    elif order.worst is not None:
+        sentence = f"as the table says: {_in_words(order.misfit)}."
+    elif order.worst_electrodes is not None:
         sentence = (
-            f"{_in_words(order.own)}, most where electrodes {order.worst[0]} and {order.worst[1]} "
-            f"take part; no known channel order repairs it (the best leaves {percent(best)}). No "
-            "passive, linear skin reads so: look at the wiring and the contacts, or at a channel "
-            "table of another pattern."
+            f"{_in_words(order.misfit)}, most where electrodes "
+            f"{' and '.join(map(str, order.worst_electrodes))} take part; no known channel order "
+            f"repairs it (the best leaves {percent(best)}). No passive, linear skin reads so: look "
+            "at the wiring and the contacts, or at a channel table of another pattern."
         )
     else:
         sentence = (
-            f"{_in_words(order.own)}; no known channel order is far better (the best: {best:.2f} "
-            f"overall instead of {overall:.2f}), so it is the skin or the instrument that breaks "
-            "it, not the order."
+            f"{_in_words(order.misfit)}; no known channel order is far better (the best: "
+            f"{best:.2f} overall instead of {overall:.2f}), so it is the skin or the instrument "
+            "that breaks it, not the order."
         )
     return [Finding("order", order.severity, sentence, overall)]
 
 
 def _in_words(misfit: Misfit) -> str:
     if misfit.reciprocity is not None:
-        changed = percent(misfit.reciprocity)
-        return f"exchanging drive and measurement changes readings by {changed} rms"
-    parts = []
+        change_text = percent(misfit.reciprocity)
+        return f"exchanging drive and measurement changes readings by {change_text} rms"
+    clauses = []
     if misfit.reversal is not None:
-        parts.append(
+        clauses.append(
             f"exchanging source and sink changes the size of readings by {misfit.reversal:.2f}"
         )
     if misfit.rotation is not None:
-        parts.append(f"going round by one electrode changes them by {misfit.rotation:.2f}")
-    return " and ".join(parts) + " of their size"
+        clauses.append(f"going round by one electrode changes them by {misfit.rotation:.2f}")
+    return " and ".join(clauses) + " of their size"
 
 
 def polarity(recording: Recording) -> list[Finding]:
-    """Whether signed readings have the sign that the table gives them (value: their correlation
-    with a homogeneous disc's).
-    """
-    alike = wiring.polarity(recording)
-    if alike is None or alike >= wiring.EXCHANGED:
+    """Whether signed readings have the table's sign (value: their correlation with a homogeneous
+    disc's)."""
+    correlation = wiring.polarity(recording)
+    if correlation is None or correlation >= wiring.EXCHANGED_CORRELATION:
         return []
     sentence = (
-        f"wrong channel table: the readings correlate by {alike:.2f} with a homogeneous "
+        f"wrong channel table: the readings correlate by {correlation:.2f} with a homogeneous "
         "disc's; plus and minus (or source and sink) are exchanged."
     )
-    turned = measures.turned_pairs(recording)
-    if turned is not None:
-        sentence += f" Where the format leaves the measured pairs open: --measure {turned}."
-    return [Finding("polarity", ERROR, sentence, alike)]
+    measure_name = measures.measure_setting(recording)
+    if measure_name is not None:
+        sentence += f" Where the format leaves the measured pairs open: --measure {measure_name}."
+    return [Finding("polarity", ERROR, sentence, correlation)]
 
 
 def numbering(recording: Recording) -> list[Finding]:
-    """Whether touches light up where the file says that they are (value: how far round they do,
-    degrees).
-    """
-    lit = wiring.numbering(recording)
-    if lit is None:
+    """Whether hotspots of touches are at their stated places (value: the turn between them in
+    degrees)."""
+    fit = wiring.numbering(recording)
+    if fit is None:
         return []
     sentence = (
-        f"the {lit.touches} strongest touches light up {lit.turn:+.0f} degrees "
+        f"the {fit.touches} strongest touches light up {fit.turn_deg:+.0f} degrees "
         "(counter-clockwise) from where the file puts them, and after that turn within "
-        f"{lit.residual_radii:.2f} of the radius (median)."
+        f"{fit.residual_radii:.2f} of the radius (median)."
     )
-    if lit.severity == ERROR and lit.mirrored:
+    if fit.severity == ERROR and fit.is_mirrored:
         sentence = (
             "wrong electrode numbering: touches light up mirrored; numbers run the other way round."
             " State skin.electrode_deg clockwise, or mirror the labelled places."
         )
-    elif lit.severity == ERROR:
-        off = f"{lit.turn / lit.pitch:+.1f} electrodes"
+    elif fit.severity == ERROR:
+        offset_text = f"{fit.turn_deg / fit.pitch_deg:+.1f} electrodes"
         sentence = (
-            f"wrong electrode numbering, off by {off}: {sentence} State skin.electrode_deg with "
-            f"about {abs(lit.turn):.0f} degrees {'less' if lit.turn > 0 else 'more'} each, or turn "
-            "the labelled places."
+            f"wrong electrode numbering, off by {offset_text}: {sentence} State skin.electrode_deg "
+            f"with about {abs(fit.turn_deg):.0f} degrees {'less' if fit.turn_deg > 0 else 'more'} "
+            "each, or turn the labelled places."
         )
-    return [Finding("numbering", lit.severity, sentence, lit.turn)]
+    return [Finding("numbering", fit.severity, sentence, fit.turn_deg)]
 
 
 def unobservable(recording: Recording) -> list[Finding]:
-    """What these frames cannot tell, each with the frames to add."""
+    """What cannot be observed in these frames, each with the frames to add."""
     return [
         Finding(topic, UNOBSERVABLE, sentence, remedy=remedy)
-        for topic, sentence, remedy in map(MISSING.__getitem__, missing(recording))
+        for topic, sentence, remedy in map(MISSING.__getitem__, missing_information(recording))
     ]
 
 

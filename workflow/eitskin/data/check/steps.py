@@ -1,10 +1,10 @@
 """Steps in time: a wire moved, a gain switched, a recording pasted together.
 
-Between two untouched frames stands a split. The frames beside it give the change twice, with noise
-of its own each: x[k+1] - x[k] and x[k+2] - x[k-1]. Noise, loud frames and spikes make the two
-unlike, a lasting change alike. It is set against the recording's other splits, so that walks, drift
-and recovery, which are in them all, are no steps. A factor common to all channels is looked at
-apart from the rest, for sources wander.
+A split lies between two untouched frames. The frames beside it give the change across it twice,
+with independent noise: x[k+1] - x[k] and x[k+2] - x[k-1]. Noise, outlying frames and spikes differ
+between the two, a lasting change is common to both. Their similarity is compared with that of the
+recording's other splits, so that random walks, drift and recovery, which are in all splits, are no
+steps. A factor common to all channels is tested separately, because sources drift.
 """
 
 from dataclasses import dataclass
@@ -15,27 +15,27 @@ from eitskin.data.baseline import sessions
 from eitskin.data.check.measures import NORMAL, channel_noise
 from eitskin.data.recording import Recording, presses
 
-WIDTHS, MANY = (2, 4, 8, 16), 4  # frames on either side; so many times as many in all
-LEAST_SPLITS = 8  # of a kind, to know what is ordinary
-# In energy, over that of an ordinary split; `python -m calibration.steps` has the false alarms. One
+WIDTHS, WINDOWS_PER_WIDTH = (2, 4, 8, 16), 4  # frames on either side; least frames over a width
+MIN_SPLITS = 8  # of a kind, for a median of ordinary splits
+# In energy, over that of an ordinary split; `python -m proof.steps` has the false alarms. One
 # number of a wandering source varies more than the sum over many channels does.
-LARGER, LARGER_COMMON = 20.0, 40.0
-SPIKE = 5.0  # standard deviations
-IN_FEW = 0.02  # of the channels: no step, if it is in them alone
-COVERED = 0.8  # of a change's energy: what a few electrodes have in common
-FEW = 3
-NAMED = 3
+MIN_RATIO, MIN_COMMON_RATIO = 20.0, 40.0
+SPIKE_SD = 5.0  # standard deviations; normal noise passes it once in two million readings
+SPIKE_CHANNEL_SHARE = 0.02  # of the channels: a change in these alone is two spikes
+MIN_ENERGY_SHARE = 0.8  # of a change's energy in the channels of a few electrodes
+MAX_ELECTRODES = 3  # of one moved wire or bundle
+MAX_NAMED_CHANNELS = 3  # more make a sentence unreadable
 
 
 @dataclass(frozen=True)
 class Step:
     """A lasting change between two untouched frames.
 
-    frame: the first frame after it; between: the untouched frames beside it, within which `frame`
-    is the likeliest; size: length of the change, of all channels together, over one frame's noise
-    in one channel; factor: by which all channels changed alike, None where the step is no such;
-    electrodes: at most three whose channels hold most of the change, none where it is everywhere;
-    channels: the rows that changed most, in units of their noise, the largest first.
+    `frame` is the likeliest first frame after it, within the untouched frames `between`; `size` the
+    norm of the change over all channels in units of the channels' noise; `factor` the common factor
+    of all channels, None where it is no common one; `electrodes` at most MAX_ELECTRODES whose
+    channels hold most of the change, none where it is everywhere; `channels` the rows that changed
+    most in units of their noise, the largest first.
     """
 
     frame: int
@@ -47,196 +47,220 @@ class Step:
 
 
 def steps(recording: Recording) -> list[Step]:
-    """Every step, in order of time; none of differences, which have no untouched skin.
+    """All steps in order of time; none of differences, which have no untouched readings.
 
-    A step needs two untouched frames before and two after it in its session, and LEAST_SPLITS
-    splits of its kind, across presses or within untouched frames in a row.
+    A step needs two untouched frames before and two after it in its session, and MIN_SPLITS splits
+    of its kind, across presses or within a run of untouched frames.
     """
     if recording.voltage is None or recording.metadata["values"] == "difference":
         return []
     rows = np.flatnonzero(~recording.frames["touch"].to_numpy(dtype=bool))
     rows = rows[(np.nan_to_num(recording.voltage[rows]) != 0).any(axis=1)]
-    if len(rows) < LEAST_SPLITS + 3:
+    if len(rows) < MIN_SPLITS + 3:
         return []
-    white = recording.voltage / channel_noise(recording.voltage[rows])
-    rows = rows[~_loud(white[rows])]
-    if len(rows) < LEAST_SPLITS + 3:
+    scaled = recording.voltage / channel_noise(recording.voltage[rows])
+    rows = rows[~_is_loud(scaled[rows])]
+    if len(rows) < MIN_SPLITS + 3:
         return []
-    calm = _calm(white[rows])
-    mean = np.median(calm, axis=0)
-    length = max(float(np.linalg.norm(mean)), np.finfo(float).tiny)
-    along = calm @ mean / length  # its noise has sd 1, as a channel's
-    rest = calm - along[:, None] * mean / length
-    found: dict[int, float | None] = {}
+    smoothed = _smoothed(scaled[rows])
+    level = np.median(smoothed, axis=0)
+    level_norm = max(float(np.linalg.norm(level)), np.finfo(float).tiny)
+    common_part = smoothed @ level / level_norm  # its noise has sd 1, as a channel's
+    residual = smoothed - common_part[:, None] * level / level_norm
+    factors: dict[int, float | None] = {}
     for width in WIDTHS:
-        if width == WIDTHS[0] or len(rows) >= MANY * width:
-            found |= _outlying(recording, rows, along, rest, width, found)
-    return [_step(recording, rows, white, calm, k, factor) for k, factor in sorted(found.items())]
+        if width == WIDTHS[0] or len(rows) >= WINDOWS_PER_WIDTH * width:
+            factors |= _outlying_splits(recording, rows, common_part, residual, width, factors)
+    return [
+        _step(recording, rows, scaled, smoothed, k, factor) for k, factor in sorted(factors.items())
+    ]
 
 
-def _outlying(
+def _outlying_splits(
     recording: Recording,
     rows: np.ndarray,
-    along: np.ndarray,
-    rest: np.ndarray,
+    common_part: np.ndarray,
+    residual: np.ndarray,
     width: int,
-    known: dict[int, float | None],
+    earlier_splits: dict[int, float | None],
 ) -> dict[int, float | None]:
-    """The k of splits that stand out among those of windows of one width, clear of the known ones,
-    with the factor where the common part alone stands out."""
-    kept, across, gap = _splits(recording, rows, width)
-    if not len(kept):
+    """Outlying splits k of one window width, away from `earlier_splits`, with the common factor
+    where the common part alone is outlying."""
+    splits, is_across, gap = _splits(recording, rows, width)
+    if not len(splits):
         return {}
-    alike = _alike(*_changes(rest, kept, width))
-    several = alike / _ordinary(alike, across, gap, 2.0 / width * np.sqrt(rest.shape[1])) / LARGER
-    largest = several
+    similarity = _similarity(*_changes(residual, splits, width))
+    residual_ratio = (
+        similarity
+        / _ordinary_similarity(similarity, is_across, gap, 2.0 / width * np.sqrt(residual.shape[1]))
+        / MIN_RATIO
+    )
+    max_ratio = residual_ratio
     if width == WIDTHS[0]:  # in wide windows one number wanders too much
-        near, far = _changes(along[:, None], kept, width)
-        usual = _ordinary(near[:, 0] ** 2, across, gap, 2.0)
-        largest = np.maximum(several, _alike(near, far) / usual / LARGER_COMMON)
-    found: dict[int, float | None] = {}
-    for i in np.flatnonzero(largest > 1.0):
-        k = int(kept[i])
-        beside = largest[np.abs(kept - k) < width].max()
-        if largest[i] < beside or any(abs(k - other) < width for other in (*known, *found)):
+        near_change, far_change = _changes(common_part[:, None], splits, width)
+        ordinary = _ordinary_similarity(near_change[:, 0] ** 2, is_across, gap, 2.0)
+        max_ratio = np.maximum(
+            residual_ratio, _similarity(near_change, far_change) / ordinary / MIN_COMMON_RATIO
+        )
+    outlying: dict[int, float | None] = {}
+    for i in np.flatnonzero(max_ratio > 1.0):
+        k = int(splits[i])
+        local_max = max_ratio[np.abs(splits - k) < width].max()
+        if max_ratio[i] < local_max or any(
+            abs(k - other_split) < width for other_split in (*earlier_splits, *outlying)
+        ):
             continue
-        before, after = along[k - 1 : k + 1].mean(), along[k + 1 : k + 3].mean()
-        found[k] = float(after / before) if several[i] <= 1.0 and before else None
-    return found
+        level_before, level_after = (
+            common_part[k - 1 : k + 1].mean(),
+            common_part[k + 1 : k + 3].mean(),
+        )
+        outlying[k] = (
+            float(level_after / level_before) if residual_ratio[i] <= 1.0 and level_before else None
+        )
+    return outlying
 
 
 def _changes(series: np.ndarray, k: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """(K, M) each: the change at splits k, by every other of `width` frames on either side, those
-    nearest to it among them, and by the rest of them."""
-    pair = []
-    for first in (0, 1):
-        offsets = np.arange(first, width, 2)
+    """Two changes (K, M) across splits k: by every other of `width` frames on either side, from the
+    nearest on, and by the remaining ones."""
+    changes = []
+    for start in (0, 1):
+        offsets = np.arange(start, width, 2)
         after = series[k[:, None] + 1 + offsets].mean(axis=1)
-        pair.append(after - series[k[:, None] - offsets].mean(axis=1))
-    return pair[0], pair[1]
+        changes.append(after - series[k[:, None] - offsets].mean(axis=1))
+    return changes[0], changes[1]
 
 
-def _median(white: np.ndarray) -> np.ndarray:
-    """(U, M): the median of each frame and the two beside it, of the channel where all are lost; a
-    step leaves it as sharp as it is."""
-    channel = np.nanmedian(np.where(np.isfinite(white).any(axis=0), white, 0.0), axis=0)
-    around = np.stack([white[:-2], white[1:-1], white[2:]])
-    around = np.concatenate([around[:, :1], around, around[:, -1:]], axis=1)
-    known = np.isfinite(around).any(axis=0)
-    return np.nanmedian(np.where(known, around, channel), axis=0)
+def _median(scaled: np.ndarray) -> np.ndarray:
+    """(U, M): running median of three frames, of the whole channel where all three are lost; it
+    keeps steps sharp."""
+    channel_median = np.nanmedian(np.where(np.isfinite(scaled).any(axis=0), scaled, 0.0), axis=0)
+    neighbourhood = np.stack([scaled[:-2], scaled[1:-1], scaled[2:]])
+    neighbourhood = np.concatenate(
+        [neighbourhood[:, :1], neighbourhood, neighbourhood[:, -1:]], axis=1
+    )
+    has_readings = np.isfinite(neighbourhood).any(axis=0)
+    return np.nanmedian(np.where(has_readings, neighbourhood, channel_median), axis=0)
 
 
-def _loud(white: np.ndarray) -> np.ndarray:
-    """(U,): frames (U, M), in noise units, that are unlike those beside them in most channels."""
-    unlike = np.nanmedian(np.abs(white - _median(white)), axis=1)
-    return unlike > SPIKE * np.maximum(np.median(unlike), 1.0 / SPIKE)
+def _is_loud(scaled: np.ndarray) -> np.ndarray:
+    """(U,) bool: frames (U, M), in noise units, unlike their neighbours in most channels."""
+    deviation = np.nanmedian(np.abs(scaled - _median(scaled)), axis=1)
+    return deviation > SPIKE_SD * np.maximum(np.median(deviation), 1.0 / SPIKE_SD)
 
 
-def _calm(white: np.ndarray) -> np.ndarray:
-    """(U, M): frames in noise units, spikes and lost readings replaced by the median of a frame and
-    the two beside it."""
-    median = _median(white)
-    return np.where(np.abs(white - median) <= SPIKE, white, median)
+def _smoothed(scaled: np.ndarray) -> np.ndarray:
+    """(U, M): frames in noise units, spikes and lost readings replaced by the running median."""
+    median = _median(scaled)
+    return np.where(np.abs(scaled - median) <= SPIKE_SD, scaled, median)
 
 
 def _splits(
     recording: Recording, rows: np.ndarray, width: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Splits after the k-th of the untouched frames, with `width` on either side in a session:
-    k (K,), whether touched frames lie between (K,), and how far apart its frames are (K,), over
-    the usual distance where that is less.
+    """Splits with `width` untouched frames on either side in one session.
+
+    k (K,), the number of the untouched frame before the split; whether touched frames lie between
+    (K,); and the time across it over the median time of its kind (K,), at least 1.
     """
     session = sessions(recording.frames)[rows]
     k = np.arange(width - 1, len(rows) - width)
     k = k[session[k - width + 1] == session[k + width]]
-    touched = np.cumsum(recording.frames["touch"].to_numpy(dtype=bool))
-    across = touched[rows[k + 1]] > touched[rows[k]]
+    n_touched = np.cumsum(recording.frames["touch"].to_numpy(dtype=bool))
+    is_across = n_touched[rows[k + 1]] > n_touched[rows[k]]
     time = recording.frames["time_s"].to_numpy(float)
     if recording.metadata["clock"] == "index":
         time = np.arange(len(time), dtype=float)
     gap = time[rows[k + 1]] - time[rows[k]]
-    for kind in (across, ~across):
-        if kind.any():
-            gap[kind] = np.maximum(gap[kind] / np.median(gap[kind]), 1.0)
-    return k, across, gap
+    for kind_mask in (is_across, ~is_across):
+        if kind_mask.any():
+            gap[kind_mask] = np.maximum(gap[kind_mask] / np.median(gap[kind_mask]), 1.0)
+    return k, is_across, gap
 
 
-def _alike(near: np.ndarray, far: np.ndarray) -> np.ndarray:
+def _similarity(near_change: np.ndarray, far_change: np.ndarray) -> np.ndarray:
     """(K,): squared length that two measurements (K, M) of a change have in common, at most that
     of the shorter; without the few channels that have most, for two spikes may meet in one.
     """
-    product = np.sort(near * far, axis=1)
-    counted = product.shape[1] - int(IN_FEW * product.shape[1])
-    length = np.linalg.norm(near, axis=1), np.linalg.norm(far, axis=1)
-    longer = np.maximum(*length)
-    ratio = np.minimum(*length) / np.where(longer > 0, longer, 1.0)
-    return ratio * product[:, :counted].sum(axis=1)
+    product = np.sort(near_change * far_change, axis=1)
+    n_counted = product.shape[1] - int(SPIKE_CHANNEL_SHARE * product.shape[1])
+    norms = np.linalg.norm(near_change, axis=1), np.linalg.norm(far_change, axis=1)
+    longer_norm = np.maximum(*norms)
+    ratio = np.minimum(*norms) / np.where(longer_norm > 0, longer_norm, 1.0)
+    return ratio * product[:, :n_counted].sum(axis=1)
 
 
-def _ordinary(alike: np.ndarray, across: np.ndarray, gap: np.ndarray, least: float) -> np.ndarray:
-    """(K,): what `alike` is of an ordinary split of its kind; infinite where too few tell.
+def _ordinary_similarity(
+    similarity: np.ndarray, is_across: np.ndarray, gap: np.ndarray, white_level: float
+) -> np.ndarray:
+    """(K,): what `similarity` is of an ordinary split of its kind; infinite where too few tell.
 
     least: what white noise alone makes of it.
     """
-    size = np.abs(alike)
-    result = np.full(len(alike), np.inf)
-    if across.sum() >= LEAST_SPLITS:
-        result[across] = gap[across] * NORMAL * np.median(size[across] / gap[across])
-    if len(alike) >= LEAST_SPLITS:
-        result[~across] = gap[~across] * NORMAL * np.median(size)
-    return np.maximum(result, max(least, np.finfo(float).tiny))
+    sizes = np.abs(similarity)
+    ordinary = np.full(len(similarity), np.inf)
+    if is_across.sum() >= MIN_SPLITS:
+        ordinary[is_across] = gap[is_across] * NORMAL * np.median(sizes[is_across] / gap[is_across])
+    if len(similarity) >= MIN_SPLITS:
+        ordinary[~is_across] = gap[~is_across] * NORMAL * np.median(sizes)
+    return np.maximum(ordinary, max(white_level, np.finfo(float).tiny))
 
 
 def _step(
     recording: Recording,
     rows: np.ndarray,
-    white: np.ndarray,
-    calm: np.ndarray,
+    scaled: np.ndarray,
+    smoothed: np.ndarray,
     k: int,
     factor: float | None,
 ) -> Step:
-    before, after = calm[k - 1 : k + 1].mean(axis=0), calm[k + 1 : k + 3].mean(axis=0)
-    change = after - before
+    level_before, level_after = (
+        smoothed[k - 1 : k + 1].mean(axis=0),
+        smoothed[k + 1 : k + 3].mean(axis=0),
+    )
+    change = level_after - level_before
     span = np.arange(rows[k] + 1, rows[k + 1] + 1)
-    first = _first_after(white[span[:-1]], presses(recording)[span[:-1]], before, after)
+    first_after = _first_after(
+        scaled[span[:-1]], presses(recording)[span[:-1]], level_before, level_after
+    )
     return Step(
-        frame=int(span[first]),
+        frame=int(span[first_after]),
         between=(int(rows[k]), int(rows[k + 1])),
         size=float(np.linalg.norm(change)),
         factor=factor,
         electrodes=() if factor is not None else _electrodes(recording, change),
-        channels=tuple(np.argsort(-np.abs(change), kind="stable")[:NAMED].tolist()),
+        channels=tuple(np.argsort(-np.abs(change), kind="stable")[:MAX_NAMED_CHANNELS].tolist()),
     )
 
 
 def _first_after(
-    touched: np.ndarray, press: np.ndarray, before: np.ndarray, after: np.ndarray
+    touched: np.ndarray, press: np.ndarray, level_before: np.ndarray, level_after: np.ndarray
 ) -> int:
     """Which of touched frames (K, M) between two untouched ones is the first after a step, K for
     none: with the right one the changes of a press are nearest to one pattern of varying strength.
     """
-    cost = []
-    for first in range(len(touched) + 1):
-        late = np.arange(len(touched))[:, None] >= first
-        change = np.nan_to_num(touched - np.where(late, after, before))
-        left = 0.0
-        for one in np.unique(press):
-            strength = np.linalg.svd(change[press == one], compute_uv=False)
-            left += (strength[1:] ** 2).sum()
-        cost.append(left)
-    return int(np.argmin(cost))
+    costs = []
+    for first_late in range(len(touched) + 1):
+        is_late = np.arange(len(touched))[:, None] >= first_late
+        change = np.nan_to_num(touched - np.where(is_late, level_after, level_before))
+        residual_power = 0.0
+        for press_number in np.unique(press):
+            strength = np.linalg.svd(change[press == press_number], compute_uv=False)
+            residual_power += (strength[1:] ** 2).sum()
+        costs.append(residual_power)
+    return int(np.argmin(costs))
 
 
 def _electrodes(recording: Recording, change: np.ndarray) -> tuple[int, ...]:
     """At most FEW electrodes whose channels hold COVERED of a change beyond noise."""
     energy = np.maximum(change**2 - 1.0, 0.0)
     channels, electrodes = recording.channels, np.arange(recording.n_electrodes)
-    own = (channels[None] == electrodes[:, None, None]).any(axis=2).astype(float)
-    total, found = energy.sum(), []
-    for _ in range(FEW):
-        share = own @ energy
-        found.append(int(np.argmax(share)))
-        energy = np.where(own[found[-1]] > 0, 0.0, energy)
-        if energy.sum() <= (1.0 - COVERED) * total:
-            return tuple(found)
+    uses_electrode = (channels[None] == electrodes[:, None, None]).any(axis=2).astype(float)
+    total_energy, electrodes_with_most = energy.sum(), []
+    for _ in range(MAX_ELECTRODES):
+        electrode_energy = uses_electrode @ energy
+        electrodes_with_most.append(int(np.argmax(electrode_energy)))
+        energy = np.where(uses_electrode[electrodes_with_most[-1]] > 0, 0.0, energy)
+        if energy.sum() <= (1.0 - MIN_ENERGY_SHARE) * total_energy:
+            return tuple(electrodes_with_most)
     return ()

@@ -1,5 +1,5 @@
-"""Whether channels and electrodes are what the file says: the channels' order, the sign of what
-they read, the electrodes' numbers.
+"""Whether channels and electrodes are as the file states: the channels' order, the readings' sign,
+the electrodes' numbers.
 """
 
 from dataclasses import dataclass
@@ -14,78 +14,89 @@ from eitskin.data.recording import Recording
 from eitskin.errors import InputError
 from eitskin.physics.protocol import reciprocal_channels
 
-BROKEN = 0.25  # rms misfit of the identities: 0.01-0.06 on tanks, mostly 0.8-1.1 in a wrong order
-DOUBTFUL = 0.1  # from here on an order that fits FAR_BETTER is taken for the true one
-FAR_BETTER = 3.0
-ALIKE = 1.5
-EXCHANGED = -0.5  # correlation with a homogeneous disc's readings
-NUMBERED_WITHIN_RADII = 0.25
-LEAST_TOUCHES = 20
+MAX_MISFIT = (
+    0.25  # rms misfit of the identities: 0.01-0.06 on tanks, mostly 0.8-1.1 in a wrong order
+)
+DOUBTFUL_MISFIT = 0.1  # above the best tanks: another order may then be the true one
+MIN_IMPROVEMENT = 3.0  # factor by which another order must fit better: orders differ by 10 or more
+TIE_FACTOR = 1.5  # of the best misfit: orders within it cannot be told apart
+EXCHANGED_CORRELATION = -0.5  # with a disc's readings: near 1 by a right table, -1 by a wrong one
+MAX_RESIDUAL_RADII = 0.25  # median distance of hotspots: beyond, they show no places
+MIN_TOUCHES = 20  # for medians over touches
 
 
 @dataclass(frozen=True)
 class Order:
-    """Misfit of the table's own order, the least misfit of other known orders, and which have it.
+    """Misfit of the table's order, the smallest misfit of other known orders, and their names.
 
-    `worst`: the two electrodes that the broken reciprocal pairs have most in common.
+    `worst_electrodes` are the two with most of the misfit of reciprocal pairs.
     """
 
-    own: Misfit
-    best: float
-    names: list[str]
-    worst: tuple[int, int] | None = None
+    misfit: Misfit
+    best_misfit: float
+    best_names: list[str]
+    worst_electrodes: tuple[int, int] | None = None
 
     @property
     def is_wrong(self) -> bool:
         """Whether another known order fits far better."""
-        overall = self.own.overall or 0.0
-        return overall > DOUBTFUL and self.best < overall / FAR_BETTER
+        overall = self.misfit.overall or 0.0
+        return overall > DOUBTFUL_MISFIT and self.best_misfit < overall / MIN_IMPROVEMENT
 
     @property
     def severity(self) -> str:
-        """A passive, linear skin cannot break reciprocity; the weaker identities it can."""
-        if self.own.overall is None:
+        """An error where reciprocity is broken, which no passive, linear skin does; a warning where
+        only the weaker identities are."""
+        if self.misfit.overall is None:
             return UNOBSERVABLE
         if self.is_wrong:
             return ERROR
-        if self.own.overall <= BROKEN:
+        if self.misfit.overall <= MAX_MISFIT:
             return FACT
-        return WARNING if self.own.reciprocity is None else ERROR
+        return WARNING if self.misfit.reciprocity is None else ERROR
 
 
 def order(recording: Recording) -> Order:
-    """Whether the readings stand in the table's order, or far better in another known one; by the
-    untouched readings and by what strong touches change.
+    """Whether the readings are in the table's order or fit another known one far better.
+
+    By the untouched readings, then by the changes of strong touches.
     """
     signed = recording.metadata["voltage"] == "signed"
     values, _ = identity_readings(recording, np.ones(1))
-    untouched = _order(recording, values, signed and recording.quadrature is None)
-    if untouched.own.overall is None or untouched.is_wrong:
-        return untouched
+    untouched_order = _order(recording, values, signed and recording.quadrature is None)
+    if untouched_order.misfit.overall is None or untouched_order.is_wrong:
+        return untouched_order
     changes = _strong_changes(recording)
-    touched = None if changes is None else _order(recording, changes, signed)
-    return touched if touched is not None and touched.is_wrong else untouched
+    touched_order = None if changes is None else _order(recording, changes, signed)
+    return (
+        touched_order if touched_order is not None and touched_order.is_wrong else untouched_order
+    )
 
 
 def _order(recording: Recording, values: np.ndarray, signed: bool) -> Order:
     channels, n = recording.channels, recording.n_electrodes
-    own = misfit(values, channels, n, signed)
+    table_misfit = misfit(values, channels, n, signed)
     misfits = {
         name: misfit(reordered(values, permutation), channels, n, signed).overall
         for name, permutation in known_orders(channels, n).items()
     }
-    others = {name: value for name, value in misfits.items() if value is not None}
-    worst = None if own.reciprocity is None else _worst_electrodes(recording, values)
-    if own.overall is None or not others:
-        return Order(own, np.inf, [], worst)
-    best = min(others.values())
+    other_misfits = {name: value for name, value in misfits.items() if value is not None}
+    worst_electrodes = (
+        None if table_misfit.reciprocity is None else _worst_electrodes(recording, values)
+    )
+    if table_misfit.overall is None or not other_misfits:
+        return Order(table_misfit, np.inf, [], worst_electrodes)
+    best_misfit = min(other_misfits.values())
     return Order(
-        own, best, [name for name, value in others.items() if value <= ALIKE * best], worst
+        table_misfit,
+        best_misfit,
+        [name for name, value in other_misfits.items() if value <= TIE_FACTOR * best_misfit],
+        worst_electrodes,
     )
 
 
 def _strong_changes(recording: Recording) -> np.ndarray | None:
-    """(K, M): what the strongest touches of absolute readings change; None where there are few."""
+    """Changes (K, M) by the strongest touches of absolute readings; None where they are few."""
     touched = recording.frames["touch"].any()
     if recording.metadata["values"] == "difference" or not touched:
         return None
@@ -94,68 +105,76 @@ def _strong_changes(recording: Recording) -> np.ndarray | None:
         changes = baseline.changes(recording, "recording")[rows]
     except InputError:  # a session without an untouched frame
         return None
-    return changes if np.isfinite(changes).any() and len(rows) >= LEAST_TOUCHES else None
+    return changes if np.isfinite(changes).any() and len(rows) >= MIN_TOUCHES else None
 
 
 def _worst_electrodes(recording: Recording, values: np.ndarray) -> tuple[int, int]:
     pairs, _ = reciprocal_channels(recording.channels)
-    break_ = np.nansum((values[:, pairs[:, 1]] - values[:, pairs[:, 0]]) ** 2, axis=0)
-    share = np.array(
+    pair_break = np.nansum((values[:, pairs[:, 1]] - values[:, pairs[:, 0]]) ** 2, axis=0)
+    electrode_break = np.array(
         [
-            break_[(recording.channels[pairs[:, 0]] == electrode).any(axis=1)].sum()
+            pair_break[(recording.channels[pairs[:, 0]] == electrode).any(axis=1)].sum()
             for electrode in range(recording.n_electrodes)
         ]
     )
-    worst = np.argsort(-share, kind="stable")[:2]
+    worst = np.argsort(-electrode_break, kind="stable")[:2]
     return int(worst[0]), int(worst[1])
 
 
 def polarity(recording: Recording) -> float | None:
-    """Correlation of signed readings with a homogeneous disc's, by the sign that the table gives
-    them; None where it cannot be told.
+    """Correlation of signed untouched readings with those of a homogeneous disc.
+
+    None where signs, angles or readings are unknown.
     """
     angles = recording.skin.electrode_deg
     metadata = recording.metadata
     if metadata["voltage"] != "signed" or metadata["values"] != "absolute" or angles is None:
         return None
-    model = alignment.homogeneous_readings(recording.channels, np.array(angles))
+    disc_readings = alignment.homogeneous_readings(recording.channels, np.array(angles))
     reading = untouched_readings(recording.readings, recording)[0]
-    kept = np.isfinite(model) & np.isfinite(reading)
-    if kept.sum() < 3 or np.ptp(model[kept]) == 0 or np.ptp(reading[kept]) == 0:
+    is_usable = np.isfinite(disc_readings) & np.isfinite(reading)
+    if (
+        is_usable.sum() < 3
+        or np.ptp(disc_readings[is_usable]) == 0
+        or np.ptp(reading[is_usable]) == 0
+    ):
         return None
-    return float(np.corrcoef(model[kept], reading[kept])[0, 1])
+    return float(np.corrcoef(disc_readings[is_usable], reading[is_usable])[0, 1])
 
 
 @dataclass(frozen=True)
 class Numbering:
-    """How far round touches light up from where the file puts them, degrees counter-clockwise, and
-    how far off, in radii, they are after that turn; `clear`: they fit so, and not the other way
-    round.
+    """Turn of the hotspots of touches against their stated places.
+
+    `turn_deg` is counter-clockwise, `pitch_deg` the angle between electrodes, `residual_radii` the
+    median distance after that turn, in radii; `is_clear` where it is small and much smaller than
+    that of the other handedness.
     """
 
     touches: int
-    turn: float
-    pitch: float
+    turn_deg: float
+    pitch_deg: float
     residual_radii: float
-    mirrored: bool
-    clear: bool
+    is_mirrored: bool
+    is_clear: bool
 
     @property
     def severity(self) -> str:
-        """A clear mirror or turn by an electrode or more is wrong numbering."""
-        if self.clear and (self.mirrored or abs(self.turn) > 0.75 * self.pitch):
+        """An error where places are clearly mirrored or turned by an electrode or more."""
+        if self.is_clear and (self.is_mirrored or abs(self.turn_deg) > 0.75 * self.pitch_deg):
             return ERROR
-        return WARNING if abs(self.turn) > 0.25 * self.pitch or not self.clear else FACT
+        return WARNING if abs(self.turn_deg) > 0.25 * self.pitch_deg or not self.is_clear else FACT
 
 
 def numbering(recording: Recording) -> Numbering | None:
-    """Whether touches light up where the file says that they are; only for places in the skin's
-    frame.
+    """Whether hotspots of touches are at their stated places.
+
+    None where places are not in the skin's frame, angles are unknown or touches are few.
     """
     skin = recording.skin
     touched = int(recording.frames["touch"].sum())
     in_skin = recording.metadata["position_frame"] == "skin"
-    if not in_skin or skin.electrode_deg is None or touched < LEAST_TOUCHES:
+    if not in_skin or skin.electrode_deg is None or touched < MIN_TOUCHES:
         return None
     try:
         similarity = alignment.fit(recording)
@@ -164,10 +183,10 @@ def numbering(recording: Recording) -> Numbering | None:
     radius = skin.radius_mm or 1.0
     return Numbering(
         touches=similarity.touches,
-        turn=similarity.rotation_deg,
-        pitch=360.0 / recording.n_electrodes,
+        turn_deg=similarity.rotation_deg,
+        pitch_deg=360.0 / recording.n_electrodes,
         residual_radii=similarity.residual / radius,
-        mirrored=similarity.mirrored,
-        clear=similarity.residual < NUMBERED_WITHIN_RADII * radius
-        and similarity.rival_residual > FAR_BETTER * similarity.residual,
+        is_mirrored=similarity.is_mirrored,
+        is_clear=similarity.residual < MAX_RESIDUAL_RADII * radius
+        and similarity.rival_residual > MIN_IMPROVEMENT * similarity.residual,
     )

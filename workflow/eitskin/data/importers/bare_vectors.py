@@ -1,4 +1,4 @@
-"""Frames as bare vectors: what each number reads, by its count, the pairs and the order alone.
+"""Frames as bare vectors: the channel of each number, by their count, the pairs and the order.
 
 Pairs are steps round the ring: drive k is (k, k + step), measurement j is u[j] - u[j + step], and
 with `-reversed` after its name u[j + step] - u[j]. A frame of n electrodes then has a number for
@@ -16,26 +16,27 @@ from pathlib import Path
 import numpy as np
 
 from eitskin.data.channel_order import ORDERS, in_order, misfit
-from eitskin.data.check.wiring import DOUBTFUL, FAR_BETTER
+from eitskin.data.check.wiring import DOUBTFUL_MISFIT, MIN_IMPROVEMENT
 from eitskin.data.importers.description import describe, swap_measured
-from eitskin.data.recording import MOST_ELECTRODES, Recording, frames_table
+from eitskin.data.recording import MAX_ELECTRODES, Recording, frames_table
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import every_channel, reciprocal_channels, undriven
 from eitskin.quantities import percent
 
 REVERSED = "-reversed"
-FEWEST_GUESSED = 8  # fewer electrodes must be stated: 16 numbers may be a frame or a column
-ENOUGH_FRAMES = 20  # to see whether reciprocity holds
-ONCE_GUESSED = (16, 32)  # among all rings, half of some has as many readings as another
-MOST_TOUCHED = 4  # measured pairs of a drive that touch one of its two electrodes
+MIN_GUESSED_ELECTRODES = 8  # fewer must be stated: 16 numbers may be a frame or a column
+MAX_CHECKED_FRAMES = 20  # enough for the misfit of reciprocity
+# Among all rings they would be ambiguous: half of one ring's readings are as many as another's.
+RINGS_WITHOUT_RECIPROCALS = (16, 32)
+MAX_DRIVEN_PAIRS = 4  # measured pairs of a drive that touch one of its two electrodes
 UNTOUCHED = "no touches are said: taken for untouched"
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What the numbers of a frame read: `channels` (M, 4), those of `columns` (M,) int; the frame
-    has `width` numbers, and those in no column are left out."""
+    """The channels (M, 4) of the `columns` (M,) int of a frame of `width` numbers; numbers in other
+    columns are left out."""
 
     n_electrodes: int
     channels: np.ndarray
@@ -44,26 +45,26 @@ class Layout:
 
     @property
     def left_out(self) -> str:
-        """What a `source` says of numbers that are not read."""
+        """The remark in `source` about numbers that are left out."""
         n = self.width - len(self.columns)
         return f"{n} numbers a frame at driven electrodes left out" if n else ""
 
 
-def pairs(file: str | Path, n_electrodes: int, drive: str, measure: str) -> np.ndarray:
-    """(n n, 4): every channel of the patterns, `measure` perhaps reversed.
+def pattern_channels(file: str | Path, n_electrodes: int, drive: str, measure: str) -> np.ndarray:
+    """All channels (n n, 4) of the patterns; `measure` may end in REVERSED.
 
-    Raises InputError, with `file`, for an unknown pattern.
+    Raises InputError naming `file` for an unknown pattern.
     """
     try:
         channels = every_channel(n_electrodes, drive, measure.removesuffix(REVERSED))
     except InputError as error:
-        found = f"{error.found} of drive {drive!r}, measure {measure!r}"
+        violation = f"{error.actual} of drive {drive!r}, measure {measure!r}"
         expected = f"{error.expected}; of measure also with {REVERSED}"
-        raise InputError(file, "drive, measure", found, expected) from error
+        raise InputError(file, "drive, measure", violation, expected) from error
     return swap_measured(channels) if measure.endswith(REVERSED) else channels
 
 
-def stepped(
+def pattern_layout(
     file: str | Path,
     width: int,
     drive: str,
@@ -71,70 +72,79 @@ def stepped(
     order: str | None = None,
     n_electrodes: int | None = None,
 ) -> Layout:
-    """The layout of frames of `width` numbers, pairs being steps.
+    """The layout of frames of `width` numbers by the patterns of drive and measurement.
 
-    The number of electrodes follows from the width where it is not given; readings that stand once
-    are told then of 16 and 32 electrodes alone. Raises InputError where none fits.
+    The number of electrodes follows from the width where it is None; frames without reciprocal
+    readings are then recognised for 16 and 32 electrodes alone. Raises InputError where none fits.
     """
-    sizes, refusal = [], None
-    least = max(FEWEST_GUESSED, isqrt(width))
-    guesses = [*range(least, least + MOST_TOUCHED + 1), *ONCE_GUESSED]
-    for n in guesses if n_electrodes is None else [n_electrodes]:
+    size_texts, refusal = [], None
+    min_electrodes = max(MIN_GUESSED_ELECTRODES, isqrt(width))
+    guesses = [
+        *range(min_electrodes, min_electrodes + MAX_DRIVEN_PAIRS + 1),
+        *RINGS_WITHOUT_RECIPROCALS,
+    ]
+    for n_ring in guesses if n_electrodes is None else [n_electrodes]:
         try:
-            every = pairs(file, n, drive, measure)
+            all_channels = pattern_channels(file, n_ring, drive, measure)
         except InputError as error:  # opposite pairs of an odd ring, a step round a small one
             refusal = error
             continue
-        tables = [every, every[undriven(every)]]
-        if n_electrodes is not None or n in ONCE_GUESSED:
-            tables.append(_once(tables[1]))
-        counts = dict.fromkeys(str(len(one)) for one in tables[::-1])
-        sizes.append(f"{' or '.join(counts)} of {n} electrodes")
+        tables = [all_channels, all_channels[undriven(all_channels)]]
+        if n_electrodes is not None or n_ring in RINGS_WITHOUT_RECIPROCALS:
+            tables.append(_without_reciprocals(tables[1]))
+        counts = dict.fromkeys(str(len(table)) for table in tables[::-1])
+        size_texts.append(f"{' or '.join(counts)} of {n_ring} electrodes")
         for channels in tables:
             if width == len(channels) and undriven(channels).any():
-                return _kept(n, in_order(file, order, channels, n) if order else channels)
-    if refusal and not sizes:
+                return _undriven_layout(
+                    n_ring, in_order(file, order, channels, n_ring) if order else channels
+                )
+    if refusal and not size_texts:
         raise refusal
-    expected = f"{', '.join(dict.fromkeys(sizes))} for drive {drive!r}, measure {measure!r}"
+    expected = f"{', '.join(dict.fromkeys(size_texts))} for drive {drive!r}, measure {measure!r}"
     raise InputError(file, "numbers a frame", width, expected)
 
 
-def _once(channels: np.ndarray) -> np.ndarray:
-    """Of channels that reciprocity makes alike the first."""
-    alike, _ = reciprocal_channels(channels)
-    return np.delete(channels, alike[:, 1], axis=0)
+def _without_reciprocals(channels: np.ndarray) -> np.ndarray:
+    """The channels (M, 4) without the second of each reciprocal pair."""
+    reciprocal_pairs, _ = reciprocal_channels(channels)
+    return np.delete(channels, reciprocal_pairs[:, 1], axis=0)
 
 
-def listed(
+def channel_layout(
     file: str | Path,
     width: int,
     channels: list,
     order: str | None = None,
     n_electrodes: int | None = None,
 ) -> Layout:
-    """The layout where `channels` lists [source, sink, plus, minus] of every number.
+    """The layout of frames of `width` numbers whose `channels` are listed.
 
-    Raises InputError where it has another length, names electrodes that are not there, or has
-    nothing away from driven electrodes.
+    Each is [source, sink, plus, minus]. Raises InputError for another number of channels, unknown
+    electrodes, and where every measured pair has a driven electrode.
     """
     if len(channels) != width:
         raise InputError(file, "measurement", f"{len(channels)} channels", f"{width}, one a number")
-    for row, one in enumerate(channels):
-        whole = isinstance(one, list) and [type(each) for each in one] == [int] * 4
-        if not whole or not 0 <= min(one) <= max(one) < (n_electrodes or MOST_ELECTRODES):
-            expected = f"[source, sink, plus, minus], 0 to {(n_electrodes or MOST_ELECTRODES) - 1}"
-            raise InputError(file, f"measurement, row {row}", one, expected)
-        if one[0] == one[1] or one[2] == one[3]:
-            raise InputError(file, f"measurement, row {row}", one, "two electrodes a pair")
+    for row, channel in enumerate(channels):
+        is_channel = (
+            isinstance(channel, list) and [type(electrode) for electrode in channel] == [int] * 4
+        )
+        if not is_channel or not 0 <= min(channel) <= max(channel) < (
+            n_electrodes or MAX_ELECTRODES
+        ):
+            expected = f"[source, sink, plus, minus], 0 to {(n_electrodes or MAX_ELECTRODES) - 1}"
+            raise InputError(file, f"measurement, row {row}", channel, expected)
+        if channel[0] == channel[1] or channel[2] == channel[3]:
+            raise InputError(file, f"measurement, row {row}", channel, "two electrodes a pair")
     table = np.array(channels)
-    n = n_electrodes or int(table.max()) + 1
+    n_ring = n_electrodes or int(table.max()) + 1
     if not undriven(table).any():
-        found = "every measured pair at a driven electrode"
-        raise InputError(file, "measurement", found, "four different electrodes a channel")
-    return _kept(n, in_order(file, order, table, n) if order else table)
+        violation = "every measured pair at a driven electrode"
+        raise InputError(file, "measurement", violation, "four different electrodes a channel")
+    return _undriven_layout(n_ring, in_order(file, order, table, n_ring) if order else table)
 
 
-def _kept(n_electrodes: int, channels: np.ndarray) -> Layout:
+def _undriven_layout(n_electrodes: int, channels: np.ndarray) -> Layout:
     columns = np.flatnonzero(undriven(channels))
     return Layout(n_electrodes, channels[columns], columns, len(channels))
 
@@ -142,43 +152,57 @@ def _kept(n_electrodes: int, channels: np.ndarray) -> Layout:
 def refuse_other_order(
     file: str | Path, frames: np.ndarray, drive: str, measure: str, layout: Layout
 ) -> None:
-    """Of frames (F, n n) that hold numbers at driven electrodes, refuse an order in which
-    exchanging drive and measurement and going round by one electrode change much, though in another
-    known one they do not: there numbers at driven electrodes stand elsewhere, and what is left out
-    would be wrong. (Without them `check` says so.)
+    """Raise InputError where frames (F, n n) fit another known order far better.
+
+    Frames with numbers at driven electrodes have these at other columns in another order, so that
+    the wrong numbers would be left out. Without such numbers `check` finds a wrong order. The
+    misfit is that of reciprocity and rotation.
     """
-    n, frames = layout.n_electrodes, frames[:ENOUGH_FRAMES]
-    if frames.shape[1] != n * n or len(layout.columns) == n * n:
+    n_electrodes, frames = layout.n_electrodes, frames[:MAX_CHECKED_FRAMES]
+    if (
+        frames.shape[1] != n_electrodes * n_electrodes
+        or len(layout.columns) == n_electrodes * n_electrodes
+    ):
         return
-    channels, signed = pairs(file, n, drive, measure), voltage_kind(frames) == "signed"
+    channels, signed = (
+        pattern_channels(file, n_electrodes, drive, measure),
+        voltage_kind(frames) == "signed",
+    )
 
-    def broken(order: str | None) -> float:
-        kept = _kept(n, channels if order is None else in_order(file, order, channels, n))
-        values = frames[:, kept.columns].real
-        found = misfit(values, kept.channels, n, signed)
-        known = [one for one in (found.reciprocity, found.rotation) if one is not None]
-        return float(np.linalg.norm(known)) if known else np.inf
+    def order_misfit(order: str | None) -> float:
+        layout_of_order = _undriven_layout(
+            n_electrodes,
+            channels if order is None else in_order(file, order, channels, n_electrodes),
+        )
+        values = frames[:, layout_of_order.columns].real
+        layout_misfit = misfit(values, layout_of_order.channels, n_electrodes, signed)
+        misfits = [
+            value
+            for value in (layout_misfit.reciprocity, layout_misfit.rotation)
+            if value is not None
+        ]
+        return float(np.linalg.norm(misfits)) if misfits else np.inf
 
-    own = broken(None)
-    if not DOUBTFUL < own < np.inf:
+    table_misfit = order_misfit(None)
+    if not DOUBTFUL_MISFIT < table_misfit < np.inf:
         return
-    best = min(ORDERS, key=broken)
-    if broken(best) < own / FAR_BETTER:
-        turned, then = percent(own), percent(broken(best))
-        found = f"one in which exchanging drive and measurement, or going round, changes {turned}"
-        expected = f"--order {best} ({ORDERS[best].sentence}), in which {then} change"
-        raise InputError(file, "order", found, expected)
+    best = min(ORDERS, key=order_misfit)
+    if order_misfit(best) < table_misfit / MIN_IMPROVEMENT:
+        table_percent = percent(table_misfit)
+        best_percent = percent(order_misfit(best))
+        changes = f"exchanging drive and measurement, or going round, changes {table_percent}"
+        expected = f"--order {best} ({ORDERS[best].sentence}), in which {best_percent} change"
+        raise InputError(file, "order", f"one in which {changes}", expected)
 
 
 def voltage_kind(frames: np.ndarray) -> str:
-    """`signed` where a number is complex or below 0; numbers that are all 0 or more may have lost
-    their sign: `magnitude`."""
+    """`signed` where a number is complex or negative, else `magnitude`: the sign may be lost."""
     return "signed" if np.iscomplexobj(frames) or (frames < 0).any() else "magnitude"
 
 
-def untouched(frames: np.ndarray, layout: Layout, source: str) -> Recording:
-    """A recording of frames (F, width), real or complex, that nobody touches and nobody timed, in
-    an arbitrary unit, electrodes even round the rim."""
+def untouched_recording(frames: np.ndarray, layout: Layout, source: str) -> Recording:
+    """A recording of untouched frames (F, width), real or complex, without times, in an arbitrary
+    unit, with evenly spaced electrodes."""
     readings = frames[:, layout.columns]
     metadata = describe(
         layout.channels, even_angles(layout.n_electrodes), source, voltage_kind(readings)
@@ -188,6 +212,6 @@ def untouched(frames: np.ndarray, layout: Layout, source: str) -> Recording:
     return Recording(table, readings.real.astype(float), quadrature, None, metadata)
 
 
-def said(*parts: str) -> str:
-    """The parts that say something, one after the other."""
+def join_remarks(*parts: str) -> str:
+    """The parts that are not empty, joined by semicolons."""
     return "; ".join(part for part in parts if part)

@@ -1,9 +1,9 @@
 """Tables of cells in text: commas, semicolons, tabs or spaces; decimal points or commas.
 
 UTF-8, with or without a byte-order mark, and UTF-16 with one. Empty lines and lines that begin with
-# are passed over. The first of the others names the columns where it holds words, beside words only
-whole numbers. A comma within a number stands for the decimal point where semicolons, tabs or spaces
-stand between numbers.
+# are skipped. The first line names the columns where it holds words, beside words only whole
+numbers. A comma within a number is the decimal point where semicolons, tabs or spaces separate
+numbers.
 """
 
 import math
@@ -21,8 +21,8 @@ LOST = ("", "nan", "na", "null", "none")
 
 @dataclass(frozen=True)
 class Cells:
-    """`rows` of cells, all of one length, `lines` their numbers in the file, from 1; `names` of the
-    columns, where the file has them; whether numbers have a decimal `comma`."""
+    """`rows` of cells of one length, their `lines` in the file, from 1, the columns' `names` if
+    any, and whether numbers have a decimal `comma`."""
 
     path: Path
     names: list[str] | None
@@ -32,7 +32,7 @@ class Cells:
 
     @property
     def width(self) -> int:
-        """Columns."""
+        """Number of columns."""
         return len(self.rows[0])
 
     def words(self, column: int) -> list[str | None]:
@@ -40,7 +40,7 @@ class Cells:
         return [row[column] or None for row in self.rows]
 
     def numbers(self, columns: list[int]) -> np.ndarray:
-        """(rows, len(columns)) float64, NaN where a cell is empty or says so.
+        """(rows, len(columns)) float64, NaN where a cell is one of LOST.
 
         Raises InputError naming line and column for what is no finite number.
         """
@@ -49,16 +49,20 @@ class Cells:
             try:
                 table[k] = [number(row[column], self.comma) for column in columns]
             except ValueError:
-                wrong = next(column for column in columns if not is_number(row[column], self.comma))
-                name = self.names[wrong] if self.names else wrong
+                bad_column = next(
+                    column for column in columns if not is_number(row[column], self.comma)
+                )
+                name = self.names[bad_column] if self.names else bad_column
                 place = f"line {self.lines[k]}, column {name}"
-                raise InputError(self.path, place, repr(row[wrong]), "a number") from None
+                raise InputError(self.path, place, repr(row[bad_column]), "a number") from None
         return table
 
 
 def read(path: Path) -> Cells:
-    """The cells of a text file; raises InputError where it is no text, has no row of cells, rows of
-    several lengths, or decimal points beside decimal commas.
+    """The cells of a text file.
+
+    Raises InputError where it is no text, has no row of cells, rows of different lengths, or
+    decimal points beside decimal commas.
     """
     lines = [
         (k + 1, line.strip(" \r"))
@@ -90,17 +94,18 @@ def read(path: Path) -> Cells:
 def table(path: Path, columns: int) -> np.ndarray:
     """(rows, columns) float64 of a text file without names; raises InputError as `read` and
     `Cells.numbers` do, and for another number of columns."""
-    found = read(path)
-    if found.names:
-        raise InputError(path, "line 1", repr(", ".join(found.names)[:60]), "numbers alone")
-    if found.width != columns:
-        place = f"line {found.lines[0]}"
-        raise InputError(path, place, f"{found.width} cells", f"{columns}")
-    return found.numbers(list(range(columns)))
+    cells = read(path)
+    if cells.names:
+        raise InputError(path, "line 1", repr(", ".join(cells.names)[:60]), "numbers alone")
+    if cells.width != columns:
+        place = f"line {cells.lines[0]}"
+        raise InputError(path, place, f"{cells.width} cells", f"{columns}")
+    return cells.numbers(list(range(columns)))
 
 
 def number(cell: str, comma: bool) -> float:
-    """The number in a cell, NaN where it was lost; raises ValueError for none and for infinity."""
+    """The number in a cell, NaN where it is one of LOST; raises ValueError for other words and for
+    infinity."""
     if cell.lower() in LOST:
         return math.nan
     value = float(cell.replace(",", ".") if comma else cell)
@@ -110,7 +115,7 @@ def number(cell: str, comma: bool) -> float:
 
 
 def is_number(cell: str, comma: bool) -> bool:
-    """Whether a cell holds a number, or nothing."""
+    """Whether a cell holds a number or one of LOST."""
     try:
         number(cell, comma)
     except ValueError:
@@ -119,11 +124,13 @@ def is_number(cell: str, comma: bool) -> bool:
 
 
 def _is_names(path: Path, row: list[str], line: int, comma: bool) -> bool:
-    """Whether the first row names the columns; raises InputError where it counts them, which cannot
-    be told from readings, or holds words among readings."""
+    """Whether the first row names the columns.
+
+    Raises InputError where it numbers them, which may be readings, or mixes words and readings.
+    """
     if [*map(str, range(len(row)))] == row or [*map(str, range(1, len(row) + 1))] == row:
-        found = f"the columns' numbers, {row[0]} to {row[-1]}"
-        raise InputError(path, f"line {line}", found, "readings, or names in words")
+        violation = f"the columns' numbers, {row[0]} to {row[-1]}"
+        raise InputError(path, f"line {line}", violation, "readings, or names in words")
     words = [cell for cell in row if not is_number(cell, comma)]
     readings = [cell for cell in row if cell not in words and not cell.isdecimal() and cell]
     if words and readings:
@@ -132,5 +139,5 @@ def _is_names(path: Path, row: list[str], line: int, comma: bool) -> bool:
 
 
 def _separator(line: str) -> str | None:
-    """None: spaces."""
+    """The separator of cells; None for spaces."""
     return next((mark for mark in (";", "\t", ",") if mark in line), None)

@@ -1,4 +1,4 @@
-"""The metadata of an imported recording: what its files say, and null for what they do not."""
+"""The metadata of an imported recording: its files' statements, and null for all others."""
 
 from collections.abc import Sequence
 
@@ -12,14 +12,15 @@ def describe(
     electrode_deg: np.ndarray | Sequence[float],
     source: str,
     voltage: str,
-    position_frame: str = "skin",
-    values: str = "absolute",
-    unit: str = "arbitrary",
-    clock: str = "index",
     skin: dict | None = None,
+    **settings: str,
 ) -> dict:
-    """A recording's metadata; `skin` holds the keys that are known, the others are null."""
-    unknown = dict.fromkeys(
+    """The metadata of an imported recording of channels (M, 4).
+
+    `skin` holds the known keys of the skin, the others are null; `settings` as of `metadata_of`,
+    by default an arbitrary unit and frames in order without times.
+    """
+    unknown_skin = dict.fromkeys(
         (
             "radius_mm",
             "thickness_mm",
@@ -30,16 +31,13 @@ def describe(
             "contrast_per_N",
         )
     )
-    known = {"electrode_deg": np.asarray(electrode_deg).tolist()} | (skin or {})
+    stated_skin = {"electrode_deg": np.asarray(electrode_deg).tolist()} | (skin or {})
     return metadata_of(
         channels,
-        unknown | known,
+        unknown_skin | stated_skin,
         source,
         voltage,
-        position_frame,
-        values=values,
-        unit=unit,
-        clock=clock,
+        **{"unit": "arbitrary", "clock": "index"} | settings,
     )
 
 

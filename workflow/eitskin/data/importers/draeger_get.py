@@ -26,11 +26,11 @@ ENDS = (b"\r\n\r\n\r\n", b"\n\n\n")  # of Draeger's text
 N_ELECTRODES = 16
 ORDER = "drive-plus-ascending-own"
 WIDTHS = (256, 208)
-SOURCE = "{maker} .get file {name} ({said})"
+SOURCE = "{maker} .get file {name} ({remarks})"
 
 
 def matches(path: Path) -> bool:
-    """Whether the file begins as Draeger's do, or is named as the others, which begin anyhow."""
+    """Whether the file begins as Draeger's do, or is named as the others, which have no mark."""
     if not path.is_file():
         return False
     with path.open("rb") as stream:
@@ -38,35 +38,37 @@ def matches(path: Path) -> bool:
 
 
 def load(path: Path) -> Recording:
-    """A frame each; raises InputError for a text without numbers and a file cut short."""
+    """All frames; raises InputError for a text without numbers and a file cut short."""
     content = path.read_bytes()
     maker = "Draeger" if content.startswith(MARK) else "Goe-MF"
     if content.startswith(MARK):
-        at = min((content.find(end) + len(end) for end in ENDS if end in content), default=0)
-        if not at:
+        text_end = min((content.find(end) + len(end) for end in ENDS if end in content), default=0)
+        if not text_end:
             raise InputError(path, "header", "no end", "two empty lines before the numbers")
-        content = content[at:]
+        content = content[text_end:]
     elif content and content.isascii() and "".join(content.decode("ascii").split()).isprintable():
         raise InputError(path, "file", "text", "frames of float32")
     if not content or len(content) % 4 or not _widths(content):
-        found = f"{len(content)} bytes" + " after the header" * (maker == "Draeger")
+        size_text = f"{len(content)} bytes" + " after the header" * (maker == "Draeger")
         expected = "whole frames of 256 (1024 bytes) or of 208 float32 (832 bytes)"
-        raise InputError(path, "file", found, expected)
+        raise InputError(path, "file", size_text, expected)
     channels = swap_measured(in_order(path, ORDER, channel_table(N_ELECTRODES), N_ELECTRODES))
-    width = min(_widths(content), key=lambda one: _broken(_frames(content, one), channels))
+    width = min(
+        _widths(content), key=lambda width_option: _broken(_frames(content, width_option), channels)
+    )
     frames = _frames(content, width)
-    beyond = f"{width - 208} of {width} numbers a frame left out, currents and other" * (
+    omitted = f"{width - 208} of {width} numbers a frame left out, currents and other" * (
         width > 208
     )
-    said = bare_vectors.said(bare_vectors.UNTOUCHED, beyond)
+    remarks = bare_vectors.join_remarks(bare_vectors.UNTOUCHED, omitted)
     layout = Layout(N_ELECTRODES, channels, np.arange(len(channels)), width)
-    return bare_vectors.untouched(
-        frames, layout, SOURCE.format(maker=maker, name=path.name, said=said)
+    return bare_vectors.untouched_recording(
+        frames, layout, SOURCE.format(maker=maker, name=path.name, remarks=remarks)
     )
 
 
 def _widths(content: bytes) -> list[int]:
-    """Of frames that the bytes are a whole number of."""
+    """Widths of frames that divide the content."""
     return [width for width in WIDTHS if len(content) % (4 * width) == 0]
 
 
@@ -75,8 +77,8 @@ def _frames(content: bytes, width: int) -> np.ndarray:
 
 
 def _broken(frames: np.ndarray, channels: np.ndarray) -> float:
-    """How badly the first readings of frames break reciprocity."""
+    """Misfit of reciprocity of the first readings of frames; infinite where there is none."""
     values = np.abs(frames[:, : len(channels)])
     with np.errstate(over="ignore", invalid="ignore"):
-        found = misfit(values, channels, N_ELECTRODES, False).reciprocity
-    return np.inf if found is None or not np.isfinite(found) else found
+        reciprocity = misfit(values, channels, N_ELECTRODES, False).reciprocity
+    return np.inf if reciprocity is None or not np.isfinite(reciprocity) else reciprocity

@@ -33,11 +33,11 @@ REFERENCE = re.compile(
     r"v?h\d*|v?ref.*|v?ho?mg.*|v?homog.*|empty.*|untouched.*|base.*|background.*"
 )
 NO_READINGS = ("nodes", "elems", "boundary", "elem_data", "node_data")  # of EIDORS's models
-SOURCE = "EIDORS's MATLAB file {name}, array {array} ({said})"
+SOURCE = "EIDORS's MATLAB file {name}, array {array} ({remarks})"
 
 
 def matches(path: Path) -> bool:
-    """Whether it is a MATLAB file; which arrays it holds `load` finds out."""
+    """Whether it is a MATLAB file; `load` checks its arrays."""
     return is_matlab(path)
 
 
@@ -46,37 +46,39 @@ def load(
 ) -> Recording:
     """A frame a column; raises InputError where no array, or not one alone, can be the readings."""
     drive, measure = drive or DRIVE, measure or MEASURE
-    found = arrays(path)
-    fitting = {}
-    for name, array in found.items():
-        laid = _laid_out(path, name, array, order, drive, measure)
-        if laid is not None:
-            fitting[name] = laid
-    if not fitting:
+    file_arrays = arrays(path)
+    candidates = {}
+    for name, array in file_arrays.items():
+        frames_and_layout = _candidate_layout(path, name, array, order, drive, measure)
+        if frames_and_layout is not None:
+            candidates[name] = frames_and_layout
+    if not candidates:
         expected = (
             f"one array of n (n - 3) or n n rows (208 or 256 of 16 electrodes), a frame a column, "
             f"for drive {drive!r}, measure {measure!r}; --drive and --measure name other pairs"
         )
-        raise InputError(path, "arrays", shapes(found), expected)
-    name = _reference(path, fitting, found)
-    frames, layout = fitting.pop(name)
+        raise InputError(path, "arrays", shapes(file_arrays), expected)
+    name = _reference(path, candidates, file_arrays)
+    frames, layout = candidates.pop(name)
     if order is None:
         bare_vectors.refuse_other_order(path, frames, drive, measure, layout)
-    others = f"{', '.join(fitting)} left out, objects at unknown places" if fitting else ""
-    said = bare_vectors.said(bare_vectors.UNTOUCHED, layout.left_out, others)
-    made = bare_vectors.untouched(
-        frames, layout, SOURCE.format(name=path.name, array=name, said=said)
+    omitted = f"{', '.join(candidates)} left out, objects at unknown places" if candidates else ""
+    remarks = bare_vectors.join_remarks(bare_vectors.UNTOUCHED, layout.left_out, omitted)
+    imported_recording = bare_vectors.untouched_recording(
+        frames, layout, SOURCE.format(name=path.name, array=name, remarks=remarks)
     )
-    outline = _outline(found)
+    outline = _outline(file_arrays)
     if outline is not None:
-        made.metadata["skin"]["outline"] = outline
-    return made
+        imported_recording.metadata["skin"]["outline"] = outline
+    return imported_recording
 
 
-def _outline(found: dict[str, np.ndarray]) -> str | None:
-    """What a forward model among arrays says of a skin that is no disc with electrodes on its rim;
-    None where it is one, or where there is no model. Seen along z, by the nodes' convex hull."""
-    for name, nodes in found.items():
+def _outline(file_arrays: dict[str, np.ndarray]) -> str | None:
+    """The outline in words of a forward model that is no disc with electrodes on its rim.
+
+    By the convex hull of the nodes, seen along z; None for a disc and without a model.
+    """
+    for name, nodes in file_arrays.items():
         model, _, field = name.rpartition(".")
         if field != "nodes" or ".electrode" in name or nodes.ndim != 2 or nodes.shape[1] < 2:
             continue
@@ -89,42 +91,54 @@ def _outline(found: dict[str, np.ndarray]) -> str | None:
         if outline is not None:
             return f"{outline} ({name})"
         centre, radius = ring(corners)
-        numbered = re.compile(re.escape(model) + r"\.electrode(\(\d+\))?\.nodes")
-        own = [found[one].ravel().astype(int) - 1 for one in found if numbered.fullmatch(one)]
-        if own and all(len(one) and 0 <= one.min() <= one.max() < len(places) for one in own):
-            middles = np.array([places[one].mean(axis=0) for one in own])
-            return off_rim(middles - [centre.real, centre.imag], radius)
+        electrode_name = re.compile(re.escape(model) + r"\.electrode(\(\d+\))?\.nodes")
+        electrode_nodes = [
+            file_arrays[nodes_of_electrode].ravel().astype(int) - 1
+            for nodes_of_electrode in file_arrays
+            if electrode_name.fullmatch(nodes_of_electrode)
+        ]
+        if electrode_nodes and all(
+            len(nodes_of_electrode)
+            and 0 <= nodes_of_electrode.min() <= nodes_of_electrode.max() < len(places)
+            for nodes_of_electrode in electrode_nodes
+        ):
+            electrode_centres = np.array(
+                [places[nodes_of_electrode].mean(axis=0) for nodes_of_electrode in electrode_nodes]
+            )
+            return off_rim(electrode_centres - [centre.real, centre.imag], radius)
     return None
 
 
-def _laid_out(
+def _candidate_layout(
     path: Path, name: str, array: np.ndarray, order: str | None, drive: str, measure: str
 ) -> tuple[np.ndarray, Layout] | None:
-    """Frames (F, width) and their layout, of rows that fit, else of columns that do; None of an
-    array that can hold no readings."""
+    """Frames (F, width) and their layout, by columns or else by rows of an array; None where
+    neither fits."""
     if array.ndim != 2 or not array.size or array.dtype == np.uint8:  # logical, as meas_select
         return None
     if name.rpartition(".")[2] in NO_READINGS:
         return None
-    bare_vectors.pairs(path, 2 * bare_vectors.FEWEST_GUESSED, drive, measure)
+    bare_vectors.pattern_channels(path, 2 * bare_vectors.MIN_GUESSED_ELECTRODES, drive, measure)
     for frames in (array.T, array):
         try:
-            layout = bare_vectors.stepped(path, frames.shape[1], drive, measure, order)
+            layout = bare_vectors.pattern_layout(path, frames.shape[1], drive, measure, order)
         except InputError:
             continue
         return frames, layout
     return None
 
 
-def _reference(path: Path, fitting: dict, found: dict) -> str:
-    """The one array, or the one whose name says that it is the reference."""
-    if len(fitting) == 1:
-        return next(iter(fitting))
-    named = [
-        name for name in fitting if any(map(REFERENCE.fullmatch, re.split(r"[._]", name.lower())))
+def _reference(path: Path, candidates: dict, file_arrays: dict) -> str:
+    """Name of the only candidate, or of the only one named as a reference."""
+    if len(candidates) == 1:
+        return next(iter(candidates))
+    reference_names = [
+        name
+        for name in candidates
+        if any(map(REFERENCE.fullmatch, re.split(r"[._]", name.lower())))
     ]
-    if len(named) == 1:
-        return named[0]
-    several = shapes({name: found[name] for name in named or fitting})
+    if len(reference_names) == 1:
+        return reference_names[0]
+    shape_text = shapes({name: file_arrays[name] for name in reference_names or candidates})
     expected = "one whose name says that it is the reference: vh, v_homg, reference"
-    raise InputError(path, "arrays", several, expected)
+    raise InputError(path, "arrays", shape_text, expected)

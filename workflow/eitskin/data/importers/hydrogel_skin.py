@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from eitskin.data.importers.description import describe, swap_measured
-from eitskin.data.importers.matlab_file import holds, named
+from eitskin.data.importers.matlab_file import has_arrays, named_arrays
 from eitskin.data.recording import Recording, frames_table
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
@@ -25,16 +25,16 @@ SOURCE = "DSHardman/HydrogelEIT, {name}"
 
 def matches(path: Path) -> bool:
     """Whether the file holds positions, untouched and pressed responses."""
-    return holds(path, ARRAYS)
+    return has_arrays(path, ARRAYS)
 
 
 def load(path: Path) -> Recording:
     """2 P frames, press by press; raises InputError where the arrays do not fit together."""
-    found = named(path, ARRAYS)
-    for name, array in zip(ARRAYS, found, strict=True):
+    file_arrays = named_arrays(path, ARRAYS)
+    for name, array in zip(ARRAYS, file_arrays, strict=True):
         if array.dtype.kind == "c":
             raise InputError(path, name, "complex numbers", "real ones")
-    positions, untouched, pressed = (array.astype(float) for array in found)
+    positions, untouched, pressed = (array.astype(float) for array in file_arrays)
     n_presses = len(positions)
     if positions.shape != (n_presses, 3):
         raise InputError(path, "positions", positions.shape, "x, y, depth a press")

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from eitskin.data.importers.description import describe
-from eitskin.data.importers.matlab_file import holds, named
+from eitskin.data.importers.matlab_file import has_arrays, named_arrays
 from eitskin.data.recording import Recording, frames_table
 from eitskin.errors import InputError
 from eitskin.physics.geometry import even_angles
@@ -40,24 +40,24 @@ SKIN = {
 
 def matches(path: Path) -> bool:
     """Whether the file holds the reference and the rotated frames."""
-    return holds(path, ARRAYS)
+    return has_arrays(path, ARRAYS)
 
 
 def load(path: Path, part: str | None = None) -> Recording:
     """The one frame of the empty tank, or one with the rod; raises InputError for another size, and
     for a frame that is not there."""
-    reference, rotated = named(path, ARRAYS)
+    reference, rod_frames = named_arrays(path, ARRAYS)
     if reference.shape != (N_ELECTRODES**2, 1):
         raise InputError(path, "v_reference", reference.shape, "(256, 1)")
     channels = channel_table(N_ELECTRODES)
     reading = readings(reference)
-    source = SOURCE.format(name=path.name, left_out=rotated.shape[1])
+    source = SOURCE.format(name=path.name, left_out=rod_frames.shape[1])
     if part is not None:
         frame = part.partition(":")[2]
-        if not frame.isdigit() or int(frame) >= rotated.shape[1]:
-            expected = f"{ARRAYS[1]}:0 to {ARRAYS[1]}:{rotated.shape[1] - 1}"
+        if not frame.isdigit() or int(frame) >= rod_frames.shape[1]:
+            expected = f"{ARRAYS[1]}:0 to {ARRAYS[1]}:{rod_frames.shape[1] - 1}"
             raise InputError(path, "part", repr(part), expected)
-        reading = readings(rotated[:, [int(frame)]])
+        reading = readings(rod_frames[:, [int(frame)]])
         source = ROD.format(name=path.name, frame=int(frame))
     metadata = describe(channels, even_angles(N_ELECTRODES), source, "signed", skin=SKIN)
     frames = frames_table(np.zeros(1), np.zeros(1, dtype=bool))

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eitskin.data.importers.bare_vectors import said
+from eitskin.data.importers.bare_vectors import join_remarks
 from eitskin.data.importers.description import describe
 from eitskin.data.importers.matlab_file import arrays, is_matlab, shapes
 from eitskin.data.recording import Recording, frames_table
@@ -24,7 +24,7 @@ from eitskin.physics.geometry import even_angles
 from eitskin.physics.protocol import undriven
 
 CURRENTS = ("Injref", "Inj")
-SOURCE = "Kuopio Tomography Challenge 2023, {name} (Uelref, the tank without objects{said})"
+SOURCE = "Kuopio Tomography Challenge 2023, {name} (Uelref, the tank without objects{remarks})"
 
 
 def matches(path: Path) -> bool:
@@ -39,61 +39,66 @@ def matches(path: Path) -> bool:
 def load(path: Path) -> Recording:
     """A frame a column of Uelref; raises InputError where there is none or the arrays do not fit
     together."""
-    found = arrays(path)
-    if "Uelref" not in found and "Uel" in found:
-        there = "Uel alone: objects at places that nobody wrote down"
-        raise InputError(path, "arrays", there, "Uelref, the tank without objects, as in ref.mat")
-    names = [next((name for name in CURRENTS if name in found), "Injref"), "Mpat", "Uelref"]
-    if not {*names} <= found.keys():
-        raise InputError(path, "arrays", shapes(found), f"{', '.join(names)}")
-    currents, measured = (found[name].astype(float) for name in names[:2])
-    if currents.shape[0] != measured.shape[0]:
-        there = f"{len(currents)} electrodes in {names[0]}, {len(measured)} in Mpat"
-        raise InputError(path, "Mpat", there, "as many")
+    file_arrays = arrays(path)
+    if "Uelref" not in file_arrays and "Uel" in file_arrays:
+        contents = "Uel alone: objects at places that nobody wrote down"
+        raise InputError(
+            path, "arrays", contents, "Uelref, the tank without objects, as in ref.mat"
+        )
+    names = [next((name for name in CURRENTS if name in file_arrays), "Injref"), "Mpat", "Uelref"]
+    if not {*names} <= file_arrays.keys():
+        raise InputError(path, "arrays", shapes(file_arrays), f"{', '.join(names)}")
+    currents, measured_pairs = (file_arrays[name].astype(float) for name in names[:2])
+    if currents.shape[0] != measured_pairs.shape[0]:
+        contents = f"{len(currents)} electrodes in {names[0]}, {len(measured_pairs)} in Mpat"
+        raise InputError(path, "Mpat", contents, "as many")
     drives, amplitudes = _pairs(path, names[0], currents)
-    measures, gains = _pairs(path, "Mpat", measured)
-    shape = (len(drives), len(measures))
-    voltages = _voltages(path, found["Uelref"], shape)
+    measurements, gains = _pairs(path, "Mpat", measured_pairs)
+    shape = (len(drives), len(measurements))
+    voltages = _voltages(path, file_arrays["Uelref"], shape)
     channels = np.concatenate(
-        [np.repeat(drives, shape[1], axis=0), np.tile(measures, (shape[0], 1))], axis=1
+        [np.repeat(drives, shape[1], axis=0), np.tile(measurements, (shape[0], 1))], axis=1
     )
     readings = voltages / (np.repeat(amplitudes, shape[1]) * np.tile(gains, shape[0]))
-    kept = undriven(channels)
-    parts = said(
+    is_undriven = undriven(channels)
+    parts = join_remarks(
         "each reading over its injection's current",
-        f"{np.sum(~kept)} readings at driven electrodes left out" if not kept.all() else "",
-        "Uel left out: objects at places that nobody wrote down" if "Uel" in found else "",
+        f"{np.sum(~is_undriven)} readings at driven electrodes left out"
+        if not is_undriven.all()
+        else "",
+        "Uel left out: objects at places that nobody wrote down" if "Uel" in file_arrays else "",
     )
     n = len(currents)
-    source = SOURCE.format(name=path.name, said=f"; {parts}")
-    metadata = describe(channels[kept], even_angles(n), source, "signed")
+    source = SOURCE.format(name=path.name, remarks=f"; {parts}")
+    metadata = describe(channels[is_undriven], even_angles(n), source, "signed")
     frames = frames_table(np.arange(len(readings)), np.zeros(len(readings), dtype=bool))
-    return Recording(frames, readings[:, kept], None, None, metadata)
+    return Recording(frames, readings[:, is_undriven], None, None, metadata)
 
 
 def _pairs(path: Path, name: str, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(K, 2) electrodes, positive then negative, and (K,) amplitudes, of the columns (E, K)."""
+    """Electrodes (K, 2), positive then negative, and amplitudes (K,) of columns (E, K)."""
     positive, negative = table.argmax(axis=0), table.argmin(axis=0)
     column = np.arange(table.shape[1])
     high, low = table[positive, column], table[negative, column]
-    alike = np.isclose(high, -low, rtol=0.05, atol=0.0) & (high > 0)
-    wrong = np.flatnonzero(~alike | ((table != 0).sum(axis=0) != 2))
-    if len(wrong):
-        k = int(wrong[0])
+    is_balanced = np.isclose(high, -low, rtol=0.05, atol=0.0) & (high > 0)
+    bad_columns = np.flatnonzero(~is_balanced | ((table != 0).sum(axis=0) != 2))
+    if len(bad_columns):
+        k = int(bad_columns[0])
         values = table[table[:, k] != 0, k]
-        found = f"{len(values)} electrodes, {np.array2string(values[:4], precision=4)}"
-        raise InputError(path, f"{name}, column {k}", found, "two, one + and one - alike")
+        violation = f"{len(values)} electrodes, {np.array2string(values[:4], precision=4)}"
+        raise InputError(path, f"{name}, column {k}", violation, "two, one + and one - alike")
     return np.stack([positive, negative], axis=1), 0.5 * (high - low)
 
 
 def _voltages(path: Path, array: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """(F, K P), injection by injection, of (K P, F) or of one frame (P, K)."""
-    injections, measures = shape
+    """Voltages (F, K P), injection by injection, from an array (K P, F) or one frame (P, K)."""
+    n_injections, n_measurements = shape
     if array.dtype.kind == "c":
         raise InputError(path, "Uelref", "complex numbers", "real ones")
-    if array.shape == (measures, injections):
+    if array.shape == (n_measurements, n_injections):
         return array.astype(float).ravel(order="F")[None]
-    if array.ndim == 2 and array.shape[0] == measures * injections:
+    if array.ndim == 2 and array.shape[0] == n_measurements * n_injections:
         return array.astype(float).T
-    expected = f"{measures * injections} rows: {injections} injections of {measures} differences"
+    n_rows = n_measurements * n_injections
+    expected = f"{n_rows} rows: {n_injections} injections of {n_measurements} differences"
     raise InputError(path, "Uelref", array.shape, expected)

@@ -37,14 +37,14 @@ def matches(path: Path) -> bool:
 def load(path: Path) -> Recording:
     """One frame a file; raises InputError where a file is cut short, a folder mixes states, and one
     of several files has no date."""
-    found = files(path)
-    if not found:
+    frame_files = files(path)
+    if not frame_files:
         raise InputError(path, "folder", "no *.txt", "repeats of one state")
-    states = sorted({re.sub(r"_\d+$", "", file.stem) for file in found})
-    if len(found) > 1 and len(states) > 1:
+    states = sorted({re.sub(r"_\d+$", "", file.stem) for file in frame_files})
+    if len(frame_files) > 1 and len(states) > 1:
         raise InputError(path, "folder", f"states {states}", "repeats of one, named NAME_<number>")
-    dates, tables = zip(*map(_read, found), strict=True)
-    moments = _moments(found, dates)
+    dates, tables = zip(*map(_read, frame_files), strict=True)
+    moments = _moments(frame_files, dates)
     order = np.argsort(moments, kind="stable")
     table = np.stack(tables)[order]
     metadata = describe(
@@ -55,19 +55,19 @@ def load(path: Path) -> Recording:
         unit="V",
         clock="index" if dates[0] is None else "measured",
     )
-    frames = frames_table(moments[order], np.zeros(len(found), dtype=bool))
+    frames = frames_table(moments[order], np.zeros(len(frame_files), dtype=bool))
     return Recording(frames, table[:, :, 0], table[:, :, 1], None, metadata)
 
 
 def _moments(files: list[Path], dates: Sequence[datetime | None]) -> np.ndarray:
-    """(N,) seconds from the earliest."""
+    """Seconds (N,) from the earliest frame; raises InputError for a frame without a date."""
     if len(files) == 1:
         return np.zeros(1)
-    known = [date for date in dates if date is not None]
-    if len(known) < len(dates):
-        without = files[dates.index(None)]
-        raise InputError(without, "header, #Date", "none", "dd/mm/yyyy hh:mm:ss")
-    return np.array([(date - min(known)).total_seconds() for date in known])
+    stated_dates = [date for date in dates if date is not None]
+    if len(stated_dates) < len(dates):
+        undated_file = files[dates.index(None)]
+        raise InputError(undated_file, "header, #Date", "none", "dd/mm/yyyy hh:mm:ss")
+    return np.array([(date - min(stated_dates)).total_seconds() for date in stated_dates])
 
 
 def files(path: Path) -> list[Path]:
@@ -76,7 +76,7 @@ def files(path: Path) -> list[Path]:
 
 
 def _read(path: Path) -> tuple[datetime | None, np.ndarray]:
-    """When the frame was read, where it says so, and its (208, 3) table."""
+    """The frame's date, None where missing, and its (208, 3) table."""
     lines = path.read_text(errors="replace").splitlines()
     if "#Start" not in [line.strip() for line in lines]:
         raise InputError(path, "header", "no line #Start", "#Start before the numbers")

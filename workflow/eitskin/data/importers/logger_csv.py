@@ -26,8 +26,8 @@ from eitskin.physics.protocol import channel_table
 N_ELECTRODES = 16
 UNTOUCHED_BELOW_N = 0.05
 TOUCHED_FROM_N = 0.5
-MOST = 1 << 31  # contacts
-NEEDED = ("contact_idx", "contact_u_m", "contact_v_m", "depth_m", "force_n", "t_eit")
+MAX_CONTACTS = 1 << 31  # contacts
+REQUIRED_COLUMNS = ("contact_idx", "contact_u_m", "contact_v_m", "depth_m", "force_n", "t_eit")
 SOURCE = (
     "logger of knazari/eit_hybrid_state_estimation, {name} (left out: {between} rows between "
     "{untouched} N and {touched} N, {empty} without a force or a frame)"
@@ -40,44 +40,46 @@ def matches(path: Path) -> bool:
 
 
 def load(path: Path) -> Recording:
-    """One frame a kept row; raises InputError for missing columns, words among numbers, live
-    readings at driven electrodes, or time going backwards (several runs in one file).
+    """One frame for each used row.
+
+    Raises InputError for missing columns, words among numbers, changing readings at driven
+    electrodes, and times that do not increase (several runs in one file).
     """
     readings = [f"eit_{index}" for index in range(N_ELECTRODES**2)]
-    table = _read(path, [*NEEDED, *readings])
+    table = _read(path, [*REQUIRED_COLUMNS, *readings])
     values = table[readings].to_numpy()
     channels = channel_table(N_ELECTRODES)
-    measured = N_ELECTRODES * channels[:, 0] + channels[:, 2]
-    _refuse_live(path, table, np.setdiff1d(np.arange(N_ELECTRODES**2), measured))
+    measured_columns = N_ELECTRODES * channels[:, 0] + channels[:, 2]
+    _refuse_live(path, table, np.setdiff1d(np.arange(N_ELECTRODES**2), measured_columns))
     force = table["force_n"].to_numpy()
-    empty = np.isnan(force) | table["t_eit"].isna().to_numpy() | np.isnan(values).all(axis=1)
-    between = ~empty & (force >= UNTOUCHED_BELOW_N) & (force < TOUCHED_FROM_N)
-    kept = table[~empty & ~between]
-    if kept.empty:
+    is_empty = np.isnan(force) | table["t_eit"].isna().to_numpy() | np.isnan(values).all(axis=1)
+    is_between = ~is_empty & (force >= UNTOUCHED_BELOW_N) & (force < TOUCHED_FROM_N)
+    used_rows = table[~is_empty & ~is_between]
+    if used_rows.empty:
         expected = f"some under {UNTOUCHED_BELOW_N} N or from {TOUCHED_FROM_N} N on"
         raise InputError(path, "rows", "none of use", expected)
-    time = kept["t_eit"].to_numpy()
+    time = used_rows["t_eit"].to_numpy()
     backwards = np.flatnonzero(np.diff(time) <= 0)
     if len(backwards):
-        line = kept.index[backwards[0] + 1]
+        line = used_rows.index[backwards[0] + 1]
         expected = f"more than {time[backwards[0]]}; import each run of the logger by itself"
         raise InputError(path, f"line {line}, column t_eit", table["t_eit"][line], expected)
-    touch = kept["force_n"].to_numpy() >= TOUCHED_FROM_N
+    touch = used_rows["force_n"].to_numpy() >= TOUCHED_FROM_N
     frames = frames_table(
         time - time[0],
         touch,
-        kept["contact_u_m"] * 1e3,
-        kept["contact_v_m"] * 1e3,
-        kept["force_n"],
-        depth_mm=kept["depth_m"] * 1e3,
+        used_rows["contact_u_m"] * 1e3,
+        used_rows["contact_v_m"] * 1e3,
+        used_rows["force_n"],
+        depth_mm=used_rows["depth_m"] * 1e3,
     )
-    frames["contact"] = _contacts(path, kept["contact_idx"].where(touch))
+    frames["contact"] = _contacts(path, used_rows["contact_idx"].where(touch))
     source = SOURCE.format(
         name=path.name,
-        between=int(between.sum()),
+        between=int(is_between.sum()),
         untouched=UNTOUCHED_BELOW_N,
         touched=TOUCHED_FROM_N,
-        empty=int(empty.sum()),
+        empty=int(is_empty.sum()),
     )
     metadata = describe(
         channels,
@@ -88,13 +90,15 @@ def load(path: Path) -> Recording:
         unit="V",
         clock="measured",
     )
-    voltage = kept[readings].to_numpy()[:, measured]
+    voltage = used_rows[readings].to_numpy()[:, measured_columns]
     return Recording(frames, voltage, None, None, metadata)
 
 
 def _read(path: Path, names: list[str]) -> pd.DataFrame:
-    """The named columns as float64, NaN where a cell is empty, by the file's lines, from 1; cells
-    stand between commas, or between semicolons or tabs, then perhaps with decimal commas."""
+    """The named columns as float64, NaN where a cell is empty, indexed by the file's lines from 1.
+
+    Cells are separated by commas, or by semicolons or tabs with decimal points or commas.
+    """
     text = text_file.read(path)
     separator = separator_of(text.partition("\n")[0])
     blank = " \t".replace(separator, "")
@@ -114,37 +118,39 @@ def _read(path: Path, names: list[str]) -> pd.DataFrame:
     for name in names:
         if name not in table:
             raise InputError(
-                path, f"column {name}", "nothing", f"{', '.join(NEEDED)}, eit_0 ... 255"
+                path, f"column {name}", "nothing", f"{', '.join(REQUIRED_COLUMNS)}, eit_0 ... 255"
             )
-        written = table[name].fillna("")
+        cell_text = table[name].fillna("")
         if separator != ",":
-            written = written.str.replace(",", ".", regex=False)
-        columns[name] = pd.to_numeric(written, errors="coerce").astype(float)
-        words = columns[name].isna() & ~written.str.lower().isin(["", "nan", "none"])
-        bad = words | np.isinf(columns[name])
-        if bad.any():
-            line = bad.idxmax()
-            raise InputError(path, f"line {line}, column {name}", repr(written[line]), "a number")
+            cell_text = cell_text.str.replace(",", ".", regex=False)
+        columns[name] = pd.to_numeric(cell_text, errors="coerce").astype(float)
+        is_word = columns[name].isna() & ~cell_text.str.lower().isin(["", "nan", "none"])
+        is_bad = is_word | np.isinf(columns[name])
+        if is_bad.any():
+            line = is_bad.idxmax()
+            raise InputError(path, f"line {line}, column {name}", repr(cell_text[line]), "a number")
     return pd.DataFrame(columns)
 
 
 def _contacts(path: Path, numbers: pd.Series) -> pd.Series:
-    """The presses' numbers as whole ones, a frame each; raises InputError where one is none."""
-    wrong = numbers[numbers.notna() & ~((numbers >= 0) & (numbers < MOST) & (numbers % 1 == 0))]
-    if len(wrong):
-        line, found = next(wrong.items())
-        expected = f"a whole number, 0 to {MOST - 1}"
-        raise InputError(path, f"line {line}, column contact_idx", found, expected)
+    """The number of each frame's press as an integer; raises InputError where one is not."""
+    bad_numbers = numbers[
+        numbers.notna() & ~((numbers >= 0) & (numbers < MAX_CONTACTS) & (numbers % 1 == 0))
+    ]
+    if len(bad_numbers):
+        line, bad_number = next(bad_numbers.items())
+        expected = f"a whole number, 0 to {MAX_CONTACTS - 1}"
+        raise InputError(path, f"line {line}, column contact_idx", bad_number, expected)
     return numbers.reset_index(drop=True).astype("Int64")
 
 
 def _refuse_live(path: Path, table: pd.DataFrame, driven: np.ndarray) -> None:
-    """Readings at driven electrodes must not change: else the file's order is another one."""
+    """Raise InputError where readings at driven electrodes change: the file has another order."""
     for index in driven:
         cells = table[f"eit_{index}"].dropna()
-        changed = cells[cells != cells.iloc[0]] if len(cells) else cells
-        if len(changed):
-            line, found = next(changed.items())
+        changed_cells = cells[cells != cells.iloc[0]] if len(cells) else cells
+        if len(changed_cells):
+            line, reading = next(changed_cells.items())
             drive, pair = divmod(int(index), N_ELECTRODES)
             expected = f"{cells.iloc[0]} throughout: pair {pair} touches drive {drive}"
-            raise InputError(path, f"line {line}, column eit_{index}", found, expected)
+            raise InputError(path, f"line {line}, column eit_{index}", reading, expected)

@@ -37,22 +37,22 @@ def arrays(path: Path) -> dict[str, np.ndarray]:
         head = stream.read(19)
     if head.startswith((HDF5, b"MATLAB 7.3")):
         raise InputError(path, "file", "MATLAB 7.3 or another HDF5 file", RESAVED)
-    found = "a damaged or cut MATLAB file" if head.startswith(b"MATLAB") else "no MATLAB file"
+    fault = "a damaged or cut MATLAB file" if head.startswith(b"MATLAB") else "no MATLAB file"
     data = path.read_bytes()
     try:
         level_5 = scipy.io.matlab.matfile_version(BytesIO(data))[0] == 1
-        if level_5 and not matlab_tags.hold_together(data):
-            raise InputError(path, "file", found, RESAVED)
+        if level_5 and not matlab_tags.is_consistent(data):
+            raise InputError(path, "file", fault, RESAVED)
         content = scipy.io.loadmat(BytesIO(data))
     except InputError:
         raise
     except Exception as error:  # scipy raises whatever a damaged file leads it to
-        raise InputError(path, "file", found, RESAVED) from error
-    named = {name: value for name, value in content.items() if not name.startswith("__")}
-    return {name: array for key, value in named.items() for name, array in _numeric(key, value)}
+        raise InputError(path, "file", fault, RESAVED) from error
+    variables = {name: value for name, value in content.items() if not name.startswith("__")}
+    return {name: array for key, value in variables.items() for name, array in _numeric(key, value)}
 
 
-def holds(path: Path, names: tuple[str, ...]) -> bool:
+def has_arrays(path: Path, names: tuple[str, ...]) -> bool:
     """Whether a file is one of MATLAB with arrays of numbers of these names."""
     try:
         return is_matlab(path) and arrays(path).keys() >= {*names}
@@ -60,30 +60,33 @@ def holds(path: Path, names: tuple[str, ...]) -> bool:
         return False
 
 
-def named(path: Path, names: tuple[str, ...]) -> list[np.ndarray]:
-    """The arrays of these names; raises InputError where one is not there, and as `arrays` does."""
-    found = arrays(path)
-    if not found.keys() >= {*names}:
-        raise InputError(path, "arrays", shapes(found), f"{', '.join(names)} among them")
-    return [found[name] for name in names]
+def named_arrays(path: Path, names: tuple[str, ...]) -> list[np.ndarray]:
+    """The arrays of these names; raises InputError where one is missing, and as `arrays` does."""
+    file_arrays = arrays(path)
+    if not file_arrays.keys() >= {*names}:
+        raise InputError(path, "arrays", shapes(file_arrays), f"{', '.join(names)} among them")
+    return [file_arrays[name] for name in names]
 
 
-def shapes(found: dict[str, np.ndarray]) -> str:
-    """`vh (208, 1), vi (208, 5)`, of some."""
-    named = [f"{name} {array.shape}" for name, array in found.items()]
-    return ", ".join(named[:8]) + (", ..." if len(named) > 8 else "") or "no array of numbers"
+def shapes(file_arrays: dict[str, np.ndarray]) -> str:
+    """Names and shapes of at most eight arrays: `vh (208, 1), vi (208, 5)`."""
+    shape_texts = [f"{name} {array.shape}" for name, array in file_arrays.items()]
+    return (
+        ", ".join(shape_texts[:8]) + (", ..." if len(shape_texts) > 8 else "")
+        or "no array of numbers"
+    )
 
 
 def _numeric(name: str, value: object) -> Iterator[tuple[str, np.ndarray]]:
     if not isinstance(value, np.ndarray):
         return
     if value.dtype.names or value.dtype == object:
-        for k, one in enumerate(value.ravel()):
+        for k, element in enumerate(value.ravel()):
             numbered = name if value.size == 1 else f"{name}({k + 1})"
             if value.dtype.names:
                 for field in value.dtype.names:
-                    yield from _numeric(f"{numbered}.{field}", one[field])
+                    yield from _numeric(f"{numbered}.{field}", element[field])
             else:
-                yield from _numeric(numbered, one)
+                yield from _numeric(numbered, element)
     elif value.dtype.kind in "iufc":
         yield name, value

@@ -1,4 +1,4 @@
-"""Whether the elements of a MATLAB file hold together, before scipy reads them.
+"""Whether the elements of a MATLAB file are consistent, before scipy reads them.
 
 MAT-File Format, level 5 (MathWorks): elements of a tag, type and bytes, and data up to the next
 eighth byte; an array's are its flags, dimensions, name and values, or further arrays. scipy's
@@ -17,9 +17,9 @@ FLAGS = 6
 SMALL = 4  # bytes of data that fit into a tag
 
 
-def hold_together(content: bytes) -> bool:
-    """Whether every element is of a type that there is, where it may stand, and ends within what
-    holds it."""
+def is_consistent(content: bytes) -> bool:
+    """Whether every element has a valid type, is where its type may be, and ends within its
+    parent."""
     order = {b"IM": "<", b"MI": ">"}.get(content[MARK])
     try:
         return order is not None and _arrays(memoryview(content)[HEADER:], order)
@@ -28,7 +28,7 @@ def hold_together(content: bytes) -> bool:
 
 
 def _arrays(content: memoryview, order: str) -> bool:
-    """Whether content is arrays, compressed or not."""
+    """Whether the content consists of arrays, compressed or not."""
     for kind, data in _elements(content, order):
         if kind == COMPRESSED:
             if not _arrays(memoryview(zlib.decompress(data)), order):
@@ -39,16 +39,16 @@ def _arrays(content: memoryview, order: str) -> bool:
 
 
 def _array(content: memoryview, order: str) -> bool:
-    """Whether an array's flags come first, and then what an array of its class may hold."""
+    """Whether an array begins with its flags, followed by elements allowed for its class."""
     elements = list(_elements(content, order))
-    if not elements:  # what MATLAB writes for an empty one in a cell
+    if not elements:  # MATLAB writes an empty array in a cell so
         return True
     kind, flags = elements[0]
     if kind != FLAGS or len(flags) < 8:
         return False
-    of_values = struct.unpack(f"{order}I", flags[:4])[0] & 0xFF in OF_VALUES
+    holds_values = struct.unpack(f"{order}I", flags[:4])[0] & 0xFF in OF_VALUES
     for kind, data in elements[1:]:
-        if kind == ARRAY and not of_values:
+        if kind == ARRAY and not holds_values:
             if not _array(data, order):
                 return False
         elif kind not in VALUES:
@@ -57,16 +57,19 @@ def _array(content: memoryview, order: str) -> bool:
 
 
 def _elements(content: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
-    """Type and data of elements, one after the other; raises ValueError where one is cut off."""
-    at = 0
-    while at < len(content):
-        kind, size = struct.unpack(f"{order}II", content[at : at + 8])
-        start, after = at + 8, at + 8 + size + (-size % 8 if kind != COMPRESSED else 0)
+    """Type and data of the elements in order; raises ValueError where one is cut off."""
+    offset = 0
+    while offset < len(content):
+        kind, size = struct.unpack(f"{order}II", content[offset : offset + 8])
+        start, next_offset = (
+            offset + 8,
+            offset + 8 + size + (-size % 8 if kind != COMPRESSED else 0),
+        )
         if kind >> 16:  # a small one, in its tag
-            kind, size, start, after = kind & 0xFFFF, kind >> 16, at + 4, at + 8
+            kind, size, start, next_offset = kind & 0xFFFF, kind >> 16, offset + 4, offset + 8
             if size > SMALL:
                 raise ValueError(size)
         if start + size > len(content):
             raise ValueError(size)
         yield kind, content[start : start + size]
-        at = after
+        offset = next_offset

@@ -1,4 +1,4 @@
-"""What is said of a plain matrix in NAME.yaml beside it, and what to write where nothing is."""
+"""The description of a plain matrix in NAME.yaml beside it, and proposals where it is missing."""
 
 import re
 from collections import Counter
@@ -13,60 +13,75 @@ from eitskin.errors import InputError
 from eitskin.physics.skin import is_number
 
 PROTOCOL = ("electrodes", "drive", "measurement")
-TELLING = (*PROTOCOL, "order", "labels")  # of which a YAML file has one if it describes a matrix
-AS_CHOSEN = ("voltage", "unit", "values", "position_frame", "clock")
+DESCRIBING_KEYS = (
+    *PROTOCOL,
+    "order",
+    "labels",
+)  # of which a YAML file has one if it describes a matrix
+CHOICE_KEYS = ("voltage", "unit", "values", "position_frame", "clock")
 PLACED = ("x_mm", "y_mm", "force_N", "probe_mm", "depth_mm")
 LABELS = ("time_s", "touch", *PLACED, "contact", "session", "temperature_C")
-ALIKE = 3  # letters that a column's name and its label's have in common, or the whole name
-KEYS = (*PROTOCOL, "order", *AS_CHOSEN, "rate_Hz", "frame_s", "skin", "labels", "source")
+MIN_COMMON_LETTERS = (
+    3  # letters that a column's name and its label's have in common, or the whole name
+)
+KEYS = (*PROTOCOL, "order", *CHOICE_KEYS, "rate_Hz", "frame_s", "skin", "labels", "source")
 
 
-def beside(path: Path) -> Path:
-    """Where the description of a matrix stands."""
+def description_path(path: Path) -> Path:
+    """Where the description of a matrix lies."""
     return path.with_suffix(".yaml")
 
 
-def mapping(path: Path) -> dict:
-    """What stands beside a matrix; raises InputError for what is no mapping."""
-    return yaml_file.read(beside(path))
+def read_mapping(path: Path) -> dict:
+    """The mapping in the file beside a matrix; raises InputError for another content."""
+    return yaml_file.read(description_path(path))
 
 
-def described(path: Path) -> dict:
-    """The description beside a matrix; raises InputError for what is no mapping, for keys that are
-    not known and for values of another kind."""
-    file, said = beside(path), mapping(path)
-    for key in said:
+def read_description(path: Path) -> dict:
+    """The description beside a matrix; raises InputError for unknown keys and invalid values."""
+    file, description = description_path(path), read_mapping(path)
+    for key in description:
         if key not in KEYS:
             raise InputError(file, f"key {key}", "an unknown key", f"one of {', '.join(KEYS)}")
     for key in ("drive", "order", "source"):
-        if key in said and not isinstance(said[key], str):
-            raise InputError(file, f"key {key}", repr(said[key]), "a word")
-    check_reading({key: said[key] for key in (*AS_CHOSEN, "frame_s") if key in said}, file)
-    number = said.get("electrodes")
-    if "electrodes" in said and (type(number) is not int or number < 4):
-        raise InputError(file, "key electrodes", repr(number), "a whole number, 4 or more")
-    if "rate_Hz" in said and not (is_number(said["rate_Hz"]) and said["rate_Hz"] > 0):
-        raise InputError(file, "key rate_Hz", repr(said["rate_Hz"]), "frames a second, more than 0")
-    if not isinstance(said.get("skin", {}), dict):
-        raise InputError(file, "key skin", repr(said["skin"]), "a mapping")
-    return said
+        if key in description and not isinstance(description[key], str):
+            raise InputError(file, f"key {key}", repr(description[key]), "a word")
+    check_reading(
+        {key: description[key] for key in (*CHOICE_KEYS, "frame_s") if key in description}, file
+    )
+    n_electrodes = description.get("electrodes")
+    if "electrodes" in description and (type(n_electrodes) is not int or n_electrodes < 4):
+        raise InputError(file, "key electrodes", repr(n_electrodes), "a whole number, 4 or more")
+    if "rate_Hz" in description and not (
+        is_number(description["rate_Hz"]) and description["rate_Hz"] > 0
+    ):
+        raise InputError(
+            file, "key rate_Hz", repr(description["rate_Hz"]), "frames a second, more than 0"
+        )
+    if not isinstance(description.get("skin", {}), dict):
+        raise InputError(file, "key skin", repr(description["skin"]), "a mapping")
+    return description
 
 
-def undescribed(path: Path, shape: tuple[int, int], names: Sequence[str] = ()) -> InputError:
-    """What to write beside a matrix of `shape`, frames x readings, as one line of YAML; names: of
-    its columns, where it has them."""
+def missing_description(
+    path: Path, shape: tuple[int, int], names: Sequence[str] = ()
+) -> InputError:
+    """The refusal of a matrix without description, with a proposal in one line of YAML.
+
+    `shape` is frames x readings; `names` are the columns', if any.
+    """
     rows, width = shape
-    unnamed = unlabelled(path, names)
+    unnamed = missing_labels(path, names)
     if unnamed is not None:
         return unnamed
-    found = f"no {beside(path).name} that says what its {width} columns read"
-    copied = example(path, width)
-    if copied is not None:
+    violation = f"no {description_path(path).name} that says what its {width} columns read"
+    example_text = example(path, width)
+    if example_text is not None:
         expected = (
             "it beside the file (or --format matrix with --drive and --measure), for example "
-            f"{copied}"
+            f"{example_text}"
         )
-        return InputError(path, "description", found, expected)
+        return InputError(path, "description", violation, expected)
     if example(path, rows) is not None:
         expected = f"a frame a row: its {rows} rows look like readings, its columns like frames"
         return InputError(path, "matrix", f"{rows} rows of {width} numbers", expected)
@@ -77,46 +92,53 @@ def undescribed(path: Path, shape: tuple[int, int], names: Sequence[str] = ()) -
     )
     if size * (size - 1) == 2 * width:
         expected += f" (one for every two of {size} electrodes is no four-electrode reading)"
-    return InputError(path, "description", found, expected)
+    return InputError(path, "description", violation, expected)
 
 
-def unlabelled(path: Path, names: Sequence[str]) -> InputError | None:
-    """Which labels to name, where some columns' names are unlike the others' but for digits, and
-    the others are as many as a common protocol has readings; None elsewhere."""
-    kinds = [re.sub(r"\d+", "", name) for name in names]
-    usual = Counter(kinds).most_common(1)[0][0] if kinds else ""
-    odd = [name for name, kind in zip(names, kinds, strict=True) if kind != usual]
-    described = example(path, len(names) - len(odd)) if odd else None
-    if described is None:
+def missing_labels(path: Path, names: Sequence[str]) -> InputError | None:
+    """The refusal of a matrix with unlabelled columns beside its readings, with a proposal.
+
+    Columns are no readings where their names differ, digits aside, from most names, and the
+    remaining ones are as many as a common protocol's readings; else None.
+    """
+    name_stems = [re.sub(r"\d+", "", name) for name in names]
+    usual_stem = Counter(name_stems).most_common(1)[0][0] if name_stems else ""
+    odd_names = [name for name, kind in zip(names, name_stems, strict=True) if kind != usual_stem]
+    example_text = example(path, len(names) - len(odd_names)) if odd_names else None
+    if example_text is None:
         return None
     labels: dict[str, str] = {}
-    for name in odd:
-        free = [label for label in LABELS if label not in labels]
-        nearest = max(free, key=lambda label: _alike(label, name), default="")
-        enough = _alike(nearest, name) >= min(ALIKE, len(name))
-        labels[nearest if enough else f"{NOTE}{name}"] = name
-    told = ", ".join(f"{label}: {name}" for label, name in labels.items())
-    count = len(names) - len(odd)
-    found = f"columns {', '.join(odd)} beside {count} readings, and nothing that says what they are"
+    for name in odd_names:
+        free_labels = [label for label in LABELS if label not in labels]
+        nearest = max(free_labels, key=lambda label: _common_prefix_length(label, name), default="")
+        is_near = _common_prefix_length(nearest, name) >= min(MIN_COMMON_LETTERS, len(name))
+        labels[nearest if is_near else f"{NOTE}{name}"] = name
+    guess = ", ".join(f"{label}: {name}" for label, name in labels.items())
+    count = len(names) - len(odd_names)
+    columns = f"columns {', '.join(odd_names)}"
+    violation = f"{columns} beside {count} readings, and nothing that says what they are"
     expected = (
-        f"their labels in {beside(path).name}, in the units of the labels' names; guessed, to be "
-        f"corrected: {described[:-1]}, labels: {{{told}}}}}"
+        f"their labels in {description_path(path).name}, in the units of the labels' names; "
+        f"guessed, to be corrected: {example_text[:-1]}, labels: {{{guess}}}}}"
     )
-    return InputError(path, "columns", found, expected)
+    return InputError(path, "columns", violation, expected)
 
 
-def _alike(label: str, name: str) -> int:
-    """Letters with which both begin."""
+def _common_prefix_length(label: str, name: str) -> int:
+    """Number of letters with which both begin."""
     return sum(
-        1 for _ in takewhile(lambda two: two[0] == two[1], zip(label, name.lower(), strict=False))
+        1
+        for _ in takewhile(
+            lambda letters: letters[0] == letters[1], zip(label, name.lower(), strict=False)
+        )
     )
 
 
 def example(path: Path, width: int) -> str | None:
-    """A description of frames of as many numbers as a common protocol has; None for others."""
+    """A description of frames of `width` readings by a common protocol; None where none fits."""
     for drive in ("adjacent", "opposite"):
         try:
-            layout = bare_vectors.stepped(path, width, drive, "adjacent")
+            layout = bare_vectors.pattern_layout(path, width, drive, "adjacent")
         except InputError:
             continue
         return f"{{electrodes: {layout.n_electrodes}, drive: {drive}, measurement: adjacent}}"

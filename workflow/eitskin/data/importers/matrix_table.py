@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from eitskin.data.importers import delimited
-from eitskin.data.importers.matrix_description import LABELS, beside
+from eitskin.data.importers.matrix_description import LABELS, description_path
 from eitskin.data.recording import NOTE
 from eitskin.errors import InputError
 
@@ -20,31 +20,37 @@ NPY, ZIP = b"\x93NUMPY", b"PK\x03\x04"
 
 @dataclass
 class Table:
-    """What a matrix file holds: `readings` (F, C), and `labels`, (F,) each, floats or words; the
-    `names` of the readings' columns, where the file has them."""
+    """The content of a matrix file: `readings` (F, C), `labels`, (F,) each, floats or words, and
+    the `names` of the readings' columns, if any."""
 
     readings: np.ndarray
     labels: dict[str, Any] = field(default_factory=dict)
     names: list[str] = field(default_factory=list)
 
 
-def read(path: Path, said: dict) -> Table:
-    """Readings and labels of the matrix and of the labels file."""
-    labels = said.get("labels")
+def read(path: Path, description: dict) -> Table:
+    """Readings and labels of a matrix and its labels file; raises InputError for a broken one."""
+    labels = description.get("labels")
     if labels is not None and not isinstance(labels, str | dict):
-        raise InputError(beside(path), "key labels", repr(labels), "a file, or columns by name")
+        raise InputError(
+            description_path(path), "key labels", repr(labels), "a file, or columns by name"
+        )
     columns = labels if isinstance(labels, dict) else {}
     for name in columns:
         if not is_label(name):
             expected = f"one of {', '.join(LABELS)}, {NOTE}..."
-            raise InputError(beside(path), f"key labels.{name}", "an unknown label", expected)
+            raise InputError(
+                description_path(path), f"key labels.{name}", "an unknown label", expected
+            )
     table = _from_numpy(path, columns) if is_numpy(path) else _from_text(path, columns)
     if table.readings.shape[1] == 1 and not table.labels:
         table.readings = table.readings.T
     if isinstance(labels, str):
         file = path.parent / labels
         if not file.is_file():
-            raise InputError(beside(path), "key labels", f"no file {labels!r}", "one beside it")
+            raise InputError(
+                description_path(path), "key labels", f"no file {labels!r}", "one beside it"
+            )
         cells = delimited.read(file)
         names = cells.names or [""]
         for name in names:
@@ -64,11 +70,15 @@ def _from_text(path: Path, columns: dict) -> Table:
         if names.count(name) > 1:
             raise InputError(path, "line of names", f"{names.count(name)} of {name}", "one")
     for name, column in columns.items():
-        named = names.index(column) if column in names else column
-        places[name] = _column(path, name, named, cells.width)
-    rest = [column for column in range(cells.width) if column not in places.values()]
+        column_index = names.index(column) if column in names else column
+        places[name] = _column(path, name, column_index, cells.width)
+    reading_columns = [column for column in range(cells.width) if column not in places.values()]
     labels = {name: _label(cells, name, column) for name, column in places.items()}
-    return Table(cells.numbers(rest), labels, [names[column] for column in rest if names])
+    return Table(
+        cells.numbers(reading_columns),
+        labels,
+        [names[column] for column in reading_columns if names],
+    )
 
 
 def _label(cells: delimited.Cells, name: str, column: int) -> np.ndarray | list:
@@ -79,7 +89,7 @@ def _label(cells: delimited.Cells, name: str, column: int) -> np.ndarray | list:
 def _column(path: Path, name: str, column: object, width: int) -> int:
     if type(column) is not int or not 0 <= column < width:
         expected = f"a column's number, 0 to {width - 1}, or its name"
-        raise InputError(beside(path), f"key labels.{name}", repr(column), expected)
+        raise InputError(description_path(path), f"key labels.{name}", repr(column), expected)
     return column
 
 
@@ -89,9 +99,9 @@ def _from_numpy(path: Path, columns: dict) -> Table:
             content = np.load(stream, allow_pickle=False)
             arrays = dict(content) if hasattr(content, "files") else {"": content}
     except Exception as error:  # numpy raises whatever a damaged file leads it to
-        found = "a damaged or cut file, or one of objects"
-        raise InputError(path, "file", found, "arrays of numbers, .npy or .npz") from error
-    labels = {name: one for name, one in arrays.items() if is_label(name) and one.ndim == 1}
+        violation = "a damaged or cut file, or one of objects"
+        raise InputError(path, "file", violation, "arrays of numbers, .npy or .npz") from error
+    labels = {name: array for name, array in arrays.items() if is_label(name) and array.ndim == 1}
     for name, array in labels.items():
         if array.dtype.kind not in ("biuf" if name in LABELS and name not in WORDS else "biufU"):
             raise InputError(path, f"array {name}", array.dtype, "numbers")
@@ -106,8 +116,8 @@ def _from_numpy(path: Path, columns: dict) -> Table:
     (matrix,) = matrices.values()
     for name, column in columns.items():
         labels[name] = matrix[:, _column(path, name, column, matrix.shape[1])].real
-    rest = [k for k in range(matrix.shape[1]) if k not in columns.values()]
-    return Table(matrix[:, rest], labels)
+    reading_columns = [k for k in range(matrix.shape[1]) if k not in columns.values()]
+    return Table(matrix[:, reading_columns], labels)
 
 
 def is_label(name: object) -> bool:

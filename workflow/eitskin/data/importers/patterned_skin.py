@@ -64,8 +64,8 @@ def load(path: Path) -> Recording:
 def _pair(path: Path) -> tuple[Path, Path] | None:
     if path.suffix != ".csv" or path.name[:4] not in ("inp_", "out_"):
         return None
-    rest = path.name[4:]
-    return path.with_name(f"inp_{rest}"), path.with_name(f"out_{rest}")
+    suffix = path.name[4:]
+    return path.with_name(f"inp_{suffix}"), path.with_name(f"out_{suffix}")
 
 
 def files(path: Path) -> list[Path]:

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from eitskin import text_file
-from eitskin.data.importers.bare_vectors import UNTOUCHED, pairs, said
+from eitskin.data.importers.bare_vectors import UNTOUCHED, join_remarks, pattern_channels
 from eitskin.data.importers.description import describe
 from eitskin.data.importers.tables import first_line
 from eitskin.data.recording import Recording, frames_table
@@ -33,7 +33,7 @@ from eitskin.physics.protocol import undriven
 
 LEFT_OPEN = ("measure",)
 MEASURE = "adjacent"
-LEAST_LINES, WITH_VERSION = 9, 11  # of a header, and from which on it tells its version
+MIN_HEADER_LINES, MIN_VERSION_LINES = 9, 11  # of a header, and from which on it tells its version
 HEADER = {  # by place in a header that tells its version
     "date": 3,
     "lowest frequency": 4,
@@ -44,7 +44,7 @@ HEADER = {  # by place in a header that tells its version
 }
 MEASURE_MODE, POTENTIALS = 13, 1
 SETUP, READ = "MeasurementChannels:", "MeasurementChannelsIndependentFromInjectionPattern:"
-SOURCE = "Sciospec {name} ({said})"
+SOURCE = "Sciospec {name} ({remarks})"
 
 
 @dataclass(frozen=True)
@@ -61,22 +61,26 @@ class Frame:
 
     @property
     def setup(self) -> tuple:
-        """What all frames of a folder share."""
+        """The settings that all frames of a folder share."""
         return self.frequencies, self.amplitude_A, self.ring, self.drives.tolist()
 
 
 def matches(path: Path) -> bool:
     """Whether the file, or a folder's first, is named `.eit` and begins with a whole number."""
-    found = files(path)[:1]
-    return bool(found) and found[0].suffix.lower() == ".eit" and first_line(found[0]).isdecimal()
+    frame_files = files(path)[:1]
+    return (
+        bool(frame_files)
+        and frame_files[0].suffix.lower() == ".eit"
+        and first_line(frame_files[0]).isdecimal()
+    )
 
 
 def refusal(path: Path) -> InputError | None:
-    """Of another maker's file with the same ending."""
+    """The refusal of another maker's file with the same ending."""
     if path.suffix.lower() != ".eit" or not path.is_file():
         return None
-    found = "no Sciospec .eit (Draeger, Carefusion and Swisstom name theirs so as well)"
-    return InputError(path, "line 1", found, "how many lines the header has")
+    violation = "no Sciospec .eit (Draeger, Carefusion and Swisstom name theirs so as well)"
+    return InputError(path, "line 1", violation, "how many lines the header has")
 
 
 def files(path: Path) -> list[Path]:
@@ -90,37 +94,41 @@ def files(path: Path) -> list[Path]:
 def load(path: Path, measure: str | None = None) -> Recording:
     """One frame a file; raises InputError where one is cut short or of another setup than the
     first, and where time stands still."""
-    found = files(path)
-    if not found:
+    frame_files = files(path)
+    if not frame_files:
         raise InputError(path, "folder", "no *.eit", "the frames of one setup")
-    frames = [_read(file) for file in found]
-    for file, frame in zip(found, frames, strict=True):
+    frames = [_read(file) for file in frame_files]
+    for file, frame in zip(frame_files, frames, strict=True):
         if frame.setup != frames[0].setup:
-            expected = f"that of {found[0].name}: frequencies, amplitude, electrodes, injections"
+            expected = (
+                f"that of {frame_files[0].name}: frequencies, amplitude, electrodes, injections"
+            )
             raise InputError(file, "setup", "another", expected)
-    first, measure = frames[0], measure or MEASURE
-    channels = _channels(path, first, measure)
+    first_frame, measure = frames[0], measure or MEASURE
+    channels = _channels(path, first_frame, measure)
     potentials = np.stack([frame.potentials for frame in frames])
-    drive = np.repeat(np.arange(len(first.drives)), len(first.ring))
-    kept = undriven(channels)
+    drive = np.repeat(np.arange(len(first_frame.drives)), len(first_frame.ring))
+    is_undriven = undriven(channels)
     _, _, plus, minus = channels.T
-    readings = (potentials[:, drive, plus] - potentials[:, drive, minus])[:, kept]
-    parts = said(
+    readings = (potentials[:, drive, plus] - potentials[:, drive, minus])[:, is_undriven]
+    parts = join_remarks(
         f"differences of potentials made: {measure} pairs where neither electrode drives",
-        first.frequencies,
-        f"electrodes {first.ring} counted from 0" if first.ring[-1] != len(first.ring) else "",
+        first_frame.frequencies,
+        f"electrodes {first_frame.ring} counted from 0"
+        if first_frame.ring[-1] != len(first_frame.ring)
+        else "",
         UNTOUCHED,
     )
     metadata = describe(
-        channels[kept],
-        even_angles(len(first.ring)),
-        SOURCE.format(name=path.name, said=parts),
+        channels[is_undriven],
+        even_angles(len(first_frame.ring)),
+        SOURCE.format(name=path.name, remarks=parts),
         "signed",
         unit="V",
         clock="measured" if len(frames) > 1 else "index",
-        skin={"current_A": first.amplitude_A},
+        skin={"current_A": first_frame.amplitude_A},
     )
-    table = frames_table(_times(found, frames), np.zeros(len(frames), dtype=bool))
+    table = frames_table(_times(frame_files, frames), np.zeros(len(frames), dtype=bool))
     return Recording(table, readings.real, readings.imag, None, metadata)
 
 
@@ -130,15 +138,16 @@ def _last_number(stem: str) -> int:
 
 
 def _channels(path: Path, frame: Frame, measure: str) -> np.ndarray:
-    """(K E, 4): for every drive all measured pairs, electrodes by their place in the ring."""
+    """Channels (K E, 4): for every drive all measured pairs, by their place in the ring."""
     n = len(frame.ring)
     drives = np.searchsorted(frame.ring, frame.drives)
-    measured = pairs(path, n, MEASURE, measure)[:n, 2:]
+    measured = pattern_channels(path, n, MEASURE, measure)[:n, 2:]
     return np.concatenate([np.repeat(drives, n, axis=0), np.tile(measured, (len(drives), 1))], 1)
 
 
 def _times(files: list[Path], frames: list[Frame]) -> np.ndarray:
-    """(N,) seconds from the first; raises InputError where a date is missing or stands still."""
+    """Seconds (N,) from the first frame; raises InputError where dates are missing or do not
+    increase."""
     if len(frames) == 1:
         return np.zeros(1)
     dates = []
@@ -147,23 +156,25 @@ def _times(files: list[Path], frames: list[Frame]) -> np.ndarray:
             raise InputError(file, "header, date", "none", "yyyy.mm.dd. hh:mm:ss.fff")
         dates.append(frame.date)
     time = np.array([(date - dates[0]).total_seconds() for date in dates])
-    still = np.flatnonzero(np.diff(time) <= 0)
-    if len(still):
-        file, before = files[still[0] + 1], files[still[0]]
-        found = frames[still[0] + 1].date
-        raise InputError(file, "header, date", found, f"one after that of {before.name}")
+    stalled = np.flatnonzero(np.diff(time) <= 0)
+    if len(stalled):
+        file, previous_file = files[stalled[0] + 1], files[stalled[0]]
+        stalled_date = frames[stalled[0] + 1].date
+        raise InputError(
+            file, "header, date", stalled_date, f"one after that of {previous_file.name}"
+        )
     return time
 
 
 def _read(path: Path) -> Frame:
     lines = text_file.read(path).splitlines()
     count = lines[0].strip() if lines else ""
-    if not count.isdecimal() or not LEAST_LINES <= int(count) < len(lines):
+    if not count.isdecimal() or not MIN_HEADER_LINES <= int(count) < len(lines):
         raise InputError(path, "line 1", repr(count), "how many lines the header has")
     header = [line.strip() for line in lines[: int(count)]]
-    if len(header) < WITH_VERSION:
+    if len(header) < MIN_VERSION_LINES:
         header.insert(1, "1")
-    values = {name: header[at] for name, at in HEADER.items()}
+    values = {name: header[line_index] for name, line_index in HEADER.items()}
     n_frequencies = int(_number(path, values, "number of frequencies"))
     if n_frequencies < 1:
         raise InputError(path, "header, number of frequencies", n_frequencies, "1 or more")
@@ -185,23 +196,23 @@ def _read(path: Path) -> Frame:
 def _blocks(
     path: Path, lines: list[str], start: int, n_frequencies: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(K, 2) electrodes from 1 and (K, C) potentials at the first frequency, C channels."""
+    """Electrodes (K, 2), from 1, and potentials (K, C) of C channels at the first frequency."""
     body = [(k + 1, line.split()) for k, line in enumerate(lines) if k >= start and line.strip()]
     block = 1 + n_frequencies
     if not body or len(body) % block:
-        found = f"{len(body)} lines after the header"
+        violation = f"{len(body)} lines after the header"
         expected = f"whole injections of {block}, one of electrodes and {n_frequencies} of numbers"
-        raise InputError(path, "lines", found, expected)
+        raise InputError(path, "lines", violation, expected)
     drives, potentials = [], []
     for k in range(0, len(body), block):
         number, cells = body[k]
         if len(cells) != 2 or not all(cell.isdecimal() for cell in cells):
             raise InputError(path, f"line {number}", " ".join(cells[:4]), "source and sink")
         drives.append([int(cell) for cell in cells])
-        for other, cells in body[k + 1 : k + block]:
+        for line_number, cells in body[k + 1 : k + block]:
             if len(cells) != len(body[1][1]) or len(cells) % 2:
                 expected = f"{len(body[1][1])}, real and imaginary of every channel"
-                raise InputError(path, f"line {other}", f"{len(cells)} numbers", expected)
+                raise InputError(path, f"line {line_number}", f"{len(cells)} numbers", expected)
         number, cells = body[k + 1]
         try:
             numbers = np.array([float(cell) for cell in cells])
@@ -216,15 +227,17 @@ def _blocks(
 def _electrodes(
     path: Path, header: list[str], drives: np.ndarray, n_columns: int
 ) -> tuple[tuple[int, ...], list[int]]:
-    """The ring's electrodes, rising, and the column of each: the setup's where the header lists
-    them, else those that drive."""
+    """The ring's electrodes in rising order and the column of each.
+
+    They are the setup's where the header lists them, else those that drive.
+    """
     lists = {}
     for line in header:
-        name, colon, rest = line.partition(":")
+        name, colon, value_text = line.partition(":")
         if name + colon in (SETUP, READ):
-            cells = [cell for cell in re.split(r"[,\s]+", rest) if cell]
+            cells = [cell for cell in re.split(r"[,\s]+", value_text) if cell]
             if not all(cell.isdecimal() for cell in cells):
-                raise InputError(path, f"header, {name}", rest.strip(), "numbers of channels")
+                raise InputError(path, f"header, {name}", value_text.strip(), "numbers of channels")
             lists[name + colon] = [int(cell) for cell in cells]
     for columns in (lists.get(READ, []), lists.get(SETUP, []), list(range(1, n_columns + 1))):
         if len(set(columns)) == n_columns:
@@ -232,11 +245,13 @@ def _electrodes(
     ring = sorted({*(lists.get(SETUP) or drives.ravel().tolist()), *drives.ravel().tolist()})
     missing = [electrode for electrode in ring if electrode not in columns]
     if missing:
-        found = f"electrode {missing[0]}, which none of the {n_columns} channels reads"
-        raise InputError(path, "injections", found, f"electrodes among {columns}")
-    same = np.flatnonzero(drives[:, 0] == drives[:, 1])
-    if len(same):
-        raise InputError(path, f"injection {same[0]}", drives[same[0]].tolist(), "two electrodes")
+        violation = f"electrode {missing[0]}, which none of the {n_columns} channels reads"
+        raise InputError(path, "injections", violation, f"electrodes among {columns}")
+    equal_pairs = np.flatnonzero(drives[:, 0] == drives[:, 1])
+    if len(equal_pairs):
+        raise InputError(
+            path, f"injection {equal_pairs[0]}", drives[equal_pairs[0]].tolist(), "two electrodes"
+        )
     return tuple(ring), [columns.index(electrode) for electrode in ring]
 
 
@@ -248,7 +263,7 @@ def _number(path: Path, values: dict[str, str], name: str) -> float:
 
 
 def _frequencies(path: Path, values: dict[str, str], count: int) -> str:
-    """What `source` says of them."""
+    """The frequencies in words, for `source`."""
     low = _number(path, values, "lowest frequency")
     if count == 1:
         return f"{low:g} Hz"

@@ -1,4 +1,4 @@
-"""Reading the tables of numbers that other laboratories' files hold."""
+"""Readers of the tables of numbers in other laboratories' files."""
 
 import re
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ import numpy as np
 from eitskin.errors import InputError
 from eitskin.text_file import UTF_16
 
-HEAD = 1 << 16  # bytes in which a first line ends
+HEAD = 1 << 16  # bytes: longer than the first line of any format
 
 
 def first_line(path: Path) -> str:
@@ -27,7 +27,7 @@ def first_line(path: Path) -> str:
 
 
 def separator_of(line: str) -> str:
-    """What stands between the cells of a line: semicolons or tabs where it has some, or commas."""
+    """The separator of a line's cells: a semicolon or tab where it has one, else a comma."""
     return next((mark for mark in ";\t" if mark in line), ",")
 
 
@@ -38,8 +38,8 @@ def cells(line: str) -> list[str]:
 
 def is_numbers(line: str, count: int) -> bool:
     """Whether a line holds `count` cells of numbers and nothing else."""
-    found = cells(line)
-    return len(found) == count and all(map(_is_number, found))
+    line_cells = cells(line)
+    return len(line_cells) == count and all(map(_is_number, line_cells))
 
 
 def _is_number(cell: str) -> bool:
@@ -47,21 +47,21 @@ def _is_number(cell: str) -> bool:
 
 
 def numbers(path: Path, lines: Sequence[str], columns: int, head: int) -> np.ndarray:
-    """(rows, columns) float64 from a file's lines after the first `head`: numbers between spaces;
-    empty lines are passed over.
+    """(rows, columns) float64 of numbers between spaces, of a file's lines after the first `head`.
 
-    Raises InputError naming the line for another number of cells or what is no number.
+    Empty lines are skipped. Raises InputError naming the line for another number of cells and for
+    what is no number.
     """
     rows: list[list[float]] = []
     for k, line in enumerate(lines[head:], head + 1):
-        found = line.split()
-        if not found:
+        line_cells = line.split()
+        if not line_cells:
             continue
         place = f"line {k}"
-        if len(found) != columns:
-            raise InputError(path, place, f"{len(found)} numbers", f"{columns}")
+        if len(line_cells) != columns:
+            raise InputError(path, place, f"{len(line_cells)} numbers", f"{columns}")
         try:
-            rows.append([float(cell) for cell in found])
+            rows.append([float(cell) for cell in line_cells])
         except ValueError as error:
             raise InputError(path, place, str(error), "numbers") from error
     return np.array(rows, dtype=float).reshape(-1, columns)

@@ -7,11 +7,9 @@ two parameters are a size and an angle.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 
 import numpy as np
 
-from eitskin.effects import EFFECTS
 from eitskin.effects.effect import ORDER, VOLTS, Effect, Parameter, Setting, site_of
 from eitskin.physics.skin import Skin
 
@@ -210,65 +208,6 @@ def without_site(candidate: Candidate, place: int) -> Candidate:
     return replace(candidate, sites=sites, looks=looks)
 
 
-def catalogue(
-    owner: Skin,
-    skin: Skin,
-    recorded_V: np.ndarray,
-    counts: dict[str, int],
-    scales: Scales,
-    floating: bool,
-    timed: bool,
-    touched: bool = True,
-) -> list[Candidate]:
-    """Every candidate: single sites, pairs where an effect needs two, all alike, each its own.
-
-    owner: the skin as its owner believes it, None where unknown; skin: with a start for what is
-    unknown; recorded_V (N, M); counts: how many sites of each kind; floating: the source is tied to
-    nothing; timed: the frames' times are known, else effects of time are left out; touched: whether
-    anybody touches, else effects that `needs` would keep out are tried too. Effects on the contacts
-    of point electrodes are left out. Single channels stand in their dense form alone: `channels`
-    takes it apart.
-    """
-    found = []
-    for effect in EFFECTS.values():
-        points = skin.electrode_width_mm == 0
-        if effect.composite or (points and getattr(effect, "on_contacts", False)):
-            continue
-        if touched and any(getattr(skin, key) is None for key in effect.needs):
-            continue
-        if (effect.driver == "time" and not timed) or (effect.last_resort and not floating):
-            continue
-        for start in effect.starts(replace(skin, thickness_mm=owner.thickness_mm), recorded_V):
-            for kind, sites, scope in _sites(effect, counts, floating):
-                candidate = Candidate(effect, kind, sites, scope, start, skin, scales)
-                found.append(candidate)
-    looks: dict[str, int] = {}
-    for candidate in found:
-        looks[candidate.name] = looks.get(candidate.name, 0) + 1
-    return [replace(c, looks=looks[c.name]) for c in found]
-
-
-def _sites(
-    effect: Effect, counts: dict[str, int], floating: bool
-) -> Iterator[tuple[str | None, tuple[int, ...] | None, str]]:
-    if not effect.sites:
-        yield None, None, ""
-        return
-    at_once = effect.sites_at_once(floating)
-    kinds = effect.sites[:1] if at_once > 1 else effect.sites
-    for kind in kinds:
-        if kind != "channels":
-            for sites in combinations(range(counts[kind]), at_once):
-                yield kind, sites, "sparse"
-    if not effect.parameters or effect.site_number:
-        return
-    for kind in kinds:
-        everywhere = tuple(range(counts[kind]))
-        yield kind, everywhere, "dense"
-        if effect.common:
-            yield kind, everywhere, "common"
-
-
 def discrete(candidate: Candidate) -> bool:
     """Whether a candidate is there or not: it has no coordinate about which it starts."""
     return not candidate.linear.any() and not candidate.effect.tone
@@ -288,3 +227,8 @@ def of_channels(candidate: Candidate) -> bool:
 def of_tangents(candidate: Candidate) -> bool:
     """Whether a candidate is scored by its tangents, and by nothing else."""
     return not (of_channels(candidate) or discrete(candidate) or candidate.effect.tone)
+
+
+def replaces_instrument(effects: list[Candidate]) -> bool:
+    """Whether the instrument is another than its owner's by some of these effects."""
+    return any(candidate.effect.last_resort for candidate in effects)

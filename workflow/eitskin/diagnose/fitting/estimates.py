@@ -9,8 +9,8 @@ import numpy as np
 
 from eitskin.diagnose.fitting.candidates import Candidate
 from eitskin.diagnose.fitting.fit import Problem
+from eitskin.diagnose.noise.noise_model import NORMAL_90
 
-NORMAL_90 = 1.6449
 NUDGE = 1e-4
 UNTOLD = 100.0  # the end of a 90 % interval over its beginning, from which on it tells no size
 TOLD = 4.0  # the same, up to which what several parameters come to is told

@@ -286,7 +286,7 @@ def whitened_anew(fitted: Fit, problem: Problem) -> Fit:
         return fitted
     old, new = fitted.problem.whitening, problem.whitening
     residual = problem.residual(fitted.theta, fitted.effects)
-    slopes = fitted.slopes.mapped(lambda columns: new(old.undone(columns)), new.by_channel)
+    slopes = fitted.slopes.mapped(lambda columns: new(old.unwhitened(columns)), new.by_channel)
     return replace(fitted, problem=problem, residual=residual, slopes=slopes)
 
 
@@ -327,7 +327,7 @@ def _slopes(
             if whitening.by_channel:
                 slopes.put(place, own, together)
             else:
-                alone = own[:, None, :] * whitening.undone(together)
+                alone = own[:, None, :] * whitening.unwhitened(together)
                 slopes.columns[np.searchsorted(slopes.at, place)] = in_groups(whitening, alone)
             unknown[place] = False
     for i in np.flatnonzero(unknown):

@@ -132,7 +132,7 @@ def held_out(fit: Fit, fold: np.ndarray) -> HeldOut:
         root = inverse_root(total - own @ own.T + 1e-12 * np.diag(np.diag(total)))
         left = _refitted(fit, rows[None] if by_channel else rows[:, None], root)
         error = (left.T if by_channel else left)[rows]
-        undone = whitening.undone(left)
+        undone = whitening.unwhitened(left)
         plain[rows] = (undone.T if by_channel else undone)[rows]
         spread = jacobian.transpose(1, 2, 0) @ root
         chi2[rows] = (error**2).sum(axis=1)
@@ -174,7 +174,7 @@ def put_aside(fit: Fit) -> HeldOut:
     recorded, whitening = fit.problem.recorded, fit.problem.whitening
     plain = np.where(whitening.mask, recorded - fit.voltage(), 0.0)
     error = whitening(plain)
-    free = np.isinf(whitening.rho)
+    free = np.isinf(whitening.offset_ratio)
     if free.any():
         level = plain.sum(axis=0) / np.maximum(whitening.mask.sum(axis=0), 1)
         plain = np.where(whitening.mask & free, plain - level, plain)

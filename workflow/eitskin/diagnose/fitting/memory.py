@@ -20,12 +20,12 @@ from eitskin.diagnose.fitting.jacobian import AT_ONCE, GROUP
 from eitskin.diagnose.fitting.simulator import KEPT, KEPT_BYTES, beliefs
 from eitskin.effects.third_dimension import HEIGHTS
 from eitskin.errors import InputError
-from eitskin.physics import kept_touches
+from eitskin.physics import touch_cache
 from eitskin.physics.accuracy import MODES
 from eitskin.physics.depth import DEPTH_ACCURACIES, MOST_MODES, span
 from eitskin.physics.forward import ACCURACIES
 from eitskin.physics.geometry import Geometry
-from eitskin.physics.solver import kept
+from eitskin.physics.solver import skin_capacity
 
 LEAST_FRAMES = 20  # an excerpt of fewer is not worth a diagnosis
 GIB, NUMBER = 1 << 30, 8  # bytes
@@ -87,9 +87,9 @@ def foretold(counts: Counts, frames: int | np.ndarray) -> np.ndarray:
     states = min(KEPT_BYTES, KEPT * NUMBER * (n**2 + 3 * m))
     searched = (derivatives + TRIED) * column + GAINS * gains + MAPPED * mapped + LINKED * linked
     sheets = SHEET * NUMBER * (2 * MODES[-1] * n) ** 2
-    places = OUTLINES * kept_touches.KEPT_BYTES * counts.touched
+    places = OUTLINES * touch_cache.CACHE_BYTES * counts.touched
     matrix = NUMBER * counts.modes**2
-    bodies = (SOLVED_BODY + KEPT_BODY * kept(KEPT_BODY * matrix)) * matrix + (
+    bodies = (SOLVED_BODY + KEPT_BODY * skin_capacity(KEPT_BODY * matrix)) * matrix + (
         sheets if counts.modes else 0
     )
     return PROGRAM + places + np.maximum(searched + max(states, bodies), sheets)

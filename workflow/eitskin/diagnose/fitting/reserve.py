@@ -1,4 +1,4 @@
-"""A fit judged by readings that no fit has seen: how well it predicts them, if it does harm."""
+"""A fit judged by the reserve: readings that were put aside before anything was looked at."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -7,129 +7,139 @@ import numpy as np
 from scipy.stats import norm
 
 from eitskin.diagnose.fitting import touches
+from eitskin.diagnose.fitting.candidates import replaces_instrument
 from eitskin.diagnose.fitting.fit import Fit, Problem, difference
 from eitskin.diagnose.fitting.harm import harm
 from eitskin.diagnose.fitting.held_out import HeldOut, put_aside
-from eitskin.diagnose.noise.rig import Rig
+from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
 from eitskin.diagnose.noise.whitening import Whitening
-from eitskin.diagnose.search.fitting import STANDARD_ERRORS
-from eitskin.diagnose.search.resorts import foreign
-
-MOST_RATIO = 1.05  # of the rms errors with and without an effect
 
 
 @dataclass(frozen=True)
-class Judged:
-    """Readings put aside, of the frames of `problem`, which has touches where they are said to be
-    and noise alone in its covariance; where none could be put aside, those of the fit. sizes: of
-    the rig's errors, as the final fit has them, before and after; converter_step: as `step` of
-    `Noise`; unit: as of `units`."""
+class Reserve:
+    """The readings of the reserve; where there is none, those of the fit.
+
+    problem: of the reserve's readings, with touches where they are reported to be and noise alone
+    in its covariance; error_sds: of the rig's errors, as the final fit has them, for the fit before
+    and after; converter_step: of the readings, 0 where unknown; units (N, M): labels of readings
+    that err together (`held_out.units`).
+    """
 
     problem: Problem
-    sizes: Mapping[str, float]
+    error_sds: Mapping[str, float]
     converter_step: float
-    unit: np.ndarray
-    _about: dict[int, tuple[Fit, Fit]] = field(default_factory=dict, repr=False)
-    _by: dict[int, tuple[Fit, HeldOut]] = field(default_factory=dict, repr=False)
+    units: np.ndarray
+    _transferred: dict[int, tuple[Fit, Fit]] = field(default_factory=dict, repr=False)
+    _predictions: dict[int, tuple[Fit, HeldOut]] = field(default_factory=dict, repr=False)
 
     @property
     def white(self) -> Whitening:
         """The covariance of noise alone."""
         return self.problem.whitening
 
-    def about(self, fit: Fit) -> Fit:
-        """A fit set to what was put aside: noise and the rig's errors in its covariance, these in
-        proportion about where the readings have the touches."""
-        if id(fit) not in self._about:
-            there = replace(fit, problem=self.problem)
-            rig = Rig.about(there, self.white, self.converter_step)
-            model = touches.followed(self.problem, there, rig, self.sizes)
+    def transferred(self, fit: Fit) -> Fit:
+        """A fit's values in the problem of the reserve: noise and the rig's errors in its
+        covariance, these linearised where the readings have the touches."""
+        if id(fit) not in self._transferred:
+            moved = replace(fit, problem=self.problem)
+            rig = linearised_rig_errors(moved, self.white, self.converter_step)
+            model = touches.followed(self.problem, moved, rig, self.error_sds)
             recorded = self.problem.recorded
             if model is not self.problem.model:
-                there = replace(fit, problem=replace(self.problem, model=model))
-                rig = Rig.about(there, self.white, self.converter_step)
-                recorded = recorded + rig.followed(touches.moved(model, self.problem.model))
-            whitening = rig.whitening(self.sizes, discrepancy=False, fitted=True)
+                moved = replace(fit, problem=replace(self.problem, model=model))
+                rig = linearised_rig_errors(moved, self.white, self.converter_step)
+                recorded = recorded + rig.response(touches.moved(model, self.problem.model))
+            whitening = rig.whitening(self.error_sds, discrepancy=False, fitted=True)
             problem = Problem(model, recorded, whitening)
-            self._about[id(fit)] = fit, replace(fit, problem=problem)
-        return self._about[id(fit)][1]
+            self._transferred[id(fit)] = fit, replace(fit, problem=problem)
+        return self._transferred[id(fit)][1]
 
-    def by(self, fit: Fit) -> HeldOut:
-        """What a fit predicts for them, with noise and rig errors in their covariance; plain: where
-        touches are said to be."""
-        if id(fit) not in self._by:
-            found = replace(put_aside(self.about(fit)), plain=self.by_white(fit).plain)
-            self._by[id(fit)] = fit, found
-        return self._by[id(fit)][1]
+    def predicted(self, fit: Fit) -> HeldOut:
+        """What a fit predicts for the reserve, noise and rig errors in its covariance; plain: with
+        touches where they are reported to be."""
+        if id(fit) not in self._predictions:
+            plain = self.predicted_in_white(fit).plain
+            prediction = replace(put_aside(self.transferred(fit)), plain=plain)
+            self._predictions[id(fit)] = fit, prediction
+        return self._predictions[id(fit)][1]
 
-    def by_white(self, fit: Fit) -> HeldOut:
-        """What a fit predicts for them, against noise alone."""
+    def predicted_in_white(self, fit: Fit) -> HeldOut:
+        """What a fit predicts for the reserve, against noise alone."""
         return put_aside(replace(fit, problem=self.problem))
 
     def p_value(self, fit: Fit, noise_dof: float) -> float:
-        """How probable a chi squared at least as large is, if the fit is right but for what its
-        coordinates' covariance leaves open, which must hold no discrepancy: that would accept what
-        has no name. noise_dof: degrees of freedom of the noise's scale. 0 for another instrument
-        than its owner's, which leaves open whatever it does not explain."""
-        if foreign(fit.effects):
+        """Probability of a chi squared of the reserve at least as large, if the fit is right but
+        for what its coordinates' covariance leaves open.
+
+        The covariance must hold no discrepancy: that would accept what has no name. noise_dof:
+        degrees of freedom of the noise's scale. 0 for another instrument than its owner's, which
+        leaves open whatever it does not explain.
+        """
+        if replaces_instrument(fit.effects):
             return 0.0
-        there = self.about(fit)
-        found, count = self.by(fit), there.problem.whitening.size
-        along = _open(there)
-        gram = along @ along.T
+        moved = self.transferred(fit)
+        prediction, count = self.predicted(fit), moved.problem.whitening.size
+        columns = _coordinate_errors(moved)
+        gram = columns @ columns.T
         expected = 1.0 + np.trace(gram) / count
         variance = 2.0 * (count + 2.0 * np.trace(gram) + (gram**2).sum()) / count**2
         variance += 2.0 * expected**2 / max(noise_dof, 1.0)
-        return float(norm.sf((found.chi2_per_dof - expected) / np.sqrt(variance)))
+        return float(norm.sf((prediction.chi2_per_dof - expected) / np.sqrt(variance)))
 
-    def gain(self, fit: Fit, other: Fit) -> tuple[float, float]:
-        """Log density of a fit above another's, and its standard error."""
-        return self.by(fit).gain(self.by(other))
+    def gain(self, fit: Fit, rival: Fit) -> tuple[float, float]:
+        """Log density of the reserve by a fit above that by a rival, nats, and its standard
+        error."""
+        return self.predicted(fit).gain(self.predicted(rival))
 
-    def in_common(self, after: Fit, before: Fit, folds: tuple[HeldOut, HeldOut]) -> float:
-        """A fit's gain of log density above another's less its standard error by the scatter over
-        presses, those put aside and those of folds: negative where presses lose much of what others
-        gain, so that the next may go either way. What one press gains alone, others nothing, is as
-        large as its scatter. Infinite where fewer than two presses are known whole: folds are of
-        channels or of stretches of time then."""
+    def gain_over_presses(self, after: Fit, before: Fit, folds: tuple[HeldOut, HeldOut]) -> float:
+        """Gain of log density by a fit above another less its standard error by the scatter over
+        presses, those of the reserve and those of folds, nats.
+
+        It is negative where presses lose much of what others gain, so that the next may go either
+        way: what one press gains alone, others nothing, is as large as its scatter. Infinite where
+        fewer than two presses are known whole: folds are of channels or of stretches of time then.
+        """
         model = self.problem.model
-        aside, seen = self.white.mask.any(axis=1), after.problem.whitening.mask.any(axis=1)
-        label = self.unit[:, 0]
-        presses = np.unique(label[model.touched & model.known & (aside | seen)])
+        reserved = self.white.mask.any(axis=1)
+        fitted = after.problem.whitening.mask.any(axis=1)
+        label = self.units[:, 0]
+        presses = np.unique(label[model.touched & model.known & (reserved | fitted)])
         if len(presses) < 2:
             return np.inf
-        own = np.where(seen, folds[0].density - folds[1].density, 0.0)
+        of_frame = np.where(fitted, folds[0].density - folds[1].density, 0.0)
         if not np.array_equal(self.white.mask, after.problem.whitening.mask):
-            own += np.where(aside, self.by(after).density - self.by(before).density, 0.0)
-        gain = np.array([own[label == one].sum() for one in presses])
+            density = self.predicted(after).density - self.predicted(before).density
+            of_frame += np.where(reserved, density, 0.0)
+        gain = np.array([of_frame[label == press].sum() for press in presses])
         return float(gain.sum() - np.sqrt(len(gain) * gain.var(ddof=1)))
 
-    def harms(
-        self, after: Fit, before: Fit, folds: tuple[HeldOut, HeldOut], believed: bool
-    ) -> bool:
-        """Whether a fit predicts readings plainly worse than another: in the recording's unit,
-        those put aside and, of folds, those of the frames that the search saw. Worse is a ratio
-        of the errors over MOST_RATIO, or a growth of more than STANDARD_ERRORS; both at once where
-        the covariance accepts what is left, as it says that places and forces are off by so much
-        (`believed`). One unit has no standard error."""
-        aside, seen = self.white.mask, after.problem.whitening.mask
-        left, left_before = (
-            np.where(aside, self.by_white(fit).plain, np.where(seen, fold.plain, np.nan))
+    def harm(
+        self, after: Fit, before: Fit, folds: tuple[HeldOut, HeldOut]
+    ) -> tuple[float, float, float]:
+        """How much worse a fit predicts readings than another, those of the reserve and, by folds,
+        those of the fit: rms error of both in the recording's unit, and by how many standard errors
+        the squared error grows (NaN where one unit has none)."""
+        reserved, fitted = self.white.mask, after.problem.whitening.mask
+        residual, residual_before = (
+            np.where(
+                reserved,
+                self.predicted_in_white(fit).plain,
+                np.where(fitted, fold.plain, np.nan),
+            )
             for fit, fold in zip((after, before), folds, strict=True)
         )
-        found = harm(left, left_before, np.where(aside | seen, 0.0, np.nan), self.unit)
-        larger = found["rmse_V"] > MOST_RATIO * found["rmse_before_V"]
-        clear = found["standard_errors"] > STANDARD_ERRORS
-        return larger and clear if believed else larger or clear
+        zero = np.where(reserved | fitted, 0.0, np.nan)
+        comparison = harm(residual, residual_before, zero, self.units)
+        return comparison["rmse_V"], comparison["rmse_before_V"], comparison["standard_errors"]
 
 
-def _open(fit: Fit) -> np.ndarray:
+def _coordinate_errors(fit: Fit) -> np.ndarray:
     """(P, D): what independent unit errors of a fit's coordinates do to its readings, whitened."""
 
     def voltage(theta: np.ndarray) -> np.ndarray:
         return fit.problem.voltage(theta, fit.effects)
 
-    there, whitening = voltage(fit.theta), fit.problem.whitening
-    moved = [difference(voltage, fit.theta, there, i) for i in range(len(fit.theta))]
-    slopes = np.array([whitening(one).ravel() for one in moved])
+    start, whitening = voltage(fit.theta), fit.problem.whitening
+    derivatives = [difference(voltage, fit.theta, start, i) for i in range(len(fit.theta))]
+    slopes = np.array([whitening(column).ravel() for column in derivatives])
     return fit.root.T @ slopes.reshape(len(fit.theta), -1)

@@ -17,7 +17,7 @@ from eitskin.physics.depth import span
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.skin import Skin
 from eitskin.physics.solver import SolvedSkins
-from eitskin.simulate.readings import Sensed, apply_skin, of_stage, read, sense
+from eitskin.simulate.readings import Sensed, apply_skin, read, sense, stage_settings
 
 # Frames of all the states that were solved last, and bytes, of which those of many channels are
 # fewer.
@@ -211,7 +211,7 @@ class RecordingSimulator:
         touched: bool,
         accuracy: str,
     ) -> Sensed:
-        stages = [s for stage in ("touch", "skin", "clock") for s in of_stage(chosen, stage)]
+        stages = [s for stage in ("touch", "skin", "clock") for s in stage_settings(chosen, stage)]
         key = (
             self._moved,
             touched,
@@ -233,7 +233,7 @@ class RecordingSimulator:
             accuracy,
             frame_s=self.frame_s,
             force_max_N=self.force_max_N,
-            near=self.near,
+            solved_skins=self.near,
         )
         self._sensed[key] = sensed
         frames = KEPT_BYTES // (sensed.nbytes // len(states) + 1)
@@ -292,7 +292,7 @@ def beliefs(recorded: Recording) -> tuple[Skin, list[Calibration]]:
         scale = similarity.scale * (1.0 if skin.radius_mm else radius)
         shift = np.array(similarity.shift) * (1.0 if skin.radius_mm else radius)
         found += [
-            Calibration("robot_scale", "1", -scale if similarity.mirrored else scale, 0.1),
+            Calibration("robot_scale", "1", -scale if similarity.is_mirrored else scale, 0.1),
             Calibration("robot_rotation_deg", "°", similarity.rotation_deg, 10.0, log=False),
             Calibration("robot_x_mm", "mm", float(shift[0]), 0.1 * radius, log=False),
             Calibration("robot_y_mm", "mm", float(shift[1]), 0.1 * radius, log=False),

@@ -16,7 +16,8 @@ import numpy as np
 from eitskin import cores
 from eitskin.diagnose.fitting.candidates import Candidate, own_channels
 from eitskin.diagnose.fitting.fit import STEP, Fit
-from eitskin.diagnose.noise.whitening import TOGETHER, Whitening
+from eitskin.diagnose.noise.low_rank import BATCH_COLUMNS
+from eitskin.diagnose.noise.whitening import Whitening
 from eitskin.effects.contact_impedance import ContactImpedance
 from eitskin.effects.effect import Setting, SkinEffect
 from eitskin.errors import InputError
@@ -146,7 +147,7 @@ class Tangents:
     @cached_property
     def in_single(self) -> Whitening:
         """The fit's whitening in single precision, kept until `forget`."""
-        return self.problem.whitening.in_single
+        return self.problem.whitening.single_precision
 
     def forget(self) -> None:
         """Let go of whitened columns, which are found anew where they are asked for."""
@@ -216,8 +217,8 @@ class Tangents:
             left = zip(self.away(white), lengths, strict=True)
             return [_kept(own if own @ own > LEAST * length else None) for own, length in left]
 
-        groups = [raw[start : start + TOGETHER] for start in range(0, len(raw), TOGETHER)]
-        return [column for group in cores.each(apart, groups) for column in group]
+        groups = [raw[start : start + BATCH_COLUMNS] for start in range(0, len(raw), BATCH_COLUMNS)]
+        return [column for group in cores.threaded(apart, groups) for column in group]
 
     def _raw_of(self, singles: list[tuple[Candidate, int]]) -> list[np.ndarray | None]:
         return [self._raw(candidate, index) for candidate, index in singles]

@@ -12,8 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from eitskin.diagnose.fitting.fit import Fit, Problem
+from eitskin.diagnose.fitting.linearisation import touch_derivatives
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
-from eitskin.diagnose.noise.rig import Rig, tangents
+from eitskin.diagnose.noise.rig_errors import RigErrors
 from eitskin.errors import InputError
 
 STRAYS = 3.0  # sd by which touches are followed: more is another fault's
@@ -35,17 +36,17 @@ def moved(model: RecordingSimulator, said: RecordingSimulator) -> dict[str, np.n
 
 
 def followed(
-    plain: Problem, fitted: Fit, rig: Rig, sizes: Mapping[str, float]
+    plain: Problem, fitted: Fit, rig: RigErrors, sizes: Mapping[str, float]
 ) -> RecordingSimulator:
     """The simulator with touches where the readings of a problem have them, within STRAYS of the sd
     that a rig's errors of these sizes give each. A fit's own, where readings follow in proportion
     from where that has them. plain: with touches where they are said to be; rig: about the fit."""
-    there, spread = fitted.problem.model, rig.spread(sizes)
-    keys = [key for key in rig.tangents if spread[key].any()]
+    there, spread = fitted.problem.model, rig.displacement_sds(sizes)
+    keys = [key for key in rig.derivatives if spread[key].any()]
     if straight(spread, there) or not keys:
         return there
     sd = np.array([spread[key] for key in keys])
-    alone = rig.alone(sizes)
+    alone = rig.frame_whitening(sizes)
 
     def left(model: RecordingSimulator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         voltage = replace(plain, model=model).voltage(fitted.theta, fitted.effects)
@@ -55,7 +56,7 @@ def followed(
         return white, off, (white**2).sum(axis=1) + (over**2).sum(axis=0)
 
     white, off, cost = left(there)
-    slopes, damping = rig.tangents, np.full(len(cost), START)
+    slopes, damping = rig.derivatives, np.full(len(cost), START)
     for number in range(ROUNDS):
         columns = alone(np.array([slopes[key] for key in keys]))
         step, hope = _step(columns, white, off, sd, damping)
@@ -75,7 +76,7 @@ def followed(
             there = there.displaced(dict(zip(keys, np.where(better, step, 0.0), strict=True)))
             white, off, cost = left(there)
             now = replace(fitted, problem=replace(plain, model=there))
-            slopes = tangents(now, now.voltage())
+            slopes = touch_derivatives(now, now.voltage())
             if not slopes:
                 break
     return there

@@ -15,8 +15,7 @@ from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
 from eitskin.diagnose.report.evidence import Evidence
-from eitskin.diagnose.search.gates import CONFUSED
-from eitskin.diagnose.verdict.verdict import LIKELY
+from eitskin.diagnose.search.gates import DISTINCT, NOTHING_UNNAMED
 from eitskin.diagnose.verdict.words import certain, sites, where
 from eitskin.effects import EFFECTS
 from eitskin.physics.geometry import even_angles
@@ -124,7 +123,7 @@ def _numbered(diagnosis: dict) -> tuple[list[tuple[int | str, dict]], list[str]]
         f"{k}  {'' if certain(effect) else 'perhaps '}{effect['name']}: {where(effect)}"
         for k, effect in effects
     ]
-    if other["probability"] >= LIKELY:
+    if not NOTHING_UNNAMED.admits(other["probability"]):
         effects.append(("?", other | {"channels": []}))
         told.append(f"?  no name: {sites(other) or 'no single site'}")
     fold = textwrap.TextWrapper(LABEL, subsequent_indent="     ", break_on_hyphens=False)
@@ -508,8 +507,8 @@ def next_experiment(evidence: Evidence) -> Figure | str:
         axes.set_xscale("log")
         log_limits(axes.xaxis, gaps, power, room=1.25)
     else:
-        axes.set_xlim(0, 1.25 * max(CONFUSED, gaps.max()))
-    axes.axvspan(axes.get_xlim()[0], CONFUSED, color="#e4e4e4", linewidth=0)
+        axes.set_xlim(0, 1.25 * max(DISTINCT.threshold, gaps.max()))
+    axes.axvspan(axes.get_xlim()[0], DISTINCT.threshold, color="#e4e4e4", linewidth=0)
     for y, (pair, ends) in enumerate(zip(pairs, gaps, strict=True)):
         arrow = {"arrowstyle": "-|>", "color": "#202020", "linewidth": 1, "shrinkA": 3}
         axes.annotate("", (ends[1], y), (ends[0], y), arrowprops=arrow | {"shrinkB": 3})

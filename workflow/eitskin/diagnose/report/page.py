@@ -15,10 +15,9 @@ from eitskin.atomic import atomic_path
 from eitskin.data import check
 from eitskin.diagnose.report import evidence, figures
 from eitskin.diagnose.report.evidence import Evidence
-from eitskin.diagnose.search.gates import CONFUSED, WEAK
-from eitskin.diagnose.search.search import CUT_SHORT, START
+from eitskin.diagnose.search.gates import CLEARLY_DISTINCT, DISTINCT, NOTHING_UNNAMED
+from eitskin.diagnose.search.journal import CUT_SHORT, START
 from eitskin.diagnose.verdict import rig_words
-from eitskin.diagnose.verdict.verdict import LIKELY
 from eitskin.diagnose.verdict.words import (
     ABOUT,
     NATS,
@@ -224,13 +223,13 @@ def _warnings(found: Evidence) -> str:
     checked = check.check(found.recording)
     rows = [
         f"<li>{escape(finding.topic)}: {escape(finding.sentence)}</li>"
-        for finding in (*checked.of(check.ERROR), *checked.of(check.WARNING))
+        for finding in (*checked.of_severity(check.ERROR), *checked.of_severity(check.WARNING))
     ]
     if not rows:
         return ""
     head = "The check of this recording warns:" if checked.ok else "This recording is not usable:"
     apart = ""
-    if checked.about("step"):
+    if checked.of_topic("step"):
         apart = (
             "<p>What lies before a step and after it is diagnosed apart; <code>eitskin check</code>"
             " prints the commands that make a report of each part.</p>"
@@ -253,7 +252,7 @@ def _answer(found: Evidence, changes: list[str]) -> str:
         f" {_expected(found)}.</p>"
     )
     parts += [f"<p>{sentence}</p>" for sentence in _took_part(found)]
-    if diagnosis["other"]["probability"] >= LIKELY:
+    if not NOTHING_UNNAMED.admits(diagnosis["other"]["probability"]):
         parts.append(f"<p>What has no name: {escape(diagnosis['other']['sentence'])}</p>")
     elif diagnosis["verdict"] == "partly-explained":
         parts.append("<p>What is left there is more than the noise.</p>")
@@ -541,10 +540,10 @@ def _identifiability(found: Evidence) -> str:
         elif np.isnan(row.gap):
             seen = "taken as observable" if np.isnan(row.snr) else "observable"
             told = f"{seen}; not compared"
-        elif row.gap < CONFUSED:
+        elif not DISTINCT.admits(row.gap):
             told = "no, one class"
         else:
-            told = "weakly" if row.gap < WEAK else "yes"
+            told = "yes" if CLEARLY_DISTINCT.admits(row.gap) else "weakly"
         nearest = f"<code>{escape(row.nearest)}</code>" if row.nearest else NONE
         strength = number(row.snr) if not 0 < row.snr < LEAST_STRENGTH else f"<{LEAST_STRENGTH}"
         cells = [f"<code>{escape(row.name)}</code>", escape(strength), nearest, number(row.gap)]

@@ -1,1 +1,1 @@
-"""The search for what was left out."""
+"""Which set of effects explains a recording: the rules, the steps and the refusals."""

@@ -10,21 +10,22 @@ from eitskin.diagnose.search.screen import (
     MOST_SITES,
     Score,
     best_amplitude,
-    choices,
     evidence_along,
     sparse,
+    subset_choices,
 )
 from eitskin.effects.effect import InstrumentEffect
 
-# Of a channel's squared length: where less is left, single precision does not tell how much.
-ALL_BUT_TAKEN = 0.1
+# Share of a channel's squared length beside what is fitted, below which single precision does not
+# tell it.
+LEAST_SHARE = 0.1
 
 
 def scores(tangents: Tangents, dense: Candidate) -> list[Score]:
     """Score tests of each channel, of the best few together, and of all at once (`dense`).
 
     A channel's column is taken to stay within the channel, which is exact but for crosstalk and
-    memory already found; the fit that follows is exact.
+    memory in the set; the fit that follows is exact.
     """
     slope, information = _sums(tangents, dense)
     free = information > 0
@@ -32,23 +33,25 @@ def scores(tangents: Tangents, dense: Candidate) -> list[Score]:
     evidence = best_amplitude([evidence_along(slope, information, a) for a in AMPLITUDES])
     order = np.argsort(-evidence)
     count = len(slope)
-    found = []
+    scored = []
     for k in order[:2]:
-        alone = sparse(dense, (int(dense.own_sites[k]),))
-        found.append(Score(alone, float(gain[k]), 1, float(evidence[k] - np.log(alone.looks))))
-    best, chosen = -np.inf, order[:0]
+        single = sparse(dense, (int(dense.own_sites[k]),))
+        scored.append(Score(single, float(gain[k]), 1, float(evidence[k] - np.log(single.looks))))
+    best, subset = -np.inf, order[:0]
     for size in range(2, MOST_SITES + 1):
         total = evidence[order[:size]].sum()
         if total - log_ways(count, size) <= best:
             break
-        best, chosen = total - log_ways(count, size), order[:size]
-    if len(chosen):
-        few = sparse(dense, tuple(sorted(int(dense.own_sites[k]) for k in chosen)))
-        total = float(gain[chosen].sum())
-        found.append(Score(few, total, len(chosen), float(best), choices(few)))
-    together = best_amplitude([evidence_along(slope, information, a).sum() for a in AMPLITUDES])
-    found.append(Score(dense, float(gain.sum()), max(1, int(free.sum())), float(together)))
-    return found
+        best, subset = total - log_ways(count, size), order[:size]
+    if len(subset):
+        few = sparse(dense, tuple(sorted(int(dense.own_sites[k]) for k in subset)))
+        total = float(gain[subset].sum())
+        scored.append(Score(few, total, len(subset), float(best), subset_choices(few)))
+    dense_evidence = best_amplitude(
+        [evidence_along(slope, information, a).sum() for a in AMPLITUDES]
+    )
+    scored.append(Score(dense, float(gain.sum()), max(1, int(free.sum())), float(dense_evidence)))
+    return scored
 
 
 def looks(dense: Candidate) -> int:
@@ -64,18 +67,18 @@ def _sums(tangents: Tangents, dense: Candidate) -> tuple[np.ndarray, np.ndarray]
     whitening = tangents.problem.whitening
     shape = tangents.voltage.shape
     column = dense.scales.of(parameter) * dense.effect.slope(tangents.voltage)
-    slope = (column * whitening.back(tangents.residual.reshape(shape))).sum(axis=0)
+    slope = (column * whitening.transposed(tangents.residual.reshape(shape))).sum(axis=0)
     shared = in_groups(
-        lambda fitted: np.einsum("pnm,nm->pm", whitening.back(fitted), column),
+        lambda fitted: np.einsum("pnm,nm->pm", whitening.transposed(fitted), column),
         tangents.fitted.reshape(-1, *shape),
     )
-    taken = (shared**2).sum(axis=0)
+    fitted_length = (shared**2).sum(axis=0)
     for block in tangents.blocks:
-        taken = taken + (whitening(column) * block).sum(axis=0) ** 2
-    every = np.arange(len(slope))
-    length = tangents.in_single.channel_lengths(column.astype(np.float32), every)
-    close = np.flatnonzero(length - taken < ALL_BUT_TAKEN * length)
+        fitted_length = fitted_length + (whitening(column) * block).sum(axis=0) ** 2
+    indices = np.arange(len(slope))
+    length = tangents.in_single.channel_lengths(column.astype(np.float32), indices)
+    close = np.flatnonzero(length - fitted_length < LEAST_SHARE * length)
     length[close] = whitening.channel_lengths(column, close)
-    information = length - taken
-    there = information > LEAST * length
-    return np.where(there, slope, 0.0), np.where(there, information, 0.0)
+    information = length - fitted_length
+    identifiable = information > LEAST * length
+    return np.where(identifiable, slope, 0.0), np.where(identifiable, information, 0.0)

@@ -1,4 +1,490 @@
-"""When a recording tells two names apart: SNR gaps between them."""
+"""Every rule that admits, drops or demotes an effect, for evidence or for cost.
 
-CONFUSED = 3.0  # a gap under which two names are one class
-WEAK = 5.0  # a gap under which they are told apart weakly
+A candidate passes the gates in the order in which they stand here: whether it is sought, whether it
+is worth a fit, whether its fit comes to an end, whether it enters, whether it stays, and whether it
+is certain. `Journal.admits` applies a gate and records the value; `eitskin explain` reads that.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+# Standard errors by which a gain of predictive density must exceed chance: p = 0.023, one-sided.
+STANDARD_ERRORS = 2.0
+SEARCH = "every candidate of the search"
+MEMBER = "every effect of the set"
+
+
+@dataclass(frozen=True)
+class Gate:
+    """One rule.
+
+    statistic: what is compared, with its unit, or a condition, which is 1 where it holds, else 0;
+    threshold: with which; passes: the side of the threshold on which a candidate passes;
+    purpose: `scope` (what is sought), `cost` (what is worth a fit), `evidence` (what enters and
+    stays), `certainty` (what is said without reserve); source: where the rule or its threshold
+    comes from; applies_to: which candidates; refusal: a sentence with {value} and {threshold}.
+    """
+
+    name: str
+    statistic: str
+    threshold: float
+    passes: str
+    purpose: str
+    source: str
+    applies_to: str
+    refusal: str
+
+    def admits(self, value: float) -> bool:
+        """Whether a value of the statistic passes; NaN does not."""
+        return {
+            "above": value > self.threshold,
+            "at least": value >= self.threshold,
+            "below": value < self.threshold,
+            "at most": value <= self.threshold,
+        }[self.passes]
+
+
+COMPOSED = Gate(
+    "composed",
+    "the effect is no combination of others",
+    1,
+    "at least",
+    "scope",
+    "definition of the catalogue",
+    "effects of the catalogue",
+    "it is a combination of other effects, which a diagnosis names instead",
+)
+CONTACTS = Gate(
+    "contacts",
+    "the electrodes are no points",
+    1,
+    "at least",
+    "scope",
+    "complete electrode model: a point has no contact",
+    "effects on contacts",
+    "the electrodes are stated to be points, which have no contact with the gel",
+)
+STATED = Gate(
+    "stated",
+    "the skin's metadata state what the effect needs, or nobody touches",
+    1,
+    "at least",
+    "scope",
+    "definition of the effect (`needs`)",
+    "effects of a body, where somebody touches",
+    "the skin's metadata do not state what it needs where somebody touches",
+)
+TIMED = Gate(
+    "timed",
+    "the clock of the recording was measured",
+    1,
+    "at least",
+    "scope",
+    "a time that nobody measured tells no rate",
+    "effects driven by time",
+    "the recording's times were not measured",
+)
+FLOATING = Gate(
+    "floating",
+    "the source floats",
+    1,
+    "at least",
+    "scope",
+    "definition of the effect",
+    "another instrument than the owner's",
+    "it is sought only where the current source floats",
+)
+GROSS_MISFIT = Gate(
+    "gross-misfit",
+    "chi squared a degree of freedom against noise alone",
+    30.0,
+    "above",
+    "scope",
+    "thirty times the noise's variance is seen by eye",
+    "gross faults of the wiring; another instrument than the owner's",
+    "chi squared a degree of freedom is {value}; it is tried first only above {threshold}",
+)
+UNLIKE = Gate(
+    "unlike",
+    "squared correlation of readings and simulation",
+    0.3,
+    "below",
+    "scope",
+    "channels in an order of their own correlate by chance",
+    "another instrument than the owner's",
+    "the squared correlation of readings and simulation is {value}; another instrument is sought"
+    " only below {threshold}",
+)
+SIGNATURE = Gate(
+    "signature",
+    "the effect changes some reading, beyond what the calibrations and the set take",
+    1,
+    "at least",
+    "cost",
+    "a column of zeros has no score",
+    SEARCH,
+    "it changes nothing in these readings that the calibrations and the named effects do not",
+)
+REACH = Gate(
+    "reach",
+    "squared length of the effect's change over chi squared",
+    16.0,
+    "at most",
+    "cost",
+    "triangle inequality: a change of four times the residual's length cannot shorten it",
+    "effects that are there or not",
+    "its change is {value} times chi squared; one of more than {threshold} times cannot lower it",
+)
+SURPRISE = Gate(
+    "surprise",
+    "global p-value of the best score of all candidates",
+    0.05,
+    "below",
+    "cost",
+    "a fit costs some hundred scores; the level of a first look",
+    SEARCH,
+    "the best score of all names has a p-value of {value} over the whole catalogue; below"
+    " {threshold} names are fitted",
+)
+HOPE = Gate(
+    "hope",
+    "linear log evidence of the best score of all candidates, nats",
+    1.0,
+    "above",
+    "cost",
+    "Kass, Raftery (1995): less than one nat is hardly worth mentioning",
+    SEARCH,
+    "the best score of all names has a log evidence of {value} nats; above {threshold} names are"
+    " fitted",
+)
+NAMES = Gate(
+    "names",
+    "rank of the name's best score",
+    12,
+    "at most",
+    "cost",
+    "a third of the catalogue; later names lost in every calibration block",
+    SEARCH,
+    "its score comes {value}th of all names; {threshold} are fitted",
+)
+NEAR_BEST = Gate(
+    "near-best",
+    "linear log evidence above the best score's, nats",
+    -20.0,
+    "above",
+    "cost",
+    "a tangent's evidence is off by some nats, seldom by twenty",
+    SEARCH,
+    "its score is {value} nats from the best one; a name is fitted from {threshold} on",
+)
+GAIN_SHARE = Gate(
+    "gain-share",
+    "gain of chi squared over the largest of all scores",
+    0.3,
+    "above",
+    "cost",
+    "one effect may hide another of a third of its size",
+    SEARCH,
+    "its gain of chi squared is {value} of the largest; a name is fitted above {threshold}",
+)
+AMPLITUDE = Gate(
+    "amplitude",
+    "gain of chi squared",
+    0.0,
+    "above",
+    "cost",
+    "what shows at large readings alone weighs little in a tangent",
+    "effects driven by amplitude",
+    "its score gains {value} of chi squared",
+)
+ABSORBED = Gate(
+    "absorbed",
+    "global p-value where one error of the rig is left out of the covariance",
+    1e-3,
+    "below",
+    "cost",
+    "as `chance`",
+    "names that an error of the rig may have taken to itself",
+    "without the error of the rig that may hide it, its p-value is {value}; a name is fitted below"
+    " {threshold}",
+)
+COMPETING = Gate(
+    "competing",
+    "rank among the names that one error of the rig may hide",
+    2,
+    "at most",
+    "cost",
+    "more of them seldom end better and cost a fit each",
+    "names that an error of the rig may have taken to itself",
+    "it comes {value}th of the names that one error of the rig may hide; {threshold} are fitted",
+)
+SITES = Gate(
+    "sites",
+    "sites of one sparse effect",
+    8,
+    "at most",
+    "cost",
+    "half of sixteen electrodes: more is called dense",
+    "effects that are there at other sites",
+    "it would be at {value} sites; {threshold} are called sparse",
+)
+ENTRY = Gate(
+    "entry",
+    "the set has no entry of this name from this start",
+    1,
+    "at least",
+    "scope",
+    "diagnosis.json has one entry of a name, unless its definition allows several",
+    SEARCH,
+    "the diagnosis names it already",
+)
+BUDGET = Gate(
+    "budget",
+    "sheets solved so far, over those that one diagnosis may solve",
+    1.0,
+    "at most",
+    "cost",
+    "minutes on one core",
+    SEARCH,
+    "as many skins were solved as one diagnosis may solve",
+)
+PHYSICS = Gate(
+    "physics",
+    "the fit meets only skins that exist",
+    1,
+    "at least",
+    "cost",
+    "no solution of the forward problem",
+    SEARCH,
+    "its fit led to a skin that the physics does not have",
+)
+ASTRAY = Gate(
+    "astray",
+    "nats by which a fit ends behind the one that it began from",
+    100.0,
+    "at most",
+    "cost",
+    "more freedom cannot fit worse: the fit went astray",
+    SEARCH,
+    "its fit ended {value} nats behind the one without it, and was given up",
+)
+RACE = Gate(
+    "race",
+    "nats behind the best trial at which a fit is given up",
+    10.0,
+    "at most",
+    "cost",
+    "ten nats are odds of 22,000",
+    SEARCH,
+    "its fit fell {value} nats behind the best name's, and was given up",
+)
+EVIDENCE = Gate(
+    "evidence",
+    "log evidence above that without the effect, or the site, nats",
+    3.0,
+    "at least",
+    "evidence",
+    "Kass, Raftery (1995): from three nats on evidence is strong",
+    SEARCH,
+    "it raises the log evidence by {value} nats; an effect must raise it by {threshold}",
+)
+CHANCE = Gate(
+    "chance",
+    "global p-value: how often chance alone gives so good a score, over all that is looked at",
+    1e-3,
+    "below",
+    "evidence",
+    "one false name in a thousand recordings",
+    SEARCH,
+    "chance alone gives so good a score, over the whole catalogue, in {value} of recordings; an"
+    " effect enters below {threshold}",
+)
+PREDICTION = Gate(
+    "prediction",
+    f"log density of the folds left out, less {STANDARD_ERRORS:g} standard errors, above that"
+    " without the effect, nats",
+    0.0,
+    "above",
+    "evidence",
+    "Vehtari, Gelman, Gabry (2017): a difference within two standard errors is none",
+    SEARCH,
+    f"frames left out are predicted better by {{value}} nats once {STANDARD_ERRORS:g} standard"
+    " errors are taken off; an effect enters above {threshold}",
+)
+EFFECTS_OF_A_SET = Gate(
+    "effects-of-a-set",
+    "effects that the set has",
+    5,
+    "below",
+    "cost",
+    "a recording of some hundred frames has never told more of them",
+    SEARCH,
+    "the set has {value} effects; no more than {threshold} are sought",
+)
+PLACE = Gate(
+    "place",
+    "log evidence above the effect whose place is taken, nats",
+    1.0,
+    "above",
+    "evidence",
+    "Kass, Raftery (1995): less than one nat is hardly worth mentioning",
+    "other names in an effect's place",
+    "in the place of {place} it has {value} nats more; another name takes a place above"
+    " {threshold}",
+)
+TOLD = Gate(
+    "told",
+    "sd of the logarithm of the effect's size",
+    float(np.log(100.0) / (2.0 * 1.6449)),
+    "below",
+    "evidence",
+    "a 90 % interval whose ends differ a hundredfold tells no size",
+    "another instrument than the owner's",
+    "its size is uncertain by {value} in its logarithm; it is named below {threshold}",
+)
+FREEDOM = Gate(
+    "freedom",
+    "log evidence above that of sets with less freedom, nats",
+    0.0,
+    "at least",
+    "evidence",
+    "Occam: many free values take what several plain effects explain together",
+    "sets with a free value at every site, or at more than two sites",
+    "a set of fewer free values has a log evidence of {value} nats less",
+)
+RESERVED = Gate(
+    "reserved",
+    "log density of the reserved readings above that without the effect, nats; of an effect with a"
+    f" value at every site less {STANDARD_ERRORS:g} standard errors",
+    0.0,
+    "at least",
+    "evidence",
+    "readings that no fit has seen must not be predicted worse",
+    MEMBER,
+    "the reserved readings are predicted better with it by {value} nats; it stays from"
+    " {threshold} on",
+)
+FOLDS = Gate(
+    "folds",
+    f"log density of the folds left out, less {STANDARD_ERRORS:g} standard errors, above that"
+    " without the effect, nats",
+    0.0,
+    "at least",
+    "evidence",
+    "Vehtari, Gelman, Gabry (2017)",
+    MEMBER,
+    f"beside the final set, frames left out are predicted better by {{value}} nats once"
+    f" {STANDARD_ERRORS:g} standard errors are taken off; it stays from {{threshold}} on",
+)
+PRESSES = Gate(
+    "presses",
+    "log density of all presses above that without the effect, less its standard error by the"
+    " scatter over presses, nats",
+    0.0,
+    "at least",
+    "evidence",
+    "what some presses gain and others lose may go either way in the next",
+    MEMBER,
+    "over presses its gain less its standard error is {value} nats; it stays from {threshold} on",
+)
+HARM_RATIO = Gate(
+    "harm-ratio",
+    "rms error of the readings left out, over that without the effect",
+    1.05,
+    "at most",
+    "evidence",
+    "a twentieth more error is seen at the bench",
+    MEMBER,
+    "with it the rms error of readings left out is {value} times as large; it stays up to"
+    " {threshold}",
+)
+HARM_ERRORS = Gate(
+    "harm-errors",
+    "standard errors by which the squared error of the readings left out grows",
+    STANDARD_ERRORS,
+    "at most",
+    "evidence",
+    "a growth within two standard errors is none",
+    MEMBER,
+    "with it the squared error of readings left out grows by {value} standard errors; it stays up"
+    " to {threshold}",
+)
+ACCEPTABLE = Gate(
+    "acceptable",
+    "p-value of the chi squared of the reserved readings",
+    0.01,
+    "above",
+    "certainty",
+    "contract of diagnosis.json: p > 0.01",
+    MEMBER,
+    "the fit as a whole is not acceptable: its p-value is {value}; effects are certain above"
+    " {threshold}",
+)
+DISTINCT = Gate(
+    "distinct",
+    "SNR gap between an effect and another name, noise units",
+    3.0,
+    "at least",
+    "certainty",
+    "contract of diagnosis.json: a gap under 3 does not tell two names apart",
+    "pairs of an effect and another name",
+    "its gap to {place} is {value}; names are told apart from {threshold} on",
+)
+CLEARLY_DISTINCT = Gate(
+    "clearly-distinct",
+    "SNR gap between an effect and another name, noise units",
+    5.0,
+    "at least",
+    "certainty",
+    "a gap of 3 to 5 is confused by noise in some cases of a hundred",
+    "pairs of an effect and another name, for the next experiment",
+    "its gap to {place} is {value}; it is clear from {threshold} on",
+)
+STANDS_OUT = Gate(
+    "stands-out",
+    "length of the effect's signature, noise units",
+    3.0,
+    "at least",
+    "certainty",
+    "as `distinct`: a signature shorter than a gap tells nothing",
+    MEMBER,
+    "its signature is {value} noise units long; it is certain from {threshold} on",
+)
+REMAINDER = Gate(
+    "remainder",
+    "SNR gap to the nearest distinct name, less the length of what has no name, noise units",
+    0.0,
+    "at least",
+    "certainty",
+    "what has no name might tell the two names apart, if it is as long as the gap",
+    "effects beside a likely remainder",
+    "what has no name exceeds the gap to the nearest other name by as much: {value}",
+)
+NOTHING_UNNAMED = Gate(
+    "nothing-unnamed",
+    "probability that something outside the catalogue is present",
+    0.5,
+    "below",
+    "certainty",
+    "contract of diagnosis.json",
+    "the verdict",
+    "the probability of something without a name is {value}",
+)
+OBSERVABLE = Gate(
+    "observable",
+    "SNR of an effect of typical size, noise units",
+    3.0,
+    "at least",
+    "scope",
+    "as `distinct`: below it the effect would look like none",
+    "names that are not found",
+    "at a typical size it would stand out by {value} noise units; it can be shown from"
+    " {threshold} on",
+)
+
+
+def every() -> Iterator[Gate]:
+    """All gates, in the order in which a candidate meets them."""
+    yield from (value for value in globals().values() if isinstance(value, Gate))

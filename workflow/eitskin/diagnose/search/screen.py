@@ -10,9 +10,10 @@ from eitskin import cores
 from eitskin.diagnose.fitting.candidates import Candidate, log_ways
 from eitskin.diagnose.fitting.tangents import Tangents
 
-NULL_DRAWS = 20_000
-BATCH = 4_000
-STACKED = 64  # columns whose products are found at once
+NULL_DRAWS = 20_000  # so that a global p-value of CHANCE is known to a fifth of itself
+BATCH = 4_000  # draws at once, of some megabytes
+STACKED = 64  # columns whose products are computed at once
+ROUNDING = 1e-9  # of the largest eigenvalue: less is rounding
 AMPLITUDES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # prior sd of a coordinate, the best of them taken
 MOST_SITES = 5
 SIZES = MOST_SITES - 1  # of subsets, two sites and more
@@ -25,8 +26,8 @@ def log_evidence(slope: np.ndarray, information: np.ndarray) -> float:
     if not len(slope):
         return -np.inf
     size, turn = np.linalg.eigh(information)
-    size, along = np.maximum(size, 0.0), slope @ turn
-    return float(best_amplitude([evidence_along(along, size, a).sum() for a in AMPLITUDES]))
+    size, turned = np.maximum(size, 0.0), slope @ turn
+    return float(best_amplitude([evidence_along(turned, size, a).sum() for a in AMPLITUDES]))
 
 
 def evidence_along(slope: np.ndarray, information: np.ndarray, amplitude: float) -> np.ndarray:
@@ -43,26 +44,29 @@ def best_amplitude(evidence: list) -> np.ndarray:
 def explained(columns: np.ndarray, residual: np.ndarray) -> tuple[float, int]:
     """Squared length of residual (D,) in the span of columns (k, D), and that span's dimension."""
     size, turn = np.linalg.eigh(columns @ columns.T)
-    kept = size > 1e-9 * size[-1]
-    slope = (columns @ residual) @ turn[:, kept]
-    return float((slope**2 / size[kept]).sum()), int(kept.sum())
+    nonzero = size > ROUNDING * size[-1]
+    slope = (columns @ residual) @ turn[:, nonzero]
+    return float((slope**2 / size[nonzero]).sum()), int(nonzero.sum())
 
 
-def chance(gain: float, dof: int, choices: int = 1) -> float:
+def chance_p_value(gain: float, dof: int, choices: int = 1) -> float:
     """P-value of a gain of chi squared with `dof` coordinates, the best of so many choices.
 
-    As of independent choices, which is conservative: Šidák (1967), for more coordinates than one
+    Choices count as independent, which is conservative: Šidák (1967), for more coordinates than one
     by Royen's (2014) Gaussian correlation inequality.
     """
-    alone = float(chdtrc(dof, max(gain, 0.0)))
-    return float(-np.expm1(choices * np.log1p(-alone))) if alone < 1.0 else 1.0
+    single = float(chdtrc(dof, max(gain, 0.0)))
+    return float(-np.expm1(choices * np.log1p(-single))) if single < 1.0 else 1.0
 
 
 @dataclass(frozen=True)
 class Score:
-    """A candidate's score test: `gain` of chi squared and degrees of freedom, and the linear log
-    evidence with the prior over sites. choices: among how many it was chosen as the best, beyond
-    what a `Null` counts as looks; information (k, k): of the coordinates, where each has some."""
+    """A candidate's score test.
+
+    gain: of chi squared; dof: degrees of freedom; log_evidence: linear, with the prior over sites;
+    choices: among how many it was chosen as the best, beyond what a `NullDistribution` counts as
+    looks; information (k, k): of the coordinates, where each has some.
+    """
 
     candidate: Candidate
     gain: float
@@ -74,7 +78,7 @@ class Score:
     @property
     def p_value(self) -> float:
         """P-value of this one look, by chance alone."""
-        return chance(self.gain, self.dof, self.choices)
+        return chance_p_value(self.gain, self.dof, self.choices)
 
 
 def score(tangents: Tangents, candidate: Candidate) -> Score | None:
@@ -86,8 +90,8 @@ def score(tangents: Tangents, candidate: Candidate) -> Score | None:
     information = columns @ columns.T
     evidence = log_evidence(columns @ tangents.residual, information)
     evidence -= np.log(candidate.looks)
-    every = information if len(columns) == tangents.count(candidate) else None
-    return Score(candidate, gain, dof, evidence, information=every)
+    is_whole = len(columns) == tangents.count(candidate)
+    return Score(candidate, gain, dof, evidence, information=information if is_whole else None)
 
 
 def best_few(tangents: Tangents, dense: Candidate) -> Score | None:
@@ -96,10 +100,10 @@ def best_few(tangents: Tangents, dense: Candidate) -> Score | None:
     if few is None:
         return None
     one = score(tangents, few)
-    return None if one is None else replace(one, choices=choices(few))
+    return None if one is None else replace(one, choices=subset_choices(few))
 
 
-def choices(few: Candidate) -> int:
+def subset_choices(few: Candidate) -> int:
     """Of the sites of a sparse candidate of two or more: the subsets of any size, every size
     weighing the same."""
     return SIZES * few.looks
@@ -114,29 +118,30 @@ def subset(tangents: Tangents, dense: Candidate) -> Candidate | None:
         return None
     columns = np.concatenate([singles[i] for i in usable])
     slope, information = columns @ tangents.residual, columns @ columns.T
-    chosen: list[int] = []
+    selected: list[int] = []
     best = -np.inf
-    while len(chosen) < min(MOST_SITES, len(usable) - 1):
+    while len(selected) < min(MOST_SITES, len(usable) - 1):
         trials = [
-            (_subset_evidence(slope, information, [*chosen, i], len(usable)), i)
+            (_subset_evidence(slope, information, [*selected, i], len(usable)), i)
             for i in range(len(usable))
-            if i not in chosen
+            if i not in selected
         ]
         evidence, i = max(trials)
         if evidence <= best:
             break
         best = evidence
-        chosen.append(i)
-    if len(chosen) < 2:
+        selected.append(i)
+    if len(selected) < 2:
         return None
-    return sparse(dense, tuple(sorted(dense.own_sites[usable[i]] for i in chosen)))
+    return sparse(dense, tuple(sorted(dense.own_sites[usable[i]] for i in selected)))
 
 
 def _subset_evidence(
-    slope: np.ndarray, information: np.ndarray, chosen: list[int], count: int
+    slope: np.ndarray, information: np.ndarray, subset_sites: list[int], count: int
 ) -> float:
-    at = np.array(chosen)
-    return log_evidence(slope[at], information[np.ix_(at, at)]) - log_ways(count, len(chosen))
+    rows = np.array(subset_sites)
+    evidence = log_evidence(slope[rows], information[np.ix_(rows, rows)])
+    return evidence - log_ways(count, len(subset_sites))
 
 
 def sparse(dense: Candidate, sites: tuple[int, ...]) -> Candidate:
@@ -146,7 +151,7 @@ def sparse(dense: Candidate, sites: tuple[int, ...]) -> Candidate:
 
 
 @dataclass(frozen=True)
-class Null:
+class NullDistribution:
     """The least p-value of the whole catalogue where nothing is missing, by simulation.
 
     least (draws,), sorted: of the candidates' score tests on whitened noise through their own
@@ -163,11 +168,13 @@ class Null:
         return float(1.0 - (1.0 - share) * (1.0 - min(p, 1.0)) ** self.free)
 
 
-def null(tangents: Tangents, candidates: list[Candidate], free: int, seed: int) -> Null:
+def null_distribution(
+    tangents: Tangents, candidates: list[Candidate], free: int, seed: int
+) -> NullDistribution:
     """Draw NULL_DRAWS recordings without any effect, as far as the score tests see them."""
     groups: list[np.ndarray] = []
-    different: list[np.ndarray] = []
-    at: dict[float, int] = {}
+    distinct: list[np.ndarray] = []
+    numbers: dict[float, int] = {}
     rng = np.random.default_rng(seed)
     mark = rng.standard_normal(tangents.residual.size)  # one number tells a column from another
     for candidate in candidates:
@@ -176,15 +183,15 @@ def null(tangents: Tangents, candidates: list[Candidate], free: int, seed: int) 
             if column is None:
                 continue
             key = float(column @ mark)
-            if key not in at:
-                at[key] = len(different)
-                different.append(column)
-            place.append(at[key])
+            if key not in numbers:
+                numbers[key] = len(distinct)
+                distinct.append(column)
+            place.append(numbers[key])
         if place:
             groups.append(np.array(place))
     if not groups:
-        return Null(np.ones(1), free)
-    size, turn = np.linalg.eigh(_correlations(different))
+        return NullDistribution(np.ones(1), free)
+    size, turn = np.linalg.eigh(_correlations(distinct))
     root = (turn * np.sqrt(np.maximum(size, 0.0))).astype(np.float32)
     root[np.abs(root) < np.finfo(np.float32).eps] = 0.0  # denormal numbers take a hundredfold time
     gram = (turn * np.maximum(size, 0.0)) @ turn.T
@@ -192,8 +199,9 @@ def null(tangents: Tangents, candidates: list[Candidate], free: int, seed: int) 
     for group in groups:
         if len(group) > 1:
             value, vector = np.linalg.eigh(gram[np.ix_(group, group)])
-            kept = value > 1e-9 * value[-1]
-            whiten.append((group, (vector[:, kept] / np.sqrt(value[kept])).astype(np.float32)))
+            nonzero = value > ROUNDING * value[-1]
+            turned = vector[:, nonzero] / np.sqrt(value[nonzero])
+            whiten.append((group, turned.astype(np.float32)))
     least = []
     for _ in range(NULL_DRAWS // BATCH):
         normal = rng.standard_normal((BATCH, len(root)), dtype=np.float32) @ root.T
@@ -202,23 +210,23 @@ def null(tangents: Tangents, candidates: list[Candidate], free: int, seed: int) 
             gain = ((normal[:, group] @ turned) ** 2).sum(axis=1)
             worst = np.minimum(worst, _tail(turned.shape[1], gain))
         least.append(worst)
-    return Null(np.sort(np.concatenate(least)), free)
+    return NullDistribution(np.sort(np.concatenate(least)), free)
 
 
 def _correlations(columns: list[np.ndarray]) -> np.ndarray:
     """(K, K): cosines of the angles between columns (D,), of which no second copy is made."""
-    found = np.empty((len(columns), len(columns)))
+    gram = np.empty((len(columns), len(columns)))
 
-    def beside(i: int) -> None:
+    def fill_rows(i: int) -> None:
         above = np.array(columns[i : i + STACKED], float)
         for j in range(i, len(columns), STACKED):
-            other = above if j == i else np.array(columns[j : j + STACKED], float)
-            found[i : i + STACKED, j : j + STACKED] = above @ other.T
+            right = above if j == i else np.array(columns[j : j + STACKED], float)
+            gram[i : i + STACKED, j : j + STACKED] = above @ right.T
 
-    cores.each(beside, range(0, len(columns), STACKED))
-    upper = np.triu(found)
-    length = np.sqrt(np.diag(found))
-    return (upper + np.triu(found, 1).T) / np.outer(length, length)
+    cores.threaded(fill_rows, range(0, len(columns), STACKED))
+    upper = np.triu(gram)
+    length = np.sqrt(np.diag(gram))
+    return (upper + np.triu(gram, 1).T) / np.outer(length, length)
 
 
 def _tail(dof: int, gain: np.ndarray) -> np.ndarray:

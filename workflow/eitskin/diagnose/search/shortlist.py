@@ -1,45 +1,54 @@
 """Which scores are worth a nonlinear fit."""
 
-from eitskin.diagnose.fitting.candidates import Candidate
-from eitskin.diagnose.search.screen import Score
-from eitskin.effects import EFFECTS
+from collections.abc import Collection
 
-WITHIN = 20.0  # nats of linear evidence below the best, or this share of its gain ...
-SHARE = 0.3
-MOST_NAMES = 12
+from eitskin.diagnose.fitting.candidates import Candidate
+from eitskin.diagnose.search.explanation import Explanation
+from eitskin.diagnose.search.gates import AMPLITUDE, GAIN_SHARE, NAMES, NEAR_BEST
+from eitskin.diagnose.search.journal import Journal
+from eitskin.diagnose.search.screen import Score
+
 FEW = 6  # coordinates; candidates with more are fitted after the others
 
 
-def shortlist(scores: list[Score]) -> list[Score]:
-    """Scores of candidates worth a nonlinear fit: of every name the best of each form, of slow ones
-    the best alone, names in order of evidence; those far from the best only while little else
-    explains as much."""
-    if not scores:
+def shortlist(
+    journal: Journal, explanation: Explanation, ranked: list[Score], names: Collection[str]
+) -> list[Score]:
+    """Of scores, the best evidence first, those that are worth a nonlinear fit beside an
+    explanation: of each of some names the best of each form, of slow ones the best alone, names in
+    order of evidence; those far from the best only while little else explains as much."""
+    if not names:
         return []
-    top, gain = scores[0].log_evidence, max(s.gain for s in scores)
-    names: dict[str, list[Score]] = {}
-    for s in scores:
-        own = names.setdefault(s.candidate.name, [])
-        if not own or (
-            _form(s.candidate) not in {_form(o.candidate) for o in own} and not _slow(s.candidate)
-        ):
-            own.append(s)
-    chosen = []
-    for name, own in list(names.items())[:MOST_NAMES]:
-        for s in own:
-            near = s.log_evidence > top - WITHIN or s.gain > SHARE * gain
-            # What shows at large readings alone weighs little in a tangent.
-            tried = EFFECTS[name].driver == "amplitude" and s.gain > 0
-            if near or tried:
-                chosen.append(s)
-    return sorted(chosen, key=lambda s: s.candidate.size > FEW)
+    top, gain = ranked[0].log_evidence, max(s.gain for s in ranked)
+    by_name: dict[str, list[Score]] = {}
+    for one in ranked:
+        forms = by_name.setdefault(one.candidate.name, [])
+        is_new = _form(one.candidate) not in {_form(s.candidate) for s in forms}
+        if not forms or (is_new and not _is_slow(one.candidate)):
+            forms.append(one)
+    listed = []
+    for rank, (name, forms) in enumerate(by_name.items(), start=1):
+        if name not in names or not journal.admits(NAMES, rank, forms[0].candidate, explanation):
+            continue
+        for one in forms:
+            values = [(NEAR_BEST, one.log_evidence - top), (GAIN_SHARE, _ratio(one.gain, gain))]
+            if one.candidate.effect.driver == "amplitude":
+                values.append((AMPLITUDE, one.gain))
+            if journal.any_admits(values, one.candidate, explanation):
+                listed.append(one)
+    return sorted(listed, key=lambda s: s.candidate.size > FEW)
 
 
-def _slow(candidate: Candidate) -> bool:
-    """Whether every frame has a skin of its own to be solved."""
+def _ratio(gain: float, largest: float) -> float:
+    """A gain over the largest one, 0 where there is none."""
+    return gain / largest if largest > 0.0 else 0.0
+
+
+def _is_slow(candidate: Candidate) -> bool:
+    """Whether every frame has a skin to be solved."""
     return candidate.effect.stage == "skin" and candidate.effect.driver != "static"
 
 
 def _form(candidate: Candidate) -> tuple[str, bool, tuple[str, ...]]:
-    few = candidate.scope == "sparse" and len(candidate.own_sites) > 1
-    return candidate.scope, few, tuple(candidate.start)
+    several = candidate.scope == "sparse" and len(candidate.own_sites) > 1
+    return candidate.scope, several, tuple(candidate.start)

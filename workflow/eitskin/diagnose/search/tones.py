@@ -11,8 +11,8 @@ from eitskin.diagnose.search import screen
 from eitskin.effects.effect import Effect
 from eitskin.physics.skin import Skin
 
-OVERSAMPLING = 2.5
-MOST_LINES = 400_000
+OVERSAMPLING = 2.5  # of the periodogram: a tone between two lines loses a tenth of its power
+MOST_LINES = 400_000  # of the periodogram: more take over a second
 
 
 def score(tangents: Tangents, effect: Effect, skin: Skin, scales: Scales) -> screen.Score | None:
@@ -22,7 +22,7 @@ def score(tangents: Tangents, effect: Effect, skin: Skin, scales: Scales) -> scr
     if not model.frame_s:
         return None
     frequency, looks = strongest(
-        tangents.problem.whitening.back(tangents.residual.reshape(tangents.voltage.shape)),
+        tangents.problem.whitening.transposed(tangents.residual.reshape(tangents.voltage.shape)),
         model.states["time_s"].to_numpy(),
         model.frame_s,
     )
@@ -30,20 +30,20 @@ def score(tangents: Tangents, effect: Effect, skin: Skin, scales: Scales) -> scr
     candidate = Candidate(effect, None, None, "", start, skin, scales, looks)
     if len(tangents.of(candidate)) < 2:
         return None
-    found = screen.score(tangents, candidate)
-    return None if found is None else replace(found, choices=looks)
+    one = screen.score(tangents, candidate)
+    return None if one is None else replace(one, choices=looks)
 
 
-def at(candidate: Candidate, frequency_Hz: float, model: RecordingSimulator) -> Candidate:
-    """A tone of a frequency that is known already: one of as many as `score` looks at."""
+def at_frequency(candidate: Candidate, frequency_Hz: float, model: RecordingSimulator) -> Candidate:
+    """A tone of a stated frequency: one of as many as `score` looks at."""
     start, looks = {"frequency_Hz": frequency_Hz}, candidate.looks
     if model.frame_s:
         time_s = model.states["time_s"].to_numpy()
-        looks = _looks(_whole(time_s, model.frame_s), len(model.channels), model.frame_s)
+        looks = _looks(_duration_s(time_s, model.frame_s), len(model.channels), model.frame_s)
     return replace(candidate, start=start, looks=looks)
 
 
-def _whole(time_s: np.ndarray, frame_s: float) -> float:
+def _duration_s(time_s: np.ndarray, frame_s: float) -> float:
     """Seconds from the first frame's beginning to the last one's end."""
     return float(time_s[-1] - time_s[0] + frame_s)
 
@@ -65,7 +65,7 @@ def strongest(weighted: np.ndarray, time_s: np.ndarray, frame_s: float) -> tuple
     Coarse: each frame's spectrum over its channels; fine: the frames' phases together.
     """
     _, width = weighted.shape
-    total = _whole(time_s, frame_s)
+    total = _duration_s(time_s, frame_s)
     coarse_step = 0.5 / frame_s
     channel = np.arange(width) * frame_s / width
     coarse = _coarse(width, frame_s)

@@ -17,7 +17,7 @@ import pandas as pd
 from scipy.stats import chi2, false_discovery_control
 
 from eitskin.data.recording import Recording
-from eitskin.diagnose.noise.estimate import parity
+from eitskin.diagnose.noise.reciprocity import parity
 from eitskin.diagnose.verdict.misfit_drivers import Law, laws, load_direction, nearness
 
 DISCOVERY = 0.05  # a row says that something differs below this q

@@ -13,19 +13,20 @@ import numpy as np
 import pandas as pd
 
 from eitskin.data.recording import Recording
-from eitskin.diagnose.diagnosis import Diagnosis
 from eitskin.diagnose.fitting.fit import Problem, fit
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
 from eitskin.diagnose.noise.whitening import Whitening
-from eitskin.diagnose.search.gates import CONFUSED, WEAK
+from eitskin.diagnose.search.gates import CLEARLY_DISTINCT, DISTINCT
+from eitskin.diagnose.search.refits import explain
 from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.verdict.diagnosis import Diagnosis
 from eitskin.diagnose.verdict.gaps import CLOSE, gaps
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Setting
 from eitskin.errors import InputError
 from eitskin.physics.geometry import Geometry
 from eitskin.physics.skin import Skin
-from eitskin.physics.solver import Spent, forward_model
+from eitskin.physics.solver import EffortExceeded, forward_model
 from eitskin.quantities import listed, number
 
 MOST_PRESSES = 8  # on which recipes are compared
@@ -47,8 +48,8 @@ def propose(found: Diagnosis) -> dict:
     """The experiment that splits the names which a diagnosis confuses, proved by simulation.
 
     {sentence, pairs: [{a, b, gap_now, gap_then, recipe}]}: a is a name found, b one of its
-    alternatives or, where it has none, the nearest rival with a gap under WEAK. Recipes are
-    compared on some of the presses; what is returned was simulated with all of them. What SHARE
+    alternatives or, where it has none, the nearest rival with a gap below CLEARLY_DISTINCT. Recipes
+    are compared on some of the presses; what is returned was simulated with all of them. What SHARE
     leaves no room for, as it may of bodies, is not tried.
     """
     pairs = list(_pairs(found))
@@ -60,7 +61,7 @@ def propose(found: Diagnosis) -> dict:
     some = np.where(model.press < 0, every, model.press) % max(stride, 1) == 0
     whole = _recipes(found, every)
     few = whole if some.all() else _recipes(found, np.flatnonzero(some))
-    budget = Budget(SHARE * found.search.most_solved)
+    budget = Budget(SHARE * found.search.budget)
     told = [_best(found, few, whole, budget, *pair) for pair in pairs]
     return {"sentence": _sentence(told), "pairs": told}
 
@@ -98,21 +99,23 @@ class Recipe:
                 problem = replace(problem, recorded=model.voltage(*problem.split(theta, effects)))
                 fold = np.zeros(len(problem.recorded), int)
                 seed, report = found.search.seed, lambda line: None
-                search = Search(problem, candidates, fold, seed=seed, report=report)
-                state = search.state(fit(problem, effects, theta))
+                search = Search(problem, candidates, fold, seed, report)
+                state = explain(search, fit(problem, effects, theta))
                 named = gaps(search, state, index, within)
-        except (InputError, np.linalg.LinAlgError, Spent):
+        except (InputError, np.linalg.LinAlgError, EffortExceeded):
             return None
         finally:
-            budget.left -= model.near.spent
+            budget.left -= model.near.effort
         return named[0].gap if named else None
 
 
 def _pairs(found: Diagnosis) -> Iterator[tuple[int, str, float]]:
     """Effect, rival and gap of what a diagnosis cannot tell apart, or hardly."""
     for index, named in enumerate(found.gaps):
-        confused = [each for each in named if each.gap < CONFUSED]
-        for each in confused or [each for each in named[:1] if each.gap < WEAK]:
+        confused = [each for each in named if not DISTINCT.admits(each.gap)]
+        for each in confused or [
+            each for each in named[:1] if not CLEARLY_DISTINCT.admits(each.gap)
+        ]:
             yield index, each.rival, each.gap
 
 
@@ -139,12 +142,12 @@ def _best(
 
     special = {text: recipe for text, recipe in few.items() if text not in (AS_IS, SAME)}
     now = gap_now if few is whole else few[AS_IS].gap(found, budget, index, rival)
-    tried = beating(special, now or 0.0, CLOSE * CONFUSED)
+    tried = beating(special, now or 0.0, CLOSE * DISTINCT.threshold)
     worth = WORTH * max(tried.values(), default=0.0)
     rising = sorted(tried, key=tried.__getitem__)
     first = [text for text in rising if tried[text] >= worth][-MOST_TRIED:]
     tried = beating({text: whole[text] for text in first}, gap_now, np.inf)
-    if max(tried.values(), default=0.0) < CONFUSED:
+    if not DISTINCT.admits(max(tried.values(), default=0.0)):
         same = whole[SAME].gap(found, budget, index, rival)
         tried[SAME] = gap_now if same is None else same
     best = max(tried, key=tried.__getitem__)
@@ -158,7 +161,7 @@ def _sentence(pairs: list[dict]) -> str:
     for pair in pairs:
         now, then = number(pair["gap_now"], 2), number(pair["gap_then"], 2)
         names = f"{pair['a']} from {pair['b']}"
-        if pair["gap_then"] < CONFUSED:
+        if not DISTINCT.admits(pair["gap_then"]):
             in_vain.append(f"{names} (gap {now} now, {then} at best)")
         else:
             split = f"{names} (gap {now} now, {then} then)"
@@ -174,14 +177,14 @@ def _recipes(found: Diagnosis, rows: np.ndarray) -> dict[str, Recipe]:
     """Everything that can be tried with the rig of a recording, by what to do; rows (N,): the
     frames that count as recorded."""
     problem = found.search.problem
-    run = _Run(found.recorded, problem.model, rows)
+    run = _Run(found.recording, problem.model, rows)
     again = run.again()
     more = pd.concat([run.again(1 + k) for k in range(REPEATS - 1)], ignore_index=True)
     recipes = {}
     for text, frames in {AS_IS: again[:0], SAME: more, **run.presses()}.items():
-        simulator = partial(RecordingSimulator, found.recorded, run.joined(frames))
+        simulator = partial(RecordingSimulator, found.recording, run.joined(frames))
         recipes[text] = run.recipe(simulator, problem.whitening, len(frames))
-    turned = partial(_Turned, found.recorded, run, again)
+    turned = partial(_Turned, found.recording, run, again)
     recipes[TURN] = run.recipe(turned, problem.whitening, len(again))
     driven = _driven(found, run)
     if driven is not None:
@@ -240,7 +243,7 @@ class _Run:
         mask = np.concatenate([whitening.mask[self.frames], more])
         clock = self.recorded.frames["frame"].to_numpy()
         clock = np.concatenate([clock[self.frames], clock[-1] + 1 + np.arange(new)])
-        whitening = replace(whitening, mask=mask, clock=clock)
+        whitening = replace(whitening, mask=mask, frame_number=clock)
         return Recipe(simulator, whitening, 1.0 + new / len(self.frames))
 
     def presses(self) -> dict[str, pd.DataFrame]:
@@ -314,7 +317,7 @@ def _driven(found: Diagnosis, run: _Run) -> Recipe | None:
     The new frames count alone: those recorded, with another table, can only add to the gap. Noise
     and numerical error grow with the reading where it is larger than the median of those recorded.
     """
-    recorded, whitening = found.recorded, found.search.problem.whitening
+    recorded, whitening = found.recording, found.search.problem.whitening
     table = recorded.channels
     drives, pairs = np.unique(table[:, :2], axis=0), np.unique(table[:, 2:], axis=0)
     full = np.array([(*drive, *pair) for drive in drives for pair in pairs])
@@ -332,7 +335,7 @@ def _driven(found: Diagnosis, run: _Run) -> Recipe | None:
     except InputError:
         return None
     larger = np.maximum(reading / np.median(np.abs(forward.voltages(table))), 1.0)
-    rho = np.full(len(full), np.median(whitening.rho))
+    rho = np.full(len(full), np.median(whitening.offset_ratio))
     mask = np.ones((len(again), len(full)), bool)
     covariance = Whitening(mask, np.median(whitening.sd) * larger, rho)
     return Recipe(simulator, covariance, 1.0 + len(again) / len(run.frames))

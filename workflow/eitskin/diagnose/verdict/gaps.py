@@ -12,17 +12,18 @@ import numpy as np
 from eitskin.diagnose.fitting.candidates import Candidate, discrete, gross, of_tangents
 from eitskin.diagnose.fitting.fit import Fit, Problem, fit, whitened_anew
 from eitskin.diagnose.fitting.tangents import Tangents
-from eitskin.diagnose.search import afar
-from eitskin.diagnose.search.gates import CONFUSED
+from eitskin.diagnose.search import far_starts
+from eitskin.diagnose.search.explanation import Explanation
+from eitskin.diagnose.search.gates import DISTINCT
+from eitskin.diagnose.search.refits import linearised, reduced
+from eitskin.diagnose.search.refits import rough as rough_problem
 from eitskin.diagnose.search.screen import explained, sparse
 from eitskin.diagnose.search.search import Search
-from eitskin.diagnose.search.state import State
 from eitskin.diagnose.verdict.identities import TWO_SIDED, declared
 from eitskin.errors import InputError
 
 CLOSE = 6.0  # a linear gap, times this, under which the rival is fitted on the nonlinear model
 MOST_FITTED = 5
-OBSERVABLE = 3.0  # SNR at typical size under which a name could not have been shown
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,9 @@ class Gap:
     snr: float
 
 
-def gaps(search: Search, state: State, index: int, within: float = CLOSE * CONFUSED) -> list[Gap]:
+def gaps(
+    search: Search, state: Explanation, index: int, within: float = CLOSE * DISTINCT.threshold
+) -> list[Gap]:
     """Gap of effect `index` of a state to every other name, the nearest first.
 
     within: the linear gap under which the nearest are fitted on the nonlinear model.
@@ -42,12 +45,12 @@ def gaps(search: Search, state: State, index: int, within: float = CLOSE * CONFU
     effect = state.effects[index]
     if gross(effect):
         return _gross_gaps(search, state, index)
-    if search.starts_afar(effect):
+    if search.starts_far(effect):
         return _gaps_afar(search, state, index, within)
-    less = search.less(state, index)
+    less = reduced(search, state, index)
     problem = state.fit.problem
     target = replace(problem, recorded=state.fit.voltage())
-    tangents = Tangents(whitened_anew(less.fit, problem), [search.linearised(less)])
+    tangents = Tangents(whitened_anew(less.fit, problem), [linearised(search, less)])
     change = problem.whitening(target.recorded - tangents.voltage)
     signature = tangents.away(change.ravel())
     snr = float(np.sqrt(signature @ signature))
@@ -63,7 +66,7 @@ def gaps(search: Search, state: State, index: int, within: float = CLOSE * CONFU
     for rank, (name, (gap, candidate)) in enumerate(ranked):
         strong = snr > 20.0 and gap > 0.2 * snr and rank > 2
         worth = rank < MOST_FITTED and gap < within and not strong
-        worth = worth or (gap < CONFUSED and name in TWO_SIDED)
+        worth = worth or (not DISTINCT.admits(gap) and name in TWO_SIDED)
         fitted = None
         if worth and candidate.size and not search.spent:
             fitted = _fitted(target, tangents, less.effects, candidate)
@@ -75,7 +78,7 @@ def gaps(search: Search, state: State, index: int, within: float = CLOSE * CONFU
 
 
 def _ranked(
-    nearest: dict[str, float], search: Search, state: State, index: int, snr: float
+    nearest: dict[str, float], search: Search, state: Explanation, index: int, snr: float
 ) -> list[Gap]:
     """Gaps of names, those of the effect's identities among them, the nearest first."""
     _declare(nearest, search, state, index, 0.0)
@@ -85,7 +88,7 @@ def _ranked(
 
 
 def _declare(
-    nearest: dict[str, float], search: Search, state: State, index: int, gap: float
+    nearest: dict[str, float], search: Search, state: Explanation, index: int, gap: float
 ) -> None:
     """Puts the other sides of an effect's identities among the nearest names; gap: the effect's own
     to what was found, beyond which they may be."""
@@ -95,44 +98,44 @@ def _declare(
 
 
 def _declare_rival(
-    nearest: dict[str, float], search: Search, state: State, fitted: Fit, gap: float
+    nearest: dict[str, float], search: Search, state: Explanation, fitted: Fit, gap: float
 ) -> None:
     """The same of a rival, the last effect of its fit, that could be what was found."""
-    if gap < CONFUSED and fitted.effects[-1].name in TWO_SIDED:
+    if not DISTINCT.admits(gap) and fitted.effects[-1].name in TWO_SIDED:
         trial = replace(state, fit=fitted)
         _declare(nearest, search, trial, len(fitted.effects) - 1, gap)
 
 
-def _gaps_afar(search: Search, state: State, index: int, within: float) -> list[Gap]:
+def _gaps_afar(search: Search, state: Explanation, index: int, within: float) -> list[Gap]:
     """Of an effect that no tangent leads to: its signature is what the rest, fitted to it, leaves,
     and every rival within reach is fitted too; what a tangent promises is not kept so far away.
     Rivals that cannot be fitted, or would cost bodies when no more may be solved, have no gap."""
-    less, problem = search.less(state, index), state.fit.problem
+    less, problem = reduced(search, state, index), state.fit.problem
     target = replace(problem, recorded=state.fit.voltage())
-    rough = replace(search.rough(less), recorded=target.recorded)
+    rough = replace(rough_problem(search, less), recorded=target.recorded)
     rest = _fitted_best(target, less)
     tangents = Tangents(rest)
     snr = float(np.sqrt(rest.chi2))
     best: dict[str, tuple[float, Candidate]] = {}
     for candidate in _rivals(search.candidates, state.effects[index]):
-        if afar.is_far(candidate):
+        if far_starts.is_far(candidate):
             if search.spent:
                 continue
-            misfit, _ = afar.start(rough, less.effects, rest.theta, [candidate])
+            misfit, _ = far_starts.start(rough, less.effects, rest.theta, [candidate])
             gap: float | None = float(np.sqrt(misfit))
         else:
             gap = _linear_gap(tangents, tangents.residual, candidate)
         if gap is not None and gap < best.get(candidate.name, (np.inf,))[0]:
             best[candidate.name] = gap, candidate
-    costly = search.spent and any(afar.is_far(effect) for effect in less.effects)
+    costly = search.spent and any(far_starts.is_far(effect) for effect in less.effects)
     nearest: dict[str, float] = {}
     for name, (gap, candidate) in best.items():
-        if gap >= within and not afar.is_far(candidate):
+        if gap >= within and not far_starts.is_far(candidate):
             nearest[name] = min(float(gap), nearest.get(name, np.inf))
             continue
         fitted = None
-        if afar.is_far(candidate):
-            _, start = afar.start(rough, less.effects, rest.theta, [candidate])
+        if far_starts.is_far(candidate):
+            _, start = far_starts.start(rough, less.effects, rest.theta, [candidate])
             fitted = _fitted_from(target, rough, [*less.effects, candidate], start)
         elif not costly:
             fitted = _fitted(target, tangents, less.effects, candidate)
@@ -143,7 +146,7 @@ def _gaps_afar(search: Search, state: State, index: int, within: float) -> list[
     return _ranked(nearest, search, state, index, snr)
 
 
-def _fitted_best(target: Problem, less: State) -> Fit:
+def _fitted_best(target: Problem, less: Explanation) -> Fit:
     """The effects of a state fitted to a signature from where they are and, where the physics has
     such a skin, from the beliefs."""
     here = fit(target, less.effects, less.fit.theta, polish=True)
@@ -209,7 +212,7 @@ def _fitted(
         return None
 
 
-def _gross_gaps(search: Search, state: State, index: int) -> list[Gap]:
+def _gross_gaps(search: Search, state: Explanation, index: int) -> list[Gap]:
     """Of a gross fault: to the other gross faults in its place, and to nothing."""
     model, whitening = search.problem.model, state.fit.problem.whitening
     knobs = state.fit.theta[: len(model.calibrations)]
@@ -230,10 +233,10 @@ def _gross_gaps(search: Search, state: State, index: int) -> list[Gap]:
     return sorted((Gap(n, g, snr) for n, g in best.items()), key=lambda g: g.gap)
 
 
-def strengths(search: Search, state: State) -> dict[str, float]:
+def strengths(search: Search, state: Explanation) -> dict[str, float]:
     """SNR of every name at a typical size where it shows best, what is fitted projected out; 0 of
     those that change nothing here."""
-    tangents = search.linearised(state)
+    tangents = linearised(search, state)
     tangents.whiten(c for c in search.candidates if of_tangents(c) and c.scope != "dense")
     found: dict[str, float] = {}
     for candidate in search.candidates:

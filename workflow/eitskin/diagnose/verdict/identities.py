@@ -19,10 +19,11 @@ from eitskin.diagnose.fitting.estimates import estimates
 from eitskin.diagnose.fitting.fit import fit
 from eitskin.diagnose.fitting.simulator import RecordingSimulator
 from eitskin.diagnose.fitting.tangents import Tangents
-from eitskin.diagnose.search.gates import CONFUSED
+from eitskin.diagnose.search.explanation import Explanation
+from eitskin.diagnose.search.gates import DISTINCT
+from eitskin.diagnose.search.refits import linearised, reduced
 from eitskin.diagnose.search.screen import explained, sparse
 from eitskin.diagnose.search.search import Search
-from eitskin.diagnose.search.state import State
 from eitskin.effects.anisotropy import Anisotropy
 from eitskin.effects.contact_impedance import ContactImpedance
 from eitskin.effects.domain_shape import DomainShape
@@ -55,7 +56,7 @@ class Found:
     """One effect of a state, and what its readings are compared with."""
 
     search: Search
-    state: State
+    state: Explanation
     index: int
 
     @property
@@ -100,7 +101,7 @@ class Found:
             places = tuple(range(len(angles)))
             like, shift = self.effect, ElectrodePosition()
             every = Candidate(shift, "electrodes", places, "dense", {}, like.skin, like.scales)
-            tangents = Tangents(own, reversed(self.search.tangents.values()))
+            tangents = Tangents(own, reversed(self.search.cache.tangents.values()))
             change, columns = tangents.away(change), tangents.of(every)
         else:
             place = own.place(self.index)
@@ -129,7 +130,7 @@ class Identity:
     side: Callable[[Found], Side | None]
 
 
-def declared(search: Search, state: State, index: int) -> list[tuple[Identity, Side]]:
+def declared(search: Search, state: Explanation, index: int) -> list[tuple[Identity, Side]]:
     """The identities of effect `index` of a state, each with its other side; `instead` without
     names that the recording's catalogue does not have."""
     known = {candidate.name for candidate in search.candidates}
@@ -146,13 +147,13 @@ def declared(search: Search, state: State, index: int) -> list[tuple[Identity, S
     return found
 
 
-def readings(search: Search, state: State, index: int, alternatives: list[str]) -> list[str]:
+def readings(search: Search, state: Explanation, index: int, alternatives: list[str]) -> list[str]:
     """What effect `index` of a state may be as well, in sentences that an owner can check: the
-    other sides within CONFUSED, and those that have a name among its alternatives."""
+    other sides below DISTINCT, and those that have a name among its alternatives."""
     return [
         side.reading
         for identity, side in declared(search, state, index)
-        if side.reading and (side.gap < CONFUSED or {*identity.instead} & {*alternatives})
+        if side.reading and (not DISTINCT.admits(side.gap) or {*identity.instead} & {*alternatives})
     ]
 
 
@@ -411,13 +412,13 @@ def _seat(found: Found) -> Side | None:
     """Of a gain, alike in drive and in measurement: place, width and contact of the electrodes
     that it is at, in place of both gains; linear."""
     shared = _shared(found)
-    if shared is None or shared[2] >= CONFUSED:
+    if shared is None or DISTINCT.admits(shared[2]):
         return None
     other, electrodes, _ = shared
     search, state = found.search, found.state
-    less = search.less(state, max(found.index, other))
-    less = search.less(less, min(found.index, other))
-    tangents = search.linearised(less)
+    less = reduced(search, state, max(found.index, other))
+    less = reduced(search, less, min(found.index, other))
+    tangents = linearised(search, less)
     whitening = less.fit.problem.whitening
     change = whitening(found.simulated(state.fit.settings()) - tangents.voltage).ravel()
     signature = tangents.away(change)
@@ -461,7 +462,7 @@ def _pure_turn(found: Found) -> Side | None:
 
 def _shifted_turn(found: Found) -> Side | None:
     pure = _turned(found, shifted=False)
-    return None if pure is None or pure.gap < CONFUSED else _turned(found, shifted=True)
+    return None if pure is None or not DISTINCT.admits(pure.gap) else _turned(found, shifted=True)
 
 
 def _load_cell(found: Found) -> Side:

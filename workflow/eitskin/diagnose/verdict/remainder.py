@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from eitskin.diagnose.search.gates import NOTHING_UNNAMED
 from eitskin.diagnose.verdict.atlas import DISCOVERY
 
 PRIOR = 0.05  # that physics outside the catalogue is present, before looking
@@ -60,8 +61,8 @@ def probability(p_value: float) -> float:
 
 
 def unlike(likeness: float) -> Other:
-    """What is to be said where the readings are not those of a skin like this; likeness: as
-    of `Search.likeness`."""
+    """What is to be said where the readings are not those of a skin like this; likeness: their
+    squared correlation with the simulation."""
     against = ", and they run against it" if likeness < 0.0 else ""
     said = (
         f"The readings are not those of such a skin: their squared correlation with the simulation"
@@ -81,7 +82,7 @@ def other(atlas: pd.DataFrame, catalogue_p: float) -> Other:
     p = min(1.0, 2.0 * min(p, catalogue_p))
     chance = probability(p)
     snr = float(np.sqrt(max((rows["value"] - rows["dof"]).max(), 0.0))) if len(rows) else 0.0
-    if chance < 0.5:
+    if NOTHING_UNNAMED.admits(chance):
         return Other(chance, p, [], [], [], None, None, None, snr)
     if not len(rows):
         said = "More is left than chance leaves, without a pattern that a test knows."

@@ -2,13 +2,7 @@
 
 from collections.abc import Sequence
 
-ACCEPTABLE_P = 0.01  # of the held-out chi2, above which the fit is accepted
-LIKELY = 0.5  # probability of something outside the catalogue, from which on it counts
-
-
-def acceptable(held_out_p: float) -> bool:
-    """Whether a fit is, by the probability of a held-out chi2 at least as large as its own."""
-    return held_out_p > ACCEPTABLE_P
+from eitskin.diagnose.search.gates import ACCEPTABLE, NOTHING_UNNAMED
 
 
 def verdict(effects: Sequence[bool], held_out_p: float, other_probability: float) -> str:
@@ -21,9 +15,9 @@ def verdict(effects: Sequence[bool], held_out_p: float, other_probability: float
     for value in (held_out_p, other_probability):
         if not 0.0 <= value <= 1.0:
             raise ValueError(f"{value} is no probability")
-    likely = other_probability >= LIKELY
+    likely = not NOTHING_UNNAMED.admits(other_probability)
     if not effects:
         return "unexplained" if likely else "consistent"
-    if likely or not acceptable(held_out_p) or not all(effects):
+    if likely or not ACCEPTABLE.admits(held_out_p) or not all(effects):
         return "partly-explained"
     return "explained"

@@ -7,7 +7,7 @@ import numpy as np
 from eitskin.diagnose.fitting.estimates import UNTOLD
 from eitskin.effects import EFFECTS
 from eitskin.effects.effect import Effect, site_of
-from eitskin.quantities import alike, interval, listed, number, quantity
+from eitskin.quantities import interval, listed, number, quantity, written_alike
 
 MOST_LISTED = 6  # sites; more are counted
 MOST_VALUES = 4  # of one parameter; of more, the least and the largest
@@ -242,7 +242,7 @@ def spread(estimate: dict, texts: list[str]) -> str:
     reach = np.where([each is None for each in ended], np.fmax(value - low, high - value), 0.0)
     least, most = value.argmin(), value.argmax()
     wide = max(least, most, key=lambda i: reach[i])
-    if texts[least] == texts[most] or alike(value[least], value[most], reach[wide]):
+    if texts[least] == texts[most] or written_alike(value[least], value[most], reach[wide]):
         return f"{ABOUT} {texts[wide]}"
     return f"anything from {texts[least]} to {texts[most]}"
 

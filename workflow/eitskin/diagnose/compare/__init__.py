@@ -1,0 +1,1 @@
+"""Two recordings compared without a model of the skin."""

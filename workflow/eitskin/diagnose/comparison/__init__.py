@@ -1,1 +1,0 @@
-"""What two recordings of one skin share, and what changed between them."""

@@ -1,0 +1,344 @@
+"""The errors that every rig has and no diagnosis names: one class each.
+
+A class states how large its error is on an ordinary bench, what it acts on and what it does to the
+readings (its basis). Registered by `component` it is part of the covariance (`rig_errors`), its
+standard deviation is learned (`component_sds`) and reported; nothing else has to be edited. The
+form follows PINT's noise components (Luo et al., ApJ 911, 2021): basis and weights of a low-rank
+part of the covariance.
+"""
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+import numpy as np
+
+from eitskin.diagnose.noise.linearisation import Linearisation
+
+READINGS = "readings"  # the unit of a component in that of the recording
+FAST_WAVES = 12  # sine waves (Karhunen-Loeve) of a gain's random walk: the rest hold 1.7 % of it
+SLOW_WAVES = 6  # of a channel's drift or of a force's zero, which are slower: 3.4 %
+LEAST_FRAMES = 6  # fewer hardly show a scatter: its logarithm would be uncertain by a third
+LEAST_PRESSES = 3  # likewise; two scatter about their mean by one degree of freedom
+# Quadrature adds its square, whose tail is exponential: channels are compared under a normal error
+# that is as many times as wide.
+QUADRATURE_TAIL = 2.5
+CONVERTER_BINS = 32  # parts of a converter's step: finer than noise that would blur the steps
+
+
+class NoiseComponent(ABC):
+    """Independent errors of one sd, to which the readings respond in proportion.
+
+    name: in diagnosis.json. unit: of the sd; READINGS: that of the recording. prior_sd: of the
+    half-normal prior of the sd, in its unit or in median readings. acts_on: what each has an error
+    of its own, "frame", "press", "channel" or the "whole" recording. least_frames: in fewer of the
+    `affected_frames` the error does not show, and is left out. least_presses: with fewer the sd
+    cannot be learned, and is assumed to be the prior's. lasting: one value a channel that stays the
+    same. common_mode: moves all readings of a frame together. discrepancy: stands for physics
+    without a name, no error of a rig; it never enters the chi squared of a verdict.
+    """
+
+    name: ClassVar[str]
+    unit: ClassVar[str]
+    prior_sd: ClassVar[float]
+    acts_on: ClassVar[str]
+    least_frames: ClassVar[int] = 0
+    least_presses: ClassVar[int] = 0
+    lasting: ClassVar[bool] = False
+    common_mode: ClassVar[bool] = False
+    discrepancy: ClassVar[bool] = False
+
+    def affected_frames(self, linearisation: Linearisation) -> np.ndarray:
+        """(N,) bool: frames that the error acts on; all."""
+        return np.ones(len(linearisation.voltage), bool)
+
+    def is_present(self, linearisation: Linearisation) -> bool:
+        """Whether a recording can have the error and shows it: in `least_frames`."""
+        return bool(self.affected_frames(linearisation).sum() >= self.least_frames)
+
+    def is_identifiable(self, linearisation: Linearisation) -> bool:
+        """Whether the sd can be learned; otherwise it is assumed to be the prior's."""
+        return linearisation.press_count >= self.least_presses
+
+    @abstractmethod
+    def basis(self, linearisation: Linearisation) -> np.ndarray:
+        """(K, N, M): what one unit of each of K independent errors does to the readings."""
+
+    def weights(self, error_sd: float, fitted: bool) -> dict[str, float]:
+        """Sd of the basis' coefficients, by what the errors act on. fitted: in the covariance of
+        fits, where lasting errors are "linked": followed into other channels."""
+        return {"linked" if fitted and self.lasting else self.acts_on: error_sd}
+
+    def reported_sd(self, error_sd: float) -> float:
+        """The sd as a reader is told it."""
+        return error_sd
+
+    @property
+    def in_readings(self) -> bool:
+        """Whether the sd is in the unit of the readings."""
+        return self.unit == READINGS
+
+    def prior_in_unit(self, typical_reading: float) -> float:
+        """Sd of the prior in the unit of the sd; typical_reading: median |v|."""
+        return self.prior_sd * (typical_reading if self.in_readings else 1.0)
+
+
+class TouchComponent(NoiseComponent):
+    """An error of the stated place or force of touches, from frame to frame."""
+
+    acts_on = "frame"
+    least_frames = LEAST_FRAMES
+
+    @abstractmethod
+    def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
+        """K pairs: a column of the states, and by how much of it (N,) the touches are displaced by
+        one unit of one error."""
+
+    def affected_frames(self, linearisation: Linearisation) -> np.ndarray:
+        """(N,) bool: touched frames."""
+        return linearisation.touched
+
+    def is_present(self, linearisation: Linearisation) -> bool:
+        """Whether touches show the error, and the physics has derivatives by what it displaces."""
+        columns = {column for column, _ in self.displacements(linearisation)}
+        return super().is_present(linearisation) and columns <= set(linearisation.derivatives)
+
+    def basis(self, linearisation: Linearisation) -> np.ndarray:
+        """(K, N, M): displacements times the derivatives of the readings."""
+        derivatives = linearisation.derivatives
+        return np.array(
+            [
+                displacement[:, None] * derivatives[column]
+                for column, displacement in self.displacements(linearisation)
+            ]
+        )
+
+
+class PressTouchComponent(TouchComponent):
+    """An error that lasts for a press, or longer."""
+
+    acts_on = "press"
+    least_frames = 1
+    least_presses = LEAST_PRESSES
+
+    def affected_frames(self, linearisation: Linearisation) -> np.ndarray:
+        """(N,) bool: frames of presses."""
+        return linearisation.press >= 0
+
+
+COMPONENTS: dict[str, NoiseComponent] = {}  # by name, in the order of the covariance's columns
+
+
+def component(kind: type[NoiseComponent]) -> type[NoiseComponent]:
+    """Decorator: registers a class in COMPONENTS, by its name."""
+    COMPONENTS[kind.name] = kind()
+    return kind
+
+
+# Priors: what is ordinary on the benches whose recordings this was developed with; a rig may have
+# three times as much (`component_sds.LARGEST`).
+
+
+@component
+class AmplitudePerFrame(NoiseComponent):
+    """The source's amplitude jitters."""
+
+    name, unit, prior_sd, acts_on = "amplitude-per-frame", "1", 2e-3, "frame"
+    common_mode = True
+
+    def basis(self, linearisation: Linearisation) -> np.ndarray:
+        """(1, N, M): the readings themselves."""
+        return linearisation.voltage[None]
+
+
+@component
+class CommonNoise(NoiseComponent):
+    """Noise that all channels of a frame share."""
+
+    name, unit, prior_sd, acts_on = "common-noise", READINGS, 2e-3, "frame"
+    common_mode = True
+
+    def basis(self, linearisation: Linearisation) -> np.ndarray:
+        """(1, N, M): ones."""
+        return np.ones((1, *linearisation.voltage.shape))
+
+
+@component
+class GainWalk(NoiseComponent):
+    """The gain of all channels walks; its sd is that at the recording's end."""
+
+    name, unit, prior_sd, acts_on = "gain-walk", "1", 1e-2, "whole"
+    least_frames = LEAST_FRAMES
+    common_mode = True
+
+    def basis(self, linearisation: Linearisation) -> np.ndarray:
+        """(FAST_WAVES, N, M): waves of a random walk, times the readings."""
+        waves = random_walk_waves(linearisation.elapsed, FAST_WAVES)
+        return waves[:, :, None] * linearisation.voltage
+
+
+@component
+class ChannelDrift(NoiseComponent):
+    """Each channel drifts by itself; its sd is that at the recording's end."""
+
+    name, unit, prior_sd, acts_on = "channel-drift", READINGS, 2e-3, "channel"
+    least_frames = LEAST_FRAMES
+
+    def basis(self, linearisation: Linearisation) -> np.ndarray:
+        """(SLOW_WAVES, N, M): waves of a random walk."""
+        waves = random_walk_waves(linearisation.elapsed, SLOW_WAVES)
+        return waves[:, :, None] * np.ones(linearisation.voltage.shape)
+
+
+@component
+class Quadrature(NoiseComponent):
+    """Magnitudes hold the part in quadrature as well: |v + i q v| is |v| (1 + q^2 / 2), by a q of
+    every channel that is the same in all frames. The error is q^2 / 2; q itself is reported."""
+
+    name, unit, prior_sd, acts_on = "quadrature", "1", 2e-3, "channel"
+    lasting = True
+
+    def is_present(self, linearisation: Linearisation) -> bool:
+        """Whether readings are magnitudes, and no differences."""
+        return linearisation.magnitude and not linearisation.difference
+
+    def basis(self, linearisation: Linearisation) -> np.ndarray:
+        """(1, N, M): the magnitudes."""
+        return np.abs(linearisation.voltage)[None]
+
+    def weights(self, error_sd: float, fitted: bool) -> dict[str, float]:
+        """In fits QUADRATURE_TAIL times as wide, and with its mean, by which all readings are
+        larger: sqrt(2) times less than its sd, for q^2 of a normal q."""
+        if not fitted:
+            return super().weights(error_sd, fitted)
+        return {"linked": QUADRATURE_TAIL * error_sd, "whole": error_sd / np.sqrt(2.0)}
+
+    def reported_sd(self, error_sd: float) -> float:
+        """The sd of q: that of q^2 / 2 is q^2 over sqrt(2)."""
+        return np.sqrt(np.sqrt(2.0) * error_sd)
+
+
+@component
+class StaticDiscrepancy(NoiseComponent):
+    """Each channel differs from its simulation by a share of its own, the same in all frames."""
+
+    name, unit, prior_sd, acts_on = "static-discrepancy", "1", 2e-2, "channel"
+    lasting = True
+    discrepancy = True
+
+    def is_present(self, linearisation: Linearisation) -> bool:
+        """Whether readings are signed, and no differences."""
+        return not linearisation.magnitude and not linearisation.difference
+
+    def basis(self, linearisation: Linearisation) -> np.ndarray:
+        """(1, N, M): the untouched level's size."""
+        voltage = linearisation.voltage
+        return np.broadcast_to(np.abs(linearisation.untouched_level), (1, *voltage.shape))
+
+
+@component
+class Quantisation(NoiseComponent):
+    """A converter's steps are wider than the noise: its rounding does not scatter. Readings in one
+    part of a step are off alike, wherever the steps begin: the mean error of rounding is periodic
+    (Widrow, Kollar, Quantization Noise, 2008)."""
+
+    name, unit, prior_sd, acts_on = "quantisation", READINGS, 1.0, "whole"
+
+    def is_present(self, linearisation: Linearisation) -> bool:
+        """Whether there are such steps, in readings that are no differences."""
+        return bool(linearisation.converter_step) and not linearisation.difference
+
+    def basis(self, linearisation: Linearisation) -> np.ndarray:
+        """(CONVERTER_BINS, N, M): 1 where a reading is expected in that part of a step, else 0."""
+        return converter_bins(linearisation.voltage, linearisation.converter_step)
+
+
+@component
+class TouchDiscrepancy(NoiseComponent):
+    """Each channel responds to touches by a share of its own more or less than simulated."""
+
+    name, unit, prior_sd, acts_on = "touch-discrepancy", "1", 0.2, "channel"
+    least_frames = 1
+    lasting = True
+    discrepancy = True
+
+    def affected_frames(self, linearisation: Linearisation) -> np.ndarray:
+        """(N,) bool: touched frames."""
+        return linearisation.touched
+
+    def basis(self, linearisation: Linearisation) -> np.ndarray:
+        """(1, N, M): what touches change."""
+        change = linearisation.voltage - linearisation.untouched_level
+        return np.where(linearisation.touched[:, None], change, 0.0)[None]
+
+
+@component
+class PlacePerFrame(TouchComponent):
+    """The robot's place scatters from frame to frame."""
+
+    name, unit, prior_sd = "place-per-frame", "mm", 1.0
+
+    def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
+        """Of every touch, along x and along y."""
+        touched = linearisation.touched.astype(float)
+        return [("x_mm", touched), ("y_mm", touched)]
+
+
+@component
+class ForcePerFrame(TouchComponent):
+    """The load cell scatters from frame to frame."""
+
+    name, unit, prior_sd = "force-per-frame", "N", 0.1
+
+    def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
+        """Of every touch's force."""
+        return [("force_N", linearisation.touched.astype(float))]
+
+
+@component
+class PlacePerPress(PressTouchComponent):
+    """The robot's place is off, press by press."""
+
+    name, unit, prior_sd = "place-per-press", "mm", 1.0
+
+    def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
+        """Of every touch, along x and along y."""
+        touched = linearisation.touched.astype(float)
+        return [("x_mm", touched), ("y_mm", touched)]
+
+
+@component
+class ForcePerPress(PressTouchComponent):
+    """The load cell's force is off by a share, press by press."""
+
+    name, unit, prior_sd = "force-per-press", "1", 0.1
+
+    def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
+        """Of every touch's force, in proportion to it."""
+        load = np.where(linearisation.touched, linearisation.force_N, 0.0)
+        return [("force_N", linearisation.touched.astype(float) * load)]
+
+
+@component
+class ForceZeroWalk(PressTouchComponent):
+    """The load cell's zero walks; its sd is that at the recording's end."""
+
+    name, unit, prior_sd, acts_on = "force-zero-walk", "N", 0.2, "whole"
+
+    def displacements(self, linearisation: Linearisation) -> list[tuple[str, np.ndarray]]:
+        """Of every touch's force, by waves of a random walk."""
+        waves = random_walk_waves(linearisation.elapsed, SLOW_WAVES)
+        touched = linearisation.touched.astype(float)
+        return [("force_N", wave * touched) for wave in waves]
+
+
+def random_walk_waves(elapsed: np.ndarray, count: int) -> np.ndarray:
+    """(count, N): Karhunen-Loeve sine waves of a random walk from 0, of sd 1 at its end, at
+    elapsed shares (N,) of its time."""
+    rate = (np.arange(count)[:, None] + 0.5) * np.pi
+    return np.sqrt(2.0) * np.sin(rate * elapsed) / rate
+
+
+def converter_bins(voltage: np.ndarray, step: float) -> np.ndarray:
+    """(CONVERTER_BINS, N, M): 1 where a reading (N, M) is in that part of a converter's step."""
+    part = np.floor(voltage / step * CONVERTER_BINS) % CONVERTER_BINS
+    return (part == np.arange(CONVERTER_BINS)[:, None, None]).astype(float)

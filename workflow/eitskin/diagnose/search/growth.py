@@ -1,0 +1,466 @@
+"""The smallest set of effects that explains a recording: forward, backward, and rivals in place.
+
+Score tests screen every candidate; the best of every name are fitted on the nonlinear model,
+jointly with all that is there. An effect enters if chance alone gives so good a score, over all
+that is looked at, less than once in a thousand recordings, and if held-out frames are better
+predicted by more than two standard errors. After every step each effect must stand against its
+own absence; at the end against every other name in its place.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from eitskin.diagnose.fitting.candidates import (
+    Candidate,
+    gross,
+    of_channels,
+    replaces_instrument,
+    without_site,
+)
+from eitskin.diagnose.fitting.fit import fit
+from eitskin.diagnose.fitting.tangents import Tangents
+from eitskin.diagnose.search import channels, last_resorts
+from eitskin.diagnose.search.explanation import Explanation, added_effect
+from eitskin.diagnose.search.gates import (
+    CHANCE,
+    EFFECTS_OF_A_SET,
+    EVIDENCE,
+    FREEDOM,
+    GROSS_MISFIT,
+    PLACE,
+    PREDICTION,
+    UNLIKE,
+)
+from eitskin.diagnose.search.journal import CUT_SHORT, START, UNLIKE_STEP
+from eitskin.diagnose.search.prediction import is_unlike, likeness, misfit, sure_gain
+from eitskin.diagnose.search.proposals import (
+    best_p_value,
+    draw_null,
+    global_p,
+    ratio_p_value,
+    scores,
+    trials,
+)
+from eitskin.diagnose.search.refits import (
+    calibrated,
+    each_without,
+    explain,
+    in_processes,
+    linearised,
+    polished,
+    reduced,
+    settled,
+    with_effect,
+    without,
+    without_discrepancy,
+)
+from eitskin.diagnose.search.screen import Score, chance_p_value, subset_choices
+from eitskin.diagnose.search.search import Search
+from eitskin.diagnose.search.starting_point import StartingPoint
+from eitskin.errors import InputError
+
+FEW_SITES = 2  # of a sparse effect; with more, single sites are tried in its place
+PLAIN_SHARE = 0.5  # of the misfit without it, that a gross fault may leave to be plain to see
+
+Outcome = tuple[Search, Explanation, Explanation]
+
+
+def run(
+    search: Search,
+    start: StartingPoint | None = None,
+    before: Explanation | None = None,
+) -> Outcome:
+    """The search as it ended, the explanation without an effect, and the best one; start: effects
+    that fewer frames showed; before: the calibrated explanation, where it is known."""
+    if before is None:
+        search, before = calibrated(search)
+    if start is None or not start.effects:
+        return grown(search, before)
+    return grown(search, before, at_start(search, before, start))
+
+
+def grown(search: Search, before: Explanation, begin: Explanation | None = None) -> Outcome:
+    """The same from an explanation without effects, or from `begin`, which has some."""
+    search.journal.step("calibrate", None, before)
+    if begin is not None:
+        for effect in begin.effects:
+            known = begin.p_value(effect) if begin.p_values else None
+            search.journal.step(START, effect, begin, known)
+        if not replaces_instrument(begin.effects):
+            return search, before, _explained(search, _drop(search, _confirmed(search, begin)))
+        blurred, begin = last_resorts.blurred(search, begin)
+        confirmed = _drop(blurred, _confirmed(blurred, begin))
+        if replaces_instrument(confirmed.effects):
+            return blurred, before, confirmed
+        search = blurred.restored()
+        search.journal.step("not kept", None, before)
+    explanation = before
+    while (plain := _with_gross_fault(search, explanation)) is not None:
+        search, explanation = plain
+    unlike = is_unlike(search, explanation)
+    if _tries_last_resorts(search, explanation):
+        search, another = last_resorts.another_instrument(search, explanation)
+        if another is not None:
+            return search, before, another
+    if unlike:
+        search.journal.step(UNLIKE_STEP, None, before)
+        return search, before, before
+    free = _with_free_channels(search, explanation)
+    if free is not None:
+        search = replace(search, rival_evidence=free.log_evidence)
+    best = _without_freedom(search, explanation, _explained(search, explanation))
+    # What is unfinished has not lost to free channels.
+    if free is not None and free.log_evidence > best.log_evidence and not search.spent:
+        search.journal.step("swap", free.effects[-1], free)
+        search = replace(search, rival_evidence=-np.inf)
+        best = _explained(search, _drop(search, free))
+    return search, before, best
+
+
+def _tries_last_resorts(search: Search, explanation: Explanation) -> bool:
+    """Whether another instrument is tried: where the readings are not those of a skin like this."""
+    values = (
+        (GROSS_MISFIT, misfit(search.problem, explanation)),
+        (UNLIKE, likeness(search, explanation)),
+    )
+    admits = search.journal.admits
+    is_tried = is_unlike(search, explanation)
+    for name in dict.fromkeys(c.name for c in search.last_resorts):
+        is_tried |= all(admits(gate, value, name, explanation) for gate, value in values)
+    return is_tried
+
+
+def at_start(search: Search, before: Explanation, start: StartingPoint) -> Explanation | None:
+    """The effects of a starting point fitted to all frames; None where that is no better than
+    without them, or where no such skin exists."""
+    try:
+        fitted = fit(search.problem, start.effects, start.theta, polish=True)
+        explanation = explain(search, fitted, start.p_values)
+    except InputError:
+        return None
+    if explanation.log_evidence <= before.log_evidence or is_unlike(search, explanation):
+        return None
+    return explanation
+
+
+def cut_short(search: Search, explanation: Explanation) -> None:
+    """Record that the budget was used up, and that this is what there is."""
+    search.report("as many skins are solved as may be: what was not tried by then stays untried")
+    search.journal.step(CUT_SHORT, None, explanation)
+
+
+def _explained(search: Search, explanation: Explanation) -> Explanation:
+    """What grows from an explanation, and stands against other names."""
+    return _stand(search, _grow(search, explanation))
+
+
+def _without_freedom(search: Search, start: Explanation, best: Explanation) -> Explanation:
+    """The best explanation, or what grows from the start with less freedom, where that is better:
+    many free values take what several plain effects explain together. First without the names that
+    have a value at every site, then, where one has several sites still, without such subsets."""
+    dense = {c.name for c in best.effects if c.scope == "dense"}
+    if dense and not search.spent:
+        names = ", ".join(sorted(dense))
+        search.report(f"again without a free value at every site ({names})")
+        plainer = [c for c in search.candidates if c.name not in dense or c.scope != "dense"]
+        best = _rival(search, start, best, plainer)
+    several = any(c.scope == "sparse" and len(c.own_sites) > FEW_SITES for c in best.effects)
+    if several and not search.spent:
+        search.report("again with single sites and pairs alone")
+        sparse = [c for c in search.candidates if c.scope != "dense"]
+        best = _rival(search, start, best, sparse)
+    return best
+
+
+def _rival(
+    search: Search, start: Explanation, best: Explanation, candidates: list[Candidate]
+) -> Explanation:
+    """The best explanation, or what grows from the start out of other candidates, where that is
+    better."""
+    evidence = max(search.rival_evidence, best.log_evidence)
+    branch = replace(
+        search, candidates=candidates, rival_evidence=evidence, cache=search.cache.branch()
+    )
+    rival = _explained(branch, start)
+    if rival.log_evidence <= best.log_evidence:
+        return best
+    for effect in best.effects:
+        if effect.key not in rival.key:
+            value = best.log_evidence - rival.log_evidence
+            search.journal.admits(FREEDOM, value, effect, rival)
+    search.cache.adopt(branch.cache)
+    return rival
+
+
+def _with_free_channels(search: Search, explanation: Explanation) -> Explanation | None:
+    """An explanation with a gain, or an offset, for every channel, which a few plain effects must
+    beat; None where their score is no better than that of plainer candidates. None where nobody
+    touches: they would fit whatever there is, and predict nothing."""
+    if search.untouched:
+        return None
+    plain = max((s.log_evidence for s in scores(search, explanation)), default=0.0)
+    base = linearised(search, explanation)
+    # A discrepancy would take all of it to itself, until sds are learned again.
+    tangents = Tangents(without_discrepancy(explanation, base.fit), [base])
+    hopeful = []
+    for candidate in search.candidates:
+        if of_channels(candidate):
+            free = channels.scores(tangents, candidate)[-1]
+            p = global_p(search, free.p_value)
+            if free.log_evidence > max(plain, EVIDENCE.threshold) and CHANCE.admits(p):
+                hopeful.append((candidate, p))
+    better = []
+    fits = in_processes(
+        search, explanation, lambda pair: with_effect(search, explanation, pair[0]), hopeful
+    )
+    for (candidate, p), trial in zip(hopeful, fits, strict=True):
+        if isinstance(trial, Explanation) and trial.log_evidence > explanation.log_evidence:
+            better.append(trial.with_p_values({**trial.p_values, candidate.key: p}))
+    return max(better, key=lambda trial: trial.log_evidence, default=None)
+
+
+def _grow(search: Search, explanation: Explanation) -> Explanation:
+    """An explanation with effects added until none is warranted, until what comes goes again, or
+    until as many as may still come, each as good as the last, could not reach `rival_evidence`."""
+    met = set()
+    while EFFECTS_OF_A_SET.admits(len(explanation.effects)) and explanation.key not in met:
+        met.add(explanation.key)
+        better = _add(search, explanation)
+        if better is None:
+            break
+        gain = better.log_evidence - explanation.log_evidence
+        explanation = _drop(search, better)
+        room = EFFECTS_OF_A_SET.threshold - len(explanation.effects)
+        if search.rival_evidence - explanation.log_evidence > room * gain:
+            break
+    return explanation
+
+
+def _with_gross_fault(
+    search: Search, explanation: Explanation
+) -> tuple[Search, Explanation] | None:
+    """An explanation with one gross fault of the wiring, None where none is plain to see.
+
+    Such a fault leads the calibrations astray, and what is linear about them: each is tried with
+    the beliefs as they are, one common factor free.
+    """
+    problem = search.problem
+    if misfit(problem, explanation) < GROSS_MISFIT.threshold:
+        return None
+    recorded = problem.whitening(problem.recorded)
+    start = np.zeros(len(problem.model.calibrations))
+    settings = explanation.fit.settings()
+    keys = {c.key for c in explanation.effects}
+
+    def unexplained(settings: list) -> float:
+        simulated = problem.whitening(problem.model.voltage(start, settings))
+        product = (simulated * recorded).sum()
+        return float((recorded**2).sum() - product**2 / (simulated**2).sum())
+
+    faults = [c for c in search.candidates if gross(c)]
+    remainders = [
+        (unexplained([*settings, c.setting(np.zeros(c.size))]), i)
+        for i, c in enumerate(faults)
+        if c.key not in keys
+    ]
+    least, best = min(remainders)
+    if least > PLAIN_SHARE * unexplained(settings):
+        return None
+    effects = [*explanation.effects, faults[best]]
+    theta = np.r_[start, np.zeros(sum(c.size for c in effects))]
+    trial = explain(search, fit(problem, effects, theta, polish=True))
+    raised = trial.log_evidence - explanation.log_evidence
+    if not search.journal.admits(EVIDENCE, raised, faults[best], explanation):
+        return None
+    draw_null(search, linearised(search, trial))
+    gain = 2.0 * (trial.log_likelihood - explanation.log_likelihood)
+    p = global_p(search, chance_p_value(gain, 1 + faults[best].size))
+    search, trial = settled(search, trial)
+    trial = trial.with_p_values({**explanation.p_values, faults[best].key: p})
+    search.journal.step("add", faults[best], trial, p)
+    return search, trial
+
+
+def _add(search: Search, explanation: Explanation) -> Explanation | None:
+    """An explanation with one more effect, None where none is warranted."""
+    ranked = scores(search, explanation)
+    if not ranked:
+        return None
+    p_value = best_p_value(search, explanation)
+    search.report(
+        f"{len(explanation.effects)} effects, chi2/dof {explanation.chi2_per_dof:.3f}: best score "
+        f"{ranked[0].candidate.name}, of which p = {p_value:.2g}"
+    )
+    if search.spent:
+        return None
+    for trial in trials(search, explanation, ranked):
+        new = added_effect(explanation, trial)
+        raised = trial.log_evidence - explanation.log_evidence
+        if not search.journal.admits(EVIDENCE, raised, new, explanation):
+            continue
+        p = trial.p_values[new.key]
+        if not search.journal.admits(CHANCE, p, new, explanation):
+            continue
+        sure = sure_gain(search, trial, explanation)
+        if search.journal.admits(PREDICTION, sure, new, explanation) and _is_needed(
+            search, trial, new
+        ):
+            trial = trial.with_p_values({**explanation.p_values, new.key: p})
+            search.journal.step("add", new, trial, p)
+            return trial
+    return None
+
+
+def _is_needed(search: Search, trial: Explanation, new: Candidate) -> bool:
+    """Whether a trial is better than without its new effect, where touches were followed: on its
+    way to where they seem to be it may have found what the explanation before had not."""
+    if trial.fit.problem.model is search.problem.model:
+        return True
+    less = without(search, trial, trial.effects.index(new))
+    assert trial.score is not None
+    p = ratio_p_value(search, trial.score, less, trial)
+    raised = trial.log_evidence - less.log_evidence
+    admits = search.journal.admits
+    return admits(CHANCE, p, new, less) and admits(EVIDENCE, raised, new, less)
+
+
+def _confirmed(search: Search, explanation: Explanation) -> Explanation:
+    """An explanation from before, less the effects that all frames do not bear out, each with the
+    p-value of its likelihood ratio on all of them."""
+    draw_null(search, linearised(search, explanation))
+    admits = search.journal.admits
+    while True:
+        for index, less in each_without(search, explanation, len(explanation.effects)):
+            effect = explanation.effects[index]
+            gain = max(2.0 * (explanation.log_likelihood - less.log_likelihood), 0.0)
+            one = Score(effect, gain, max(effect.size, 1), 0.0, _choices(effect))
+            p = global_p(search, one.p_value)
+            raised = explanation.log_evidence - less.log_evidence
+            if not (
+                admits(EVIDENCE, raised, effect, less)
+                and admits(CHANCE, p, effect, less)
+                and admits(PREDICTION, sure_gain(search, explanation, less), effect, less)
+            ):
+                search.journal.step("drop", effect, less, p)
+                explanation = less
+                break
+            explanation = explanation.with_p_values({**explanation.p_values, effect.key: p})
+        else:
+            return explanation
+
+
+def _drop(search: Search, explanation: Explanation) -> Explanation:
+    """An explanation less the effects that no longer earn their place, taken out one by one; the
+    rest polished."""
+    dropped = True
+    while dropped and len(explanation.effects) > 1:
+        dropped = False
+        for index, less in each_without(search, explanation, len(explanation.effects) - 1):
+            raised = explanation.log_evidence - less.log_evidence
+            if not search.journal.admits(EVIDENCE, raised, explanation.effects[index], less):
+                search.journal.step("drop", explanation.effects[index], less)
+                explanation, dropped = less, True
+                break
+    trimmed = _trim(search, explanation)
+    fitted = polished(search, trimmed.fit)
+    return explain(search, fitted, trimmed.p_values, trimmed.error_sds, trimmed.rig)
+
+
+def _trim(search: Search, explanation: Explanation) -> Explanation:
+    """An explanation less the sites of sparse effects that do not earn their place, taken out one
+    by one."""
+    for index in range(len(explanation.effects)):
+        effect = explanation.effects[index]
+        if effect.effect.site_number:
+            continue
+        while effect.scope == "sparse" and effect.size == len(effect.own_sites) > 1:
+            whole = explanation.fit
+            place = whole.place(index)
+            sd = np.sqrt(np.diag(whole.covariance)[place])
+            weakest = int(np.argmin(np.abs(whole.theta[place]) / sd))
+            fewer = without_site(effect, weakest)
+            effects = [*explanation.effects[:index], fewer, *explanation.effects[index + 1 :]]
+            theta = np.delete(whole.theta, place.start + weakest)
+            jacobian = np.delete(whole.jacobian, place.start + weakest, axis=0)
+            try:
+                fitted = fit(whole.problem, effects, theta, jacobian)
+            except InputError:
+                break
+            trial = explain(
+                search, fitted, explanation.p_values, explanation.error_sds, explanation.rig
+            )
+            if EVIDENCE.admits(explanation.log_evidence - trial.log_evidence):
+                break
+            p = explanation.p_values.get(effect.key, 1.0)
+            explanation = trial.with_p_values({**trial.p_values, fewer.key: p})
+            effect = fewer
+    return explanation
+
+
+def _stand(search: Search, explanation: Explanation) -> Explanation:
+    """Every effect against every other name in its place, until none gives way, or one takes the
+    place back that it lost: the likeliest of the sets between which that goes on then."""
+    if search.rival_evidence > explanation.log_evidence:
+        return explanation
+    stood = [explanation]
+    for _ in range(int(EFFECTS_OF_A_SET.threshold)):
+        for index, effect in enumerate(explanation.effects):
+            if gross(effect) or search.spent:
+                continue
+            better = _in_place(search, explanation, index)
+            if better is not None:
+                explanation = _grow(search, _drop(search, better))
+                break
+        else:
+            return explanation
+        stood.append(explanation)
+        same = [i for i, s in enumerate(stood) if set(s.key) == set(explanation.key)]
+        if len(same) > 1:
+            best = max(reversed(stood[same[0] :]), key=lambda s: s.log_evidence)
+            if best is not explanation:
+                search.journal.step("take back", None, best)
+            return best
+    return explanation
+
+
+def _in_place(search: Search, explanation: Explanation, index: int) -> Explanation | None:
+    """An explanation with another name in the place of effect `index`; None where the effect
+    stands."""
+    effect = explanation.effects[index]
+    less = reduced(search, explanation, index)
+    ranked = scores(search, less)
+    for rival in trials(search, less, ranked, effect, explanation.log_evidence):
+        new = added_effect(less, rival)
+        ahead = (
+            rival.log_evidence
+            - explanation.log_evidence
+            - _further_sites(effect, rival.effects[-1])
+        )
+        if not search.journal.admits(PLACE, ahead, new, less, effect.name):
+            continue
+        sure = sure_gain(search, rival, less)
+        if search.journal.admits(PREDICTION, sure, new, less, effect.name):
+            p = rival.p_values[new.key]
+            rival = rival.with_p_values({**explanation.p_values, new.key: p})
+            search.journal.step("swap", new, rival, p)
+            return rival
+    return None
+
+
+def _choices(effect: Candidate) -> int:
+    """Among how many looks an effect of the set was chosen (`Score.choices`)."""
+    if effect.effect.tone:
+        return effect.looks
+    several = effect.scope == "sparse" and len(effect.own_sites) > 1
+    return subset_choices(effect) if several else 1
+
+
+def _further_sites(effect: Candidate, rival: Candidate) -> float:
+    """Nats that a rival must have beyond PLACE: where it is the effect at further sites, what
+    every site must earn."""
+    sparse = effect.scope == rival.scope == "sparse" and rival.name == effect.name
+    if sparse and set(rival.own_sites) > set(effect.own_sites):
+        count = len(rival.own_sites) - len(effect.own_sites)
+        return EVIDENCE.threshold * count - PLACE.threshold
+    return 0.0

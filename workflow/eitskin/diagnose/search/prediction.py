@@ -1,0 +1,59 @@
+"""How well explanations agree with a recording: misfit, correlation, predictions of folds."""
+
+from eitskin.diagnose.fitting.fit import Problem, whitened_anew
+from eitskin.diagnose.fitting.held_out import HeldOut, held_out
+from eitskin.diagnose.search.explanation import Explanation
+from eitskin.diagnose.search.gates import GROSS_MISFIT, STANDARD_ERRORS, UNLIKE
+from eitskin.diagnose.search.search import Search
+
+
+def misfit(problem: Problem, explanation: Explanation) -> float:
+    """Chi squared over its degrees of freedom in a problem's covariance, that of noise alone."""
+    whitening = problem.whitening
+    residual = explanation.fit.problem.whitening.unwhitened(explanation.fit.residual)
+    dof = max(whitening.size - len(explanation.fit.theta), 1)
+    return float((whitening(residual) ** 2).sum()) / dof
+
+
+def likeness(search: Search, explanation: Explanation) -> float:
+    """Squared correlation of the readings, in noise units, with what is simulated; below 0 where
+    the correlation is negative."""
+    whitening = search.problem.whitening
+    simulated, recorded = (
+        (voltage / whitening.sd)[whitening.mask]
+        for voltage in (explanation.fit.voltage(), search.problem.recorded)
+    )
+    simulated, recorded = simulated - simulated.mean(), recorded - recorded.mean()
+    lengths = float((simulated @ simulated) * (recorded @ recorded))
+    product = float(simulated @ recorded)
+    return product * abs(product) / max(lengths, 1e-300)
+
+
+def is_unlike(search: Search, explanation: Explanation) -> bool:
+    """Whether readings are not those of a skin like this: in an order of their own, or none.
+    Effects fitted to them would be no findings, were they ever so significant."""
+    gross = GROSS_MISFIT.admits(misfit(search.problem, explanation))
+    return gross and UNLIKE.admits(likeness(search, explanation))
+
+
+def predicted(search: Search, explanation: Explanation, trial: Explanation) -> HeldOut:
+    """What an explanation predicts for the folds left out, in the covariance of a trial."""
+    return held_out(whitened_anew(explanation.fit, trial.fit.problem), search.folds)
+
+
+def gain(search: Search, trial: Explanation, explanation: Explanation) -> tuple[float, float]:
+    """Log density of the folds left out that a trial has above an explanation, in nats, and its
+    standard error; both in the trial's covariance."""
+    return trial.held_out.gain(predicted(search, explanation, trial))
+
+
+def sure_gain(search: Search, trial: Explanation, explanation: Explanation) -> float:
+    """`gain` less STANDARD_ERRORS standard errors, nats."""
+    nats, error = gain(search, trial, explanation)
+    return nats - STANDARD_ERRORS * error
+
+
+def cost_for(explanation: Explanation, log_evidence: float) -> float:
+    """Largest cost of a fit in the covariance of an explanation that may still reach a log
+    evidence."""
+    return -2.0 * (log_evidence - explanation.log_likelihood) + explanation.fit.chi2

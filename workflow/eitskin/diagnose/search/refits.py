@@ -1,0 +1,420 @@
+"""Sets of effects fitted to a recording, with the sds of the rig's errors learned beside them."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from eitskin.diagnose.fitting import touches
+from eitskin.diagnose.fitting.candidates import Candidate, discrete
+from eitskin.diagnose.fitting.fit import (
+    MOST_ROUNDS,
+    RENEWALS,
+    Fit,
+    Problem,
+    fit,
+    promised,
+    refreshed,
+    stepped,
+    whitened_anew,
+)
+from eitskin.diagnose.fitting.linearisation import linearised_rig_errors
+from eitskin.diagnose.fitting.tangents import Tangents
+from eitskin.diagnose.noise.component_sds import SETTLED, learn_error_sds
+from eitskin.diagnose.noise.components import COMPONENTS
+from eitskin.diagnose.noise.rig_errors import RigErrors
+from eitskin.diagnose.noise.scoring import ScoringCache
+from eitskin.diagnose.search import far_starts
+from eitskin.diagnose.search.explanation import Explanation, marginal_likelihood, occam_factor
+from eitskin.diagnose.search.gates import ASTRAY, BUDGET, ENTRY, GROSS_MISFIT, PHYSICS, SITES
+from eitskin.diagnose.search.journal import Refusal
+from eitskin.diagnose.search.prediction import misfit
+from eitskin.diagnose.search.search import Search
+from eitskin.effects import EFFECTS
+from eitskin.errors import InputError
+from eitskin.physics.solver import EffortExceeded
+
+Part = TypeVar("Part")
+Result = TypeVar("Result")
+
+LEARNING_ROUNDS = 4  # in which a fit and the sds of the rig's errors follow each other, at most
+DISCREPANCY = "static-discrepancy"  # the component of one value a channel
+# Share of the readings that is left unexplained, as a far fit counts it: at most, so that it goes
+# somewhere; at least, for bodies are solved coarsely there.
+FAR_DISCREPANCY, COARSE_DISCREPANCY = 0.05, 3e-4
+# Nats by which a fit without its discrepancy is behind after one step, with what the next step
+# promises, at which it is not followed further.
+FORLORN = 150.0
+PROCESSES = 4  # fits at once, of which none knows what the others solve
+
+
+def explain(
+    search: Search,
+    fitted: Fit,
+    p_values: Mapping[tuple, float] | None = None,
+    error_sds: Mapping[str, float] | None = None,
+    rig: RigErrors | None = None,
+) -> Explanation:
+    """The explanation of a recording by a fit: with the sds of the rig's errors learned, evidence
+    and predictions.
+
+    p_values: of its effects; error_sds: from which learning begins; rig: the errors about a fit
+    like it. A discrepancy may have taken what an effect has to explain: the fit goes on without one
+    as well, unless that is FORLORN, and the likelier of both counts.
+    """
+    whole = _learned_explanation(search, fitted, p_values, error_sds, rig, search.cache.scoring)
+    named = without_discrepancy(whole, whole.fit)
+    if named is whole.fit:
+        return whole
+    named_sds = {k: s for k, s in whole.error_sds.items() if not COMPONENTS[k].discrepancy}
+    trial = stepped(named)
+    behind = whole.log_likelihood - marginal_likelihood(trial, named_sds, whole.rig)
+    behind -= 0.5 * promised(trial)
+    if (
+        trial is not named
+        and behind > FORLORN
+        and not GROSS_MISFIT.admits(misfit(search.problem, whole))
+    ):
+        return whole
+    plain = _learned_explanation(search, trial, p_values, named_sds, whole.rig)
+    return whole if plain.log_evidence <= whole.log_evidence else plain
+
+
+def _learned_explanation(
+    search: Search,
+    fitted: Fit,
+    p_values: Mapping[tuple, float] | None,
+    error_sds: Mapping[str, float] | None,
+    rig: RigErrors | None,
+    start_scoring: ScoringCache | None = None,
+) -> Explanation:
+    """The explanation by a fit, which follows the sds of the rig's errors and these it."""
+    sds, rig = dict(error_sds or {}), rig or search.rig
+    if rig is not None:
+        end_scoring = ScoringCache()
+        for number in range(LEARNING_ROUNDS):
+            scorings = (start_scoring or end_scoring) if number == 0 else end_scoring, end_scoring
+            fitted, sds, rig, gain = _learning_round(search, fitted, sds, rig, *scorings)
+            if gain < SETTLED:
+                break
+    likelihood = marginal_likelihood(fitted, sds, rig)
+    evidence = likelihood + occam_factor(fitted)
+    return Explanation(fitted, search.folds, likelihood, evidence, dict(p_values or {}), sds, rig)
+
+
+def _learning_round(
+    search: Search,
+    fitted: Fit,
+    error_sds: dict[str, float],
+    rig: RigErrors,
+    start_scoring: ScoringCache,
+    end_scoring: ScoringCache,
+) -> tuple[Fit, dict[str, float], RigErrors, float]:
+    """A fit with the sds of the rig's errors learned from it, and by how many nats it moved on for
+    them.
+
+    Where touches are far from where they are reported to be, the readings are taken to follow in
+    proportion from where they seem to be (Lindstrom, Bates, Biometrics 46, 1990).
+    """
+    error_sds, _ = learn_error_sds(rig, fitted.misfit, error_sds, start_scoring, end_scoring)
+    model = touches.followed(search.problem, fitted, rig, error_sds)
+    problem = fitted.problem
+    followed = model is not problem.model
+    if followed:
+        displaced = replace(fitted, problem=replace(search.problem, model=model))
+        rig = linearised_rig_errors(displaced, search.problem.whitening, search.converter_step)
+        strays = touches.moved(model, search.problem.model)
+        recorded = search.problem.recorded + rig.response(strays)
+        problem = replace(search.problem, model=model, recorded=recorded)
+    problem = replace(problem, whitening=rig.whitening(error_sds, fitted=True))
+    start = whitened_anew(fitted, problem)
+    end = stepped(start, 2.0 * SETTLED)
+    gain = np.inf if followed else 0.5 * (start.cost - end.cost)
+    return end, error_sds, rig, gain
+
+
+def in_processes(
+    search: Search,
+    explanation: Explanation,
+    function: Callable[[Part], Result],
+    parts: Sequence[Part],
+) -> list[Result]:
+    """A function of every part, which fits something about an explanation, in processes of their
+    own. Each may solve all that may still be solved, PROCESSES at once; then what they solved
+    counts."""
+    if len(parts) < 2:
+        return [function(part) for part in parts]
+    if explanation.rig is not None and not search.tries_bodies:
+        search.cache.scoring.prepare(explanation.rig, explanation.error_sds)
+    shared = [*explanation.effects, explanation.rig, *_shared_objects(explanation.fit.problem)]
+    results: list[Result] = []
+    for start in range(0, len(parts), PROCESSES):
+        results += forked(search, function, parts[start : start + PROCESSES], shared)
+    return results
+
+
+def forked(
+    search: Search,
+    function: Callable[[Part], Result],
+    parts: Sequence[Part],
+    shared: Sequence[object] = (),
+) -> list[Result]:
+    """A function of every part, each in a process of its own: what it changes in this search but
+    its result is lost; the result may refer to what is shared. In this process, one after the
+    other, where bodies are tried: two at once take too much memory."""
+    if search.tries_bodies:
+        return [function(part) for part in parts]
+    common = [*EFFECTS.values(), search.folds, search.rig, *_shared_objects(search.problem)]
+    return search.problem.model.near.forked(function, parts, [*common, *shared])
+
+
+def _shared_objects(problem: Problem) -> list[object]:
+    whitening = problem.whitening
+    arrays = whitening.mask, whitening.sd, whitening.offset_ratio, whitening.frame_number
+    return [problem, *vars(problem).values(), *vars(problem.model).values(), *arrays]
+
+
+def calibrated(search: Search) -> tuple[Search, Explanation]:
+    """The owner's beliefs with their calibrations fitted, no effect; and the search with the rig's
+    errors about that fit."""
+    start = np.zeros(len(search.problem.model.calibrations))
+    best = fit(search.problem, [], start, polish=True)
+    if search.learns_rig and search.rig is None:
+        rig = linearised_rig_errors(best, search.problem.whitening, search.converter_step)
+        search = replace(search, rig=rig)
+    near = explain(search, best)
+    far = from_far(search, near, []) if search.learns_rig and search.untouched else None
+    if not isinstance(far, Explanation) or far.log_evidence <= near.log_evidence:
+        return search, near
+    return search, far
+
+
+def as_reported(search: Search, fitted: Fit) -> np.ndarray:
+    """(N, M): the readings by a fit, with touches where they are reported to be."""
+    return search.problem.model.voltage(*search.problem.split(fitted.theta, fitted.effects))
+
+
+def without_discrepancy(explanation: Explanation, fitted: Fit) -> Fit:
+    """A fit of an explanation without a discrepancy in its covariance."""
+    sds = {n: s for n, s in explanation.error_sds.items() if not COMPONENTS[n].discrepancy}
+    unchanged = sum(sds.values()) == sum(explanation.error_sds.values())
+    if explanation.rig is None or unchanged:
+        return fitted
+    whitening = explanation.rig.whitening(sds, fitted=True)
+    return whitened_anew(fitted, replace(fitted.problem, whitening=whitening))
+
+
+def settled(search: Search, explanation: Explanation) -> tuple[Search, Explanation]:
+    """An explanation whose rig errors are linearised about its own fit, their sds learned once
+    more; and the search with these errors."""
+    if search.rig is None:
+        return search, explanation
+    rig = linearised_rig_errors(explanation.fit, search.problem.whitening, search.converter_step)
+    search = replace(search, rig=rig)
+    start = explanation.fit.theta
+    fitted = fit(explanation.fit.problem, explanation.effects, start, polish=True)
+    return search, explain(search, fitted, explanation.p_values, explanation.error_sds)
+
+
+def linearised(search: Search, explanation: Explanation) -> Tangents:
+    """Tangents about an explanation, cached until its set is fitted anew; their whitened columns
+    until those of another set are asked for."""
+    cache, key = search.cache, explanation.key
+    if key not in cache.met or cache.met[key].fit is not explanation.fit:
+        displaced = explanation.fit.problem.model is not search.problem.model
+        fitted = refreshed(explanation.fit) if displaced else explanation.fit
+        cache.tangents[key] = Tangents(fitted, reversed(cache.tangents.values()))
+        cache.met[key] = explanation
+    tangents = cache.tangents[key]
+    for unused in cache.tangents.values():
+        if unused is not tangents:
+            unused.forget()
+    return tangents
+
+
+def rough(search: Search, explanation: Explanation) -> Problem:
+    """The problem with bodies solved coarsely, readings uncertain by what an explanation leaves
+    unexplained, within COARSE_DISCREPANCY and FAR_DISCREPANCY: what no skin explains must not hide
+    one that is nearly right, nor be fitted at any price."""
+    if explanation.rig is None:
+        return search.problem
+    sd = explanation.error_sds.get(DISCREPANCY, 0.0)
+    sd = float(np.clip(sd, COARSE_DISCREPANCY, FAR_DISCREPANCY))
+    whitening = explanation.rig.whitening({DISCREPANCY: sd})
+    return replace(search.problem, model=search.problem.model.coarsely(), whitening=whitening)
+
+
+def from_far(
+    search: Search,
+    explanation: Explanation,
+    candidates: list[Candidate],
+    sizes: Sequence[tuple[float, ...]] | None = None,
+) -> Explanation | Refusal:
+    """An explanation with candidates fitted from the beliefs, whatever it made of them; sizes: the
+    candidates' coordinates that are tried (`far_starts.start`)."""
+    effects = [*explanation.effects, *candidates]
+    problem = rough(search, explanation)
+    sds = {DISCREPANCY: explanation.error_sds.get(DISCREPANCY, 0.0)}
+    try:
+        with search.problem.model.near.within(search.budget):
+            _, start = far_starts.start(
+                problem, explanation.effects, explanation.fit.theta, candidates, sizes
+            )
+            theta = fit(problem, effects, start, polish=True).theta
+            coarse = fit(replace(problem, model=search.problem.model), effects, theta)
+            near = explain(search, coarse, explanation.p_values, sds)
+            fine = fit(near.fit.problem, effects, near.fit.theta, near.fit.jacobian)
+            return explain(search, fine, explanation.p_values, near.error_sds, near.rig)
+    except (InputError, np.linalg.LinAlgError):
+        return Refusal(PHYSICS, 0.0)
+    except EffortExceeded:
+        return Refusal(BUDGET, np.inf)
+
+
+def with_effect(
+    search: Search, explanation: Explanation, candidate: Candidate, enough: float = np.inf
+) -> Explanation | Refusal:
+    """An explanation with a candidate fitted beside its effects, or joined to a sparse effect of
+    the same name; enough: the cost from which on the fit is worth its end (`fit`)."""
+    effects, theta = list(explanation.effects), explanation.fit.theta
+    for index, effect in enumerate(effects):
+        if effect.name != candidate.name or effect.kind != candidate.kind:
+            continue
+        if _joinable(effect, candidate):
+            union = _joined(effect, candidate)
+            if union is None:
+                return Refusal(ENTRY, 0.0)
+            if not search.journal.passes(SITES, len(union.own_sites), union.name):
+                return Refusal(SITES, len(union.own_sites))
+            place = explanation.fit.place(index)
+            values = _joined_coordinates(effect, union, theta[place])
+            start = np.r_[theta[: place.start], values, theta[place.stop :]]
+            effects[index] = union
+            return _fitted(search, effects, start, None, explanation, enough)
+        if not effect.effect.several or _is_same_entry(effect, candidate):
+            return Refusal(ENTRY, 0.0)
+    if search.starts_far(candidate):
+        return from_far(search, explanation, [candidate])
+    start = np.r_[theta, np.zeros(candidate.size)]
+    columns = linearised(search, explanation).jacobian(candidate)
+    jacobian = np.concatenate([explanation.fit.jacobian, columns])
+    return _fitted(search, [*effects, candidate], start, jacobian, explanation, enough)
+
+
+def _joinable(effect: Candidate, candidate: Candidate) -> bool:
+    """Whether a candidate is an effect of the set at further sites."""
+    return (
+        {effect.scope, candidate.scope} == {"sparse"}
+        and effect.start == candidate.start
+        and bool(candidate.effect.parameters)
+        and not candidate.effect.site_number
+    )
+
+
+def _joined(effect: Candidate, candidate: Candidate) -> Candidate | None:
+    """The effect at the sites of both; None where these are its own."""
+    sites = tuple(sorted({*effect.own_sites, *candidate.own_sites}))
+    if len(sites) == len(effect.own_sites):
+        return None
+    return replace(effect, sites=sites, scope="sparse", looks=effect.looks * candidate.looks)
+
+
+def _joined_coordinates(effect: Candidate, union: Candidate, theta: np.ndarray) -> np.ndarray:
+    """Coordinates of an effect at more sites: theta (k,) where it was, 0 at the new sites."""
+    values = np.zeros(union.size)
+    for i, (parameter, site_index) in enumerate(union.names):
+        if site_index is None:
+            values[i] = theta[effect.names.index((parameter, None))]
+        elif (site := union.own_sites[site_index]) in effect.own_sites:
+            name = (parameter, effect.own_sites.index(site))
+            values[i] = theta[effect.names.index(name)]
+    return values
+
+
+def _is_same_entry(a: Candidate, b: Candidate) -> bool:
+    """Whether two candidates of a name would be one entry: their starts agree in all keys that both
+    have."""
+    return all(b.start[key] == value for key, value in a.start.items() if key in b.start)
+
+
+def _fitted(
+    search: Search,
+    effects: list[Candidate],
+    start: np.ndarray,
+    jacobian: np.ndarray | None,
+    explanation: Explanation,
+    enough: float,
+) -> Explanation | Refusal:
+    """Effects fitted from a start in the covariance of an explanation."""
+    try:
+        with search.problem.model.near.within(search.budget):
+            problem = explanation.fit.problem
+            fitted = fit(problem, effects, start, jacobian, enough=enough)
+            far_off = jacobian is not None and GROSS_MISFIT.admits(
+                misfit(search.problem, explanation)
+            )
+            # Calibrations that took what an effect is may lie far off along a narrow valley.
+            if discrete(effects[-1]) or far_off or not fitted.ended:
+                count = len(search.problem.model.calibrations)
+                afresh = np.r_[np.zeros(count), start[count:]]
+                again = fit(problem, effects, afresh, enough=enough)
+                fitted = min(fitted, again, key=lambda f: f.chi2)
+            behind = 0.5 * (fitted.cost - explanation.fit.cost)
+            if not search.journal.passes(ASTRAY, behind, effects[-1].name):
+                return Refusal(ASTRAY, behind)
+            p_values, sds = explanation.p_values, explanation.error_sds
+            return explain(search, fitted, p_values, sds, explanation.rig)
+    except (InputError, np.linalg.LinAlgError):
+        return Refusal(PHYSICS, 0.0)
+    except EffortExceeded:
+        return Refusal(BUDGET, np.inf)
+
+
+def without(search: Search, explanation: Explanation, index: int) -> Explanation:
+    """An explanation less effect `index`, the rest fitted anew; from the beliefs where no skin has
+    the rest alone."""
+    whole = explanation.fit
+    place = whole.place(index)
+    effects = [c for i, c in enumerate(whole.effects) if i != index]
+    theta = np.delete(whole.theta, np.arange(place.start, place.stop))
+    jacobian = np.delete(whole.jacobian, np.arange(place.start, place.stop), axis=0)
+    try:
+        fitted = fit(whole.problem, effects, theta, jacobian)
+    except InputError:
+        fitted = fit(whole.problem, effects, np.zeros_like(theta))
+    return explain(search, fitted, explanation.p_values, explanation.error_sds, explanation.rig)
+
+
+def each_without(
+    search: Search, explanation: Explanation, count: int
+) -> list[tuple[int, Explanation]]:
+    """`without` each of the first `count` effects, with its number."""
+    fits = in_processes(
+        search, explanation, lambda index: without(search, explanation, index), range(count)
+    )
+    return list(enumerate(fits))
+
+
+def polished(search: Search, fitted: Fit) -> Fit:
+    """A fit at its optimum, with a fresh Jacobian; near it, where the budget is used up."""
+    renewals = RENEWALS if search.spent else MOST_ROUNDS
+    start = fitted.theta, fitted.jacobian
+    return fit(fitted.problem, fitted.effects, *start, polish=True, renewals=renewals)
+
+
+def reduced(search: Search, explanation: Explanation, index: int) -> Explanation:
+    """An explanation less effect `index`, polished unless the budget is used up; cached. A set that
+    was met is that one."""
+    cache = search.cache
+    key = tuple(c.key for i, c in enumerate(explanation.effects) if i != index)
+    if key in cache.met:
+        return replace(cache.met[key], p_values=dict(explanation.p_values))
+    whole, less = cache.reduced.get(key, (None, None))
+    if less is None or whole is not explanation.fit:
+        less = without(search, explanation, index)
+        if not search.spent:
+            fitted = polished(search, less.fit)
+            less = explain(search, fitted, less.p_values, less.error_sds, less.rig)
+        cache.reduced[key] = explanation.fit, less
+    return replace(less, p_values=dict(explanation.p_values))

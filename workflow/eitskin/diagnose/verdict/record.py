@@ -1,0 +1,180 @@
+"""All that is written of a diagnosis: its document, its simulator, predictions, evidence."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from eitskin import cores
+from eitskin.data import recording as recordings
+from eitskin.data.recording import Recording
+from eitskin.diagnose.fitting.fit import whitened_anew
+from eitskin.diagnose.fitting.held_out import HeldOut, held_out
+from eitskin.diagnose.fitting.query import predict
+from eitskin.diagnose.search.explanation import Explanation
+from eitskin.diagnose.search.refits import as_reported
+from eitskin.diagnose.verdict import corrected
+from eitskin.diagnose.verdict.conclusion import document, unobservable
+from eitskin.diagnose.verdict.diagnosis import Diagnosis
+from eitskin.diagnose.verdict.experiment import propose
+from eitskin.effects import EFFECTS, catalogue_names
+from eitskin.errors import InputError
+
+
+@dataclass(frozen=True)
+class Record:
+    """A diagnosis as it is written.
+
+    document: the content of diagnosis.json; simulator: the text of effects.yaml; prediction: of a
+    query, voltages and their standard deviations (N, M), None without a query; arrays, tables and
+    experiment: the evidence that the report is made from.
+    """
+
+    document: dict
+    simulator: str
+    prediction: tuple[np.ndarray, np.ndarray] | None
+    arrays: dict[str, np.ndarray]
+    tables: dict[str, pd.DataFrame]
+    experiment: dict
+
+
+def record(diagnosis: Diagnosis, name: str, query: Recording | None = None) -> Record:
+    """The record of a diagnosis, for a recording of this name; query: to be predicted. Raises
+    InputError for a query with touches of unknown state."""
+    after = diagnosis.after.fit
+    content = document(diagnosis, name)
+    prediction = None if query is None else predict(after, diagnosis.recording, query)
+    arrays = _arrays(diagnosis)
+    rivals, experiment = cores.forked(lambda part: part(diagnosis), [_rivals, propose])
+    tables = {
+        "atlas_before": diagnosis.atlas_before,
+        "atlas_after": diagnosis.atlas_after,
+        "rivals": rivals,
+        "identifiability": _identifiability(diagnosis),
+        "search": pd.DataFrame(diagnosis.search.journal.steps),
+        "decisions": diagnosis.search.journal.table(),
+    }
+    simulator = corrected.text(after, diagnosis.recording, diagnosis.noise.sd, name)
+    return Record(content, simulator, prediction, arrays, tables, experiment)
+
+
+def read_query(path: str | Path, recording: Recording) -> Recording:
+    """The states and channels of a query of a recording, which may be others than the recording's;
+    InputError where it is of a skin with another number of electrodes."""
+    query = recordings.read(path)
+    count = recording.n_electrodes
+    is_stated = query.skin.electrode_deg is not None
+    if query.n_electrodes > count or (is_stated and query.n_electrodes < count):
+        place, count_of_query = (
+            "skin.electrode_deg" if is_stated else "channels",
+            query.n_electrodes,
+        )
+        raise InputError(path, place, f"{count_of_query} electrodes", f"the recording's {count}")
+    return query
+
+
+def _arrays(diagnosis: Diagnosis) -> dict[str, np.ndarray]:
+    """The arrays of residuals.npz: N frames, M channels, E effects."""
+    before, after = diagnosis.before.fit, diagnosis.after.fit
+    search, noise = diagnosis.search, diagnosis.noise
+    mask = search.problem.whitening.mask
+    # The residual that the rig's errors leave of both; a discrepancy would hide what has no name.
+    plain = replace(before.problem, whitening=diagnosis.named.problem.whitening)
+    frames = diagnosis.recording.frames
+    changes, changed_frame = _changes(diagnosis, mask)
+    return {
+        "before": np.where(mask, plain.residual(before.theta, before.effects), np.nan),
+        "after": np.where(mask, diagnosis.named.residual, np.nan),
+        "noise_V": noise.sd,
+        "noise_source": np.array(noise.source),
+        "noise_dof": np.array(float(noise.dof)),
+        "channels": diagnosis.recording.channels,
+        "held_out": diagnosis.reserve_mask.all(axis=1).astype(int),
+        "held_out_channels": diagnosis.reserve_mask.all(axis=0),
+        "press": search.problem.model.press,
+        "recorded_V": search.problem.recorded,
+        "before_V": as_reported(search, before),
+        "after_V": as_reported(search, after),
+        "changes": changes,
+        "changed_frame": changed_frame,
+        **{
+            key: frames[key].to_numpy(bool if key == "touch" else float)
+            for key in ("time_s", "touch", "x_mm", "y_mm", "force_N", "probe_mm")
+        },
+    }
+
+
+def _changes(diagnosis: Diagnosis, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(E, M): what each effect changes, in noise units, NaN where nothing is read, in the frame in
+    which it changes most; (E,): the row of that frame. mask (N, M): what is read. NaN alone of an
+    effect without which no skin has the rest."""
+    fit, sd = diagnosis.after.fit, diagnosis.noise.sd
+    changes, rows = np.zeros((len(fit.effects), mask.shape[1])), np.zeros(len(fit.effects), int)
+    if not fit.effects:
+        return changes, rows
+    there = fit.problem.model.voltage(*fit.problem.split(fit.theta, fit.effects))
+    for index in range(len(fit.effects)):
+        try:
+            change = np.where(mask, (there - fit.without(index)) / sd, np.nan)
+        except InputError:
+            changes[index] = np.nan
+            continue
+        rows[index] = np.argmax(np.nansum(change**2, axis=1))
+        changes[index] = change[rows[index]]
+    return changes, rows
+
+
+def _rivals(diagnosis: Diagnosis) -> pd.DataFrame:
+    """What each name in an effect's place costs on frames held out in turn, against the noise and
+    the rig's errors of the state found, whatever each has learned for itself. First the state
+    found, of no effect; a rival that has no physics where its touches were followed to is left
+    out."""
+
+    def held(state: Explanation) -> HeldOut:
+        return held_out(whitened_anew(state.fit, diagnosis.named.problem), diagnosis.search.folds)
+
+    columns = ["effect", "instead", "chi2_per_dof", "elpd_difference", "gap"]
+    if not diagnosis.after.effects:
+        return pd.DataFrame(columns=columns)
+    all_named = held(diagnosis.after)
+    rows = [("", "", all_named.chi2_per_dof, 0.0, np.nan)]
+    for candidate, gaps, rivals in zip(
+        diagnosis.after.effects, diagnosis.gaps, diagnosis.rivals, strict=True
+    ):
+        gap: dict[str | None, float] = {g.rival: g.gap for g in gaps}
+        gap[None] = gaps[0].snr if gaps else np.nan
+        for rival in rivals:
+            try:
+                left = held(rival.state)
+            except InputError:
+                continue
+            elpd, own = left.gain(all_named)[0], gap.get(rival.name, np.nan)
+            rows.append((candidate.name, rival.name or "nothing", left.chi2_per_dof, elpd, own))
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _identifiability(diagnosis: Diagnosis) -> pd.DataFrame:
+    nearest = {
+        c.name: diagnosis.gaps[i][0]
+        for i, c in enumerate(diagnosis.after.effects)
+        if diagnosis.gaps[i]
+    }
+    hidden = set(unobservable(diagnosis))
+    rows = []
+    for name in sorted(catalogue_names()):
+        gap = nearest.get(name)
+        if EFFECTS[name].last_resort and gap is None:
+            continue  # it was not sought
+        snr = gap.snr if gap else diagnosis.strengths.get(name, 0.0)
+        rows.append(
+            {
+                "name": name,
+                "snr": snr if np.isfinite(snr) else np.nan,
+                "nearest": gap.rival if gap else "",
+                "gap": gap.gap if gap else np.nan,
+                "observable": name not in hidden,
+                "experiment": EFFECTS[name].shown_by if name in hidden else "",
+            }
+        )
+    return pd.DataFrame(rows)

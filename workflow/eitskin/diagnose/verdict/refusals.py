@@ -1,0 +1,145 @@
+"""Why a name is not among the effects of a diagnosis: the gate at which it stopped."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from eitskin.diagnose.search import gates
+from eitskin.diagnose.search.gates import SITES, Gate
+from eitskin.effects import catalogue_names
+from eitskin.errors import InputError
+from eitskin.quantities import listed, number
+
+FILE = "decisions.csv"  # of the evidence beside diagnosis.json
+NOUNS = {"electrodes": "electrode", "drives": "drive", "measures": "pair", "channels": "channel"}
+BY_NAME = {gate.name: gate for gate in gates.every()}
+ORDER = {name: rank for rank, name in enumerate(BY_NAME)}
+
+
+@dataclass(frozen=True)
+class Stop:
+    """The gate at which a name stopped.
+
+    kind, sites: of the candidate that came furthest; value: of the gate's statistic; beside: the
+    effects beside which it was judged; place: the one whose place it would have taken, or "";
+    detail: on the candidate itself, or "".
+    """
+
+    name: str
+    sites: str
+    gate: Gate
+    value: float
+    kind: str
+    beside: tuple[str, ...]
+    place: str
+    detail: str
+
+    @property
+    def sentence(self) -> str:
+        """What stopped the name, in words."""
+        threshold = number(self.gate.threshold)
+        text = self.gate.refusal.format(
+            value=number(self.value), threshold=threshold, place=self.place
+        )
+        sites = f" at {_sites(self.kind, self.sites)}" if self.sites else ""
+        beside = f"beside {listed(list(self.beside))}, " if self.beside else ""
+        detail = f"; {self.detail}" if self.detail else ""
+        return f"{self.name}{sites} stopped at {self.gate.name}: {beside}{text}{detail}."
+
+
+def read(folder: Path) -> tuple[dict, pd.DataFrame]:
+    """The content of diagnosis.json in a folder, and the decisions of its search, one a row; raises
+    InputError where the folder has none."""
+    path = folder / "evidence" / FILE
+    for file in (folder / "diagnosis.json", path):
+        if not file.is_file():
+            expected = "the folder of a diagnosis of this version"
+            raise InputError(folder, str(file.relative_to(folder)), "no such file", expected)
+    decisions = pd.read_csv(path, keep_default_na=False, dtype={"sites": str, "value": float})
+    return json.loads((folder / "diagnosis.json").read_text(encoding="utf-8")), decisions
+
+
+def stop(decisions: pd.DataFrame, effects: Sequence[str], name: str) -> Stop | None:
+    """Where a name stopped that is not among the effects of a diagnosis; None where it was never
+    held against a gate.
+
+    decisions: of the search, one a row; effects: the names of the diagnosis. What counts is the
+    last time that the name was judged as one more effect beside these, else the last time that it
+    was judged at all; there the candidate that came furthest, and the first gate that refused it.
+    """
+    rows = decisions[decisions["name"] == name]
+    final = rows[(rows["beside"] == " ".join(effects)) & (rows["place"] == "")]
+    for choice in (final, rows):
+        refused = choice[~choice["admitted"]]
+        if len(refused):
+            last = refused[refused["round"] == refused["round"].max()]
+            first = last.groupby("sites", sort=False).head(1)
+            row = first.loc[first["gate"].map(ORDER).idxmax()]
+            return Stop(
+                name,
+                row["sites"],
+                BY_NAME[row["gate"]],
+                float(row["value"]),
+                row["kind"],
+                tuple(row["beside"].split()),
+                row["place"],
+                row["detail"],
+            )
+    return None
+
+
+def stops(decisions: pd.DataFrame, effects: Sequence[str]) -> list[Stop]:
+    """Where every name of the catalogue stopped that is not among the effects of a diagnosis."""
+    names = (name for name in sorted(catalogue_names()) if name not in effects)
+    found = (stop(decisions, effects, name) for name in names)
+    return [one for one in found if one is not None]
+
+
+def explanations(decisions: pd.DataFrame, diagnosis: dict, name: str | None = None) -> list[str]:
+    """Sentences on every name of the catalogue, or on one.
+
+    diagnosis: the content of diagnosis.json. Raises InputError for a name that is not in the
+    catalogue.
+    """
+    known = sorted(catalogue_names())
+    if name is not None and name not in known:
+        raise InputError("eitskin explain", "NAME", name, f"one of {', '.join(known)}")
+    entries = {entry["name"]: entry for entry in diagnosis["effects"]}
+    sentences = []
+    for one in known if name is None else [name]:
+        if one in entries:
+            sentences.append(_named(entries[one], decisions))
+            continue
+        end = stop(decisions, list(entries), one)
+        sentences.append(f"{one} met no gate." if end is None else end.sentence)
+    return sentences
+
+
+def _named(entry: dict, decisions: pd.DataFrame) -> str:
+    """What is said of a name that is among the effects."""
+    if entry.get("certain", True):
+        return f"{entry['name']} is named, and certain."
+    certainty = [gate.name for gate in gates.every() if gate.purpose == "certainty"]
+    rows = decisions[(decisions["name"] == entry["name"]) & ~decisions["admitted"]]
+    rows = rows[rows["gate"].isin(certainty)]
+    reasons = [
+        BY_NAME[row.gate].refusal.format(
+            value=number(row.value),
+            threshold=number(BY_NAME[row.gate].threshold),
+            place=row.place,
+        )
+        for row in rows.itertuples()
+    ]
+    return f"{entry['name']} is named as a candidate: {'; '.join(reasons)}."
+
+
+def _sites(kind: str, sites: str) -> str:
+    """Sites in words: `electrode 3`, `channels 4 and 5`, `16 electrodes`."""
+    noun = NOUNS.get(kind, "site")
+    numbers = sites.split()
+    if len(numbers) > SITES.threshold:
+        return f"{len(numbers)} {noun}s"
+    return f"{noun}{'s' if len(numbers) > 1 else ''} {listed(numbers)}"

@@ -1,0 +1,22 @@
+"""What the diagnosis says of recordings, a row each, beside what is left of readings put aside."""
+
+import numpy as np
+
+from eitskin.data.recording import Recording
+from eitskin.diagnose.verdict.words import certain
+
+
+def row(diagnosis: dict, recorded: Recording) -> dict:
+    """A row of a diagnosis.json and its recording: verdict, names, candidates among them with a
+    question mark, what they cannot be told from, and the rms misfit before and after on readings
+    that were put aside, over the rms reading."""
+    size = float(np.sqrt(np.nanmean(recorded.readings**2)))
+    held_out, effects = diagnosis["fit"]["held_out"], diagnosis["effects"]
+    return {
+        "recording": diagnosis["recording"],
+        "verdict": diagnosis["verdict"],
+        "said": "; ".join(e["name"] + ("" if certain(e) else "?") for e in effects),
+        "alternatives": "; ".join(", ".join(e["alternatives"]) or "none" for e in effects),
+        "before": held_out["rms_before_V"] / size,
+        "after": held_out["rms_after_V"] / size,
+    }

@@ -1,1 +1,0 @@
-"""Single questions to real recordings, each judged on data left out."""
